@@ -1,7 +1,8 @@
-"""The Camera contract: whatever maps pixels to rays in the world and back.
+"""Camera interface: conversion between pixels and rays in the world.
 
-The mirror sensor satisfies it (:class:`omnimirror.optics.sensor.Sensor`), and so do the models read from
-other tools' files (:mod:`omnimirror.cameras.models`). Screens, samplers and viewers know nothing else.
+The mirror sensor implements it (:class:`omnimirror.optics.sensor.Sensor`), as do the models read
+from files of other programs (:mod:`omnimirror.cameras.models`). Screens, samplers and viewers
+depend only on this interface.
 """
 
 from __future__ import annotations
@@ -18,80 +19,82 @@ Mask = NDArray[np.bool_]
 
 
 class Rays(NamedTuple):
-    """Rays in the world frame, one per pixel asked for."""
+    """Rays in the world frame, one per pixel."""
 
     origins: Array
-    """(n, 3) mm; NaN where not valid."""
+    """(n, 3), mm; NaN if invalid."""
     directions: Array
-    """(n, 3) unit vectors from the sensor to the object; NaN where not valid."""
+    """(n, 3) unit vectors from the sensor to the object; NaN if invalid."""
     valid: Mask
-    """(n,) False where the pixel lies outside the picture or sees nothing of the scene."""
+    """(n,) False if the pixel is outside the image or the field of view."""
 
 
 class Projection(NamedTuple):
-    """Pixels, one per point or direction asked for."""
+    """Pixels, one per point or direction."""
 
     pixels: Array
-    """(n, 2) px, (u, v) with integers at pixel centres; NaN where not valid."""
+    """(n, 2), px, (u, v) with integers at pixel centres; NaN if invalid."""
     valid: Mask
-    """(n,) False where the point is out of view or its image falls outside the picture."""
+    """(n,) False if the point is outside the field of view or the image."""
 
 
-EDGE_SLACK = 1e-9  # px; a pixel on the very edge comes back from the world as still on it
+EDGE_SLACK = 1e-9  # px; tolerance of pixels on the image edge after a round trip
 
 
 @dataclass(frozen=True)
 class AxialSymmetry:
-    """What a camera that is symmetric about an axis tells of itself, so that panoramas separate."""
+    """Properties of a camera with axial symmetry, for separable panoramas."""
 
     centre_px: tuple[float, float]
     """Image of the axis, (u, v)."""
     axis: Array
-    """(3,) world direction seen at field angle 0."""
+    """(3,) world direction of field angle 0."""
     right: Array
-    """(3,) world direction across the axis that is seen right of the centre, in the picture as delivered."""
+    """(3,) world direction across the axis, right of the centre in the delivered image."""
     down: Array
-    """(3,) world direction across the axis that is seen below the centre."""
+    """(3,) world direction across the axis, below the centre."""
     omega_min: float
-    """Smallest field angle seen, radians from ``axis``."""
+    """Smallest field angle, radians from ``axis``."""
     omega_max: float
-    """Largest field angle seen, radians from ``axis``."""
+    """Largest field angle, radians from ``axis``."""
     radius_px: Callable[[Array], Array]
-    """Image radius (px) of an array of field angles (radians)."""
+    """Image radius (px) as a function of field angles (radians)."""
     origin_mm: Callable[[Array], tuple[Array, Array]] | None = None
-    """Where the rays of an array of field angles (radians) start: how far from the axis, on the side to which they
-    lead, and how far along ``axis`` from the world's origin. None where all start at that origin."""
+    """Ray origins as a function of field angles (radians); None for rays through the world origin.
+
+    The values are the distance from the axis, towards the object, and the position along ``axis``.
+    """
 
 
 @runtime_checkable
 class Camera(Protocol):
-    """Maps pixels to rays and back; every array is in the world frame of the camera's mount."""
+    """Conversion between pixels and rays in the world frame."""
 
     @property
     def image_size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Image size (width, height), px."""
         ...
 
     @property
     def symmetry(self) -> AxialSymmetry | None:
-        """The axis of symmetry, None for a camera without one."""
+        """Axial symmetry; None for a camera without one."""
         ...
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2)."""
+        """Return the rays of pixels (n, 2)."""
         ...
 
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points (n, 3) in mm."""
+        """Return the pixels of points (n, 3), mm."""
         ...
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of infinitely distant points in directions (n, 3), of any length."""
+        """Return the pixels of infinitely distant points in directions (n, 3), of any length."""
         ...
 
 
 def inside_image(pixels: Array, size: tuple[int, int]) -> Mask:
-    """Where pixels (n, 2) fall on the picture, whose outermost pixels reach half a pixel beyond their centres."""
+    """Return which pixels (n, 2) are in the image, including the outer half of the edge pixels."""
     u, v = pixels[..., 0], pixels[..., 1]
     edge = 0.5 + EDGE_SLACK
     with np.errstate(invalid="ignore"):

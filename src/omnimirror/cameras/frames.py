@@ -1,12 +1,12 @@
-"""The frames, decided once: camera, world, azimuth, pan and tilt.
+"""Coordinate frames: camera, world, azimuth, pan and tilt.
 
-Camera frame (OpenCV): X right and Y down in the image, Z the optical axis. A pixel at azimuth
-``phi`` (from image right towards image bottom) of a mirror sensor sees azimuth ``phi``, in
-direction ``(sin Omega cos phi, sin Omega sin phi, -cos Omega)``.
+Camera frame (OpenCV): X right and Y down in the image, Z the optical axis. For a mirror sensor, a
+pixel at azimuth ``phi`` (from image right towards image bottom) has the object azimuth ``phi`` and
+the direction ``(sin Omega cos phi, sin Omega sin phi, -cos Omega)``.
 
-World frame (ROS REP-103): x forward, y left, z up along the plumb line, origin at the mirror vertex.
-Nothing is ever negated "because of the mirror": the raw picture is reversed and :meth:`Mount.rotation` puts
-it right, and level where the sensor leans.
+World frame (ROS REP-103): x forward, y left, z vertically upwards, origin at the mirror vertex. No
+axis is negated "because of the mirror": the raw image is mirrored, and :meth:`Mount.rotation`
+corrects this, as well as pitch and roll of the sensor.
 """
 
 from __future__ import annotations
@@ -27,38 +27,40 @@ CameraLooks = Literal["up", "down", "forward"]
 
 @dataclass(frozen=True)
 class Mount:
-    """How a camera stands in the world.
+    """Orientation of a camera in the world.
 
     Parameters
     ----------
     camera_looks
-        Where the optical axis points: ``"up"`` (mirror above the camera), ``"down"``, or
-        ``"forward"`` (horizontal, as a mirror ball is photographed from a tripod).
+        Direction of the optical axis: ``"up"`` (mirror above the camera), ``"down"``, or
+        ``"forward"`` (horizontal, for example a mirror ball photographed from a tripod).
     forward_azimuth_deg : deg
-        Image direction, from image right towards image bottom, that is forward in the world
-        (for ``"forward"``: that is up). The default -90 is the top of the image.
+        Image azimuth, from image right towards image bottom, of the world's forward direction (for
+        ``"forward"``: of its upward direction). The default -90 is the top of the image.
     image_flipped
-        True if the delivered image is reversed left to right. The ``centre_px`` of a sensor's imager refers to the
-        image before this flip; the centre of a calibrated camera model refers to the delivered image.
+        True if the delivered image is flipped left to right. The ``centre_px`` of a sensor's imager
+        refers to the image before the flip; the centre of a calibrated camera model to the
+        delivered image.
     pitch_deg, roll_deg : deg
-        How far the sensor leans from plumb, about the mirror vertex: its forward direction points so far above
-        the horizon, -90 to 90, and it is turned clockwise about that, seen from behind, -180 to 180.
+        Tilt of the sensor about the mirror vertex: pitch is the elevation of its forward direction,
+        -90 to 90; roll is the clockwise rotation about it, as seen from behind, -180 to 180.
 
     Raises
     ------
     InvalidParameter
-        For an unknown ``camera_looks``, an azimuth that is not finite, or a lean outside its range.
+        If ``camera_looks`` is unknown, the azimuth is not finite, or pitch or roll is outside its
+        range.
 
     Examples
     --------
-    The point at the top of the image is forward, whichever way the camera looks:
+    The point at the top of the image is forward for each orientation of the axis:
 
     >>> Mount("up").rotation() @ [0, -1, 0]
     array([1., 0., 0.])
     >>> Mount("down").rotation() @ [0, -1, 0]
     array([1., 0., 0.])
 
-    Unless the sensor leans back, by 30 deg:
+    With a pitch of 30 deg, it is 30 deg above the horizon:
 
     >>> (Mount("down", pitch_deg=30.0).rotation() @ [0, -1, 0]).round(3) + 0.0
     array([0.866, 0.   , 0.5  ])
@@ -79,12 +81,12 @@ class Mount:
 
     @checked
     def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
-        """From which to which field angle (deg) elevations, LOW to HIGH over the horizon, are seen.
+        """Convert an elevation range (low, high), deg above the horizon, to field angles (deg).
 
         Raises
         ------
         InvalidParameter
-            A mount under which an elevation is no one field angle.
+            If an elevation does not correspond to one field angle under this mount.
 
         Examples
         --------
@@ -102,7 +104,7 @@ class Mount:
 
     @checked
     def elevations_deg(self, omega_deg: tuple[float, float]) -> tuple[float, float]:
-        """The elevations of field angles: the way back.
+        """Convert a range of field angles to elevations, deg.
 
         >>> Mount("down").elevations_deg((70.0, 150.0))
         (-60.0, 20.0)
@@ -114,17 +116,17 @@ class Mount:
 
     @property
     def upright(self) -> Mount:
-        """The same mount, plumb."""
+        """Mount without pitch and roll."""
         return replace(self, pitch_deg=0.0, roll_deg=0.0)
 
     @property
     def leans(self) -> bool:
-        """Whether it is out of plumb."""
+        """True if pitch or roll is not 0."""
         return bool(self.pitch_deg or self.roll_deg)
 
     @checked
     def lean_of_view(self, pan_deg: float) -> tuple[float, float]:
-        """Pitch and roll (deg) of a view that pans in the sensor's own frame and is not levelled.
+        """Return pitch and roll (deg) of a view panned in the sensor's frame without levelling.
 
         >>> [round(angle) + 0 for angle in Mount(pitch_deg=20.0).lean_of_view(90.0)]  # of what is right of forward
         [0, 20]
@@ -134,7 +136,7 @@ class Mount:
         return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(np.degrees(np.arctan2(left[2], up[2])))
 
     def rotation(self) -> Array:
-        """Rotation (3, 3) from the camera frame to the world frame; its determinant is +1."""
+        """Return the rotation (3, 3) from camera to world frame, with determinant +1."""
         upright = self._rotation_upright()
         return turn_of(0.0, self.pitch_deg, self.roll_deg) @ upright if self.leans else upright
 
@@ -148,20 +150,20 @@ class Mount:
 
 
 def _cos_sin_deg(angle_deg: float) -> tuple[float, float]:
-    """Cosine and sine, exact at multiples of 90 deg so that mounts do not leak 6e-17."""
+    """Return cosine and sine, exact at multiples of 90 deg to avoid residuals of 6e-17."""
     quarter, rest = divmod(angle_deg, 90.0)
     c, s = float(np.cos(np.radians(rest))), float(np.sin(np.radians(rest)))
     return [(c, s), (-s, c), (-c, -s), (s, -c)][int(quarter) % 4]
 
 
 def camera_direction(omega: Array, phi: Array) -> Array:
-    """Unit vector(s) (..., 3) in the camera frame towards field angle and azimuth, both in radians."""
+    """Return unit vectors (..., 3) in the camera frame for field angle and azimuth, in radians."""
     s = np.sin(omega)
     return np.stack([s * np.cos(phi), s * np.sin(phi), -np.cos(omega)], axis=-1)
 
 
 def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
-    """``vectors @ matrix`` of vectors (..., d) and a small matrix (d, k), also while other threads compute.
+    """Compute ``vectors @ matrix`` for vectors (..., d) and a small matrix (d, k).
 
     >>> turned([[1.0, 2.0], [3.0, 4.0]], np.array([[0.0, 1.0], [-1.0, 0.0]]))
     array([[-2.,  1.],
@@ -172,7 +174,7 @@ def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
 
 
 def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
-    """World direction (..., 3) of pan (right positive) and tilt (up positive), both in radians.
+    """Return the world direction (..., 3) of pan (right) and tilt (up), radians.
 
     >>> pan_tilt_direction(np.radians(90), 0.0).round(12) + 0.0
     array([ 0., -1.,  0.])
@@ -186,7 +188,7 @@ def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
 
 
 def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[Array, Array, Array]:
-    """Forward, right and down (each (3,), world frame) of a view that pans, tilts and rolls clockwise.
+    """Return world axes (3,) forward, right and down of a panned view.
 
     >>> forward, right, down = view_axes(0.0, 0.0)
     >>> right + 0.0, down + 0.0
@@ -200,9 +202,9 @@ def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[A
 
 
 def turn_of(pan_deg: float, tilt_deg: float, roll_deg: float) -> Array:
-    """Rotation (3, 3) from a frame (forward, left, up) that pans, tilts and rolls to the one in which it does.
+    """Return the rotation (3, 3) of pan, tilt and roll for axes forward, left, up.
 
-    In ROS's angles, which turn the other way about left and up: yaw -pan, pitch -tilt and roll.
+    In ROS angles, with opposite signs about left and up: yaw -pan, pitch -tilt and roll.
 
     >>> turn_of(0.0, 90.0, 0.0)[:, 0]  # its forward is up
     array([0., 0., 1.])

@@ -18,7 +18,7 @@ MAX_PARAMETERS = 12
 
 
 def camera_card(camera: CameraModel) -> str:
-    """Return an HTML card: rings of constant field angle in the image, and parameters with standard deviations."""
+    """Return an HTML card: rings of constant field angle, and parameters with deviations."""
     width, height = camera.image_size
     symmetry = camera.symmetry
     field = {} if symmetry is None else {"Field": field_range(symmetry.omega_min, symmetry.omega_max)}

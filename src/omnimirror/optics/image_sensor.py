@@ -1,4 +1,4 @@
-"""The pixel array: its size, its pitch, and where the mirror axis meets it."""
+"""Image sensor: pixel count, pixel pitch, principal point and pose."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Imager:
-    """A rectangular array of square pixels.
+    """Rectangular array of square pixels.
 
     Parameters
     ----------
     width_px, height_px
     pixel_pitch_um : micrometres
     centre_px : (u, v), optional
-        Point at which the optical axis meets the array; integers are pixel centres. The middle by default. It refers
-        to the image before a flip: with ``image_flipped`` the axis lies at ``width_px - 1 - u`` in the delivered image.
+        Intersection of the optical axis with the array; integers are pixel centres. The centre of
+        the array by default. It refers to the image before a flip: with ``image_flipped`` the axis
+        is at ``width_px - 1 - u`` in the delivered image.
 
     Raises
     ------
     InvalidParameter
-        For a size or pitch outside its range.
+        If a size or pitch is outside its range.
 
     Examples
     --------
@@ -72,17 +73,17 @@ class Imager:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Array size (width, height), px."""
         return self.width_px, self.height_px
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Where the optical axis meets the array, (u, v) in pixels."""
+        """Intersection of the optical axis with the array, (u, v), px."""
         return self.centre_px or ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
 
     @property
     def inscribed_radius_px(self) -> float:
-        """Radius of the largest circle about the optical axis that the array holds, pixels.
+        """Radius of the largest circle about the optical axis within the array, px.
 
         >>> Imager(1280, 1024, 4.8).inscribed_radius_px
         512.0
@@ -92,7 +93,7 @@ class Imager:
 
     @property
     def long_radius_px(self) -> float:
-        """Radius of the largest circle about the optical axis that the array's long side holds, pixels.
+        """Radius of the largest circle about the optical axis within the array's long side, px.
 
         >>> Imager(1920, 1080, 3.0).long_radius_px
         960.0
@@ -103,22 +104,22 @@ class Imager:
 
 @dataclass(frozen=True)
 class ImagerPose:
-    """How an imager leans against the lens; the default is square to the axis.
+    """Tilt and rotation of an imager against the lens; perpendicular to the axis by default.
 
-    Turned in its own plane by ``rotation_deg``, then about the image's X and then about its Y, by the right-hand rule,
-    all through the point that the optical axis meets.
+    The imager is rotated by ``rotation_deg`` in its plane, then tilted about the image X and then
+    the image Y axis, by the right-hand rule, all about its intersection with the optical axis.
 
     Parameters
     ----------
     tilt_x_deg, tilt_y_deg
-        Rotation about the image's X, then about its Y.
+        Rotation about the image X axis, then about its Y axis.
     rotation_deg
-        In its plane, from image right towards image bottom.
+        Rotation in its plane, from image right towards image bottom.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is outside its range.
 
     Examples
     --------
@@ -144,11 +145,11 @@ class ImagerPose:
 
     @property
     def is_square(self) -> bool:
-        """Whether the imager stands square to the optical axis, perhaps turned in its plane."""
+        """True if the imager is perpendicular to the optical axis."""
         return not (self.tilt_x_deg or self.tilt_y_deg)
 
     def _plane(self) -> Array:
-        """Directions (3, 2) of the imager's right and down."""
+        """Directions (3, 2) of the imager's right and down axes."""
         x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
         about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
@@ -157,9 +158,9 @@ class ImagerPose:
         return plane
 
     def flat(self, offsets: Array, principal_distance: float) -> tuple[Array, Array]:
-        """Where rays to offsets (n, 2) would meet a square imager, and how far (n,) the true place is behind that.
+        """Return points (n, 2) on an untilted imager, and pixel depths (n,) behind it.
 
-        All in one unit. The distance of a square imager does not matter.
+        Arguments share one unit. An untilted imager does not depend on the principal distance.
         """
         moved = offsets @ self._plane().T
         if self.is_square:
@@ -168,7 +169,7 @@ class ImagerPose:
         return moved[..., :2] / farther[..., None], moved[..., 2]
 
     def tilted(self, flat: Array, principal_distance: float) -> Array:
-        """Offsets (n, 2) on the imager of rays that would meet a square one at places (n, 2)."""
+        """Return offsets (n, 2) on the tilted imager for points (n, 2) of an untilted one."""
         plane = self._plane()
         if self.is_square:
             turned: Array = flat @ plane[:2]
@@ -182,10 +183,10 @@ class ImagerPose:
 
 @dataclass(frozen=True)
 class ImagePlane:
-    """An imager behind a lens: pixels as places on one that stands square to the optical axis, and back.
+    """Imager behind a lens: conversion between pixels and points of an untilted image plane.
 
-    Places count in mm right of and below the optical axis, in the picture before it was ``flipped``. The
-    ``principal_distance`` (mm) of the lens matters to an imager that leans.
+    Points are in mm right of and below the optical axis, in the image before a flip (``flipped``).
+    The ``principal_distance`` (mm) of the lens is used only for tilted imagers.
 
     >>> plane = ImagePlane(Imager(1024, 1024, 5.2), ImagerPose(), flipped=True, principal_distance=np.inf)
     >>> plane.flat_mm(np.array([[411.5, 511.5]]))[0].round(3)
@@ -200,20 +201,20 @@ class ImagePlane:
     principal_distance: float
 
     def flat_mm(self, pixels: Array) -> tuple[Array, Array]:
-        """Places (n, 2) of pixels (n, 2), and how far (n,) mm behind them the pixels are."""
+        """Return image points (n, 2) of pixels (n, 2), and pixel depths (n,), mm."""
         places = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
         if self.pose == ImagerPose():
             return places, np.zeros(places.shape[:-1])
         return self.pose.flat(places, self.principal_distance)
 
     def pixels(self, flat_mm: Array) -> Array:
-        """Pixels (n, 2) of places (n, 2), also beyond the array's edges."""
+        """Return pixels (n, 2) of image points (n, 2), also outside the array."""
         if self.pose != ImagerPose():
             flat_mm = self.pose.tilted(flat_mm, self.principal_distance)
         return self._unflipped(flat_mm / self.imager.pitch_mm + self.imager.centre)
 
     def _unflipped(self, pixels: Array) -> Array:
-        """Pixels (n, 2) of the picture the other way round, where there are two."""
+        """Convert pixels (n, 2) between the image before and after a flip, if flipped."""
         if not self.flipped:
             return pixels
         return np.stack([self.imager.width_px - 1 - pixels[..., 0], pixels[..., 1]], axis=-1)

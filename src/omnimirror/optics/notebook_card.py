@@ -24,7 +24,7 @@ OBJECT_RAY_RADII = 0.8  # length of rays in object space, in rim radii
 
 
 def sensor_card(sensor: Sensor) -> str:
-    """Return an HTML card: cross-section with chief rays and properties, or the reason why the sensor is invalid."""
+    """Return an HTML card with cross-section, chief rays and properties."""
     nominal = sensor.aligned()
     try:
         drawing, field = (
@@ -52,7 +52,7 @@ def sensor_card(sensor: Sensor) -> str:
 
 
 def _section(sensor: Sensor) -> Iterator[Line]:
-    """Yield mirrors, lens and chief rays in the meridional plane, with the vertical direction upwards."""
+    """Yield mirrors, lens and chief rays in the meridional plane, vertical direction up."""
     is_level = abs(sensor.axis[2]) < np.sqrt(0.5)
     sign = 1.0 if is_level or sensor.axis[2] < 0 else -1.0
 
@@ -102,7 +102,7 @@ def _secondary(sensor: Sensor) -> str:
 
 
 def _misalignment(sensor: Sensor) -> dict[str, str]:
-    """Describe the misalignment of a sensor, which the drawing shows aligned."""
+    """Describe the misalignment of a sensor; the drawing is aligned."""
     if sensor.is_axial:
         return {}
     pose = sensor.mirror_pose

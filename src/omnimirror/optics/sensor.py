@@ -39,47 +39,46 @@ from .tracing.two_mirrors import TwoMirrorMeridian
 
 Array = NDArray[np.float64]
 
-FARTHEST_PUPIL = 1e3  # radii of the aperture
-OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # what a lens of the same pupil does not change
+FARTHEST_PUPIL = 1e3  # largest aperture coordinate, in pupil radii
+OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens
 Need = Literal["one mirror", "thin lens", "square imager", "ideal but for poses"]
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A curved mirror of revolution seen by an ordinary camera, on its axis or nearly so.
+    """Catadioptric sensor: a mirror of revolution and a camera, coaxial or slightly misaligned.
 
     Parameters
     ----------
     mirror, lens, imager, mount
-        Its parts.
+        Parts of the sensor.
     mirror_distance_mm : mm
-        Distance m from the lens's reference point (its principal point; the entrance pupil stands where the lens
-        says) to the mirror vertex; infinite (and left out of files) under an orthographic lens, where it does not
-        matter. With a secondary, the length of the
-        way by it.
+        Distance m from the lens's reference point (its principal point; the lens defines its
+        entrance pupil) to the mirror vertex; infinite (and omitted from files) for an orthographic
+        lens, which does not depend on it. With a secondary, the path length over the secondary.
     name, notes
-        For people.
+        Descriptive text.
     mirror_pose
-        Where the mirror really sits, decentred, displaced or tilted against lens and imager; perfectly
-        mounted by default. The world's origin stays where the vertex was meant to be.
+        Pose of the mirror: decentring, displacement and tilt against lens and imager; aligned by
+        default. The world origin remains at the nominal vertex.
     mirror_form
-        What the mirror has beside its meridian: a form error over its disk; none by default.
+        Form error of the mirror over its disk; none by default.
     imager_pose
-        How the imager leans and is turned against the lens; square to it by default.
+        Tilt and rotation of the imager against the lens; perpendicular to the axis by default.
     secondary
-        A second mirror, in which the lens sees the first: flat, to fold the sensor, or curved.
+        Second mirror between primary and lens: flat, to fold the path, or curved.
     housing
-        What stands around the mirror; nothing by default.
+        Parts around the mirror; none by default.
     uncertainty
-        How well a calibration knows it; None of a design.
+        Uncertainty of a calibration; None for a design.
     thermal
-        How temperature moves it; None if nothing is known of that.
+        Thermal model; None if unknown.
 
     Raises
     ------
     InvalidParameter
-        If a perspective lens has no finite mirror distance. Whether the mirror can be used at all
-        (one-to-one mapping, no self-obstruction) is proven at the first question.
+        If a perspective lens has no finite mirror distance. The validity of the mirror (one-to-one
+        mapping, no self-obstruction) is checked at the first evaluation.
 
     Examples
     --------
@@ -136,12 +135,12 @@ class Sensor:
 
     @cached_property
     def meridian(self) -> Meridian:
-        """Its chief rays, field and inversions, of a mirror on the lens's axis.
+        """Chief rays, field and inversions for a mirror coaxial with the lens.
 
         Raises
         ------
         InvalidParameter
-            If the mirror is decentred or tilted: what holds in one meridian then holds in none.
+            If the mirror is decentred or tilted: the sensor then has no rotational symmetry.
         """
         if not self.is_axial:
             raise InvalidParameter(
@@ -156,22 +155,22 @@ class Sensor:
 
     @property
     def _cover(self) -> Cover | None:
-        """The tube or the dome that the light passes, in the frame of the mirror."""
+        """Tube or dome in the light path, in the frame of the mirror."""
         cover = cover_of(self.obstructions) if self.housing.shell is not None else None
         return None if cover is None else cover.moved(self.mirror_pose.displacement_mm)
 
     def with_lens(self, lens: Lens) -> Sensor:
-        """The same sensor with another lens at the same place; what its mirrors do is not worked out anew.
+        """Return the sensor with another lens at the same position.
 
         Parameters
         ----------
         lens
-            In place of its own.
+            New lens.
 
         Returns
         -------
         Sensor
-            The same but for the lens.
+            Sensor with this lens.
         """
         other = replace(self, lens=lens)
         if lens.pupil == self.lens.pupil:
@@ -180,12 +179,12 @@ class Sensor:
 
     @property
     def is_axial(self) -> bool:
-        """Whether mirror, lens, imager and cover share one axis, and the mirror is round about it."""
+        """True if the sensor is rotationally symmetric: all parts are coaxial."""
         return self._out_of_axis is None
 
     @property
     def _out_of_axis(self) -> str | None:
-        """What is not on the axis, as a sentence begins; None where all is."""
+        """Description of the misaligned parts, starting a sentence; None if aligned."""
         shell = self.housing.shell
         parts = {
             "the mirror": self.mirror_pose.is_axial,
@@ -197,24 +196,25 @@ class Sensor:
 
     @property
     def is_ideal_but_for_pose(self) -> bool:
-        """Whether nothing but the pose of its mirror and cover is out of order: no form error, no leaning imager."""
+        """True without form error and imager tilt; mirror and cover may be misaligned."""
         return self.mirror_form.is_empty and self.imager_pose == ImagerPose()
 
     def check(self, what: str, *needs: Need) -> None:
-        """Refuse a sensor of which something does not know.
+        """Check that a sensor has the properties that a computation requires.
 
         Parameters
         ----------
         what
-            What cannot be done otherwise, for the message.
+            Computation, for the message.
         needs
-            ``"one mirror"``; ``"thin lens"``: not known by its table or surfaces; ``"square imager"``: none that leans;
-            ``"ideal but for poses"``: neither form error nor imager out of place.
+            ``"one mirror"``; ``"thin lens"``: not defined by a table or surfaces; ``"square
+            imager"``: without tilt; ``"ideal but for poses"``: without form error and imager
+            misalignment.
 
         Raises
         ------
         InvalidParameter
-            It has what is not known of; the message says what is valid for it all the same.
+            If a property is missing; the message names the supported alternatives.
         """
         lens, leans = self.lens, self.imager_pose
         refusals: dict[Need, tuple[bool, str]] = {
@@ -245,18 +245,18 @@ class Sensor:
                 raise InvalidParameter(f"{what} is for {sentence}")
 
     def _repr_html_(self) -> str:
-        """A card of it, as notebooks ask for it."""
+        """Return an HTML card for notebooks."""
         from .notebook_card import sensor_card  # for notebooks only
 
         return sensor_card(self)
 
     def aligned(self) -> Sensor:
-        """The same sensor with its mirror, its tube or dome and its imager perfectly made and mounted.
+        """Return the nominal sensor, without form and alignment errors.
 
         Returns
         -------
         Sensor
-            With its mirror in place.
+            Aligned sensor.
         """
         shell = self.housing.shell
         housing = self.housing if shell is None else replace(self.housing, shell=shell.centred())
@@ -266,11 +266,11 @@ class Sensor:
 
     @property
     def field_deg(self) -> tuple[float, float]:
-        """Smallest and largest field angle Omega, degrees from the direction back past the lens."""
+        """Smallest and largest field angle Omega, degrees from the axis towards the lens."""
         return float(np.degrees(self.meridian.omega_min)), float(np.degrees(self.meridian.omega_max))
 
     def image_height_px(self, rays: ChiefRays) -> Array:
-        """Image height h of chief rays, px (Eq. 7).
+        """Compute the image height h of chief rays, px (Eq. 7).
 
         Parameters
         ----------
@@ -280,18 +280,20 @@ class Sensor:
         Returns
         -------
         (n,) array
-            px
+            Image heights, px.
 
         Raises
         ------
         InvalidParameter
-            For what are no chief rays.
+            If the argument is not a bundle of chief rays.
         """
         rays = instance("rays", rays, ChiefRays, "chief rays of a meridian")
         return self.lens.image_height(rays.first.x, rays.first.w) / self.imager.pitch_mm
 
     def image_height_rate_px(self, rays: ChiefRays) -> Array:
-        """dh/dOmega of chief rays, px per radian (Eq. 8); infinite at a point where a mapping starts square.
+        """Compute dh/dOmega of chief rays, px per radian (Eq. 8).
+
+        It is infinite at an apex with square-root behaviour of the mapping.
 
         Parameters
         ----------
@@ -301,12 +303,12 @@ class Sensor:
         Returns
         -------
         (n,) array
-            px per radian of the field angle.
+            Derivative by the field angle, px per radian.
 
         Raises
         ------
         InvalidParameter
-            For what are no chief rays.
+            If the argument is not a bundle of chief rays.
         """
         first = instance("rays", rays, ChiefRays, "chief rays of a meridian").first
         rate = self.lens.image_height_rate(first.x, first.w, first.slope, first.drift) * rays.dfirst_dx()
@@ -314,7 +316,7 @@ class Sensor:
             return rate / rays.domega_dx() / self.imager.pitch_mm
 
     def x_from_height_px(self, h_px: ArrayLike) -> Array:
-        """Mirror point (mm) of image heights (n,) in px; OutsideField beyond the rim's image.
+        """Return mirror points (mm) of image heights (n,), px.
 
         Parameters
         ----------
@@ -329,37 +331,37 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-            Heights that are no numbers.
+            If the heights are not numeric.
         OutsideField
-            A height that the rim's image does not reach.
+            If a height exceeds the image radius of the rim.
         """
         h_mm = self.lens.undistorted_height(numbers("h_px", h_px) * self.imager.pitch_mm)
         return self._x_from_ideal_mm(h_mm)
 
     def _x_from_ideal_mm(self, h_mm: Array) -> Array:
-        """Mirror point (mm) of image heights (n,) mm without distortion."""
+        """Return mirror points (mm) of image heights (n,), mm, of the undistorted image."""
         if isinstance(self.lens, GaussianLens):
             return self.meridian.x_from_tan_theta(h_mm / self.lens.principal_distance)
         unit = self.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0]
         return self.meridian.x_from_first(h_mm / unit)
 
     def radius_from_centre_px(self, pixels: Array) -> Array:
-        """Image heights (n,) of pixels (n, 2), px; what a lens's tangential distortion adds is taken away.
+        """Compute image heights (n,), px, of pixels, without tangential distortion.
 
         Parameters
         ----------
         pixels : (n, 2)
-            Pixels (u, v), integers at their centres.
+            Pixels (u, v), with integers at pixel centres.
 
         Returns
         -------
         (n,) array
-            px
+            Image heights, px.
 
         Raises
         ------
         InvalidParameter
-            Pixels of another shape.
+            If the pixels have another shape.
         """
         image, _ = self.image_plane.flat_mm(vectors("pixels", pixels, 2))
         if self.lens.is_symmetric:
@@ -369,38 +371,38 @@ class Sensor:
 
     @property
     def rim_radius_px(self) -> float:
-        """Radius of the image of the rim, px."""
+        """Image radius of the rim, px."""
         return float(self.lens.distorted_height(np.array(self._edges_mm[1])) / self.imager.pitch_mm)
 
     @cached_property
     def _edges_mm(self) -> tuple[float, float]:
-        """Image heights of the field's ends without distortion; the first is 0 unless something hides the middle."""
+        """Undistorted image heights of the ends of the field."""
         first = self.meridian.trace(np.array([self.meridian.x_min, self.mirror.rim_radius_mm])).first
         inner, outer = self.lens.ideal_height(first.x, first.w)
-        self.lens.distorted_height(np.array([outer]))  # proves that distortion does not fold the picture over
+        self.lens.distorted_height(np.array([outer]))  # checks that the distortion is monotonic
         return float(inner), float(outer)
 
-    # -- what is hidden ------------------------------------------------------------------------
+    # -- obscuration ---------------------------------------------------------------------------
 
     @cached_property
     def obstructions(self) -> Obstructions:
-        """The housing with its sizes, fitted to the sensor as designed.
+        """Housing with its sizes, fitted to the nominal sensor.
 
         Raises
         ------
         InvalidParameter
-            The housing does not fit: the error says what would.
+            If the housing does not fit; the message gives the valid range.
         """
         return Obstructions.of(self.housing, self.mirror, self.secondary, self.mirror_distance_mm)
 
     @cached_property
     def obscurations(self) -> tuple[Obscuration, ...]:
-        """Rings of field angle that the parts of the housing, and two mirrors, hide at every azimuth; they may overlap.
+        """Rings of field angle obscured at every azimuth; they may overlap.
 
         Raises
         ------
         InvalidParameter
-            If the mirror is decentred or tilted: :meth:`hidden_by` says what is hidden of single pixels.
+            If the mirror is decentred or tilted: use :meth:`hidden_by` for single pixels.
         """
         if self.housing.is_empty and self.secondary is None:
             return ()
@@ -416,31 +418,31 @@ class Sensor:
 
     @cached_property
     def obscured(self) -> tuple[Obscuration, ...]:
-        """The same rings, those that overlap as one; their shares of the picture add up."""
+        """Obscured rings with overlapping ones merged; their image fractions are additive."""
         rings = tuple(sorted(self.obscurations, key=lambda ring: ring.omega_deg))
         apart = all(one.omega_deg[1] < other.omega_deg[0] for one, other in pairwise(rings))
         return rings if apart else obscured_rings(self.meridian, self._hidden_merged, self._image_share)
 
     @property
     def clear_field_deg(self) -> tuple[float, float]:
-        """The field less what is hidden at its ends, degrees; both are the same angle where all is hidden."""
+        """Field without the obscured ends, degrees; both angles are equal if all is obscured."""
         return clear_field_deg(self.field_deg, self.obscured)
 
     @property
     def hidden_to_deg(self) -> float:
-        """Field angle, degrees, up to which the middle of the view is hidden; where the field begins, if nothing is."""
+        """Upper field angle, degrees, of the obscured centre, or of the field's start."""
         return self.clear_field_deg[0]
 
     @property
     def hidden_percent(self) -> float:
-        """Share of the image circle's area in which the view is hidden."""
+        """Obscured fraction of the area of the image circle, %."""
         return sum(ring.picture_percent for ring in self.obscured)
 
     def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
-        """Return which pixels (n, 2) each part of the sensor hides: their chief rays, traced in space, end at it.
+        """Return which pixels (n, 2) each part of the sensor obscures.
 
-        Parts are those of the housing and, of two mirrors, the secondary, the bore and the camera. Pixels that look
-        past the mirror are False everywhere.
+        Parts are those of the housing and, for two mirrors, the secondary, the bore and the camera.
+        Pixels outside the mirror image are False for all parts.
 
         Parameters
         ----------
@@ -450,12 +452,13 @@ class Sensor:
         Returns
         -------
         dict of (n,) arrays
-            By the name of each part, True where it hides.
+            Masks by part name, True for obscured pixels.
 
         Raises
         ------
         InvalidParameter
-            Pixels of another shape, or two mirrors in a tube, whose :attr:`obscurations` are known.
+            If the pixels have another shape, or for two mirrors in a tube (use
+            :attr:`obscurations`).
 
         Examples
         --------
@@ -475,20 +478,20 @@ class Sensor:
         return hidden_parts(self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged)
 
     def _image_share(self, rays: ChiefRays) -> Array:
-        """Share (n,) of the image circle's area within chief rays."""
+        """Return the fraction (n,) of the image circle's area within chief rays."""
         share: Array = (self.image_height_px(rays) / self.rim_radius_px) ** 2
         return share
 
-    # -- as a camera ---------------------------------------------------------------------------
+    # -- camera interface ----------------------------------------------------------------------
 
     @property
     def image_size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Image size (width, height), px."""
         return self.imager.size
 
     @property
     def symmetry(self) -> AxialSymmetry | None:
-        """The mirror axis, about which the sensor is symmetric; None for a decentred or tilted mirror or lens."""
+        """Axial symmetry about the mirror axis; None for a decentred or tilted mirror or lens."""
         if not (self.is_axial and self.lens.is_symmetric):
             return None
 
@@ -511,47 +514,47 @@ class Sensor:
 
     @property
     def axis(self) -> Array:
-        """World direction (3,) from the mirror back to what sees it, the direction of field angle 0."""
+        """World direction (3,) of field angle 0, from the mirror back to the camera."""
         return -self._axes[:, 2]
 
     @property
     def is_picture_reversed(self) -> bool:
-        """Whether the raw picture is a mirror image: text runs backwards and markers go undetected.
+        """True if the raw image is mirrored: text is reversed and markers are not detected.
 
-        A second reflection puts right what the first has reversed.
+        A second reflection restores the orientation.
         """
         return (self.secondary is None) != self.mount.image_flipped
 
     @property
     def _axes(self) -> Array:
-        """World directions (3, 3), in columns, of image right, image down and from the lens's side to the mirror.
+        """World directions (3, 3), in columns, of image right, image down and lens to mirror.
 
-        A lens that sees the mirror in a second one looks the other way.
+        A second mirror reverses the direction of the lens.
         """
         axes: Array = self.mount.rotation() * np.array([1.0, 1.0, 1.0 if self.secondary is None else -1.0])
         return axes
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) px into the world: from their mirror points (mm) to the object, or from the cover.
+        """Compute the rays of pixels (n, 2) from mirror or cover into the world.
 
-        Pixels outside the image of the rim or outside the picture are not valid and NaN.
+        Pixels outside the image, or outside the image of the rim, are invalid and NaN.
 
         Parameters
         ----------
         pixels : (n, 2)
-            Pixels (u, v), integers at their centres.
+            Pixels (u, v), with integers at pixel centres.
 
         Returns
         -------
         Rays
-            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Pixels of another shape.
+            If the pixels have another shape.
         NotOneToOne
-            A mapping that has no inverse, whether or not the sensor is aligned.
+            If the mapping is not invertible, for aligned and misaligned sensors.
         """
         pixels = vectors("pixels", pixels, 2)
         if not self.is_axial:
@@ -561,7 +564,7 @@ class Sensor:
         radius, cos, sin = _unit(*np.moveaxis(self.lens.undistorted(image), -1, 0))
         inner, outer = self._edges_mm
         valid = inside_image(pixels, self.image_size)
-        with np.errstate(invalid="ignore"):  # a lens that distorts sends nothing to some pixels
+        with np.errstate(invalid="ignore"):  # a distorting lens may not reach some pixels
             valid &= (radius >= inner * (1 - ROUNDING)) & (radius <= outer * (1 + ROUNDING))
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
         rays = self.meridian.trace(self._x_from_ideal_mm(np.clip(radius[valid], inner, outer)))
@@ -574,22 +577,22 @@ class Sensor:
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed).
+        """Project points (n, 3), mm, by exact reflection (no single viewpoint is assumed).
 
         Parameters
         ----------
         points_mm : (n, 3)
-            Points of the world, mm.
+            World points, mm.
 
         Returns
         -------
         Projection
-            Pixels (n, 2) and where they are valid (n,).
+            Pixels (n, 2) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Points of another shape.
+            If the points have another shape.
         """
         points = turned(vectors("points_mm", points_mm, 3), self._axes)
         if not self.is_axial:
@@ -599,22 +602,22 @@ class Sensor:
         return self._image(self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of infinitely distant points in directions (n, 3) of any length but 0.
+        """Project infinitely distant points in directions (n, 3) of any non-zero length.
 
         Parameters
         ----------
         directions : (n, 3)
-            World directions, of any length.
+            World directions, of any non-zero length.
 
         Returns
         -------
         Projection
-            Pixels (n, 2) and where they are valid (n,).
+            Pixels (n, 2) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Directions of another shape.
+            If the directions have another shape.
         """
         towards = turned(vectors("directions", directions, 3), self._axes)
         if not self.is_axial:
@@ -628,7 +631,7 @@ class Sensor:
         return self._image(x_mirror, cos, sin)
 
     def _image(self, x_mirror: Array, cos: Array, sin: Array) -> Projection:
-        """Pixels of mirror points (n,) at azimuths; NaN in, not valid out."""
+        """Return the pixels of mirror points (n,) at azimuths; NaN points are invalid."""
         image = np.full((*x_mirror.shape, 2), np.nan)
         seen = np.isfinite(x_mirror)
         first = self.meridian.trace(x_mirror[seen]).first
@@ -637,11 +640,11 @@ class Sensor:
         image[seen] = self.lens.distorted(ideal)
         return self._in_picture(image)
 
-    # -- in space ------------------------------------------------------------------------------
+    # -- skew rays -----------------------------------------------------------------------------
 
     @cached_property
     def optical_train(self) -> OpticalTrain:
-        """Its mirrors and lens where they stand, as rays in space meet them.
+        """Mirrors and lens in their poses, for skew ray tracing.
 
         Raises
         ------
@@ -662,37 +665,38 @@ class Sensor:
 
     @property
     def image_plane(self) -> ImagePlane:
-        """Its pixels as places behind the lens, and back."""
+        """Conversion between pixels and image points behind the lens."""
         distance = self.lens.principal_distance if isinstance(self.lens, Perspective) else np.inf
         return ImagePlane(self.imager, self.imager_pose, self.mount.image_flipped, distance)
 
     def lens_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> tuple[Array, Array]:
-        """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
+        """Return the rays of pixels through aperture points to the mirror.
 
-        In the camera frame; the lens is thin and ideal but for its distortion, and its aperture the unit disk.
+        In the camera frame. A thin lens is ideal except for its distortion; its aperture is the
+        unit disk.
 
         Parameters
         ----------
         pixels : (n, 2)
             Pixels (u, v).
         pupil : (n, 2)
-            Points of the entrance pupil, in its radii.
+            Points of the entrance pupil, in pupil radii.
 
         Returns
         -------
         tuple of (n, 3) arrays
-            Origins in mm and unit directions, in the camera's frame.
+            Origins in mm and unit directions, in the camera frame.
 
         Raises
         ------
         InvalidParameter
-            Pixels, or points of the pupil, of another shape.
+            If the pixels or pupil points have another shape.
         """
         pixels, pupil = vectors("pixels", pixels, 2), places("pupil", pupil)
         _check_pupil(pupil, pixels)
         flat, depth = self.image_plane.flat_mm(pixels)
         origins, directions = self.optical_train.rays_of_image(flat, pupil)
-        if not self.imager_pose.is_square:  # each pixel is in focus at its own distance
+        if not self.imager_pose.is_square:  # each pixel is focused at its own distance
             assert isinstance(self.lens, Perspective)
             lens = self.lens
             behind, f = lens.image_distance + depth, lens.focal_length_mm
@@ -702,32 +706,33 @@ class Sensor:
         return origins, directions
 
     def aperture_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) through points (n, 2), or one, of the unit disk of the aperture, into the world.
+        """Trace rays of pixels (n, 2) through aperture points (n, 2), or one, into the world.
 
-        Traced in space from the imager outwards: an ideal thin lens sends a pixel through every point of
-        its aperture to one point of the plane in focus; on the way the mirror reflects them. The aperture
-        point (0, 0) is the chief ray of :meth:`backproject`.
+        Rays are traced in space from the imager: an ideal thin lens images a pixel, through every
+        aperture point, to one point of the plane in focus; the mirror reflects these rays. The
+        aperture point (0, 0) is the chief ray of :meth:`backproject`.
 
         Parameters
         ----------
         pixels : (n, 2)
             Pixels (u, v).
         pupil : (n, 2)
-            Points of the entrance pupil, in its radii.
+            Points of the entrance pupil, in pupil radii.
 
         Returns
         -------
         Rays
-            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Pixels, or points of the pupil, of another shape.
+            If the pixels or pupil points have another shape.
 
         Examples
         --------
-        How far apart a pixel looks through both edges of the aperture is its blur in angle:
+        The angular blur of a pixel is the angle between rays through opposite edges of the
+        aperture:
 
         >>> import omnimirror as om
         >>> sensor = om.load_sensor("paper-spherical")
@@ -763,8 +768,8 @@ class Sensor:
     def _check_one_to_one(self) -> None:
         """Raise NotOneToOne for a misaligned sensor whose mapping is not one-to-one when it is aligned.
 
-        Such a sensor, for example a cone under a telecentric lens, has no inverse mapping: a tilt, however small, does
-        not make it a camera.
+        Such a sensor, for example a cone under a telecentric lens, has no inverse mapping: a tilt,
+        however small, does not make it a camera.
         """
         _ = self._is_one_to_one
 
@@ -774,11 +779,11 @@ class Sensor:
             return self.aligned().meridian.omega_max > 0
         except NotOneToOne:
             raise
-        except OmnimirrorError:  # aligned, it would not be a sensor for another reason, which does not concern this one
+        except OmnimirrorError:  # other reasons do not apply as-built
             return True
 
     def _in_picture(self, image_mm: Array) -> Projection:
-        """Pixels of places (n, 2) mm on a square imager; NaN, or outside, is not valid."""
+        """Convert image points (n, 2), mm, of an untilted imager to pixels."""
         pixels = self.image_plane.pixels(image_mm)
         valid = inside_image(pixels, self.image_size)
         pixels[~valid] = np.nan
@@ -786,7 +791,7 @@ class Sensor:
 
 
 def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Length, cosine and sine of vectors (x, y); the zero vector points along x."""
+    """Return length, cosine and sine of vectors (x, y); the zero vector has azimuth 0."""
     length = np.hypot(x, y)
     safe = np.where(length > 0, length, 1.0)
     return length, np.where(length > 0, x / safe, 1.0), y / safe
@@ -798,5 +803,5 @@ def _check_pupil(pupil: Array, pixels: Array) -> None:
 
 
 def check_sensor(value: Any, name: str = "sensor") -> None:
-    """Refuse what is no sensor: a name alone, for one."""
+    """Check that a value is a sensor and not, for example, a name."""
     instance(name, value, Sensor, "a sensor, such as om.load_sensor gives")

@@ -1,4 +1,4 @@
-"""What a sensor is made of, as far as temperature moves it: how its parts expand, and how its lens changes."""
+"""Thermal behaviour of a sensor: expansion of its parts and change of the focal length."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ EXPANSIONS_PPM: dict[str, float] = {
     "steel": 12.0,
     "titanium": 8.6,
 }
-"""Linear expansion of materials near room temperature, 1e-6/K, as handbooks list it; plastics differ by a tenth."""
+"""Linear expansion near room temperature, 1e-6/K (handbook values); plastics vary by 10 %."""
 DENSITIES_G_PER_CM3: dict[str, float] = {
     "abs": 1.05,
     "acrylic": 1.19,
@@ -48,7 +48,8 @@ DENSITIES_G_PER_CM3: dict[str, float] = {
     "steel": 7.85,
     "titanium": 4.51,
 }
-"""Densities of the same materials, as handbooks list them; alloys and plastics differ by a few per cent."""
+"""Densities of the same materials, g/cm^3 (handbook values); alloys and plastics vary by a few per
+cent."""
 INDEX_RATES_PER_K: dict[str, float] = {
     "acrylic": -1.05e-4,
     "polycarbonate": -1.07e-4,
@@ -59,7 +60,7 @@ INDEX_RATES_PER_K: dict[str, float] = {
     "sea_water": -1.0e-4,
     "mineral_oil": -3.8e-4,
 }
-"""How refractive indices change near room temperature, 1/K."""
+"""Temperature coefficients of the refractive index near room temperature, 1/K."""
 NAMES = tuple(EXPANSIONS_PPM)
 EXPANSION = Parameter("ppm/K", -100.0, 1000.0, "linear expansion, instead of a material")
 MATERIAL = Parameter("", 0.0, 0.0, "what it is made of", NAMES)
@@ -67,29 +68,30 @@ MATERIAL = Parameter("", 0.0, 0.0, "what it is made of", NAMES)
 
 @dataclass(frozen=True)
 class Thermal:
-    """How temperature moves a sensor's parts. Of each part a material or its expansion is said, or it stays.
+    """Thermal model of a sensor, with a material or expansion for each part.
 
     Parameters
     ----------
     reference_c
-        Temperature at which the sensor's numbers hold, degrees Celsius.
+        Reference temperature of the sensor's parameters, degrees Celsius.
     mirror_material, mirror_ppm_per_k
-        The mirror: its shape grows evenly.
+        Mirror; its shape expands uniformly.
     spacer_material, spacer_ppm_per_k
-        What holds the mirror before the lens.
+        Spacer between lens and mirror.
     mount_material, mount_ppm_per_k
-        What holds the imager behind the lens.
+        Mount between lens and imager.
     focal_ppm_per_k
-        How much longer the lens's focal length becomes; a maker tells it, or a measurement.
+        Relative change of the focal length, from a data sheet or a measurement.
     imager_ppm_per_k
         Expansion of the imager; silicon by default.
     held_at
-        Where the spacer holds the mirror: at its "vertex", as a rod behind it does, or at its "rim", as a tube does.
+        Attachment of the mirror to the spacer: "vertex", as with a rod behind it, or "rim", as with
+        a tube.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, an unknown material, or a part of which both are said.
+        If a number is outside its range, a material is unknown, or both are given for a part.
 
     Examples
     --------
@@ -138,7 +140,7 @@ class Thermal:
         return getattr(self, f"{part}_material"), getattr(self, f"{part}_ppm_per_k")
 
     def expansion_ppm(self, part: str) -> float:
-        """Linear expansion of a part, 1e-6/K.
+        """Return the linear expansion of a part, 1e-6/K.
 
         Parameters
         ----------
@@ -148,12 +150,12 @@ class Thermal:
         Returns
         -------
         float
-            0 of a part of which nothing is said.
+            0 if it is not specified.
 
         Raises
         ------
         InvalidParameter
-            Another part.
+            If the part is unknown.
         """
         choice("part", part, ("mirror", "spacer", "mount"))
         material, ppm = self._said(part)

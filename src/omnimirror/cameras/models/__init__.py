@@ -1,4 +1,4 @@
-"""Camera models: calibrated mappings between pixels and rays, other tools' and our own; each is a Camera."""
+"""Camera models: calibrated mappings between pixels and rays."""
 
 from typing import TypeAlias, get_args
 
@@ -24,7 +24,7 @@ CalibratedCamera: TypeAlias = (
     | MirrorBall
 )
 CAMERAS: dict[str, type[CalibratedCamera]] = {cls.KIND: cls for cls in get_args(CalibratedCamera)}
-"""Camera models by the kinds that files name."""
+"""Camera models by their kinds in files."""
 
 __all__ = [
     "CAMERAS",

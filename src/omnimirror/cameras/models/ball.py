@@ -1,4 +1,4 @@
-"""The mirror ball: a reflecting sphere seen from far away."""
+"""Mirror ball: a reflecting sphere at a large camera distance."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MirrorBall(RadialModel):
-    """A reflecting ball, or the part of one inside a circular rim, seen from far away and far from things.
+    """Reflecting ball, or its part within a circular rim, for distant camera and objects.
 
-    Under parallel rays a sphere of radius A turns the ray at distance x from its axis by twice the
-    slope angle, ``sin(Omega / 2) = x / A``: the picture is exactly equal in area.
+    For parallel rays, a sphere of radius A deflects the ray at distance x from its axis by twice
+    the slope angle, ``sin(Omega / 2) = x / A``: the projection is exactly equal-area.
 
     Parameters
     ----------
     centre_px : (u, v)
-        Centre of the ball's circle; integers are pixel centres.
+        Centre of the ball's outline; integers are pixel centres.
     rim_radius_px : px
-        Radius of the circle.
+        Radius of the outline.
     field_deg : deg
-        Full angle of the field, so that the rim sees ``Omega = field_deg / 2``. A whole ball shows
-        nearly 360 deg, a convex traffic mirror much less.
+        Full field angle: the rim is at ``Omega = field_deg / 2``. A complete ball has nearly 360
+        deg, a convex traffic mirror much less.
     image_size : (width, height)
     mount
-        How the camera that looks at the ball stands.
+        Orientation of the camera.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For a radius that is not above 0, or a field outside 0 to 360 deg.
+        If the radius is not positive, or the field is outside 0 to 360 deg.
 
     Examples
     --------
-    Half-way to the rim of a whole ball, ``sin(Omega / 2) = 1/2``:
+    At half the rim radius of a complete ball, ``sin(Omega / 2) = 1/2``:
 
     >>> ball = MirrorBall((511.5, 511.5), 500.0, 360.0, (1024, 1024))
     >>> np.degrees(ball.omega_from_radius(np.array([250.0]))).round(9)
@@ -92,5 +92,5 @@ class MirrorBall(RadialModel):
 
     @property
     def _ball_radius_px(self) -> float:
-        """Radius of the whole ball's outline, of which the rim may cut off a part."""
+        """Radius of the complete ball's outline, which the rim may truncate."""
         return self.rim_radius_px / float(np.sin(self._law_end / 2))

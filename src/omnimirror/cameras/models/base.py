@@ -1,11 +1,11 @@
-"""What every calibrated model says of itself: its parameters, and the image of points with its derivatives.
+"""Base class of calibrated models: parameters, and images of points with derivatives.
 
-A model works in the camera frame (X right and Y down in the picture, Z ahead). ``optics`` alone says which way the
-centre of the picture looks, back past the lens (a mirror) or ahead (a fisheye); the frame stays right-handed, and
-nothing else is negated "because of the mirror".
+A model uses the camera frame (X right and Y down in the image, Z ahead). ``optics`` defines the
+direction of the image centre: backwards past the lens (a mirror) or forwards (a fisheye). The frame
+is right-handed, and no other axis is negated "because of the mirror".
 
-The numbers of a calibration belong to the picture it was made with. So centres and radii are those of
-the picture *as delivered*, and ``mount.image_flipped`` only says that this picture is reversed.
+Calibrated parameters refer to the calibrated image: centres and radii are those of the image *as
+delivered*, and ``mount.image_flipped`` only marks this image as mirrored.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LARGEST_PICTURE_PX = 100_000
 
 
 class ModelParameter(NamedTuple):
-    """A number of a model, as an estimator needs it."""
+    """Model parameter with its scaling for estimation."""
 
     name: str
     value: float
@@ -41,64 +41,64 @@ class ModelParameter(NamedTuple):
 
 
 class Image(NamedTuple):
-    """Where points appear, and how that changes; NaN where not valid."""
+    """Image of points with derivatives; NaN if invalid."""
 
     pixels: Array
-    """(n, 2) px, wherever they fall, the picture's edge or not."""
+    """(n, 2), px, inside or outside the image."""
     valid: Mask
-    """(n,) False where the model says nothing: past the end of its field, or at its viewpoint."""
+    """(n,) False beyond the end of the model's field, or at its viewpoint."""
     d_points: Array
-    """(n, 2, 3) derivatives to the points, px/mm; to the components of a direction as it was given, if distant."""
+    """(n, 2, 3) derivatives by the points, px/mm, or by the given directions, px."""
     d_parameters: Array
-    """(n, 2, p) derivatives to :attr:`CameraModel.parameters`, px per unit of each."""
+    """(n, 2, p) derivatives by :attr:`CameraModel.parameters`, px per unit of each."""
 
 
 class CameraModel(ABC):
-    """A camera that can be calibrated: satisfies the Camera contract, and has parameters and derivatives."""
+    """Camera that can be calibrated: Camera interface with parameters and derivatives."""
 
     KIND: ClassVar[str]
-    """Its name in files and on the command line."""
+    """Name in files and on the command line."""
     image_size: tuple[int, int]
     optics: Optics
     mount: Mount
     uncertainty: Uncertainty | None = None
-    """Covariance of its parameters, where they were estimated."""
+    """Covariance of the parameters, if estimated."""
 
     @property
     @abstractmethod
     def parameters(self) -> tuple[ModelParameter, ...]:
-        """What an estimator may change, in the order of ``d_parameters``."""
+        """Adjustable parameters, in the order of ``d_parameters``."""
 
     @abstractmethod
     def with_parameters(self, values: Sequence[float] | Array) -> Self:
-        """The same model with other values (p,) of its parameters."""
+        """Return the model with other values (p,) of its parameters."""
 
     @abstractmethod
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """Pixels of points (n, 3) in the camera frame, with derivatives; ``distant``: they are directions.
+        """Project points (n, 3) in the camera frame, with derivatives; ``distant``: directions.
 
-        Neither the picture's edge nor a rim clips it.
+        Image edges and rim are ignored.
         """
 
     def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """The same, what lies past the end of the field shown at its end: so that an estimate can go on from there.
+        """Project points, clamping points beyond the field to its end.
 
         Parameters
         ----------
         points_mm : (n, 3)
-            Points in mm, or directions, of the camera frame.
+            Points in mm, or directions, in the camera frame.
         distant
-            They are directions.
+            True for directions.
 
         Returns
         -------
         Image
-            Pixels (n, 2), where they are valid (n,), and derivatives (n, 2, 3) and (n, 2, p).
+            Pixels (n, 2), validity (n,), and derivatives (n, 2, 3) and (n, 2, p).
 
         Raises
         ------
         InvalidParameter
-            For what are no vectors (n, 3).
+            If the points do not have the shape (n, 3).
 
         Examples
         --------
@@ -111,54 +111,54 @@ class CameraModel(ABC):
         return self.image(points_mm, distant=distant)
 
     def _repr_html_(self) -> str:
-        """A card of it, as notebooks ask for it."""
+        """Return an HTML card for notebooks."""
         from ..notebook_card import camera_card  # for notebooks only
 
         return camera_card(self)
 
-    # -- the Camera contract, in the world frame --------------------------------------------------
+    # -- Camera interface, in the world frame -----------------------------------------------------
 
     @property
     def symmetry(self) -> AxialSymmetry | None:
-        """The axis of symmetry; None where there is none."""
+        """Axial symmetry; None without one."""
         return None
 
     @abstractmethod
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) px."""
+        """Return the rays of pixels (n, 2), px."""
 
     @abstractmethod
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points (n, 3) of the world, mm."""
+        """Return the pixels of world points (n, 3), mm."""
 
     @abstractmethod
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of directions (n, 3) of the world, of any length but 0."""
+        """Return the pixels of world directions (n, 3) of any non-zero length."""
 
-    # -- which way it looks ------------------------------------------------------------------------
+    # -- orientation -------------------------------------------------------------------------------
 
     @property
     def looks_back(self) -> bool:
-        """Whether the centre of the picture looks back past the lens (-Z), as with a mirror."""
+        """True if the image centre is directed backwards past the lens (-Z), as for a mirror."""
         return self.optics == "mirror"
 
     @property
     def axis(self) -> Array:
-        """World direction (3,) that the centre of the picture sees."""
+        """World direction (3,) of the image centre."""
         forward = -1.0 if self.looks_back else 1.0
         return forward * self.mount.rotation()[:, 2]
 
     @property
     def is_picture_reversed(self) -> bool:
-        """Whether the raw picture is a mirror image: text runs backwards and markers go undetected."""
+        """True if the raw image is mirrored: text is reversed and markers are not detected."""
         return self.looks_back != self.mount.image_flipped
 
     @property
     def _signs(self) -> Array:
-        """Signs of (right, down, along the axis) in the picture as delivered, against the camera frame's X, Y, Z."""
+        """Signs of image right, image down and axis, relative to camera X, Y, Z."""
         return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
 
-    # -- checks that every model makes in its constructor ----------------------------------------
+    # -- validation in the constructors of all models --------------------------------------------
 
     def _check_camera(self) -> None:
         if finite("image_size", self.image_size).shape != (2,):

@@ -1,4 +1,4 @@
-"""Contradictions within a camera file: swapped numbers, implausible stretch, and two polynomials that disagree."""
+"""Consistency checks of camera files."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from .radial import RadialModel
 
 Array = NDArray[np.float64]
 OFF_CENTRE = 0.03
-"""Distance of the centre from the middle of the image, in shorter sides, from which on swapped numbers are considered;
-the tolerance of mirror cameras that are mounted well."""
+"""Distance of the centre from the image centre, relative to the shorter side, above which swapped
+values are considered; covers well-mounted mirror cameras."""
 SWAPPED_GAIN = 0.4
-"""Factor by which swapped numbers must bring the centre nearer to the middle."""
+"""Factor by which swapping must reduce that distance."""
 MAX_STRETCH = 0.02
-"""Largest plausible difference of the two scales of an image; pixels are square within 0.1 %."""
+"""Largest plausible difference of the two image scales; pixels are square within 0.1 %."""
 MAX_DIFFERENCE_PX = 1.0
-"""Largest plausible difference of a direct and an inverse polynomial; fitted inverses keep to some 0.1 px."""
+"""Largest plausible difference of direct and inverse polynomial; usual is 0.1 px."""
 ROUNDING = 1e-9
 BLIND = 1 / 3
-"""Part of the field around the axis that is not compared."""
+"""Fraction of the field around the axis excluded from the comparison."""
 SAMPLES = 200
 
 
 def doubts(camera: RadialModel) -> list[str]:
-    """List what is implausible in the numbers of a camera, each with its magnitude.
+    """List implausible parameters of a camera, each with its magnitude.
 
     Examples
     --------
@@ -59,28 +59,28 @@ def doubts(camera: RadialModel) -> list[str]:
 
 
 def inverse_doubts(camera: RadialModel, inverse: Sequence[float] | Array, start: float = np.pi / 2) -> list[str]:
-    """Compare the inverse polynomial of a file with its direct one, from a third of the field to the nearest edge.
+    """Compare the inverse polynomial of a file with its direct one, up to the nearest image edge.
 
     Parameters
     ----------
     camera
-        With the direct polynomial.
+        Camera with the direct polynomial.
     inverse
-        Radius in px, in the camera's round image, by powers of the field angle less ``start``, lowest power first;
-        empty for a file without one.
+        Radius in px, in the camera's circular image, by powers of the field angle minus ``start``,
+        lowest power first; empty for a file without one.
     start : radians
-        Field angle that counts as 0.
+        Origin of the field angle.
 
     Returns
     -------
     list of str
-        One sentence where they differ by more than :data:`MAX_DIFFERENCE_PX`.
+        One sentence if they differ by more than :data:`MAX_DIFFERENCE_PX`.
     """
     if not len(inverse):
         return []
     reach = min(camera.field_radius_px, min(camera.image_size) / 2)
     end = float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING)
-    # An inverse of many terms departs where nothing was fitted: in the middle, where an annular camera sees nothing.
+    # An inverse with many terms deviates in unfitted regions, such as the centre of annular images.
     omega = np.linspace(BLIND * end, end, SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
         difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))
@@ -94,7 +94,7 @@ def inverse_doubts(camera: RadialModel, inverse: Sequence[float] | Array, start:
 
 
 def _affine(camera: RadialModel) -> str:
-    """The numbers of the file that stretch the image."""
+    """Return the parameters of the file that stretch the image."""
     if affine := getattr(camera, "affine", ()):
         return "c = {:.4g}, d = {:.4g}, e = {:.4g}".format(*affine)
     (fx, skew), (_, fy) = camera.matrix

@@ -1,4 +1,4 @@
-"""Radial and tangential distortion of a round picture (Brown), in the signs and order of OpenCV."""
+"""Radial and tangential distortion of a circular image (Brown), with OpenCV's signs and order."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = tuple[Array, Array]
 
-SLOWEST = 0.01  # of the rate at the centre, below which a fitted polynomial says nothing of the optics
-NODES = 257  # of the table from which inversions start
+SLOWEST = 0.01  # minimum rate relative to the centre, limit of validity of fitted polynomials
+NODES = 257  # of the table of initial values for inversion
 MOST_STEPS = 30
-NOTHING = 1e-60  # a coefficient as small as this moves nothing, and would overflow where it divides
+NOTHING = 1e-60  # smaller coefficients have no effect and would overflow as divisors
 LARGEST_COEFFICIENT = 1e12
-CLOSE = 1e-9  # a Newton step this small (relative) leaves an error of about its square
+CLOSE = 1e-9  # relative Newton step; the remaining error is about its square
 
 
 class Distorted(NamedTuple):
-    """A point of the distorted picture, and the matrix of its derivatives to the undistorted one."""
+    """Point of the distorted image, and its matrix of derivatives by the undistorted one."""
 
     x: Array
     y: Array
@@ -34,44 +34,45 @@ class Distorted(NamedTuple):
 
 
 class AnyDistortion(Protocol):
-    """What moves the points of a round picture, before a matrix takes them into the real one."""
+    """Distortion of points of a circular image, before the affine matrix."""
 
     @property
     def _fields(self) -> tuple[str, ...]: ...
 
     @property
     def is_radial(self) -> bool:
-        """Whether it moves points towards the centre or away from it."""
+        """True if radial coefficients are not 0."""
         ...
 
     @property
     def is_tangential(self) -> bool:
-        """Whether it moves points to one side."""
+        """True if tangential coefficients are not 0."""
         ...
 
     def radius(self, r: Array) -> Array:
-        """Distorted radii of radii, by the radial part alone."""
+        """Compute distorted radii from undistorted radii, by the radial part."""
         ...
 
     def rate(self, r: Array) -> Array:
-        """Derivative of :meth:`radius`."""
+        """Compute the derivative of :meth:`radius`."""
         ...
 
     def end(self) -> float:
-        """Radius where the distorted one all but stops growing (1 % of its rate at the centre); else infinite."""
+        """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
         ...
 
     def applied(self, x: Array, y: Array) -> Distorted:
-        """Points of the round picture, distorted."""
+        """Distort points of the circular image."""
         ...
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Derivatives of the distorted point to the fields in their order, each as (of x, of y)."""
+        """Return derivatives of the distorted point by the fields, (of x, of y) each."""
         ...
 
 
 class Distortion(NamedTuple):
-    """``x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)``, y' likewise with p1 and p2 exchanged.
+    """``x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)``; y' with p1 and p2
+    exchanged.
 
     >>> Distortion(k1=-0.1).radius(np.array([0.5]))
     array([0.4875])
@@ -92,21 +93,21 @@ class Distortion(NamedTuple):
         return bool(self.p1 or self.p2)
 
     def radius(self, r: Array) -> Array:
-        """Distorted radii of radii, by the radial part alone."""
+        """Compute distorted radii from undistorted radii, by the radial part."""
         s = r * r
         return r * (1 + s * (self.k1 + s * (self.k2 + s * self.k3)))
 
     def rate(self, r: Array) -> Array:
-        """Derivative of :meth:`radius`."""
+        """Compute the derivative of :meth:`radius`."""
         s = r * r
         return 1 + s * (3 * self.k1 + s * (5 * self.k2 + s * 7 * self.k3))
 
     def end(self) -> float:
-        """Radius where the distorted one all but stops growing (1 % of its rate at the centre); else infinite."""
+        """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
         return float(np.sqrt(first_root(np.array([1 - SLOWEST, 3 * self.k1, 5 * self.k2, 7 * self.k3]))))
 
     def applied(self, x: Array, y: Array) -> Distorted:
-        """Points of the round picture, distorted."""
+        """Distort points of the circular image."""
         k1, k2, k3, p1, p2 = self
         s = x * x + y * y
         factor = 1 + s * (k1 + s * (k2 + s * k3))
@@ -114,14 +115,15 @@ class Distortion(NamedTuple):
         return _moved(x, y, factor, growth, p1, p2)
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Derivatives of the distorted point to k1, k2, k3, p1 and p2, each as (of x, of y)."""
+        """Return derivatives of the distorted point by k1 to k3, p1 and p2."""
         s = x * x + y * y
         radial = tuple((x * power, y * power) for power in (s, s * s, s**3))
         return (*radial, *_tangential_terms(x, y, s))
 
 
 class Rational(NamedTuple):
-    """``x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)`` and p1, p2 as of :class:`Distortion`.
+    """``x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)``, plus p1, p2
+    terms.
 
     >>> Rational(k1=0.2, k4=0.2).radius(np.array([0.5]))
     array([0.5])
@@ -145,31 +147,31 @@ class Rational(NamedTuple):
         return bool(self.p1 or self.p2)
 
     def radius(self, r: Array) -> Array:
-        """Distorted radii of radii, by the radial part alone."""
+        """Compute distorted radii from undistorted radii, by the radial part."""
         over, under, _, _ = self._parts(r * r)
         return np.asarray(r * over / under)
 
     def rate(self, r: Array) -> Array:
-        """Derivative of :meth:`radius`."""
+        """Compute the derivative of :meth:`radius`."""
         s = r * r
         over, under, d_over, d_under = self._parts(s)
         return np.asarray(over / under + 2 * s * (d_over * under - over * d_under) / under**2)
 
     def end(self) -> float:
-        """Radius where the distorted one all but stops growing, or grows beyond every bound; else infinite."""
+        """Return the radius of a vanishing or diverging rate; else infinity."""
         over, under = np.array([1.0, *self[:3]]), np.array([1.0, *self[3:6]])
         cross = polysub(polymul(polyder(over), under), polymul(over, polyder(under)))
         rate = polysub(polyadd(polymul(over, under), polymul([0.0, 2.0], cross)), SLOWEST * polymul(under, under))
         return float(np.sqrt(min(first_root(rate), first_root(under))))
 
     def applied(self, x: Array, y: Array) -> Distorted:
-        """Points of the round picture, distorted."""
+        """Distort points of the circular image."""
         over, under, d_over, d_under = self._parts(x * x + y * y)
         growth = 2 * (d_over * under - over * d_under) / under**2
         return _moved(x, y, over / under, growth, self.p1, self.p2)
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Derivatives of the distorted point to k1 .. k6, p1 and p2, each as (of x, of y)."""
+        """Return derivatives of the distorted point by k1 to k6, p1 and p2."""
         s = x * x + y * y
         over, under, _, _ = self._parts(s)
         shares = [power / under for power in (s, s * s, s**3)]
@@ -177,7 +179,7 @@ class Rational(NamedTuple):
         return (*((x * share, y * share) for share in shares), *_tangential_terms(x, y, s))
 
     def _parts(self, s: Array) -> tuple[Array, Array, Array, Array]:
-        """Numerator and denominator, and their derivatives to r^2."""
+        """Return numerator and denominator, and their derivatives by r^2."""
         k1, k2, k3, k4, k5, k6, *_ = self
         return (
             1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6)),
@@ -186,7 +188,8 @@ class Rational(NamedTuple):
 
 
 class ThinPrism(NamedTuple):
-    """``x' = x + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + s2 r^4``, y' likewise with p1 and p2 exchanged, s3 and s4.
+    """``x' = x + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + s2 r^4``; y' with p1 and p2 exchanged, s3
+    and s4.
 
     >>> ThinPrism(s1=0.1).applied(np.array([1.0]), np.array([0.0])).x
     array([1.1])
@@ -208,19 +211,19 @@ class ThinPrism(NamedTuple):
         return any(self)
 
     def radius(self, r: Array) -> Array:
-        """The same radii."""
+        """Return the radii unchanged."""
         return r
 
     def rate(self, r: Array) -> Array:
-        """Ones."""
+        """Return ones."""
         return np.ones_like(r)
 
     def end(self) -> float:
-        """Infinite."""
+        """Return infinity."""
         return np.inf
 
     def applied(self, x: Array, y: Array) -> Distorted:
-        """Points of the round picture, distorted."""
+        """Distort points of the circular image."""
         s = x * x + y * y
         at = _moved(x, y, np.ones_like(s), np.zeros_like(s), self.p1, self.p2)
         right, down = 2 * self.s1 + 4 * self.s2 * s, 2 * self.s3 + 4 * self.s4 * s
@@ -230,14 +233,14 @@ class ThinPrism(NamedTuple):
         )  # fmt: skip
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Derivatives of the distorted point to p1, p2 and s1 to s4, each as (of x, of y)."""
+        """Return derivatives of the distorted point by p1, p2 and s1 to s4."""
         s = x * x + y * y
         zero = np.zeros_like(s)
         return (*_tangential_terms(x, y, s), (s, zero), (s * s, zero), (zero, s), (zero, s * s))
 
 
 def _moved(x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: float) -> Distorted:
-    """Points after a radial factor, whose derivative to x is ``growth x``, and tangential distortion."""
+    """Apply a radial factor, whose derivative by x is ``growth x``, and tangential distortion."""
     s, xy = x * x + y * y, x * y
     across = growth * xy + 2 * (p1 * x + p2 * y)
     return Distorted(
@@ -251,15 +254,16 @@ def _moved(x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: floa
 
 
 def _tangential_terms(x: Array, y: Array, s: Array) -> tuple[Rows, Rows]:
-    """Derivatives of the distorted point to p1 and p2."""
+    """Return derivatives of the distorted point by p1 and p2."""
     return (2 * x * y, s + 2 * y * y), (s + 2 * x * x, 2 * x * y)
 
 
-# -- the other way round ---------------------------------------------------------------------------------
+# -- inversion
+# -------------------------------------------------------------------------------------------
 
 
 def undone(distortion: AnyDistortion, radius: Array, end: float) -> Array:
-    """Radii (n,) up to ``end`` of distorted radii, by the radial part alone; beyond, ``end``."""
+    """Invert the radial part: radii (n,) up to ``end`` of distorted radii; ``end`` beyond."""
     if not distortion.is_radial or not radius.size:
         return np.minimum(radius, end)
     radius = np.where(np.isfinite(radius), radius, 0.0)
@@ -276,7 +280,7 @@ def undone(distortion: AnyDistortion, radius: Array, end: float) -> Array:
 
 
 def removed(distortion: AnyDistortion, x: Array, y: Array, end: float) -> tuple[Array, Array, Mask]:
-    """Points of the undistorted round picture, and where there are any within ``end`` (a radius)."""
+    """Remove distortion from points of the circular image, within a radius."""
     r = np.hypot(x, y)
     if not (distortion.is_radial or distortion.is_tangential):
         return x, y, r <= end
@@ -293,7 +297,7 @@ def removed(distortion: AnyDistortion, x: Array, y: Array, end: float) -> tuple[
 
 
 def _refined(distortion: AnyDistortion, x: Array, y: Array, px: Array, py: Array) -> tuple[Array, Array, Mask]:
-    """Newton's rule in two dimensions, from what the radial part alone gives."""
+    """Refine undistorted points from the radial solution by Newton's method in two dimensions."""
     with np.errstate(all="ignore"):
         for _ in range(MOST_STEPS):
             at = distortion.applied(px, py)
@@ -309,7 +313,7 @@ def _refined(distortion: AnyDistortion, x: Array, y: Array, px: Array, py: Array
 
 
 def _reach(distortion: AnyDistortion, far: float, end: float) -> float:
-    """A radius whose distorted one is ``far`` or more, or else the end."""
+    """Return a radius whose distorted radius is at least ``far``, or else the end."""
     high = max(far, 1.0)
     while high < end and distortion.radius(np.array(high)) < far:
         high *= 2
@@ -317,7 +321,7 @@ def _reach(distortion: AnyDistortion, far: float, end: float) -> float:
 
 
 def first_root(coefficients: Array) -> float:
-    """Smallest root above 0 of a polynomial, infinite if there is none."""
+    """Return the smallest positive root of a polynomial, infinity if there is none."""
     known = np.flatnonzero(np.abs(coefficients) > NOTHING)
     roots = polyroots(coefficients[: known[-1] + 1])
     return float(roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf))

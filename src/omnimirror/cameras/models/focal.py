@@ -1,4 +1,4 @@
-"""Models whose round picture is measured in focal lengths: two of these, skew and centre, as in OpenCV's matrix K."""
+"""Models with a circular image in focal lengths, and the camera matrix K of OpenCV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SMALLEST_PX = 1e-6
 
 
 class FocalModel(RadialModel):
-    """``u = fx x + skew y + cx``, ``v = fy y + cy`` of a round picture (x, y)."""
+    """Model with camera matrix: ``u = fx x + skew y + cx``, ``v = fy y + cy``."""
 
     focal_px: tuple[float, float]
     skew_px: float
@@ -25,13 +25,13 @@ class FocalModel(RadialModel):
 
     @property
     def matrix(self) -> Array:
-        """Matrix (2, 2) from the round picture in focal lengths to the picture."""
+        """Matrix (2, 2) from the circular image, in focal lengths, to the image."""
         (fx, fy), skew = self.focal_px, self.skew_px
         return np.array([[fx, skew], [0.0, fy]])
 
     @property
     def scale_px(self) -> float:
-        """Pixels per focal length: the geometric mean of the two, itself where they are equal."""
+        """Pixels per focal length: geometric mean of fx and fy."""
         fx, fy = self.focal_px
         return fx if fx == fy else float(np.sqrt(fx * fy))
 

@@ -1,4 +1,4 @@
-"""The fisheye model of Kannala and Brandt in the form that OpenCV's module fisheye, Kalibr and ROS use."""
+"""Kannala-Brandt fisheye model, as in OpenCV's module fisheye, Kalibr and ROS."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from .radial import Law, Place
 
 Array = NDArray[np.float64]
 
-NODES = 257  # of the table from which inversions start
+NODES = 257  # of the table of initial values for inversion
 
 
 @dataclass(frozen=True)
 class KannalaBrandt(FocalModel):
-    """A radius that is an odd polynomial of the field angle.
+    """Fisheye model with a radius polynomial, odd in the field angle.
 
-    ``r = Omega (1 + k1 Omega^2 + k2 Omega^4 + k3 Omega^6 + k4 Omega^8)``. The field ends at 180 deg, or where r
-    grows at less than 1 % of its rate at the centre: beyond that a fitted polynomial says nothing of the optics.
+    ``r = Omega (1 + k1 Omega^2 + k2 Omega^4 + k3 Omega^6 + k4 Omega^8)``. The field ends at 180
+    deg, or at the angle with a rate of r below 1 % of that at the centre, the limit of validity of
+    a fitted polynomial.
 
     Parameters
     ----------
@@ -38,22 +39,22 @@ class KannalaBrandt(FocalModel):
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     k1, k2, k3, k4
-        Of the polynomial.
+        Coefficients of the polynomial.
     skew_px
         OpenCV's alpha times fx.
     optics
-        ``"fisheye"`` or ``"mirror"``: whether the centre of the picture looks ahead or back.
+        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     References
     ----------
@@ -95,7 +96,7 @@ class KannalaBrandt(FocalModel):
 
     @property
     def _polynomial(self) -> Array:
-        """Of the square of the field angle: r / Omega."""
+        """Polynomial of r / Omega in the squared field angle."""
         return np.array([1.0, *(getattr(self, name) for name in self.COEFFICIENTS)])
 
     @property

@@ -1,13 +1,13 @@
-"""OCamCalib's calibration file, and the camera it describes.
+"""OCamCalib calibration files and camera model.
 
-OCamCalib (Scaramuzza, Martinelli and Siegwart, IROS 2006) writes a pixel's ray as
-``(row - xc, col - yc, f(rho))`` with a polynomial f of the distance rho from the centre, f(0) < 0, in a
-frame whose third axis points from the scene to the camera. In our camera frame (X right, Y down, Z
-ahead) the centre of a mirror's picture looks back past the lens and that of a fisheye ahead, so
-``Z = f`` for a mirror and ``Z = -f`` for a fisheye. The file does not say which of the two it is.
+OCamCalib (Scaramuzza, Martinelli and Siegwart, IROS 2006) defines a pixel's ray as ``(row - xc, col
+- yc, f(rho))`` with a polynomial f of the distance rho from the centre, f(0) < 0, in a frame whose
+third axis points from the scene to the camera. In the camera frame used here (X right, Y down, Z
+ahead), the image centre of a mirror is directed backwards and that of a fisheye forwards: ``Z = f``
+for a mirror and ``Z = -f`` for a fisheye. The file does not distinguish the two.
 
-The file's inverse polynomial is a fit, good to some tenth of a pixel: it is compared with the direct polynomial and
-then ignored, and projection solves the direct polynomial itself.
+The inverse polynomial of the file is a fit, accurate to about 0.1 px: it is compared with the
+direct polynomial and then ignored; projection solves the direct polynomial.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from .radial import Law, Place, RadialModel
 
 Array = NDArray[np.float64]
 
-LARGEST_COEFFICIENT = 1e100  # its square is a number still
-PAST_THE_PICTURE = 1.5  # of the farthest corner's radius: as far as points are followed out of the picture
-NODES = 257  # of the table from which projections start
+LARGEST_COEFFICIENT = 1e100  # its square is finite
+PAST_THE_PICTURE = 1.5  # of the farthest corner's radius: limit of points outside the image
+NODES = 257  # of the table of initial values for projection
 
 
 @dataclass(frozen=True)
 class OCam(RadialModel):
-    """A camera calibrated with OCamCalib.
+    """Camera model of OCamCalib.
 
-    The polynomial is used as far as the farthest corner of the picture, and no farther than the field
-    angle grows with the radius (at 1 % of its rate at the centre or more: beyond that a fitted polynomial
-    says nothing of the optics). A mirror's picture usually ends before, at its rim: give
-    ``rim_radius_px`` to leave out what lies beyond.
+    The polynomial is valid up to the farthest corner of the image, limited by the radius at which
+    the rate of the field angle falls to 1 % of that at the centre (the limit of validity of a
+    fitted polynomial). The image of a mirror usually ends before, at its rim: specify
+    ``rim_radius_px`` to exclude the region outside.
 
     Parameters
     ----------
     polynomial
-        a0, a1, a2, .. of f(rho), rho in px; a0 < 0.
+        a0, a1, a2, ... of f(rho), rho in px; a0 < 0.
     centre_px : (u, v)
         Column and row of the centre; integers are pixel centres.
     image_size : (width, height)
@@ -60,16 +60,16 @@ class OCam(RadialModel):
     optics
         ``"mirror"`` or ``"fisheye"``.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     Examples
     --------
@@ -113,13 +113,13 @@ class OCam(RadialModel):
 
     @property
     def matrix(self) -> Array:
-        """OCamCalib's affine matrix, in (right, down) instead of (row, column)."""
+        """Affine matrix of OCamCalib, in (right, down) instead of (row, column)."""
         c, d, e = self.affine
         return np.array([[1.0, e], [d, c]])
 
     @property
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """All but a1, which is 0 in a picture that is smooth at its centre, and e, which turns the camera as well."""
+        """Return all parameters except a1 (0) and e (equivalent to a rotation)."""
         half = min(self.image_size) / 2
         law = tuple(Place(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
         return law, (Place("c", "affine", 0, "", 0.01), Place("d", "affine", 1, "", 0.01))
@@ -130,15 +130,15 @@ class OCam(RadialModel):
 
     @cached_property
     def _law_end(self) -> float:
-        """Where the polynomial's use ends, or else somewhat beyond the picture."""
+        """Largest field angle of the polynomial, limited to slightly beyond the image."""
         return float(self._table[1][-1])
 
     def _law_inverse(self, radius: Array) -> Array:
-        """``tan(Omega) = rho / -f(rho)``."""
+        """Compute the field angle by ``tan(Omega) = rho / -f(rho)``."""
         return np.arctan2(radius, -polyval(radius, self.polynomial))
 
     def _law_radius(self, omega: Array) -> Array:
-        """To machine precision: ``rho cos(Omega) + f(rho) sin(Omega) = 0`` has one root, and increases there."""
+        """Solve ``rho cos(Omega) + f(rho) sin(Omega) = 0``, with a single root."""
         nodes, omegas = self._table
         cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
         cos, sin = np.cos(omega), np.sin(omega)
@@ -151,7 +151,7 @@ class OCam(RadialModel):
         return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
 
     def _law(self, omega: Array) -> Law:
-        """By the implicit function: the equation's derivatives to Omega, rho and the coefficients."""
+        """Compute radii and derivatives by the implicit function theorem."""
         rho = self._law_radius(omega)
         cos, sin = np.cos(omega), np.sin(omega)
         to_rho = cos + polyval(rho, polyder(self.polynomial)) * sin
@@ -167,10 +167,10 @@ class OCam(RadialModel):
 
 
 def _end_of_use(a: Array) -> float:
-    """Radius (px) where the field angle all but stops growing; infinite if it never does.
+    """Return the radius (px) at which the field angle nearly stops increasing; else infinity.
 
-    ``dOmega/drho = g / (rho^2 + f^2)`` with ``g = rho f' - f``, and ``1 / |a0|`` at the centre, so the end
-    is the first root of another polynomial, ``g |a0| - SLOWEST (rho^2 + f^2)``.
+    ``dOmega/drho = g / (rho^2 + f^2)`` with ``g = rho f' - f``, and ``1 / |a0|`` at the centre. The
+    limit is therefore the first root of the polynomial ``g |a0| - SLOWEST (rho^2 + f^2)``.
     """
     g = a * (np.arange(len(a)) - 1)
     rest = polyadd(g * abs(a[0]), -SLOWEST * polyadd([0.0, 0.0, 1.0], polymul(a, a)))
@@ -191,28 +191,28 @@ def load_ocam(
     ----------
     path
     optics
-        What was calibrated, ``"mirror"`` or ``"fisheye"``; the file does not say.
+        Calibrated optics, ``"mirror"`` or ``"fisheye"``, which the file does not specify.
     mount
-        How the camera stands; looking up by default.
+        Orientation of the camera; upwards by default.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
 
     Returns
     -------
     OCam
-        The camera.
+        Camera of the file.
 
     Raises
     ------
     SpecError
-        The file is missing or not OCamCalib's; the message gives the line and what is expected there.
+        If the file is missing or invalid; the message gives the line and the expected contents.
     InvalidParameter
-        For an unknown ``optics`` or a rim that is no radius.
+        If ``optics`` is unknown or the rim radius is invalid.
 
     Warns
     -----
     OmnimirrorWarning
-        The numbers of the file contradict each other; the message gives the magnitude.
+        If the values of the file are inconsistent; the message gives the magnitude.
 
     Examples
     --------
@@ -239,9 +239,9 @@ def parse_ocam(
     mount: Mount | None = None,
     rim_radius_px: float | None = None,
 ) -> OCam:
-    """The camera of the text of a ``calib_results.txt``; arguments and errors as :func:`load_ocam`.
+    """Parse the text of a ``calib_results.txt``; arguments and errors as :func:`load_ocam`.
 
-    What other programs write after the image size is left alone.
+    Additional lines of other programs after the image size are ignored.
 
     >>> text = "3 -1.0e+002 0 2.5e-003\\n 2 100 50\\n 239.5 319.5\\n 1 0 0\\n # size\\n 480 640\\n"
     >>> parse_ocam(text).centre_px
@@ -256,7 +256,7 @@ def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: flo
 
 
 def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
-    """Parse a ``calib_results.txt`` into a mirror camera with the direct polynomial, and the inverse polynomial."""
+    """Parse a ``calib_results.txt`` to a mirror camera and the inverse polynomial."""
     lines = _Lines(text, source)
     direct = lines.polynomial("the direct polynomial")
     inverse = lines.polynomial("the inverse polynomial")
@@ -273,7 +273,7 @@ def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
 
 
 class _Lines:
-    """The file's lines that hold numbers, one after the other, and errors that name them."""
+    """Iterator over the numeric lines of a file, with errors that name them."""
 
     def __init__(self, text: str, source: str) -> None:
         self.source = shortened(source)
@@ -285,7 +285,7 @@ class _Lines:
         return SpecError(f"{self.source} line {self.number}: {message}")
 
     def polynomial(self, what: str) -> tuple[float, ...]:
-        """A line of a count and that many coefficients."""
+        """Parse a line of a count and that many coefficients."""
         count, *coefficients = self._next(f"{what} (a count, then that many coefficients)")
         if count != len(coefficients) or not coefficients:
             raise self.error(
@@ -295,7 +295,7 @@ class _Lines:
         return tuple(coefficients)
 
     def numbers(self, what: str, count: int) -> tuple[float, ...]:
-        """A line of so many numbers."""
+        """Parse a line of ``count`` numbers."""
         values = self._next(what)
         if len(values) != count:
             raise self.error(f"expected {what}: {count} numbers, and there are {len(values)}")

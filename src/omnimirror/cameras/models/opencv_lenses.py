@@ -1,4 +1,4 @@
-"""Lenses with more terms than other models have: OpenCV's rational pinhole, and a fisheye that COLMAP and Aria know."""
+"""Lens models with additional terms: OpenCV's rational pinhole, and the thin-prism fisheye."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RationalPinhole(FocalModel):
-    """A pinhole whose radial distortion is a quotient of polynomials, as OpenCV's and ROS's rational model.
+    """Pinhole model with rational radial distortion, as in OpenCV and ROS.
 
     Parameters
     ----------
@@ -32,23 +32,23 @@ class RationalPinhole(FocalModel):
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     k1, k2, k3, k4, k5, k6
-        Radial distortion: of the numerator, and of the denominator.
+        Radial distortion: k1 to k3 in the numerator, k4 to k6 in the denominator.
     p1, p2
         Tangential distortion.
     skew_px
     optics
-        ``"fisheye"`` or ``"mirror"``: whether the centre of the picture looks ahead or back.
+        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class RationalPinhole(FocalModel):
 
     @cached_property
     def distortion(self) -> AnyDistortion:
-        """Its distortion."""
+        """Distortion of the model."""
         return Rational(**{name: getattr(self, name) for name in self.LENS})
 
     @property
@@ -108,9 +108,9 @@ class RationalPinhole(FocalModel):
 
 @dataclass(frozen=True)
 class ThinPrismFisheye(KannalaBrandt):
-    """Kannala and Brandt's polynomial with two terms more, and then tangential and thin-prism distortion.
+    """Kannala-Brandt polynomial with two more terms, tangential and thin-prism distortion.
 
-    COLMAP calls it RAD_TAN_THIN_PRISM_FISHEYE, and project Aria Fisheye624.
+    It is RAD_TAN_THIN_PRISM_FISHEYE in COLMAP and Fisheye624 in project Aria.
 
     Parameters
     ----------
@@ -119,25 +119,25 @@ class ThinPrismFisheye(KannalaBrandt):
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     k1, k2, k3, k4, k5, k6
-        Of the polynomial.
+        Coefficients of the polynomial.
     skew_px
     optics
-        ``"fisheye"`` or ``"mirror"``: whether the centre of the picture looks ahead or back.
+        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
     p1, p2
         Tangential distortion, in OpenCV's order: COLMAP's p1 and p0.
     s1, s2, s3, s4
-        Thin-prism distortion: of columns with r^2 and r^4, and of rows.
+        Thin-prism distortion: of columns by r^2 and r^4, then of rows.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     Examples
     --------
@@ -161,5 +161,5 @@ class ThinPrismFisheye(KannalaBrandt):
 
     @cached_property
     def distortion(self) -> AnyDistortion:
-        """Its distortion."""
+        """Distortion of the model."""
         return ThinPrism(**{name: getattr(self, name) for name in self.LENS})

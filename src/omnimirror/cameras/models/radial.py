@@ -1,8 +1,9 @@
-"""Models in four steps: field angle, radius in a round picture, distortion, picture as delivered.
+"""Radial camera models: field angle, radius, distortion, delivered image.
 
-The angle Omega of a point from the axis gives the radius of its image by the model's own law; the image lies on the
-side where the point lies; Brown's distortion moves it; a matrix and the centre take it into the picture. A model gives
-the law, its inverse and its derivatives. Everything else, from the mount to the edge of the picture, is decided here.
+The projection function of the model maps the field angle Omega of a point to the radius of its
+image, at the azimuth of the point; Brown's distortion is applied; a matrix and the centre convert
+to pixels. A model provides the projection function, its inverse and derivatives. All other steps,
+from the mount to the image edge, are implemented here.
 """
 
 from __future__ import annotations
@@ -31,134 +32,134 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LARGEST_PX = 1e6  # of a radius, a focal length, a centre
-ROUNDING = 1e-12  # relative; an angle or radius this little past the rim is the rim
+ROUNDING = 1e-12  # relative tolerance of angles and radii at the rim
 
 
 class Place(NamedTuple):
-    """Where a parameter stands in its model."""
+    """Location of a parameter in its model."""
 
     name: str
     field: str
     item: int | None
-    """Its number in the field; None where the field is the number."""
+    """Index in the field; None for a scalar field."""
     unit: str
     scale: float
 
 
 class Law(NamedTuple):
-    """Radii in the round picture."""
+    """Radii in the circular image."""
 
     radius: Array
-    """(n,) in the model's own unit: px, or focal lengths."""
+    """(n,) in the unit of the model: px, or focal lengths."""
     rate: Array
-    """(n,) derivative to the field angle."""
+    """(n,) derivative by the field angle."""
     terms: Array
-    """(n, q) derivatives to the parameters of the law."""
+    """(n, q) derivatives by the parameters of the projection function."""
 
 
 class AngleRates(NamedTuple):
     """Derivatives of the field angles of points."""
 
     rho: Array
-    """(n,) to the distance from the axis."""
+    """(n,) by the distance from the axis."""
     z: Array
-    """(n,) to the height along the axis."""
+    """(n,) by the position along the axis."""
     terms: Array | None = None
-    """(n, q) to the parameters of the viewpoint; None for the one viewpoint of a central model."""
+    """(n, q) by the parameters of the viewpoint; None for a central model."""
 
 
 class RadialModel(CameraModel):
-    """A camera whose image radius follows from the field angle, then distorted and stretched."""
+    """Camera with a radial projection function, distortion and stretch."""
 
     centre_px: tuple[float, float]
     rim_radius_px: float | None
 
     AFFINE: ClassVar[tuple[tuple[tuple[float, float], tuple[float, float]], ...]] = ()
-    """Derivatives (2, 2) of :attr:`matrix` to the parameters that it has."""
+    """Derivatives (2, 2) of :attr:`matrix` by its parameters."""
     LENS: ClassVar[Mapping[str, tuple[str, float]]] = {}
-    """Those of k1, k2, k3, p1 and p2 that the model has, with unit and typical change."""
+    """Supported ones of k1, k2, k3, p1 and p2, with unit and typical change."""
 
-    # -- what a model says ---------------------------------------------------------------------
+    # -- interface of the models --------------------------------------------------------------
 
     @abstractmethod
     def _law(self, omega: Array) -> Law:
-        """Radii of field angles (n,) in radians, none beyond :attr:`_law_end`."""
+        """Return the radii of field angles (n,), radians, up to :attr:`_law_end`."""
 
     @abstractmethod
     def _law_radius(self, omega: Array) -> Array:
-        """The same radii alone."""
+        """Return the radii only."""
 
     @abstractmethod
     def _law_inverse(self, radius: Array) -> Array:
-        """Field angles of radii."""
+        """Return the field angles of radii."""
 
     @property
     @abstractmethod
     def _law_end(self) -> float:
-        """Largest field angle (radians) of the law; it grows up to there."""
+        """Largest field angle (radians) of the projection function, which increases up to it."""
 
     @property
     @abstractmethod
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Parameters of the law, and of the matrix."""
+        """Return the parameters of the projection function, and of the matrix."""
 
     @property
     def matrix(self) -> Array:
-        """Matrix (2, 2) from the round picture in the law's unit to the picture, both (right, down)."""
+        """Matrix (2, 2) from the circular image, in model units, to the image."""
         return np.eye(2)
 
     @property
     def scale_px(self) -> float:
-        """Pixels per unit of the law."""
+        """Pixels per model unit."""
         return 1.0
 
     def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
-        """Field angles of points at distances from the axis and heights along it; NaN where there is none."""
+        """Return field angles of points by distance from the axis and height; else NaN."""
         with np.errstate(invalid="ignore"):
             return np.where(rho + np.abs(z) > 0, np.arctan2(rho, z), np.nan)
 
     def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
-        """Their derivatives."""
+        """Return the derivatives of the field angles."""
         square = rho * rho + z * z
         return AngleRates(z / square, -rho / square)
 
     def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
-        """How far from the axis, mm, and along it rays of field angles start."""
+        """Return the ray origins of field angles, from and along the axis, mm."""
         return np.zeros_like(omega), np.zeros_like(omega)
 
     def _viewpoint_mm(self, omega: Array) -> Array:
-        """How far along the axis they meet it."""
+        """Return the positions of the rays' intersections with the axis."""
         return np.zeros_like(omega)
 
     @property
     def is_central(self) -> bool:
-        """Whether all rays start at one point, the origin."""
+        """True if all rays start at the origin."""
         return True
 
     # -- parameters --------------------------------------------------------------------------------
 
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
-        """What an estimator may change: of the law, the matrix, the centre and the distortion."""
+        """Adjustable parameters of projection function, matrix, centre and distortion."""
         return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
 
     def with_parameters(self, values: Sequence[float] | Array) -> Self:
-        """The same model with other values of its parameters, of which no uncertainty is known.
+        """Return the model with other parameter values, without uncertainty.
 
         Parameters
         ----------
         values : (n,) numbers
-            In the order of :attr:`parameters`.
+            Values in the order of :attr:`parameters`.
 
         Returns
         -------
         CameraModel
-            Of the same class.
+            Model of the same class.
 
         Raises
         ------
         InvalidParameter
-            For values that describe no camera.
+            If the values are invalid.
         """
         places = self._all_places
         found = finite("values", values)
@@ -187,39 +188,39 @@ class RadialModel(CameraModel):
 
     @cached_property
     def distortion(self) -> AnyDistortion:
-        """Its distortion; none where it has no such parameters."""
+        """Distortion of the model; zero if it has no such parameters."""
         return Distortion(**{name: getattr(self, name) for name in self.LENS})
 
-    # -- the image and its derivatives ---------------------------------------------------------------
+    # -- projection with derivatives -----------------------------------------------------------------
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """Pixels of points, or of directions, in the camera frame, with derivatives.
+        """Project points or directions in the camera frame, with derivatives.
 
         Parameters
         ----------
         points_mm : (n, 3)
             Points in mm (X right, Y down, Z ahead).
         distant
-            They are directions, of any length but 0, to infinitely distant points.
+            True for directions, of any non-zero length, to infinitely distant points.
 
         Returns
         -------
         Image
-            Pixels (n, 2), where they are valid (n,), and derivatives (n, 2, 3) and (n, 2, p).
+            Pixels (n, 2), validity (n,), and derivatives (n, 2, 3) and (n, 2, p).
 
         Raises
         ------
         InvalidParameter
-            For what are no vectors (n, 3).
+            If the points do not have the shape (n, 3).
         """
         return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False)
 
     def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        # To first order nothing jumps there: a law ends where its radius stops growing.
+        # Continuous to first order: the projection function ends at a stationary radius.
         return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True)
 
     def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
-        """Image of points (n, 3), those past the end of the field at its end, if they are to be valid."""
+        """Project points (n, 3), with optional clamping to the end of the field."""
         signs = self._signs
         x, y, z = (points * signs).T
         rho, (ux, uy) = _length_and_unit(x, y)
@@ -245,7 +246,7 @@ class RadialModel(CameraModel):
             step.put(d_points, 2, along * ux, along * uy)
             d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
             pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
-        valid = valid & np.isfinite(pixels).all(axis=-1)  # at a pole of a rational law is no pixel
+        valid = valid & np.isfinite(pixels).all(axis=-1)  # excludes poles of rational models
         if not valid.all():
             pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
         return Image(pixels, valid, d_points, d_parameters)
@@ -278,11 +279,11 @@ class RadialModel(CameraModel):
                     result[:, row, i] = step.matrix[row, 0] * dx + step.matrix[row, 1] * dy
         return result
 
-    # -- where it ends -------------------------------------------------------------------------------
+    # -- limits of the field -------------------------------------------------------------------------
 
     @cached_property
     def model_end(self) -> float:
-        """Largest field angle (radians) that the model itself allows: its law's, or its distortion's end."""
+        """Largest field angle (radians) of projection function and distortion."""
         end = self._law_end
         if (plane := self.distortion.end()) < np.inf:
             with np.errstate(over="ignore"):
@@ -293,7 +294,7 @@ class RadialModel(CameraModel):
 
     @cached_property
     def omega_max(self) -> float:
-        """Largest field angle, radians from :attr:`axis`: the rim's, the farthest corner's or the model's own end."""
+        """Largest field angle (radians), limited by rim, image corners and model."""
         end = self._plane_end
         x, y, found = self._round_picture(self._corners, end)
         radii = [float(np.hypot(x, y).max()) if found.all() else end]
@@ -308,7 +309,7 @@ class RadialModel(CameraModel):
         return np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
 
     def _farthest_corner(self, into_plane: NDArray[np.floating]) -> float:
-        """Largest distance from the centre of the picture's corners, taken into a plane by a matrix (2, 2)."""
+        """Return the largest corner distance from the centre, after a matrix (2, 2)."""
         return float(np.hypot(*((self._corners - self.centre_px) @ into_plane.T).T).max())
 
     @property
@@ -318,11 +319,11 @@ class RadialModel(CameraModel):
 
     @cached_property
     def field_radius_px(self) -> float:
-        """Radius of the circle, in the picture before it is stretched, inside which the model is used."""
+        """Radius of the circle of validity, in the image before the stretch."""
         return float(self.radius_from_omega(np.array([self.omega_max]))[0])
 
     def radius_from_omega(self, omega: ArrayLike) -> Array:
-        """Radii (n,) in px of field angles (n,) in radians, none beyond :attr:`omega_max`.
+        """Compute radii (n,), px, of field angles (n,), radians, up to :attr:`omega_max`.
 
         Parameters
         ----------
@@ -332,46 +333,46 @@ class RadialModel(CameraModel):
         Returns
         -------
         (n,) array
-            Distances from the centre of the picture before tangential distortion and stretch, px.
+            Distances from the centre before tangential distortion and stretch, px.
 
         Raises
         ------
         InvalidParameter
-            For what are no angles in a row.
+            If the angles are not one-dimensional.
         """
         return self.scale_px * self.distortion.radius(self._law_radius(places("omega", omega, is_row=True)))
 
     def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
-        """Radius, its rate and the viewpoint at field angles.
+        """Compute radius, its rate and the viewpoint at field angles.
 
         Parameters
         ----------
         omega : (n,)
-            Field angles, radians, none beyond :attr:`omega_max`.
+            Field angles, radians, up to :attr:`omega_max`.
 
         Returns
         -------
         tuple of (n,) arrays
-            Radii as :meth:`radius_from_omega` has them, px; their derivatives, px per radian; and where the rays
-            meet the axis, mm along the camera's Z from the origin of its frame.
+            Radii as in :meth:`radius_from_omega`, px; derivatives, px per radian; and intersections
+            of the rays with the axis, mm along the camera's Z from the origin of its frame.
 
         Raises
         ------
         InvalidParameter
-            For what are no angles in a row.
+            If the angles are not one-dimensional.
         """
         omega = places("omega", omega, is_row=True)
         law = self._law(omega)
         rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
-        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # no -0
+        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # avoids -0
 
     def omega_from_radius(self, radius_px: ArrayLike) -> Array:
-        """Field angles (n,) in radians of radii (n,) in px, none beyond :attr:`field_radius_px`.
+        """Compute field angles (n,), radians, of radii (n,), px, up to :attr:`field_radius_px`.
 
         Parameters
         ----------
         radius_px : (n,)
-            Distances from the centre of the picture before tangential distortion and stretch, px.
+            Distances from the centre before tangential distortion and stretch, px.
 
         Returns
         -------
@@ -381,21 +382,21 @@ class RadialModel(CameraModel):
         Raises
         ------
         InvalidParameter
-            For what are no radii in a row.
+            If the radii are not one-dimensional.
         """
         radius = places("radius_px", radius_px, is_row=True) / self.scale_px
         return self._law_inverse(undone(self.distortion, radius, self._plane_end))
 
     @property
     def stretch(self) -> Array:
-        """Matrix (2, 2) from the round picture in px to the real one, both (right, down)."""
+        """Matrix (2, 2) from the circular image, px, to the image, both (right, down)."""
         return self.matrix / self.scale_px
 
-    # -- the Camera contract -------------------------------------------------------------------------
+    # -- Camera interface ----------------------------------------------------------------------------
 
     @property
     def symmetry(self) -> AxialSymmetry | None:
-        """The axis of symmetry; None when the picture is stretched, or distorted to one side."""
+        """Axial symmetry; None with stretch or tangential distortion."""
         if not np.array_equal(self.stretch, np.eye(2)) or self.distortion.is_tangential:
             return None
         x, y, _ = self.mount.rotation().T
@@ -406,24 +407,24 @@ class RadialModel(CameraModel):
         )
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) px; every origin is the viewpoint, (0, 0, 0), for a central model.
+        """Compute the rays of pixels (n, 2); a central model has the origin (0, 0, 0).
 
-        Pixels outside the picture or the model's field are not valid and NaN.
+        Pixels outside the image or the model's field are invalid and NaN.
 
         Parameters
         ----------
         pixels : (n, 2)
-            Pixels (u, v), integers at their centres.
+            Pixels (u, v), with integers at pixel centres.
 
         Returns
         -------
         Rays
-            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Pixels of another shape.
+            If the pixels have another shape.
         """
         pixels = vectors("pixels", pixels, 2)
         end = float(self._law_radius(np.array([self.omega_max]))[0])
@@ -442,42 +443,42 @@ class RadialModel(CameraModel):
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points (n, 3) in mm.
+        """Project points (n, 3), mm.
 
         Parameters
         ----------
         points_mm : (n, 3)
-            Points of the world, mm.
+            World points, mm.
 
         Returns
         -------
         Projection
-            Pixels (n, 2) and where they are valid (n,).
+            Pixels (n, 2) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Points of another shape.
+            If the points have another shape.
         """
         return self._projected(vectors("points_mm", points_mm, 3), distant=False)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of directions (n, 3) of any length but 0.
+        """Project directions (n, 3) of any non-zero length.
 
         Parameters
         ----------
         directions : (n, 3)
-            World directions, of any length.
+            World directions, of any non-zero length.
 
         Returns
         -------
         Projection
-            Pixels (n, 2) and where they are valid (n,).
+            Pixels (n, 2) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-            Directions of another shape.
+            If the directions have another shape.
         """
         return self._projected(vectors("directions", directions, 3), distant=True)
 
@@ -496,12 +497,12 @@ class RadialModel(CameraModel):
         return Projection(pixels, valid)
 
     def _round_picture(self, pixels: Array, end: float) -> tuple[Array, Array, Mask]:
-        """Points (n,) and (n,) of the undistorted round picture, and where there are any within a radius."""
+        """Return points (n,), (n,) of the undistorted circular image, and validity."""
         plane = turned(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
         with np.errstate(invalid="ignore"):
             return removed(self.distortion, plane[..., 0], plane[..., 1], end)
 
-    # -- checks that every model makes in its constructor ----------------------------------------
+    # -- validation in the constructors of all models --------------------------------------------
 
     def _check_radial(self) -> None:
         self._check_camera()
@@ -514,7 +515,7 @@ class RadialModel(CameraModel):
 
 
 class _Step:
-    """The derivatives of a pixel to its place in the undistorted round picture."""
+    """Derivatives of a pixel by its position in the undistorted circular image."""
 
     def __init__(self, matrix: Array, at: Distorted) -> None:
         self.matrix = matrix
@@ -525,7 +526,7 @@ class _Step:
         )
 
     def of(self, dx: Array, dy: Array) -> tuple[Array, Array]:
-        """What a shift there moves in the picture, (of u, of v)."""
+        """Convert displacements in the circular image to the image, (of u, of v)."""
         (a, b), (c, d) = self.rows
         return a * dx + b * dy, c * dx + d * dy
 
@@ -534,9 +535,9 @@ class _Step:
 
 
 def _length_and_unit(x: Array, y: Array) -> tuple[Array, tuple[Array, Array]]:
-    """Lengths (..., ) and unit vectors of vectors; the zero vector points right."""
+    """Return lengths (..., ) and unit vectors; the zero vector points right."""
     length = np.hypot(x, y)
     zero = length == 0
     divisor = np.where(zero, 1.0, length)
-    with np.errstate(invalid="ignore"):  # infinite vectors become NaN, and are not seen
+    with np.errstate(invalid="ignore"):  # infinite vectors become NaN and invalid
         return length, (np.where(zero, 1.0, x / divisor), y / divisor)

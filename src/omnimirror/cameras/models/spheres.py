@@ -1,4 +1,4 @@
-"""Models that project onto a sphere first, and from there, off its centre, onto the picture."""
+"""Sphere-based models: projection onto a sphere, then from an offset point onto the image."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ from .radial import ROUNDING, Law, Place
 
 Array = NDArray[np.float64]
 
-MOST = 1e4  # of a number of shape: past it every sphere is the same plane
+MOST = 1e4  # largest shape parameter: all larger ones are equivalent
 
 
 @dataclass(frozen=True)
 class Unified(FocalModel):
-    """The unified sphere with radial and tangential distortion, as in OpenCV's module omnidir.
+    """Unified sphere model with radial and tangential distortion, as in OpenCV's module omnidir.
 
-    A point is projected onto the unit sphere, and from there onto a plane as seen from ``xi`` behind its centre:
-    ``r = sin(Omega) / (cos(Omega) + xi)``. Hyperboloids and paraboloids (xi = 1) seen from their foci are exactly
-    that; other mirrors, and fisheyes, nearly. The field ends where r no longer grows, at
-    ``cos(Omega) = -min(xi, 1/xi)``: with xi = 1 it is all but one direction, with xi = 0, a pinhole, 90 deg.
-    Distortion that folds the picture ends it earlier.
+    A point is projected onto the unit sphere, and from a point ``xi`` behind its centre onto a
+    plane: ``r = sin(Omega) / (cos(Omega) + xi)``. The model is exact for hyperboloids and
+    paraboloids (xi = 1) in single-viewpoint configuration, and approximate for other mirrors and
+    fisheyes. The field ends at the maximum of r, at ``cos(Omega) = -min(xi, 1/xi)``: all but one
+    direction for xi = 1, 90 deg for xi = 0 (a pinhole). Distortion that folds the image reduces it.
 
     Parameters
     ----------
     xi
-        From the sphere's centre to the point of view, 0 or more.
+        Distance of the projection centre from the sphere's centre, 0 or more.
     focal_px : (fx, fy)
     centre_px : (u, v)
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     skew_px
     k1, k2, k3
-        Radial distortion; omnidir has no k3.
+        Radial distortion; omnidir does not have k3.
     p1, p2
         Tangential distortion.
     optics
-        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     References
     ----------
@@ -63,7 +63,8 @@ class Unified(FocalModel):
 
     Examples
     --------
-    The horizon of a paraboloid lies two focal lengths of the mirror, here one of the model, from the centre:
+    The horizon of a paraboloid is two mirror focal lengths, here one model focal length, from the
+    centre:
 
     >>> camera = Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480))
     >>> camera.image([[100.0, 0.0, 0.0]]).pixels
@@ -111,7 +112,7 @@ class Unified(FocalModel):
         return Law(sin / depth, (1 + self.xi * cos) / depth**2, (-sin / depth**2)[:, None])
 
     def _depth(self, omega: Array) -> Array:
-        """``cos(Omega) + xi``, without cancellation for xi = 1 at the end."""
+        """Compute ``cos(Omega) + xi`` without cancellation for xi = 1 at the end of the field."""
         depth: Array = 2 * np.cos(omega / 2) ** 2 + (self.xi - 1)
         return depth
 
@@ -124,36 +125,37 @@ class Unified(FocalModel):
 
 @dataclass(frozen=True)
 class EnhancedUnified(FocalModel):
-    """The enhanced unified model: an ellipsoid in place of the sphere.
+    """Enhanced unified model: an ellipsoid instead of the sphere.
 
-    ``r = sin(Omega) / (alpha q + (1 - alpha) cos(Omega))`` with ``q = sqrt(beta sin(Omega)^2 + cos(Omega)^2)``.
-    The field ends where r no longer grows, at ``cos(Omega) = -w q`` with w = alpha / (1 - alpha), or 1/w where
-    alpha > 1/2. alpha = xi / (1 + xi) and beta = 1 is the unified sphere; alpha = 0 a pinhole.
+    ``r = sin(Omega) / (alpha q + (1 - alpha) cos(Omega))`` with ``q = sqrt(beta sin(Omega)^2 +
+    cos(Omega)^2)``. The field ends at the maximum of r, at ``cos(Omega) = -w q`` with w = alpha /
+    (1 - alpha), or 1/w for alpha > 1/2. The unified sphere has alpha = xi / (1 + xi) and beta = 1;
+    alpha = 0 is a pinhole.
 
     Parameters
     ----------
     alpha
-        0 to 1.
+        Shape parameter, 0 to 1.
     beta
-        Above 0.
+        Shape parameter, positive.
     focal_px : (fx, fy)
     centre_px : (u, v)
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     skew_px
     optics
-        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     References
     ----------
@@ -213,36 +215,36 @@ class EnhancedUnified(FocalModel):
 
 @dataclass(frozen=True)
 class DoubleSphere(FocalModel):
-    """The double sphere: a point is projected onto one unit sphere, then onto a second, and seen off its centre.
+    """Double sphere model: projection onto two unit spheres in sequence.
 
-    ``r = sin(Omega) / (alpha d + (1 - alpha) (xi + cos(Omega)))`` with ``d^2 = 1 + 2 xi cos(Omega) + xi^2``. The field
-    ends where r no longer grows, at ``(xi + cos(Omega)) / d = -w`` with w = alpha / (1 - alpha), or 1/w where
-    alpha > 1/2; the bound that the paper gives lies inside.
+    ``r = sin(Omega) / (alpha d + (1 - alpha) (xi + cos(Omega)))`` with ``d^2 = 1 + 2 xi cos(Omega)
+    + xi^2``. The field ends at the maximum of r, at ``(xi + cos(Omega)) / d = -w`` with w = alpha /
+    (1 - alpha), or 1/w for alpha > 1/2; the bound of the paper is inside.
 
     Parameters
     ----------
     xi
         Distance of the spheres' centres, -1 to 1.
     alpha
-        0 to 1.
+        Shape parameter, 0 to 1.
     focal_px : (fx, fy)
     centre_px : (u, v)
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     skew_px
     optics
-        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     References
     ----------
@@ -306,5 +308,5 @@ class DoubleSphere(FocalModel):
 
 
 def _cosine_at_the_end(alpha: float) -> float:
-    """How far behind the last sphere (or ellipsoid) is seen: where the depth, or the growth of r, becomes 0."""
+    """Return the negative cosine, on the last surface, of zero depth or rate."""
     return alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha

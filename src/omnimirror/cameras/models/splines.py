@@ -1,4 +1,4 @@
-"""Models that assume no formula: the radius is a spline of the field angle, and so may be the viewpoint."""
+"""Spline camera models: radius and viewpoint as splines of the field angle."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .radial import LARGEST_PX, AngleRates, Law, Place, RadialModel
 
 Array = NDArray[np.float64]
 
-NODES_PER_CELL = 16  # of the table from which inversions start
+NODES_PER_CELL = 16  # of the table of initial values for inversion
 FEWEST_KNOTS = 3
-MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # of a spline that follows another model, and by how much it may leave it
+MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # knots, and deviation, of a spline fitted to another model
 PROBES = 2001
 LARGEST_MM = 1e6
-LEAST_FIELD_DEG = 1e-3  # a star tracker sees degrees; rates of what is narrower still are past all numbers
+LEAST_FIELD_DEG = 1e-3  # star trackers have degrees; rates of narrower fields would overflow
 
 
 class SplineModel(RadialModel):
-    """A radius that is a cubic spline of the field angle, odd about the axis."""
+    """Radius given by a cubic spline of the field angle, odd about the axis."""
 
     radii_px: tuple[float, ...]
     field_deg: float
@@ -58,7 +58,7 @@ class SplineModel(RadialModel):
 
     @property
     def matrix(self) -> Array:
-        """Stretch and shear (2, 2); a turn is the mount's, and a scale the radii's."""
+        """Stretch and shear (2, 2); rotation belongs to the mount, scale to the radii."""
         s, h = self.stretch_x, self.shear
         return np.array([[1 + s, h], [h, 1 - s]])
 
@@ -105,9 +105,9 @@ class SplineModel(RadialModel):
 
 
 def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
-    """What a spline takes over from another model: its radii, centre, stretch and the way it looks."""
+    """Return radii, centre, stretch and orientation of another model for a spline."""
     widest = float(np.degrees(2 * camera.model_end))
-    if field_deg is None:  # some models' radii grow without end; what the picture shows has one
+    if field_deg is None:  # radii of some models are unbounded; the image limits them
         is_endless = not float(camera.radius_from_omega(np.array([camera.model_end]))[0]) <= LARGEST_PX
         field_deg = float(np.degrees(2 * camera.omega_max)) if is_endless else widest
     field = number("field_deg", field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
@@ -132,9 +132,10 @@ def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: flo
 
 
 def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
-    """As many even knots as it takes to follow the radii of a model up to an angle (radians), within reason.
+    """Return the number of even knots that fit the radii of a model.
 
-    A mirror that packs little along its rim has radii that grow ever faster there, and no few cubic pieces do.
+    Radii of a mirror with low resolution at the rim increase rapidly there and need many cubic
+    pieces.
     """
     omega = np.linspace(0.0, end, PROBES)
     radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
@@ -147,38 +148,38 @@ def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
 
 @dataclass(frozen=True)
 class RadialSpline(SplineModel):
-    """A central camera of no particular formula: the radius is a cubic spline of the field angle.
+    """Central camera without a formula: the radius is a cubic spline of the field angle.
 
-    The knots are even from the axis, where the radius is 0, to half of ``field_deg``, where the field ends, or where
-    the radius grows at less than 1 % of its rate at the centre. Then come OpenCV's tangential terms, and a matrix
-    ``[[1 + stretch_x, shear], [shear, 1 - stretch_x]]``.
+    Knots are equally spaced from the axis, with radius 0, to half of ``field_deg``, the end of the
+    field; it also ends if the rate of the radius falls below 1 % of that at the centre. OpenCV's
+    tangential terms follow, and a matrix ``[[1 + stretch_x, shear], [shear, 1 - stretch_x]]``.
 
     Parameters
     ----------
     radii_px : (n,) px
-        At the knots, growing, three or more.
+        Radii at the knots, increasing, three or more.
     field_deg : deg
-        Full angle of the field, up to the last knot.
+        Full field angle, up to the last knot.
     centre_px : (u, v)
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     stretch_x, shear
-        How the round picture is stretched.
+        Affine distortion of the circular image.
     p1, p2 : 1/px
         Tangential distortion.
     optics
-        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     Examples
     --------
@@ -207,72 +208,73 @@ class RadialSpline(SplineModel):
 
     @classmethod
     def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
-        """A spline through another model's radii, to start from; distortion to one side is left out.
+        """Fit a spline to another model's radii, without tangential distortion.
 
         Parameters
         ----------
         camera
-            Any model of this room.
+            Any radial model.
         knots
-            How many, 3 or more; by default 6, or as many as follow the other model to .5 px, 16 at most.
+            Number of knots, 3 or more; by default 6, or as many as required for 0.5 px, 16 at most.
         field_deg : deg, optional
-            Full angle of the field; by default as far as the other model goes, or as its picture shows where its radii
-            grow without end.
+            Full field angle; by default that of the other model, or that of its image if its radii
+            are unbounded.
 
         Returns
         -------
         RadialSpline
-            The spline.
+            Fitted spline.
 
         Raises
         ------
         InvalidParameter
-            For a field wider than the other's.
+            If the field is wider than that of the other model.
         """
         return cls(**_started(camera, knots, 6, field_deg))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
 class ViewpointSpline(SplineModel):
-    """A camera that is not central: its rays start on the axis, at a height that is a spline of the field angle.
+    """Non-central camera with viewpoints given by a spline of the field angle.
 
-    As :class:`RadialSpline`, and a ray of field angle Omega starts ``z(Omega)`` along the axis, the way the centre of
-    the picture looks, from the origin of the camera frame. z is an even cubic spline through ``viewpoints_mm`` at the
-    same knots. A constant in z is a shift of everything that is seen: the middle knot keeps its value, and is no
-    parameter. Points are valid farther from their viewpoint than the rays' caustic reaches, :attr:`nearest_mm`.
+    The radius is that of :class:`RadialSpline`. A ray of field angle Omega starts at ``z(Omega)``
+    along the axis, in the direction of the image centre, from the origin of the camera frame. z is
+    an even cubic spline through ``viewpoints_mm`` at the same knots. A constant in z is equivalent
+    to a translation of the scene: the middle knot is fixed and not a parameter. Points are valid if
+    they are farther from their viewpoint than the caustic of the rays, :attr:`nearest_mm`.
 
     Parameters
     ----------
     radii_px : (n,) px
-        At the knots, growing, three or more.
+        Radii at the knots, increasing, three or more.
     viewpoints_mm : (n,) mm
-        At the knots.
+        Viewpoints at the knots.
     field_deg : deg
-        Full angle of the field, up to the last knot.
+        Full field angle, up to the last knot.
     centre_px : (u, v)
         Image of the axis; integers are pixel centres.
     image_size : (width, height)
     stretch_x, shear
-        How the round picture is stretched.
+        Affine distortion of the circular image.
     p1, p2 : 1/px
         Tangential distortion.
     optics
-        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
     mount
-        How the camera stands.
+        Orientation of the camera.
     rim_radius_px : px, optional
-        Where the field ends, measured in the picture.
+        Radius of the field in the image.
     uncertainty : Uncertainty, optional
-        Covariance of the parameters, of a calibration.
+        Covariance of the calibrated parameters.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no camera.
+        If the parameters are invalid.
 
     Examples
     --------
-    Seen at 90 deg is what stands at the height of that ray's viewpoint:
+    Objects at 90 deg are at the height of that ray's viewpoint:
 
     >>> camera = ViewpointSpline((100.0, 200.0, 300.0), (0.0, 2.0, 5.0), 270.0, (319.5, 319.5), (640, 640))
     >>> camera.image([[100.0, 0.0, -2.0]]).pixels
@@ -306,27 +308,27 @@ class ViewpointSpline(SplineModel):
 
     @classmethod
     def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
-        """A spline through another model's radii and viewpoints, to start from.
+        """Fit a spline to another model's radii and viewpoints, as an initial value.
 
         Parameters
         ----------
         camera
-            Any model of this room; a central one's viewpoints are all 0.
+            Any radial model; the viewpoints of a central one are 0.
         knots
-            How many, 3 or more; by default 8, or as many as follow the other model to .5 px, 16 at most.
+            Number of knots, 3 or more; by default 8, or as many as required for 0.5 px, 16 at most.
         field_deg : deg, optional
-            Full angle of the field; by default as far as the other model goes, or as its picture shows where its radii
-            grow without end.
+            Full field angle; by default that of the other model, or that of its image if its radii
+            are unbounded.
 
         Returns
         -------
         ViewpointSpline
-            The spline.
+            Fitted spline.
 
         Raises
         ------
         InvalidParameter
-            For a field wider than the other's.
+            If the field is wider than that of the other model.
         """
         start = _started(camera, knots, 8, field_deg)
         count = len(start["radii_px"])  # type: ignore[arg-type]
@@ -357,7 +359,7 @@ class ViewpointSpline(SplineModel):
 
     @cached_property
     def nearest_mm(self) -> float:
-        """How far from their viewpoints rays meet their neighbours at most, mm; nearer points are not valid."""
+        """Minimum distance, mm, of valid points: that of the farthest ray intersection."""
         omega = np.linspace(0.0, self.model_end, NODES_PER_CELL * len(self.radii_px) + 1)
         return float(np.abs(self._heights.rate(omega) * np.sin(omega)).max())
 
@@ -369,13 +371,14 @@ class ViewpointSpline(SplineModel):
         return self._heights(omega)
 
     def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
-        """Where no two rays have met yet, so that each point is seen once: on a shell about the viewpoints."""
+        """Return ray origins beyond all ray intersections, on a shell about the viewpoints."""
         return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(omega)
 
     def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
-        """The angle whose ray meets the point: ``(z - z(Omega)) sin(Omega) = rho cos(Omega)``.
+        """Solve ``(z - z(Omega)) sin(Omega) = rho cos(Omega)`` for the ray through a point.
 
-        No ray meets a point from behind, so that the difference of the two changes its sign once, from below 0.
+        The difference of both sides has a single sign change, from negative to positive, because
+        points behind the ray origin are excluded.
         """
         if distant:
             return super()._field_angle(rho, z, distant)
@@ -396,7 +399,7 @@ class ViewpointSpline(SplineModel):
         return np.where(known & (distance > self.nearest_mm), omega, np.nan)
 
     def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
-        """By the implicit function: derivatives of the same equation."""
+        """Compute derivatives of the same equation by the implicit function theorem."""
         if distant:
             central = super()._angle_rates(omega, rho, z, distant)
             return central._replace(terms=np.zeros((len(omega), len(self._free_heights))))

@@ -1,4 +1,4 @@
-"""How the covariance of a model's parameters spreads what its pixels see, to first order."""
+"""First-order propagation of parameter covariance to viewing directions."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ from .base import CameraModel
 
 Array = NDArray[np.float64]
 
-FIELD_ROUNDING_DEG = 1e-6  # by which the outermost measured direction may exceed the field that it defines
+FIELD_ROUNDING_DEG = 1e-6  # tolerance of the outermost measured direction, which defines the field
 
 
 def direction_spread(model: CameraModel, covariance: Array, directions: Array) -> Array:
-    """Covariance (n, 2, 2) in rad^2 of directions (n, 3) of the camera frame, of any length, along two axes across.
+    """Compute the covariance (n, 2, 2), rad^2, of directions (n, 3).
 
-    A pixel stays while the parameters, whose covariance is (p, p), move: ``0 = (du/dd) dd + (du/dp) dp``, so that
-    ``dd = -(du/dd)^-1 (du/dp) dp`` in the plane across d. NaN where nothing is seen.
+    The axes are two perpendicular to each direction. With a fixed pixel, parameters of covariance
+    (p, p) give ``0 = (du/dd) dd + (du/dp) dp``, therefore ``dd = -(du/dd)^-1 (du/dp) dp`` in the
+    plane across d. NaN outside the field of view.
     """
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     return spread_at(model, covariance, unit, _across(unit), distant=True)
 
 
 def spread_at(model: CameraModel, covariance: Array, targets: Array, axes: Array, *, distant: bool) -> Array:
-    """Covariance (n, 2, 2) of targets (n, 3) of the camera frame that stay at their pixels, along axes (n, 3, 2)."""
+    """Compute the covariance (n, 2, 2) of targets (n, 3) with fixed pixels, along axes (n, 3, 2).
+
+    Targets are in the camera frame.
+    """
     spread = np.full((len(targets), 2, 2), np.nan)
     asked = np.flatnonzero(np.isfinite(targets).all(axis=1))
     image = model.image(targets[asked], distant=distant)
@@ -36,13 +40,13 @@ def spread_at(model: CameraModel, covariance: Array, targets: Array, axes: Array
 
 
 def field_angles(model: CameraModel, directions: Array) -> Array:
-    """Return angles (n,) in deg of directions (n, 3) of the camera frame from what the centre of the image sees."""
+    """Return angles (n,), deg, of directions (n, 3) from the image centre."""
     forward = -1.0 if model.looks_back else 1.0
     return np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2]))
 
 
 def within_field(model: CameraModel, directions: Array, field_deg: float | None) -> NDArray[np.bool_]:
-    """Return which directions (n, 3) of the camera frame lie in a calibrated field; all where None is known."""
+    """Return which directions (n, 3) are in a calibrated field; all if it is None."""
     if field_deg is None:
         return np.ones(len(directions), dtype=bool)
     return field_angles(model, directions) <= field_deg + FIELD_ROUNDING_DEG
@@ -51,23 +55,23 @@ def within_field(model: CameraModel, directions: Array, field_deg: float | None)
 def direction_sigma_deg(
     model: CameraModel, covariance: Array, directions: ArrayLike, field_deg: float | None = None
 ) -> Array:
-    """Return the standard deviation (n,) in deg of directions, along the larger axis: used by all tables of errors.
+    """Return the standard deviation (n,), deg, of directions, along the larger axis.
 
     Parameters
     ----------
     model
-        The camera.
+        Calibrated model.
     covariance : (p, p)
-        Of its parameters.
+        Covariance of its parameters.
     directions : (n, 3)
-        In the camera frame, of any length.
+        Directions in the camera frame, of any length.
     field_deg : deg, optional
-        Calibrated field, beyond which nothing is known.
+        Calibrated field; directions outside have an unknown uncertainty.
 
     Returns
     -------
     (n,) array
-        NaN where the model sees nothing, and outside of the calibrated field.
+        NaN outside the field of view or the calibrated field.
     """
     given = np.asarray(directions, dtype=float)
     sigma = np.degrees(larger_sigma(direction_spread(model, covariance, given)))
@@ -75,7 +79,7 @@ def direction_sigma_deg(
 
 
 def larger_sigma(spread: Array) -> Array:
-    """Larger standard deviations (n,) of covariances (n, 2, 2): of the two axes of an ellipse the longer.
+    """Return the larger standard deviation (n,), along the major axis, of covariances (n, 2, 2).
 
     >>> larger_sigma(np.array([[[4.0, 0.0], [0.0, 9.0]]]))
     array([3.])
@@ -86,7 +90,7 @@ def larger_sigma(spread: Array) -> Array:
 
 
 def _across(directions: Array) -> Array:
-    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
+    """Return two unit vectors (n, 3, 2) orthogonal to unit vectors (n, 3)."""
     helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(directions, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)

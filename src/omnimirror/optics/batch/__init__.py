@@ -1,4 +1,4 @@
-"""Designs by the thousand: closed forms for arrays of mirrors, and for complex steps.
+"""Batch evaluation of designs: closed forms for arrays of mirrors and for complex steps.
 
-This room stands below ``design`` and ``components``, which both choose among thousands.
+This package is below ``design`` and ``components``, which both select among thousands of designs.
 """

@@ -1,8 +1,8 @@
-"""Families of meridians that are linear in their coefficients, for designs by the thousand.
+"""Families of meridians that are linear in their coefficients, for batch evaluation.
 
-A family gives sag, slope and curvature of each of its terms at fractions u = x/M of the rim radius;
-a mirror is a sum of terms, on top of a conic for the conic with asphere terms. Lengths are in units
-of the rim radius M.
+A family provides sag, slope and curvature of its terms at fractions u = x/M of the rim radius; a
+mirror is a sum of terms, added to a conic in the case of the even asphere. Lengths are in units of
+the rim radius M.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Basis(NamedTuple):
-    """Terms of a family at n places: sag/M, slope, and curvature times M; each (terms, n)."""
+    """Terms of a family at n points: sag/M, slope, and curvature times M; each (terms, n)."""
 
     sag: Array
     slope: Array
@@ -36,9 +36,9 @@ class Family:
     Attributes
     ----------
     name
-        The kind of mirror that its members are.
+        Kind of mirror of its members.
     terms
-        How many numbers shape a member, a conic not counted.
+        Number of coefficients, without those of a conic.
     """
 
     name: str
@@ -48,34 +48,34 @@ class Family:
     _mirror: Callable[[Array, float, float, float], Mirror]
 
     def basis(self, u: Array) -> Basis:
-        """The terms at fractions (n,) of the rim radius."""
+        """Compute the terms at fractions (n,) of the rim radius."""
         return self._basis(self.terms, u)
 
     def mirror(
         self, coefficients: Array, rim_radius_mm: float, vertex_radius_mm: float = np.inf, conic: float = 0.0
     ) -> Mirror:
-        """The mirror of some coefficients (terms,), on top of a conic where the family has one."""
+        """Create the mirror of coefficients (terms,), added to a conic if the family has one."""
         return self._mirror(coefficients, rim_radius_mm, vertex_radius_mm, conic)
 
     def slope_places(self) -> Array:
-        """Fractions (terms,) of the rim radius, the rim last, whose slopes determine a member well."""
+        """Return the fractions (terms,) of the rim radius for :meth:`from_slopes`."""
         if self.name == SlopeSpline.KIND:
             return np.arange(1, self.terms + 1) / self.terms
         return np.sin(np.pi / 2 * (2 * np.arange(1, self.terms + 1) - 1) / (2 * self.terms - 1))  # Chebyshev, odd
 
     def from_slopes(self) -> Array:
-        """Matrix (terms, terms) that leads from the slopes at :meth:`slope_places` to the coefficients."""
+        """Return the matrix (terms, terms) from slopes at :meth:`slope_places` to coefficients."""
         matrix: Array = np.linalg.inv(self.basis(self.slope_places()).slope.T).astype(float)
         return matrix
 
 
 def family(name: str, terms: int) -> Family:
-    """The family of a kind of mirror.
+    """Return the family of a kind of mirror.
 
     Raises
     ------
     InvalidParameter
-        A kind that is no such family, or a number of terms that it does not take.
+        If the kind has no family, or the number of terms is not supported.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def family(name: str, terms: int) -> Family:
 
 
 def _even_powers(first: int) -> Callable[[int, Array], Basis]:
-    """u^(2i) from i = first."""
+    """Return a basis of powers u^(2i), starting at i = first."""
 
     def basis(terms: int, u: Array) -> Basis:
         n = 2 * np.arange(first, first + terms)[:, None]
@@ -116,7 +116,8 @@ _FAMILIES = {
 
 
 class FreeForm(NamedTuple):
-    """``spline:N``, ``polynomial:N`` or ``asphere:N``: a family to optimise, and how many numbers shape it."""
+    """``spline:N``, ``polynomial:N`` or ``asphere:N``: freeform family and number of
+    coefficients."""
 
     name: str
     terms: int
@@ -142,4 +143,4 @@ FREE_FORMS = {
     "polynomial": (EvenPolynomial.KIND, 8),
     "asphere": (ConicAsphere.KIND, 6),
 }
-"""The families by the words that fits have for them too, and how many numbers shape them where it is not said."""
+"""Families by their names on the command line, with the default number of coefficients."""

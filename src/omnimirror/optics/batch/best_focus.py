@@ -1,14 +1,16 @@
-"""The best focus of many designs at once: the vergence that makes the worst floored blur area least.
+"""Best focus of many designs: the vergence that minimises the maximum floored blur area.
 
-Over the vergence v in focus (1/L0; under a telecentric lens -L0) the square of the floored area of a mirror point is
+As a function of the vergence v in focus (1/L0; -L0 for a telecentric lens), the squared floored
+area of a mirror point is
 
     A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2
 
-with the vergences v_t and v_s of its images, its angular magnifications M_t and M_s, and two functions r and D of
-the camera alone (a pixel and the Airy disk over the blur of the aperture; the scale of the image), constants of a
-telecentric one. Its maximum over the field is scanned; in the best valley the tangents of the worst points on either
-side are made to meet until they meet at the bottom. So they are in every other valley that the tangents at the places
-of the scan hint at, where they meet nearly as low. The compiled evaluator goes through the same steps.
+with the vergences v_t and v_s of its images, its angular magnifications M_t and M_s, and functions
+r and D of the camera (a pixel and the Airy disk relative to the aperture blur; the image scale),
+which are constant for a telecentric lens. The maximum over the field is sampled; in the best
+valley, the tangents of the worst points on both sides are intersected until convergence. Other
+valleys are refined if the tangents at the samples indicate a comparable minimum. The compiled
+evaluator executes the same steps.
 """
 
 from __future__ import annotations
@@ -26,19 +28,22 @@ from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera
 
 Array = NDArray[np.float64]
 
-SCAN = 17  # vergences at which valleys are looked for
-MARGIN = 0.05  # of the range of vergences, on either side
-HOPE = 0.02  # by which tangents may meet above the bottom that is known, areas not being convex; focus.hpp has it too
-CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
+SCAN = 17  # vergences sampled for valleys
+MARGIN = 0.05  # of the range of vergences, on both sides
+HOPE = 0.02  # tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
+CLOSE = 1e-12  # width of the final bracket, relative to the scanned range
 FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MOST_STEPS, EDGE, HALVING)
-"""The same numbers as the compiled evaluator takes them."""
+"""The same constants for the compiled evaluator."""
 
 
 @dataclass(frozen=True)
 class AreaModel:
-    """r and D of n designs, from b = 1/b0 = 1/f - v: ``r = scale (b^2 + a^2)``, over b^2 in the paper's mode,
-    and ``D = delta b^(4 power)``. Arrays (n, 1); ``bounds`` are the vergences that a lens can be focused at. Of a
-    telecentric lens r and D are constants: the paper's mode without the Airy disk's part."""
+    """Functions r and D of n designs, from b = 1/b0 = 1/f - v.
+
+    ``r = scale (b^2 + a^2)``, divided by b^2 in the paper's mode, and ``D = delta b^(4 power)``.
+    Arrays are (n, 1); ``bounds`` are the vergences of the focus range. For a telecentric lens r and
+    D are constant: the paper's mode without the Airy disk.
+    """
 
     inverse_f: Array
     airy2: Array
@@ -50,7 +55,7 @@ class AreaModel:
 
     @classmethod
     def of(cls, camera: PerspectiveCamera | TelecentricCamera, count: int) -> AreaModel:
-        """The model of ``count`` designs, whose camera holds numbers or arrays (count,)."""
+        """Create the model of ``count`` designs from a camera with numbers or arrays (count,)."""
         if isinstance(camera, TelecentricCamera):
             return cls._telecentric(camera, count)
         f, F, pitch = camera.focal_length_mm, camera.f_number, camera.pitch_mm
@@ -70,12 +75,12 @@ class AreaModel:
         return cls(none, np.zeros_like(c), c, d, True, 0, (-none, none))
 
     def part(self, rows: Rows) -> AreaModel:
-        """Of some of the designs."""
+        """Return the model of a subset of the designs."""
         a, b, c, d, *bounds = (x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds))
         return AreaModel(a, b, c, d, self.paper, self.power, (bounds[0], bounds[1]))
 
     def at(self, v: Array) -> tuple[Array, Array, Array, Array]:
-        """r, dr/dv, D and d ln D/dv at vergences (n, 1)."""
+        """Compute r, dr/dv, D and d ln D/dv at vergences (n, 1)."""
         b = self.inverse_f - v
         b2 = b * b
         if self.paper:
@@ -92,14 +97,14 @@ def _columns(values: tuple[Array | float, ...], count: int) -> list[Array]:
 
 @dataclass(frozen=True)
 class IdealAreas:
-    """The floored areas of designs with ideal lenses, at any focus.
+    """Floored areas of designs with ideal lenses, at any focus.
 
     Attributes
     ----------
     vergence_t, vergence_s : (n, k)
-        Of the images of k field angles of n designs.
+        Image vergences at k field angles of n designs.
     density : (n, k)
-        (M_t M_s)^-2 of the same, 0 for angles that do not count.
+        (M_t M_s)^-2 of these, 0 for excluded angles.
     """
 
     vergence_t: Array
@@ -108,32 +113,32 @@ class IdealAreas:
     model: AreaModel
 
     def part(self, rows: Rows) -> IdealAreas:
-        """Of some of the designs."""
+        """Return the areas of a subset of the designs."""
         model = self.model if isinstance(rows, slice) else self.model.part(rows)
         return IdealAreas(self.vergence_t[rows], self.vergence_s[rows], self.density[rows], model)
 
     @property
     def range(self) -> tuple[Array, Array]:
-        """Ends (n, 1) of the vergences worth a look."""
+        """Return the ends (n, 1) of the vergences to scan."""
         return _range(self.vergence_t, self.vergence_s, self.model.bounds)
 
     def worst(self, v: Array) -> Found:
-        """Largest A^2 at vergences (n, 1), its derivative by v, and which angle has it; (n, 1) each."""
+        """Return the largest A^2 at vergences (n, 1), its derivative and its angle, (n, 1)."""
         return _worst(v, self.vergence_t, self.vergence_s, self.density, self.model)
 
 
 @dataclass(frozen=True)
 class RealAreas:
-    """The floored areas of designs with one real lens, at any focus: all of it parabolas of its q.
+    """Floored areas of designs with one real lens, at any focus: parabolas of the lens's q.
 
     Attributes
     ----------
     t, s, own_t, own_s, dh, dw : (3, n, k)
-        Signed and own blur, px, and resolution, px/deg, by powers of q (:mod:`.lens_tables`).
+        Signed blur and own blur, px, and resolution, px/deg, by powers of q (:mod:`.lens_tables`).
     middle_t, middle_s : (n, k)
-        Vergences in focus at which single blurs are 0, nearly.
+        Vergences in focus at which single blurs are approximately 0.
     counts : (n, k)
-        1 for angles that count, 0 for others.
+        1 for included angles, 0 for others.
     """
 
     t: Array
@@ -149,7 +154,7 @@ class RealAreas:
 
     @classmethod
     def of(cls, o: NodeOptics, camera: RealCamera, counts: Array) -> RealAreas:
-        """Of mirror points (n, k)."""
+        """Create the areas of mirror points (n, k)."""
         lens = camera.tables
         found = lens.at(o.ray)
         _, _, far_t, spread_t, far_s, spread_s, own_t, own_s = (c / camera.pitch_mm for c in found[3:])
@@ -166,18 +171,18 @@ class RealAreas:
         )  # fmt: skip
 
     def part(self, rows: Rows) -> RealAreas:
-        """Of some of the designs."""
+        """Return the areas of a subset of the designs."""
         t, s, own_t, own_s, dh, dw = (c[:, rows] for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw))
         rest = self.middle_t[rows], self.middle_s[rows], self.counts[rows], self.camera
         return RealAreas(t, s, own_t, own_s, dh, dw, *rest)
 
     @property
     def range(self) -> tuple[Array, Array]:
-        """Ends (n, 1) of the vergences worth a look."""
+        """Return the ends (n, 1) of the vergences to scan."""
         return _range(self.middle_t, self.middle_s, self.camera.bounds)
 
     def worst(self, v: Array) -> Found:
-        """As of ideal lenses."""
+        """Return the largest A^2, its derivative and its angle; see :meth:`IdealAreas.worst`."""
         q, dq = self.camera.tables.defocus(v), self.camera.tables.defocus_rate(v)
         floor, dfloor = self.camera.floor(q)
         t, s, own_t, own_s, dh, dw = (
@@ -199,7 +204,7 @@ class RealAreas:
 
 
 def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
-    """Vergence (n,) in focus with the least worst floored area, and that area (n,), square degrees."""
+    """Return the best vergences (n,) in focus, and their maximum areas (n,), deg^2."""
     low, high = areas.range
     step = (high - low) / (SCAN - 1)
     places = low + step * np.arange(SCAN)
@@ -227,7 +232,7 @@ def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
         other = bottoms(a, b, close[design], lambda v, rows: worst(v, design[rows]))
         lower = worst(other, design)[0]
         for n in np.flatnonzero(lower < least[design]):
-            if lower[n] < least[design[n]]:  # there may be two of one design
+            if lower[n] < least[design[n]]:  # one design may have two
                 v[design[n]], least[design[n]] = other[n], lower[n]
     return v[:, 0], np.sqrt(least[:, 0])
 
@@ -235,10 +240,11 @@ def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
 def _other_valleys(
     value: Array, rate: Array, angle: NDArray[np.intp], step: Array, k: NDArray[np.intp], least: Array
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Designs, cells of the scan, and distances from where they begin to where the tangents at both ends meet: where
-    there may be a valley below the one about place k (n, 1), whose bottom is known.
+    """Return designs, cells of the scan, and distances to the intersections of their end tangents.
 
-    It may be hidden between two places of which both fall, or both rise, if other angles are the worst there.
+    These are cells with a possible valley below that near sample k (n, 1), whose minimum is known.
+    Such a valley may be between two samples that both fall, or both rise, if other angles are the
+    worst there.
     """
     fa, fb, ga, gb = value[:, :-1], value[:, 1:], rate[:, :-1], rate[:, 1:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -253,7 +259,7 @@ def _other_valleys(
 
 
 def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tuple[Array, Array]:
-    """Ends (n, 1) of the vergences worth a look: those of the images, with a margin, in front of the lens."""
+    """Return the ends (n, 1) of the vergences to scan, within the focus range."""
     low = np.minimum(np.nanmin(vergence_t, axis=1), np.nanmin(vergence_s, axis=1))[:, None]
     high = np.maximum(np.nanmax(vergence_t, axis=1), np.nanmax(vergence_s, axis=1))[:, None]
     margin = MARGIN * (high - low)
@@ -263,7 +269,7 @@ def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tup
 def _worst(
     v: Array, vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel
 ) -> tuple[Array, Array, Array]:
-    """Largest A^2, its derivative by v, and which angle has it; (n, 1) each."""
+    """Return the largest A^2, its derivative by v, and its angle; (n, 1) each."""
     r, dr, D, d_log_D = model.at(v)
     areas = _areas(v, r, vergence_t, vergence_s, density)
     j = areas.argmax(axis=1)
@@ -274,7 +280,7 @@ def _worst(
 
 
 def _areas(v: Array, r: Array, vergence_t: Array, vergence_s: Array, density: Array) -> Array:
-    """A^2 over D (n, k)."""
+    """Compute A^2 divided by D, (n, k)."""
     t = v - vergence_t
     t *= t
     t += r

@@ -1,8 +1,7 @@
-"""The optics of designs as they are built, in closed forms: a lens whose pupil moves, a clear wall that bends rays.
+"""Closed-form optics of as-built designs: a lens with a moving pupil, and a refracting cover.
 
-The same equations as :mod:`omnimirror.optics.tracing`, for arrays of designs and for complex steps, as
-:mod:`.optics` has
-them of a pinhole before a bare mirror.
+The equations are those of :mod:`omnimirror.optics.tracing`, for arrays of designs and for complex
+steps; :mod:`.optics` has them for a pinhole and a bare mirror.
 """
 
 from __future__ import annotations
@@ -24,31 +23,34 @@ Array = NDArray[Any]
 
 
 class Walls(NamedTuple):
-    """The clear walls of b designs, (b, 1) each or one number; heights in mm over their mirrors' vertices."""
+    """Clear walls of b designs, (b, 1) or scalars; heights above the vertices, mm."""
 
     sides: tuple[Side, Side]
     indices: tuple[float, float]
-    """Of the wall, and of what is outside."""
+    """Refractive indices of the wall and of the outer medium."""
     ends: tuple[Any, Any] | None
-    """Of a tube, at which rays stop; None of what has none."""
+    """Ends of a tube, which block rays; None for other walls."""
     fits: Any
-    """Whether mirror and lens fit in."""
+    """True if mirror and lens fit inside."""
 
 
 class Aim(NamedTuple):
-    """How the lens looks at mirror points."""
+    """Chief-ray geometry of the lens at mirror points."""
 
     w: Array
     """Axial distance from the entrance pupil, mm."""
     tangent: Array
-    """Of the viewing angles."""
+    """Tangents of the viewing angles."""
     drift: Array
-    """The pupil's motion, mm per radian."""
+    """Motion of the pupil, mm per radian."""
 
 
 def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | None:
-    """The wall of a housing around designs, fitted to each as to a sensor: lenses at m (b, 1) from the vertices,
-    infinite of telecentric ones, rims at heights and radii (b, 1)."""
+    """Fit the wall of a housing to each design.
+
+    The lenses are at m (b, 1) from the vertices, infinite for telecentric ones; the rims have
+    heights and radii (b, 1).
+    """
     shell, rim = housing.shell, housing.rim or Rim()
     if shell is None:
         return None
@@ -73,7 +75,7 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
 
 
 def walls_around(obstructions: Obstructions) -> Walls | None:
-    """The wall of one sensor, whose size is known."""
+    """Return the wall of one sensor, with known size."""
     shell, envelope = obstructions.housing.shell, obstructions.envelope
     if shell is None:
         return None
@@ -82,8 +84,11 @@ def walls_around(obstructions: Obstructions) -> Walls | None:
 
 
 def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
-    """The chief rays of points at x from the axis, depth from the reference point of the lens (infinite: telecentric);
-    an ideal lens has its pupil there."""
+    """Return the chief rays of points at x from the axis and a depth from the lens.
+
+    The depth is infinite for a telecentric lens; an ideal lens has its pupil in the reference
+    point.
+    """
     if tables is None:
         return Aim(depth, x / depth, 0 * x)
     tangent = tables.aimed(x, depth)
@@ -94,9 +99,12 @@ def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
 def built_optics(
     x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, aim: Aim, near: Any, walls: Walls | None
 ) -> NodeOptics:
-    """Compute the optics of mirror points as :func:`.optics.node_optics`; under a telecentric lens ``aim.w`` is
-    infinite. Where ``near`` is a function of points and field angles, it is evaluated where rays leave the wall, and
-    distances count along the optical path."""
+    """Compute the optics of mirror points as :func:`.optics.node_optics`.
+
+    For a telecentric lens ``aim.w`` is infinite. If ``near`` is a function of points and field
+    angles, it is evaluated at the exit of rays from the wall; distances are measured along the
+    optical path.
+    """
     w, t, telecentric = aim.w, aim.tangent, bool(np.isinf(np.real(aim.w)).all())
     steep = 1 + slope * slope
     root, cosine = np.sqrt(steep), 1 / np.sqrt(1 + t * t)  # of the viewing angle
@@ -112,7 +120,7 @@ def built_optics(
     ray, dray = (x + 0 * slope, 1.0) if telecentric else (t, dtheta / cosine**2)
     on_axis = np.real(x) == 0
     sine = np.where(on_axis, 1.0, np.sin(foot.omega))
-    # across the ray and around the axis the object moves by so much, over its distance from the mirror point
+    # displacement of the object across the ray and around the axis, divided by its distance
     across = (1 - near * inside) * foot.rate + near * foot.spread
     around = sine + near * (foot.x - sine * inside)
     magnification_t = dray / across
@@ -133,9 +141,13 @@ def built_optics(
 
 
 def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any, Any, Any, Any, Any, Any]:
-    """Return rays outside the wall, and 1/distance of objects: from the mirror, and at which their pencils begin as the
-    mirror sees them; how much farther objects are from the mirror than from where the rays begin; whether mirror points
-    see what is outside, and whether the wall lets them out."""
+    """Return rays outside the wall, and the vergences of objects.
+
+    The values are: the pencil outside; 1/distance of objects from the mirror; 1/distance, as seen
+    from the mirror, of their tangential and sagittal foci; the extra distance of objects from the
+    mirror relative to the rays' origins; masks of mirror points that see the outside, and of rays
+    the wall lets out.
+    """
     if walls is None:
         near = near(start.x, start.z, start.omega) if callable(near) else near
         return start, near, near, near, 0.0, True, True
@@ -166,7 +178,7 @@ def _behind_wall(near: Any, passed: Passed) -> Any:
 
 
 def as_rim(o: NodeOptics) -> NodeOptics:
-    """Mirror points (n, k) that see nothing of what is outside do as the last one does: a search does not mind them."""
+    """Replace mirror points (n, k) without outside view by the last one."""
     if o.seen is True:
         return o
     same = ("magnification_t", "magnification_s", "vergence_t", "vergence_s")
@@ -174,7 +186,7 @@ def as_rim(o: NodeOptics) -> NodeOptics:
 
 
 def _let_out(passed: Passed) -> Any:
-    """Whether rays leave the wall, and neighbours do not cross behind it."""
+    """Check that rays leave the wall, and that neighbours do not cross behind it."""
     foot = passed.foot
     apart = np.real(foot.spread + passed.reach * foot.rate) > 0
     return np.isfinite(np.real(foot.omega)) & (np.real(foot.rate) > 0) & apart
@@ -182,7 +194,7 @@ def _let_out(passed: Passed) -> Any:
 
 @dataclass(frozen=True)
 class RealCamera:
-    """A real lens and its pixels; vergences are counted at the entrance pupil of rays near the axis."""
+    """Real lens and pixels; vergences refer to the paraxial entrance pupil."""
 
     tables: LensTables
     pitch_mm: float
@@ -194,12 +206,12 @@ class RealCamera:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Vergences that the lens can be focused at."""
+        """Vergences of the focus range."""
         return self.tables.bounds
 
     @property
     def airy_line(self) -> tuple[float, float]:
-        """Diameter of the Airy disk, px, as a straight line of q."""
+        """Diameter of the Airy disk, px, as a linear function of q."""
         lens = self.tables
         axis = 2.44e-6 * self.wavelength_nm * lens.f_number / self.pitch_mm
         return axis, axis * (1 - lens.pupil_from_principal_mm / lens.focal_length_mm)
@@ -210,13 +222,13 @@ class RealCamera:
         return airy
 
     def floor(self, q: Array) -> tuple[Array, Array]:
-        """Square of a pixel and the Airy disk, px^2, and its derivative by q."""
+        """Return the squared pixel and Airy disk, px^2, and the derivative by q."""
         axis, slope = self.airy_line
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope
 
     def resolution(self, o: NodeOptics, found: LensColumns) -> tuple[Array, Array]:
-        """Dh and Dw (3, ..), px/deg, by powers of q, of mirror points."""
+        """Return Dh and Dw (3, ..), px/deg, by powers of q, at mirror points."""
         centre = np.real(o.ray) == 0
         over_ray = np.where(centre, found.rate, found.height / np.where(centre, 1.0, o.ray))
         scale = DEGREE / self.pitch_mm
@@ -233,10 +245,10 @@ class RealCamera:
         return height
 
     def at(self, o: NodeOptics, v: Array) -> Look:
-        """What it makes of mirror points (.., k) when focused at vergences (.., 1)."""
+        """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
         found, q = self.tables.at(o.ray), self.tables.defocus(v)
         far_t, spread_t, far_s, spread_s, own_t, own_s = (focus_powers(c, q) / self.pitch_mm for c in found[5:])
         dh, dw = (focus_powers(c, q) for c in self.resolution(o, found))
-        wide = self.tables.focal_length_mm / self.tables.f_number  # the pupil's diameter
+        wide = self.tables.focal_length_mm / self.tables.f_number  # pupil diameter
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
         return Look(t, s, dh, dw, self.airy_px(v), own_t, own_s, found.light)

@@ -1,8 +1,9 @@
-"""Designs by the thousand: mapping, images, blur, and each at its own best focus.
+"""Batch evaluation of designs: mapping, images and blur, each design at its own best focus.
 
-:func:`omnimirror.evaluate` looks at one sensor from every side; this looks at many of one family, at the
-same fractions of their rim radius, and only at what an optimiser weighs. Results agree with those of
-``evaluate`` to rounding. Compiled where the native part is built, in NumPy elsewhere, to the same 12 digits.
+:func:`omnimirror.evaluate` analyses one sensor in full; this module evaluates many sensors of one
+family at common fractions of their rim radius, limited to the quantities of the optimiser. Results
+agree with ``evaluate`` to rounding. The compiled evaluator is used if the native part is built,
+NumPy otherwise, with 12 identical digits.
 """
 
 from __future__ import annotations
@@ -37,42 +38,43 @@ from .optics import (
 
 Array = NDArray[np.float64]
 Numbers = Any
-"""One number, or an array with one per design; an array once it is in :class:`Designs`."""
+"""One number, or an array with one value per design; always an array in :class:`Designs`."""
 
-ROUNDING = 1e-12  # relative; a rim this little past the end of a lens's field is at it
-BLOCK = 256  # designs per block: their intermediate arrays of 100 angles stay in the cache
+ROUNDING = 1e-12  # relative tolerance of a rim at the end of a lens's field
+BLOCK = 256  # designs per block: their arrays of 100 angles fit in the cache
 BATCH_COLUMNS = (
     "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm",
     "distance_s_mm", "blur_t_px", "blur_s_px", "floored_area_deg2",
 )  # fmt: skip
-"""What is computed at every angle, by the names that ``evaluate`` gives them."""
+"""Quantities computed at every angle, named as in ``evaluate``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Designs:
-    """n sensors with mirrors of one family, lenses of one kind and the same pixels.
+    """n sensors with mirrors of one family, lenses of one kind and equal pixels.
 
     Attributes
     ----------
     coefficients : (n, terms)
-        In units of the rim radius, as the family's mirrors take them.
+        In units of the rim radius, as for the mirrors of the family.
     rim_radius_mm, mirror_distance_mm, focal_length_mm, f_number : (n,)
-        Numbers stand for all designs.
+        Scalars apply to all designs.
     vertex_radius_mm, conic : (n,)
-        Of a conic with asphere terms; left alone by other families.
+        Parameters of the conic of an even asphere; ignored by other families.
     magnification : (n,)
-        Of telecentric lenses, of which distance and focal length do not count and the F-number is the image's; 0 of
-        perspective ones.
+        Magnification of telecentric lenses, with image-side F-number; distance and focal length are
+        then ignored. 0 for perspective lenses.
     mode, image_radius_px, wavelength_nm
-        As :func:`omnimirror.evaluate` takes them.
+        As in :func:`omnimirror.evaluate`.
     object_distance_mm
-        From mirror to object; or one distance for each field angle.
+        Distance from mirror to object; or one distance per field angle.
     least_omega_deg
-        Field angles below this do not count for the best focus.
+        Field angles below this are excluded from the best focus.
     lens
-        A real lens, by its table or its surfaces, which all designs have; distances count from its reference point.
+        Real lens of all designs, from a table or surfaces; distances refer to its reference point.
     housing
-        What stands around the mirrors: a tube, a dome or a window bends the rays of each.
+        Housing of the mirrors: each design is evaluated with refraction by the tube, dome or
+        window.
     """
 
     family: Family
@@ -116,7 +118,7 @@ class Designs:
             raise InvalidParameter(f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0")
 
     def _check_built(self) -> None:
-        """What a real lens says itself, and what there is no meridian for."""
+        """Check for values defined by a real lens, and for configurations without a meridian."""
         shell = self.housing.shell
         if shell is not None and not shell.is_axial:
             raise InvalidParameter(
@@ -134,16 +136,16 @@ class Designs:
 
     @property
     def is_bare(self) -> bool:
-        """Whether an ideal lens looks at mirrors that nothing clear surrounds."""
+        """True for an ideal lens and mirrors without a clear cover."""
         return self.lens is None and self.housing.shell is None
 
     @cached_property
     def tables(self) -> LensTables | None:
-        """The real lens as tables."""
+        """Tables of the real lens."""
         return None if self.lens is None else tables_of(self.lens)
 
     def walls(self, rim_sag_mm: Array) -> Walls | None:
-        """The walls of designs whose rims are so high (n,), mm."""
+        """Return the walls of designs whose rims have heights (n,), mm."""
         m = np.full(len(self), np.inf) if self.is_telecentric else self.mirror_distance_mm
         return walls_of(self.housing, m[:, None], rim_sag_mm[:, None], self.rim_radius_mm[:, None])
 
@@ -151,7 +153,7 @@ class Designs:
         return len(self.coefficients)
 
     def part(self, rows: slice | Array) -> Designs:
-        """Some of the designs."""
+        """Return a subset of the designs."""
         chosen = {name: getattr(self, name)[rows] for name in ("coefficients", *_NUMBERS)}
         return replace(self, **chosen)
 
@@ -160,7 +162,7 @@ class Designs:
         return bool((self.magnification > 0).all())
 
     def camera(self, rim_ray: Array) -> PerspectiveCamera | TelecentricCamera | RealCamera:
-        """Lenses and pixels in columns (n, 1); ``rim_ray`` (n, 1) is the ray coordinate of the rim."""
+        """Return the camera in columns (n, 1), given the rim's ray coordinate (n, 1)."""
         pitch = self.pixel_pitch_um * 1e-3
         mu, f, F = (v[:, None] for v in (self.magnification, self.focal_length_mm, self.f_number))
         if self.tables is not None:
@@ -170,7 +172,7 @@ class Designs:
         return PerspectiveCamera(f, F, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm)
 
     def sensor(self, i: int, imager: Imager, focus_mm: float, name: str = "design") -> Sensor:
-        """Design i as an ordinary sensor, focused at an object distance."""
+        """Create design i as a sensor focused at an object distance."""
         R, k = (float(v[i]) for v in (self.vertex_radius_mm, self.conic))
         mirror = self.family.mirror(self.coefficients[i], float(self.rim_radius_mm[i]), R, k)
         F = float(self.f_number[i])
@@ -186,27 +188,27 @@ class Designs:
 
 
 WALL_KINDS = ("none", "plane", "cylinder", "sphere")
-"""As the compiled evaluator counts them."""
+"""Wall kinds in the order of the compiled evaluator."""
 _NUMBERS = (
     "mirror_distance_mm", "rim_radius_mm", "focal_length_mm", "f_number", "vertex_radius_mm", "conic", "magnification"
 )  # fmt: skip
-"""One per design; the compiled evaluator takes them in this order."""
+"""Per-design numbers in the order of the compiled evaluator."""
 
 
 @dataclass(frozen=True, eq=False)
 class BatchEvaluation:
-    """n designs at k field angles each, every one at its own best focus.
+    """Evaluation of n designs at k field angles, each design at its own best focus.
 
     Attributes
     ----------
     columns : (10, n, k)
-        In the order of :data:`BATCH_COLUMNS`; also to be had by their names.
+        In the order of :data:`BATCH_COLUMNS`; also available as attributes.
     focus_mm, worst_floored_area_deg2 : (n,)
-        Focus with the least worst floored blur area, and that area.
+        Focus with the smallest maximum floored blur area, and that area.
     valid : (n,)
-        Whether a design has a surface that the lens sees from in front, and a mapping that is one to one from
-        node to node: what a rough spline does between two of them, :func:`omnimirror.evaluate` finds.
-        The numbers of those that have not mean nothing.
+        True if the lens sees the front of a design's surface and its mapping is one-to-one from
+        node to node; :func:`omnimirror.evaluate` also checks between nodes. The other values of
+        invalid designs are meaningless.
     """
 
     columns: Array
@@ -221,20 +223,20 @@ class BatchEvaluation:
 
 
 def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bool | None = None) -> BatchEvaluation:
-    """Mapping, images and blur of many designs, each at its own best focus.
+    """Evaluate mapping, images and blur of many designs, each at its own best focus.
 
     Parameters
     ----------
     angles
-        At how many field angles (those of equal steps from the axis to the rim of the mirror), or at which
-        fractions (k,) of the rim radius.
+        Number of field angles (in equal steps from the axis to the rim of the mirror), or fractions
+        (k,) of the rim radius.
     native
-        Whether to use the compiled evaluator; by default where it is.
+        True to require, False to avoid the compiled evaluator; by default it is used if available.
 
     Raises
     ------
     InvalidParameter
-        Fractions outside 0 to 1, or the compiled evaluator wanted where there is none.
+        If fractions are outside 0 to 1, or the compiled evaluator is required but missing.
 
     Examples
     --------
@@ -264,7 +266,7 @@ def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bo
 
 
 def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
-    """x, z, z', z'' and z'/x, (n, k), in mm."""
+    """Return x, z, z', z'' and z'/x, (n, k), in mm."""
     basis, M = d.family.basis(u), d.rim_radius_mm[:, None]
     x = u * M
     z, slope, curvature = (d.coefficients @ part for part in basis)
@@ -291,7 +293,7 @@ def _optics(d: Designs, u: Array) -> NodeOptics:
 
 
 def _block(d: Designs, u: Array) -> BatchEvaluation:
-    """As :func:`evaluate_designs`, in NumPy, for a few designs."""
+    """Evaluate a few designs in NumPy; see :func:`evaluate_designs`."""
     with np.errstate(all="ignore"):
         o = _optics(d, u)
         camera = d.camera(o.ray[:, -1:])
@@ -316,7 +318,7 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
 
 
 def _areas(d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array) -> IdealAreas | RealAreas:
-    """The floored areas of designs at any focus."""
+    """Return the floored areas of designs at any focus."""
     if isinstance(camera, RealCamera):
         return RealAreas.of(o, camera, counts)
     assert isinstance(camera, PerspectiveCamera | TelecentricCamera)
@@ -325,7 +327,7 @@ def _areas(d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array) -> I
 
 
 def _compiled(d: Designs, u: Array) -> BatchEvaluation:
-    """As :func:`_block`, for all designs at once on the threads of the native part."""
+    """Evaluate all designs with the threads of the compiled evaluator; see :func:`_block`."""
     columns, results = np.empty((len(BATCH_COLUMNS), len(d), u.size)), np.empty((3, len(d)))
     numbers = np.stack([getattr(d, name) for name in _NUMBERS], axis=1)
     basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
@@ -340,7 +342,7 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
 
 
 def _of_lens(d: Designs) -> tuple[Array, tuple[float, ...]]:
-    """The real lens as the compiled evaluator takes it."""
+    """Return the real lens as arguments of the compiled evaluator."""
     if (t := d.tables) is None:
         return np.empty((0, 2, 1)), (0.0,) * 7
     numbers = t.end, t.focal_length_mm, t.f_number, t.pupil_from_principal_mm, t.pupil_mm
@@ -348,7 +350,7 @@ def _of_lens(d: Designs) -> tuple[Array, tuple[float, ...]]:
 
 
 def _of_walls(d: Designs) -> tuple[Array, tuple[int, float, float]]:
-    """The walls as the compiled evaluator takes them."""
+    """Return the walls as arguments of the compiled evaluator."""
     walls = None if d.housing.shell is None else d.walls(_profiles(d, np.ones(1))[1][:, 0])
     if walls is None:
         return np.empty((0, 1)), (0, 1.0, 1.0)

@@ -1,10 +1,11 @@
-"""Real lenses for designs by the thousand: what a lens does, tabulated over viewing angle and focus.
+"""Tables of real lenses over viewing angle and focus, for batch evaluation.
 
-The focus is said by ``q = f v / (1 - (f - e) v)``, v the vergence in focus at the entrance pupil: the imager stands
-``f + f q`` behind the principal point, and the principal distance is ``f + (f - e) q``. In q everything that is sent
-to the imager is a straight line but for what vignetting and aberrations add; three focuses make a parabola of it. Over
-the tangent of the viewing angle there are cubic pieces between equally spaced nodes, which the compiled evaluator goes
-through too. Complex tangents have derivatives in their imaginary parts.
+The focus parameter is ``q = f v / (1 - (f - e) v)``, with the vergence v in focus at the entrance
+pupil: the imager is ``f + f q`` behind the principal point, and the principal distance is ``f + (f
+- e) q``. Image quantities are linear in q except for vignetting and aberrations; a parabola through
+three focus settings represents them. Over the tangent of the viewing angle there are cubic pieces
+between equally spaced nodes, also used by the compiled evaluator. Imaginary parts of complex
+tangents carry derivatives.
 """
 
 from __future__ import annotations
@@ -22,31 +23,33 @@ Array = NDArray[Any]
 
 CELLS = 512
 FARTHEST_MM = 1e7
-NEAREST = 8.0  # focal lengths from the principal point: designs are focused from there on
-AIM_STEPS = 6  # of Newton's rule towards a pupil that moves
+NEAREST = 8.0  # focal lengths from the principal point: nearest focus of designs
+AIM_STEPS = 6  # Newton steps for a moving pupil
 
 
 class LensColumns(NamedTuple):
-    """What a lens does at viewing angles; what depends on the focus by powers 0, 1, 2 of q along the first axis."""
+    """Lens properties at viewing angles; first axis (3, ..): powers 0, 1, 2 of q."""
 
     place: Array
-    """(..) of the entrance pupil, mm towards the mirror from the reference point."""
+    """(..) position of the entrance pupil, mm towards the mirror from the reference point."""
     motion: Array
     """(..) its derivative by the tangent."""
     light: Array
-    """(..) illumination of the imager over that on the axis, at the middle focus."""
+    """(..) relative illumination of the imager, at the middle focus."""
     height: Array
     """(3, ..) image height, mm."""
     rate: Array
     """(3, ..) its derivative by the tangent."""
     focused_t: Array
-    """(3, ..) blur (mm) of a distant tangential image per radius of the pupil: the blur of one of vergence V is this
-    less :attr:`spread_t` V, over two radii."""
+    """(3, ..) blur (mm) of a distant tangential image per radius of the pupil.
+
+    The blur of an image of vergence V is this minus :attr:`spread_t` V, times two radii.
+    """
     spread_t: Array
     focused_s: Array
     spread_s: Array
     own_t: Array
-    """(3, ..) blur of the lens alone, mm."""
+    """(3, ..) blur of the lens itself, mm."""
     own_s: Array
 
 
@@ -56,23 +59,23 @@ ROWS = 3 + 3 * len(OF_FOCUS)
 
 @dataclass(frozen=True, eq=False)
 class LensTables:
-    """A real lens, tabulated.
+    """Tables of a real lens.
 
     Attributes
     ----------
     values : (CELLS + 1, 2, ROWS)
-        Columns at the nodes, and their derivatives times the step between nodes.
+        Columns at the nodes, and their derivatives times the node spacing.
     end
-        Tangent up to which the lens is known.
+        Tangent of the end of the field.
     focal_length_mm, f_number
     pupil_from_principal_mm
-        e, of rays near the axis.
+        Distance e of the paraxial entrance pupil from the principal point.
     pupil_mm
-        The entrance pupil of rays near the axis, from the reference point: where vergences in focus are counted.
+        Paraxial entrance pupil from the reference point: origin of vergences in focus.
     most_vergence
-        Of the nearest focus tabulated.
+        Vergence of the nearest focus tabulated.
     imager_mm
-        From the reference point back to the imager when focused at infinity.
+        Distance from the reference point to the imager, focused at infinity.
     """
 
     values: Array
@@ -90,11 +93,11 @@ class LensTables:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Vergences that it can be focused at."""
+        """Vergences of the focus range."""
         return 1 / (FARTHEST_MM - self.pupil_mm), self.most_vergence
 
     def at(self, tangent: Array) -> LensColumns:
-        """The columns (..) at tangents (..), those past the end of the field straight on."""
+        """Evaluate the columns (..) at tangents (..), with linear extrapolation."""
         cell = np.clip((tangent.real / self.step).astype(int), 0, CELLS - 1)
         u = (tangent / self.step - cell)[..., None]
         (a, da), (b, db) = (np.moveaxis(self.values[cell + i], -2, 0) for i in (0, 1))
@@ -104,8 +107,10 @@ class LensTables:
         return LensColumns(*rows[:3], *powers)
 
     def aimed(self, x: Array, depth: Array) -> Array:
-        """Tangents (..) of the chief rays to points at x from the axis, so far from the reference point: ``w t = x``
-        for ``w = depth - place(t)``, by Newton's rule."""
+        """Return tangents (..) of the chief rays to points at x from the axis and a depth.
+
+        Solves ``w t = x`` for ``w = depth - place(t)`` by Newton's method.
+        """
         tangent = x / (depth - self.pupil_mm)
         for _ in range(AIM_STEPS):
             found = self.at(tangent)
@@ -114,24 +119,24 @@ class LensTables:
         return tangent
 
     def defocus(self, v: Any) -> Any:
-        """q of vergences in focus."""
+        """Compute q of vergences in focus."""
         f = self.focal_length_mm
         return f * v / (1 - (f - self.pupil_from_principal_mm) * v)
 
     def defocus_rate(self, v: Any) -> Any:
-        """Its derivative by v."""
+        """Compute its derivative by v."""
         f = self.focal_length_mm
         return f / (1 - (f - self.pupil_from_principal_mm) * v) ** 2
 
 
 def focus_powers(columns: Array, q: Any) -> Any:
-    """Columns (3, ..) that depend on the focus, at q."""
+    """Evaluate focus-dependent columns (3, ..) at q."""
     return columns[0] + q * (columns[1] + q * columns[2])
 
 
 @lru_cache(maxsize=16)
 def tables_of(lens: FieldLens) -> LensTables:
-    """A lens as tables, wherever it is focused.
+    """Create the tables of a lens, valid for any focus.
 
     Examples
     --------
@@ -160,11 +165,11 @@ def tables_of(lens: FieldLens) -> LensTables:
 
 
 def _columns(lens: FieldLens, tangent: Array) -> Array:
-    """Every column of a lens as focused (2, rows, n): values, and derivatives over a cell."""
+    """Return all columns of a lens at its focus (2, rows, n): values, and derivatives per cell."""
     field, step = lens.field, tangent[1]
 
     def both(values: Any) -> Array:
-        """Of a function of tangents: its values, and its derivatives by differences on a spline through them."""
+        """Return values of a function of tangents, and its spline derivatives."""
         from scipy.interpolate import make_interp_spline
 
         spline = make_interp_spline(tangent, values, k=5)

@@ -1,13 +1,14 @@
-"""The optics of a mirror point in closed form, for arrays of any shape and for complex steps.
+"""Closed-form optics of mirror points, for arrays of any shape and for complex steps.
 
-The same equations as :mod:`omnimirror.optics.tracing` and :mod:`omnimirror.analysis`, written so that nothing
-but sums, products, roots and one kind of arctangent occurs. Two things need that: an optimiser takes
-exact derivatives by adding an imaginary step to an input, and blocks of thousands of designs are quick.
-On the axis no limit has to be taken: z'/x stands for itself.
+The equations are those of :mod:`omnimirror.optics.tracing` and :mod:`omnimirror.analysis`,
+restricted to sums, products, roots and one form of arctangent. This allows exact complex-step
+derivatives in optimisation, and fast evaluation in blocks of thousands of designs. The quotient
+z'/x is an input: no limit is required on the axis.
 
-Both kinds of lens are written alike. The *vergence* of an image is the coordinate in which blur is linear: 1/L under
-a perspective lens (Eq. 28 is ``(f b0/F)(1/L0 - 1/L)``), and -L in its stead under a telecentric one, whose blur is
-``mu^2 (L - L0)/F_w``. The *ray coordinate* is what the image height is proportional to: tan(theta) (Eq. 7), and x.
+Both kinds of lens share the equations. The *vergence* of an image is the coordinate in which blur
+is linear: 1/L for a perspective lens (Eq. 28 is ``(f b0/F)(1/L0 - 1/L)``), and -L for a telecentric
+one, whose blur is ``mu^2 (L - L0)/F_w``. The *ray coordinate* is proportional to the image height:
+tan(theta) (Eq. 7), or x.
 """
 
 from __future__ import annotations
@@ -21,68 +22,71 @@ from numpy.typing import NDArray
 from ..lenses import BlurMode
 
 Array = NDArray[Any]
-"""Real numbers, or complex ones while derivatives are taken."""
+"""Real numbers, or complex ones for derivatives."""
 
 DEGREE = np.pi / 180
 
 
 class NodeOptics(NamedTuple):
-    """What a mirror point does, whatever the camera; arrays of the shape of x, lengths in mm, radians."""
+    """Camera-independent optics of mirror points; arrays like x, in mm and radians."""
 
     omega: Array
     """Field angle (Eq. 4)."""
     ray: Array
-    """tan(theta) of the lens's viewing angle (Eq. 5); x under a telecentric lens."""
+    """tan(theta) of the lens's viewing angle (Eq. 5); x for a telecentric lens."""
     magnification_t: Array
-    """Tangential angular magnification, d ray per radian of object as seen from the mirror point at its distance: Dh
-    per radian and unit of the ray coordinate (Eqs. 8, 9)."""
+    """Tangential angular magnification: d ray per radian of object as seen from the mirror point.
+
+    It gives Dh per radian and unit of the ray coordinate (Eqs. 8, 9), at the object distance.
+    """
     magnification_s: Array
     """Sagittal angular magnification ray / (sin(Omega) + x/p): Dw in the same units (Eq. 10)."""
     vergence_t: Array
-    """1/L_t (Eq. 34); -L_t under a telecentric lens."""
+    """1/L_t (Eq. 34); -L_t for a telecentric lens."""
     vergence_s: Array
-    """1/L_s (Eq. 35); -L_s under a telecentric lens."""
+    """1/L_s (Eq. 35); -L_s for a telecentric lens."""
     viewpoint_z: Array
-    """Where the chief ray meets the axis (Eq. 6)."""
+    """Intersection of the chief ray with the axis (Eq. 6)."""
     domega_dx: Array
-    """dOmega/dx, 1/mm (Eq. 8); above 0 where the mapping is one to one."""
+    """dOmega/dx, 1/mm (Eq. 8); positive for a one-to-one mapping."""
     cos_incidence: Array
-    """Cosine of the angle of incidence gamma (Eq. 3); above 0 where the lens sees the mirror's front."""
+    """Cosine of the angle of incidence gamma (Eq. 3); positive on the front of the mirror."""
     seen: Any = True
-    """Whether what is outside is seen there at all; not by way of the base of a tube before another medium."""
+    """False for points obscured by the base of a tube in another medium."""
     near: Any = 0.0
-    """1 over the distance of the objects from the mirror points, 1/mm."""
+    """1/distance of the objects from the mirror points, 1/mm."""
 
 
 class Look(NamedTuple):
-    """What a focused camera makes of mirror points; arrays (.., k), or (.., 1) where one number holds for all."""
+    """Images of mirror points by a focused camera; arrays (.., k), or (.., 1) if constant."""
 
     t_px: Array
     """Signed tangential blur (Eq. 28)."""
     s_px: Array
     dh: Array
-    """px per degree along the radius (Eq. 9)."""
+    """px per degree in the radial direction (Eq. 9)."""
     dw: Array
-    """px per degree around the circle (Eq. 10)."""
+    """px per degree in the tangential direction (Eq. 10)."""
     airy_px: Array
     own_t_px: Array
-    """Blur of the lens alone; 0 of an ideal one."""
+    """Blur of the lens itself; 0 for an ideal one."""
     own_s_px: Array
     light: Array
-    """Illumination of the imager by the lens, over that on the axis."""
+    """Relative illumination of the imager by the lens."""
 
 
 def node_optics(
     x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, m: Array, inverse_distance: Any = 0.0
 ) -> NodeOptics:
-    """The optics of mirror points seen by a perspective lens at distance m from the vertex.
+    """Compute the optics of mirror points for a perspective lens at distance m from the vertex.
 
     Parameters
     ----------
     slope_over_x
-        z'/x, and on the axis its limit z''.
+        z'/x, with the limit z'' on the axis.
     inverse_distance : 1/mm
-        1/p of the object, 0 for one at infinity; or a function of x, z and field angle (radians) that returns it.
+        1/p of the object, 0 at infinity; or a function of x, z and field angle (radians) that
+        returns it.
     """
     w = m + z
     steep = 1 + slope * slope
@@ -100,7 +104,8 @@ def node_optics(
     return NodeOptics(
         omega=omega,
         ray=x / w,
-        # the object moves by p domega_dx + cos(gamma)/cos(beta) across the ray, and by x + p sin(Omega) around the axis
+        # object motion across the ray: p domega_dx + cos(gamma)/cos(beta);
+        # around the axis: x + p sin(Omega)
         magnification_t=front / (w * w * (domega_dx + near * front / rho)),
         magnification_s=rho * steep / (w * (sine + near * rho * steep)),
         vergence_t=1 / (w * (1 + q_t / rho)),
@@ -115,7 +120,7 @@ def node_optics(
 def telecentric_optics(
     x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, inverse_distance: Any = 0.0
 ) -> NodeOptics:
-    """As :func:`node_optics` under a telecentric lens: the limit of a lens infinitely far away."""
+    """Compute the optics as :func:`node_optics` for a telecentric lens."""
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
     omega = 2 * np.arctan(slope)
@@ -135,49 +140,49 @@ def telecentric_optics(
 
 
 class FocusedCamera(Protocol):
-    """Lens and pixels as functions of the vergence v that is in focus."""
+    """Lens and pixels as functions of the vergence v in focus."""
 
     def image_distance(self, v: Array) -> Array:
-        """From the lens to the imager, mm; 0 of a telecentric lens, whose length is its maker's affair."""
+        """Return the distance from lens to imager, mm; 0 for a telecentric lens."""
         ...
 
     def height_px(self, ray: Array, v: Array) -> Array:
-        """Image heights of ray coordinates, px (Eq. 7)."""
+        """Compute image heights of ray coordinates, px (Eq. 7)."""
         ...
 
     def at(self, o: NodeOptics, v: Array) -> Look:
-        """What it makes of mirror points (.., k) when focused at vergences (.., 1)."""
+        """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
         ...
 
     def focus_mm(self, v: float) -> float:
-        """The object distance in focus at a vergence."""
+        """Return the object distance in focus at a vergence."""
         ...
 
     def vergence(self, focus_mm: float) -> float:
-        """The way back."""
+        """Return the vergence of an object distance in focus."""
         ...
 
     def airy_px(self, v: Array) -> Array:
-        """Diameter of the Airy disk, px."""
+        """Compute the diameter of the Airy disk, px."""
         ...
 
 
 class IdealCamera:
-    """What ideal lenses have in common: one scale of the image and one of blur, wherever a ray comes from."""
+    """Base class of ideal cameras: uniform scales of image and blur over the field."""
 
     def px_per_ray(self, v: Array) -> Array:
-        """Image height over the ray coordinate, px (Eq. 7)."""
+        """Compute the image height per unit of the ray coordinate, px (Eq. 7)."""
         raise NotImplementedError
 
     def px_per_vergence(self, v: Array) -> Array:
-        """Blur over the difference of two vergences, px (Eqs. 28, 29)."""
+        """Compute the blur per difference of vergences, px (Eqs. 28, 29)."""
         raise NotImplementedError
 
     def airy_px(self, v: Array) -> Array:
         raise NotImplementedError
 
     def light(self, ray: Array) -> Array:
-        """Natural vignetting of rays: cos^4."""
+        """Compute the natural falloff of rays, cos^4."""
         raise NotImplementedError
 
     def height_px(self, ray: Array, v: Array) -> Array:
@@ -194,14 +199,14 @@ class IdealCamera:
 
 @dataclass(frozen=True)
 class PerspectiveCamera(IdealCamera):
-    """A perspective lens and its pixels; vergences are v = 1/L0 (1/mm).
+    """Perspective lens and pixels; vergences are v = 1/L0 (1/mm).
 
     Attributes
     ----------
     focal_length_mm, f_number, rim_ray
         Numbers, or arrays with one entry per design; ``rim_ray`` is tan(Theta).
     image_radius_px
-        Scales the image so that the rim has this radius; None for the real one.
+        Scales the image to this rim radius; None for the actual radius.
     """
 
     focal_length_mm: Any
@@ -244,12 +249,13 @@ class PerspectiveCamera(IdealCamera):
 
 @dataclass(frozen=True)
 class TelecentricCamera(IdealCamera):
-    """A telecentric lens and its pixels; in the stead of vergences stand -L0 (mm), L0 from the mirror vertex.
+    """Telecentric lens and pixels; vergences are replaced by -L0 (mm), L0 from the mirror vertex.
 
     Attributes
     ----------
     magnification, f_number, rim_ray
-        Numbers, or arrays with one entry per design; the F-number is the image's, ``rim_ray`` the rim radius.
+        Numbers, or arrays with one entry per design; image-side F-number; ``rim_ray`` is the rim
+        radius.
     """
 
     magnification: Any
@@ -288,6 +294,6 @@ class TelecentricCamera(IdealCamera):
 
 
 def light_of(tangent: Array) -> Array:
-    """cos^4 of viewing angles, by their tangents."""
+    """Compute cos^4 of viewing angles from their tangents."""
     squared: Array = tangent * tangent
     return 1 / (1 + squared) ** 2

@@ -1,4 +1,4 @@
-"""What stands around the mirror: camera, rod, tube or dome, and the rim of the mirror's body; of what it is made."""
+"""Housing of the mirror: camera, rod, tube, dome or window, mirror rim, and their materials."""
 
 from .base import Envelope, HousingPart
 from .materials import MATERIALS, Material, index_of

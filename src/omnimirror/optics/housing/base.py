@@ -1,4 +1,4 @@
-"""What every part of a housing is, and what it is fitted to."""
+"""Base class of housing parts, and the envelope to which they are fitted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...base.parameters import Parameter
 
 
 class HousingPart:
-    """A part of a housing: it checks its own numbers; what is None is fitted to the sensor."""
+    """Part of a housing: it validates its parameters; None values are fitted to the sensor."""
 
     PARAMETERS: ClassVar[dict[str, Parameter]]
 
@@ -23,14 +23,14 @@ class HousingPart:
 
 
 class Envelope(NamedTuple):
-    """The sensor as a housing sees it: what it is fitted to. Heights over the vertex, mm."""
+    """Dimensions of a sensor for fitting its housing. Heights above the vertex, mm."""
 
     lens_mm: float
-    """Of the lens's plane, below 0."""
+    """Height of the plane of the lens, negative."""
     base_mm: float
-    """Where a tube begins: the plane of the lens, or the back of a second mirror."""
+    """Base of a tube: the plane of the lens, or the back of a second mirror."""
     back_mm: float
-    """Of the back of the mirror's body."""
+    """Height of the back of the mirror's body."""
     outer_mm: float
-    """Radius of the mirror with its rim."""
+    """Outer radius of the mirror with its rim."""
     has_secondary: bool = False

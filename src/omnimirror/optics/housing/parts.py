@@ -1,8 +1,8 @@
-"""What stands around the mirror: camera, rod, tube or dome, and the rim of the mirror's own body. Geometry, once.
+"""Housing of a mirror: camera body, rod, tube or dome, and the rim of the mirror's body.
 
-All of it is round about the lens's axis. Heights are in mm over where the mirror's vertex is meant to be, away from the
-lens, so those of what stands between mirror and lens are below 0. What it hides of the field,
-:mod:`omnimirror.optics.tracing.obscuration` says.
+All parts are surfaces of revolution about the lens axis. Heights are in mm above the nominal mirror
+vertex, away from the lens; parts between mirror and lens have negative heights. Obscuration of the
+field by these parts is computed in :mod:`omnimirror.optics.tracing.obscuration`.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from .base import Envelope, HousingPart
 from .walls import Dome, FlatWindow, Shell, Tube
 
 LENS_AT_RIMS = 2.5
-"""How many rim radii before the vertex a telecentric lens is taken to stand; it may stand anywhere."""
+"""Assumed distance of a telecentric lens from the vertex, in rim radii."""
 GAP_SHARE = 0.25
-"""Of the mirror distance that a rod leaves to the lens, where its gap is not given."""
+"""Default gap between rod and lens, relative to the mirror distance."""
 
 
 @dataclass(frozen=True)
 class CameraBody(HousingPart):
-    """The camera's front, a disc that the mirror shows in the middle of the picture.
+    """Front of the camera, a disc reflected in the centre of the image.
 
     Parameters
     ----------
     diameter_mm
     height_mm
-        Of its front over the lens's principal point, towards the mirror.
+        Height of its front above the lens's principal point, towards the mirror.
     lens_diameter_mm
-        Of the front ring of its lens, which simulated pictures make out on it.
+        Diameter of the lens's front ring, visible in simulated images.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is outside its range.
     """
 
     diameter_mm: float
@@ -53,22 +53,22 @@ class CameraBody(HousingPart):
 
 @dataclass(frozen=True)
 class Rod(HousingPart):
-    """An opaque rod on the axis, from the mirror's vertex towards the lens.
+    """Opaque rod on the axis, from the mirror vertex towards the lens.
 
     Parameters
     ----------
     diameter_mm
-        At its foot, and all along unless it tapers.
+        Diameter at its foot, and along its length unless it tapers.
     end_diameter_mm : optional
-        At the mirror.
+        Diameter at the mirror.
     gap_mm : optional
-        From its foot to the lens; a quarter of the mirror distance by default. (The foot stands on a glass plate: a
-        rod that reached the lens would hide everything.)
+        Distance from its foot to the lens; 25 % of the mirror distance by default. (A glass plate
+        supports the foot: a rod up to the lens would obscure the entire field.)
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is outside its range.
     """
 
     diameter_mm: float = 4.0
@@ -82,7 +82,7 @@ class Rod(HousingPart):
     }
 
     def fitted(self, envelope: Envelope) -> Rod:
-        """The rod with the sizes that it takes from the sensor."""
+        """Return the rod with dimensions fitted to the sensor."""
         gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
         if not gap < -envelope.lens_mm:
             raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm")
@@ -98,21 +98,21 @@ class Rod(HousingPart):
 
 @dataclass(frozen=True)
 class Rim(HousingPart):
-    """What the mirror's own body shows around and behind the mirror's rim, a flange or a dark edge; it moves with it.
+    """Flange or dark edge of the mirror's body around the rim; it moves with the mirror.
 
     Parameters
     ----------
     width_mm
-        How far it stands out over the rim.
+        Radial width beyond the rim.
     setback_mm
-        How far its front lies behind the rim.
+        Axial distance of its front behind the rim.
     thickness_mm
-        From the highest point of the surface to the body's back, where a tube ends.
+        Distance from the highest surface point to the back of the body, the end of a tube.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is outside its range.
     """
 
     width_mm: float = 0.0
@@ -128,7 +128,7 @@ class Rim(HousingPart):
 
 @dataclass(frozen=True)
 class Housing:
-    """What stands around the mirror; by default nothing.
+    """Parts around the mirror; none by default.
 
     Parameters
     ----------
@@ -136,12 +136,12 @@ class Housing:
     rod : Rod, optional
     shell : Tube, Dome or FlatWindow, optional
     rim, secondary_rim : Rim, optional
-        Of the mirror and of a second one; without them the bodies have 5 mm and no edge.
+        Rims of the mirror and of a second one; the default body is 5 mm thick without a rim.
 
     Raises
     ------
     InvalidParameter
-        A part that is no such part.
+        If a part has the wrong type.
 
     Examples
     --------
@@ -169,17 +169,18 @@ class Housing:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing."""
+        """True if the housing has no parts."""
         return self == Housing()
 
     def fitted(self, envelope: Envelope) -> Housing:
-        """The same with the sizes that it takes from the sensor.
+        """Return the housing with dimensions fitted to the sensor.
 
         Raises
         ------
         InvalidParameter
-            A tube or a dome that the mirror does not fit in, a dome that does not reach the lens, a rod's foot beyond
-            the mirror or its end wider than that, or what a second mirror rules out.
+            If a tube or dome is too small for the mirror, a dome does not reach the lens, the foot
+            of a rod is beyond the mirror or its end is wider than the mirror, or a second mirror
+            excludes a part.
         """
         if envelope.has_secondary:
             self._check_beside_secondary()

@@ -1,4 +1,4 @@
-"""Clear walls between the mirror and the world: tubes, domes and flat windows, of a material, before a medium."""
+"""Clear walls between mirror and world: tubes, domes and flat windows, with their media."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .base import Envelope, HousingPart
 from .materials import NAMES, index_of
 
 CLEARANCE_MM = 3.0
-"""Between the rim and a tube or a dome, where its diameter is not given."""
+"""Default clearance between rim and tube or dome."""
 BEYOND_LENS_MM = 5.0
-"""From the lens to a window whose place is not given."""
+"""Default distance of a window from the lens."""
 WALL = {
     "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
     "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
@@ -29,14 +29,14 @@ WALL = {
     "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
 }
 WALL_INDEX = 1.49
-"""Of acrylic, where neither index nor material is given."""
+"""Default refractive index (acrylic)."""
 
 
 class ClearWall(HousingPart):
-    """What is common to covers of clear material: between air inside and a medium outside.
+    """Base class of clear covers between air inside and a medium outside.
 
-    Where it does not sit as meant, it is first turned about where the mirror's vertex is meant to be, then moved, as
-    ``[mirror_pose]`` moves a mirror; lids stay.
+    Misalignment is a rotation about the nominal mirror vertex followed by a translation, as for
+    ``[mirror_pose]``; lids are not affected.
     """
 
     KIND: ClassVar[str]
@@ -65,7 +65,7 @@ class ClearWall(HousingPart):
         self._check_room()
 
     def _check_room(self) -> None:
-        """Refuse a wall that leaves no room inside."""
+        """Check that the wall leaves space inside."""
         if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
             raise InvalidParameter(
                 f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
@@ -79,28 +79,28 @@ class ClearWall(HousingPart):
 
     @property
     def outer_index(self) -> float:
-        """Refractive index of what is outside."""
+        """Refractive index of the outer medium."""
         return self.medium_index if self.medium is None else index_of(self.medium)
 
     @property
     def is_axial(self) -> bool:
-        """Whether it shares the lens's axis: neither decentred nor tilted."""
+        """True if the cover is coaxial with the lens: neither decentred nor tilted."""
         return not (self.decentre_x_mm or self.decentre_y_mm or self.tilt_x_deg or self.tilt_y_deg)
 
     @property
     def radii_mm(self) -> tuple[float, float]:
-        """Inner and outer radius, of a cover whose size is known."""
+        """Inner and outer radius of a cover of known size."""
         assert self.diameter_mm is not None, "a wall that is not fitted yet"
         outer = self.diameter_mm / 2
         return outer - self.wall_mm, outer
 
     def centred(self) -> Self:
-        """The same where it is meant to be."""
+        """Return the cover in its nominal position."""
         places = dict.fromkeys(("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0)
         return replace(self, **places)  # type: ignore[type-var]  # every part is a dataclass
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
-        """The same with the indices that named materials have for light of a wavelength, nm."""
+        """Return the cover with the indices of its named materials at a wavelength, nm."""
         indices: dict[str, Any] = {}
         if self.material is not None:
             indices |= {"material": None, "refractive_index": index_of(self.material, wavelength_nm)}
@@ -110,7 +110,7 @@ class ClearWall(HousingPart):
 
 
 def wall_words(shell: ClearWall) -> str:
-    """Return the material of a wall and of the medium outside, by name where they have one.
+    """Return a description of wall material and outer medium, by name if available.
 
     >>> wall_words(Tube(material="polycarbonate", medium="water"))
     'polycarbonate, n = 1.5855, in water, n = 1.3331'
@@ -131,27 +131,29 @@ def _name(material: str) -> str:
 
 @dataclass(frozen=True)
 class Tube(ClearWall):
-    """A clear tube about the axis, with opaque discs in it: in the plane of the lens, and at the mirror's back.
+    """Clear tube about the axis, closed by opaque discs in the lens plane and at the mirror's back.
 
-    Around two mirrors it begins at the back of the second.
+    Around two mirrors, the tube starts at the back of the second.
 
     Parameters
     ----------
     diameter_mm : optional
-        Outer; by default the next full millimetre that leaves 3 mm around the mirror's rim.
+        Outer diameter; by default the next full millimetre with 3 mm clearance around the mirror's
+        rim.
     wall_mm, refractive_index
-        Of its wall; acrylic by default.
+        Wall thickness and index; acrylic by default.
     material, medium : optional
-        Names of :data:`~omnimirror.optics.housing.MATERIALS`, of the wall instead of its index and of what is outside.
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the wall, instead of its index,
+        and of the outer medium.
     medium_index
-        Of what is outside; air by default.
+        Index of the outer medium; air by default.
     decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
-        How it sits out of place; see :class:`ClearWall`.
+        Misalignment; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, a wall that fills the tube, or an index given twice.
+        If a number is outside its range, the wall fills the tube, or an index is given twice.
     """
 
     diameter_mm: float | None = None
@@ -169,11 +171,11 @@ class Tube(ClearWall):
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL
 
     def inner_radius_mm(self, height_mm: float) -> float:
-        """How wide it is inside at a height, mm: the same at all."""
+        """Return the inner radius at a height, mm; it is constant."""
         return self.radii_mm[0]
 
     def fitted(self, envelope: Envelope) -> Tube:
-        """The tube with the sizes that it takes from the sensor."""
+        """Return the tube with dimensions fitted to the sensor."""
         least, usual = self.diameters(envelope.outer_mm)
         diameter = self.diameter_mm or float(usual)
         if diameter < least:
@@ -184,40 +186,42 @@ class Tube(ClearWall):
         return replace(self, diameter_mm=diameter)
 
     def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
-        """Least and usual outer diameter around mirrors of some radii, numbers or arrays."""
+        """Return minimum and default outer diameter around mirrors of given radii."""
         least = 2 * (outer_mm + self.wall_mm)
         return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
 
 
 @dataclass(frozen=True)
 class Dome(ClearWall):
-    """A clear dome: the space between two spheres about the axis, cut off at an opaque disc in the plane of the lens.
+    """Clear dome between two spheres, closed by an opaque disc in the lens plane.
 
     Parameters
     ----------
     diameter_mm : optional
-        Of the outer sphere; by default it leaves 3 mm around the mirror's rim, to the next full millimetre.
+        Outer diameter; by default the next full millimetre with 3 mm clearance around the mirror's
+        rim.
     wall_mm
-        Measured where the axis meets it, if the spheres had one centre.
+        Wall thickness on the axis, for concentric spheres.
     refractive_index
-        Acrylic by default.
+        Index of the wall; acrylic by default.
     centre_mm : optional
-        Height of the outer sphere's centre; by default midway between the lens and the mirror's back. A dome about the
-        viewpoints bends rays least.
+        Height of the outer sphere's centre; by default halfway between the lens and the mirror's
+        back. Refraction is smallest for a dome centred on the viewpoints.
     inner_shift_mm
-        By how much the inner sphere's centre is higher; 0, one centre, by default.
+        Height of the inner sphere's centre above the outer one; 0 (concentric) by default.
     material, medium : optional
-        Names of :data:`~omnimirror.optics.housing.MATERIALS`, of the wall instead of its index and of what is outside.
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the wall, instead of its index,
+        and of the outer medium.
     medium_index
-        Of what is outside; air by default.
+        Index of the outer medium; air by default.
     decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
-        How it sits out of place; see :class:`ClearWall`.
+        Misalignment; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, a wall that fills the dome, an index given twice, or an inner sphere
-        that breaks through it.
+        If a number is outside its range, the wall fills the dome, an index is given twice, or the
+        inner sphere intersects the outer one.
     """
 
     diameter_mm: float | None = None
@@ -248,17 +252,17 @@ class Dome(ClearWall):
 
     @property
     def centres_mm(self) -> tuple[float, float]:
-        """Height of the inner and of the outer sphere's centre."""
+        """Heights of the centres of the inner and the outer sphere."""
         assert self.centre_mm is not None, "a dome that is not fitted yet"
         return self.centre_mm + self.inner_shift_mm, self.centre_mm
 
     def inner_radius_mm(self, height_mm: float) -> float:
-        """How wide it is inside at a height, mm; 0 where it does not reach."""
+        """Return the inner radius at a height, mm; 0 outside the dome."""
         square = self.radii_mm[0] ** 2 - (height_mm - self.centres_mm[0]) ** 2
         return float(np.sqrt(max(square, 0.0)))
 
     def fitted(self, envelope: Envelope) -> Dome:
-        """The dome with the sizes that it takes from the sensor."""
+        """Return the dome with dimensions fitted to the sensor."""
         back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
         centre = float(self.centre_between(lens, back))
         least, usual = self.diameters(lens, back, rim)
@@ -276,11 +280,11 @@ class Dome(ClearWall):
         return replace(self, diameter_mm=diameter, centre_mm=centre)
 
     def centre_between(self, lens_mm: Any, back_mm: Any) -> Any:
-        """Height of the outer sphere's centre between lenses and the backs of mirrors, numbers or arrays."""
+        """Return the outer sphere's centre between lenses and mirror backs, numbers or arrays."""
         return (back_mm + lens_mm) / 2 if self.centre_mm is None else self.centre_mm
 
     def diameters(self, lens_mm: Any, back_mm: Any, outer_mm: Any) -> tuple[Any, Any]:
-        """Least and usual outer diameter around mirrors, numbers or arrays."""
+        """Return minimum and default outer diameter around mirrors, numbers or arrays."""
         lens, back, rim = (np.real(v) for v in (lens_mm, back_mm, outer_mm))
         centre = np.real(self.centre_between(lens, back))
         farther = np.maximum(np.abs(back - centre), np.abs(lens - centre))
@@ -290,29 +294,30 @@ class Dome(ClearWall):
 
 @dataclass(frozen=True)
 class FlatWindow(ClearWall):
-    """A flat clear pane beyond the lens, square to the axis, that all of the field is seen through; opaque around it.
+    """Flat clear pane beyond the lens, perpendicular to the axis, with an opaque surround.
 
-    Only rays that lead back past the lens come to it: the field ends before 90 deg.
+    Only rays directed back past the lens reach it: the field is limited to less than 90 deg.
 
     Parameters
     ----------
     diameter_mm : optional
-        Of the clear opening; by default all that is seen through it passes.
+        Diameter of the clear opening; by default it passes the whole field.
     wall_mm, refractive_index
-        Of the pane; acrylic by default.
+        Thickness and index of the pane; acrylic by default.
     height_mm : optional
-        Of its inner side over the mirror's vertex; by default 5 mm beyond the lens.
+        Height of its inner surface above the mirror vertex; by default 5 mm beyond the lens.
     material, medium : optional
-        Names of :data:`~omnimirror.optics.housing.MATERIALS`, of the pane instead of its index and of what is outside.
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the pane, instead of its index,
+        and of the outer medium.
     medium_index
-        Of what is outside; air by default.
+        Index of the outer medium; air by default.
     decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
-        How it sits out of place; see :class:`ClearWall`.
+        Misalignment; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, or an index given twice.
+        If a number is outside its range, or an index is given twice.
     """
 
     diameter_mm: float | None = None
@@ -334,16 +339,16 @@ class FlatWindow(ClearWall):
     }
 
     def _check_room(self) -> None:
-        """A pane is as thick as it is."""
+        """Check the thickness only: a pane has no inner space."""
 
     @property
     def heights_mm(self) -> tuple[float, float]:
-        """Heights of the inner and of the outer side, of a window whose place is known."""
+        """Heights of the inner and the outer surface of a window of known position."""
         assert self.height_mm is not None, "a window that is not fitted yet"
         return self.height_mm, self.height_mm - self.wall_mm
 
     def fitted(self, envelope: Envelope) -> FlatWindow:
-        """The window with the place that it takes from the sensor."""
+        """Return the window with its position fitted to the sensor."""
         height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
         if height > envelope.lens_mm:
             raise InvalidParameter(
@@ -355,4 +360,4 @@ class FlatWindow(ClearWall):
 
 Shell = Tube | Dome | FlatWindow
 SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {kind.KIND: kind for kind in (Tube, Dome, FlatWindow)}
-"""Clear walls around or before a sensor, by the word that names them."""
+"""Clear walls by their name in sensor files."""

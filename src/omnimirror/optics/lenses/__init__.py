@@ -1,4 +1,4 @@
-"""Lenses: how a virtual image behind the mirror becomes a height and a blur on the imager."""
+"""Lenses: image height and blur of the virtual image behind the mirror."""
 
 from .base import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
 from .field_lens import FieldLens
@@ -9,7 +9,7 @@ from .surfaces import SurfaceLens
 from .tabulated import TabulatedLens
 
 LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic, TabulatedLens, SurfaceLens)}
-"""Every lens by the word that names it in a sensor file."""
+"""Lens classes by their name in sensor files."""
 
 __all__ = [
     "BLUR_MODES",

@@ -1,6 +1,6 @@
-"""Distortion of a lens, as OpenCV's calibration states it (Brown, 1966): radial k1, k2, k3 and tangential p1, p2.
+"""Lens distortion in the OpenCV model (Brown, 1966): radial k1, k2, k3 and tangential p1, p2.
 
-Everything here is in tangents of the viewing angle: x to the right and y down in the picture, r^2 = x^2 + y^2;
+Coordinates are tangents of the viewing angle: x to the right, y down in the image, r^2 = x^2 + y^2;
 
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
     y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y
@@ -19,12 +19,12 @@ Coefficients = tuple[float, float, float, float, float]
 TERMS = ("k1", "k2", "k3", "p1", "p2")
 
 MAX_STEPS = 100
-TINY = 1e-9  # one over the square of a tangent that nothing reaches
-CLOSE = 1e-14  # relative; Newton's rule doubles the digits that are right with each step
+TINY = 1e-9  # inverse square of a tangent beyond any field
+CLOSE = 1e-14  # relative; convergence of Newton's method is quadratic
 
 
 def distorted(ideal: Array, brown: Coefficients) -> Array:
-    """Where (.., 2) an ideal lens's image points (.., 2) really are; NaN beyond where the picture folds over.
+    """Apply distortion to ideal image points (.., 2); NaN beyond the fold of the image.
 
     >>> distorted(np.array([[0.3, 0.4]]), (-0.1, 0.0, 0.0, 0.0, 0.0))
     array([[0.2925, 0.39  ]])
@@ -36,7 +36,7 @@ def distorted(ideal: Array, brown: Coefficients) -> Array:
 
 
 def distorted_rates(ideal: Array, brown: Coefficients) -> tuple[Array, Array, Array]:
-    """The same for (n, 2), with derivatives (n, 2, 2) by the ideal image points and (n, 2, 5) by the coefficients.
+    """Distort points (n, 2), with derivatives (n, 2, 2) by these and (n, 2, 5) by the coefficients.
 
     >>> distorted_rates(np.array([[0.3, 0.4]]), (-0.1, 0.0, 0.0, 0.0, 0.0))[2][0, :, 0]  # x r^2, y r^2
     array([0.075, 0.1  ])
@@ -50,7 +50,7 @@ def distorted_rates(ideal: Array, brown: Coefficients) -> tuple[Array, Array, Ar
 
 
 def undistorted(image: Array, brown: Coefficients) -> Array:
-    """Where (.., 2) image points (.., 2) would be under an ideal lens; NaN where none of its points is sent.
+    """Remove distortion from image points (.., 2); NaN if no ideal point exists.
 
     >>> undistorted(np.array([[0.2925, 0.39]]), (-0.1, 0.0, 0.0, 0.0, 0.0))
     array([[0.3, 0.4]])
@@ -74,7 +74,7 @@ def undistorted(image: Array, brown: Coefficients) -> Array:
 
 
 def distorted_radius(r: Array, k: tuple[float, ...]) -> tuple[Array, Array]:
-    """Radial part alone: r (1 + k1 r^2 + k2 r^4 + k3 r^6) of radii (n,), and its derivative."""
+    """Compute r (1 + k1 r^2 + k2 r^4 + k3 r^6) for radii (n,), and its derivative."""
     s = r**2
     return (
         r * (1 + s * (k[0] + s * (k[1] + s * k[2]))),
@@ -83,7 +83,7 @@ def distorted_radius(r: Array, k: tuple[float, ...]) -> tuple[Array, Array]:
 
 
 def undistorted_radius(radius: Array, k: tuple[float, ...]) -> Array:
-    """Inverse of :func:`distorted_radius` between axis and fold; NaN beyond."""
+    """Invert :func:`distorted_radius` between axis and fold; NaN beyond."""
     if not any(k):
         return radius
     low, high = np.zeros_like(radius), np.minimum(radius, fold(k))
@@ -107,25 +107,25 @@ def undistorted_radius(radius: Array, k: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=64)
 def fold(k: tuple[float, ...]) -> float:
-    """The radius at which the picture stops growing and folds over; infinite if it never does.
+    """Return the radius of maximum distorted radius, the fold; infinite if none.
 
     >>> round(fold((-0.1, 0.0, 0.0)), 6)  # 1/sqrt(3 * 0.1)
     1.825742
     """
-    inverse_squares = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[2]])  # no coefficient is ever divided by
+    inverse_squares = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[2]])  # without divisions
     real = inverse_squares[np.abs(inverse_squares.imag) <= 1e-9 * np.abs(inverse_squares)].real
     return float(1 / np.sqrt(real.max())) if (real > TINY).any() else np.inf
 
 
 def shrinkage(ideal: Array, brown: Coefficients) -> Array:
-    """Area (n,) of an ideal lens's picture that one unit of area of the real one holds, at ideal points (n, 2)."""
+    """Compute the ideal area (n,) per unit distorted area at ideal points (n, 2)."""
     xx, xy, yy = _brown(ideal[..., 0], ideal[..., 1], brown)[1]
     area: Array = 1 / (xx * yy - xy * xy)
     return area
 
 
 def _brown(x: Array, y: Array, brown: Coefficients) -> tuple[Array, tuple[Array, Array, Array]]:
-    """The model, and its derivatives dx'/dx, dx'/dy = dy'/dx and dy'/dy."""
+    """Evaluate the model, and its derivatives dx'/dx, dx'/dy = dy'/dx and dy'/dy."""
     k1, k2, k3, p1, p2 = brown
     s = x * x + y * y
     bend, rate = 1 + s * (k1 + s * (k2 + s * k3)), k1 + s * (2 * k2 + s * 3 * k3)

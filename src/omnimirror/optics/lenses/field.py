@@ -1,9 +1,10 @@
-"""A lens by what it does at each angle of its field: the functions that its table, or its surfaces, are made into.
+"""Field functions of a lens, interpolated from its table or from traced surfaces.
 
-All are smooth functions of the tangent t of the viewing angle, odd or even about the axis: splines of fifth degree,
-whose derivatives are continuous to the fourth. Seen from where the entrance pupil stands at an angle, rays of one image
-point go through a pupil point (y_t, y_s) with slopes ``t - y_t v_t`` and ``-y_s v_s``: v_t and v_s are the vergences in
-focus, tangential and sagittal, which differ from that on the axis by the curvature of the field and by astigmatism.
+All are smooth functions of the tangent t of the viewing angle, odd or even about the axis: quintic
+splines with continuous fourth derivatives. Relative to the entrance pupil at a viewing angle, the
+rays of one image point pass a pupil point (y_t, y_s) with slopes ``t - y_t v_t`` and ``-y_s v_s``.
+The tangential and sagittal vergences in focus, v_t and v_s, differ from the axial one by field
+curvature and astigmatism.
 """
 
 from __future__ import annotations
@@ -26,51 +27,51 @@ Array = NDArray[np.float64]
 
 DEGREE = 5
 LEAST_NODES = 4
-CHECKED = 513  # places at which a picture is proven to grow outwards
+CHECKED = 513  # points at which the image height is checked to be increasing
 STEPS = 50
 CLOSE = 1e-14
 
 
 class FieldNodes(NamedTuple):
-    """What a lens does at n field angles from the axis outwards; lengths in mm, vergences in 1/mm."""
+    """Lens properties at n field angles from the axis; in mm and 1/mm."""
 
     tangent: Array
-    """(n,) of the viewing angles, from 0."""
+    """(n,) tangents of the viewing angles, from 0."""
     height: Array
     """(n,) image heights."""
     pupil: Array
-    """(n,) places of the entrance pupil, towards the mirror from the reference point."""
+    """(n,) entrance-pupil positions, towards the mirror from the reference point."""
     vergence_t: Array
-    """(n,) in focus for the tangential fan, at the pupil, along the axis."""
+    """(n,) vergence in focus of the tangential fan, at the pupil, along the axis."""
     vergence_s: Array
     scale_t: Array
-    """(n,) image of a change of slope through a point of the pupil."""
+    """(n,) derivative of the image point by the slope, through a fixed pupil point."""
     scale_s: Array
     width_t: Array
-    """(n,) half width of the pupil in the meridian, over that on the axis; vignetting makes it less."""
+    """(n,) half width of the vignetted pupil in the meridian, relative to the axis."""
     width_s: Array
     shift_t: Array
-    """(n,) by how much the middle of the pupil that is left lies off the chief ray, over its radius on the axis."""
+    """(n,) offset of the vignetted pupil from the chief ray, over the axial radius."""
     illumination: Array
-    """(n,) of the imager, over that on the axis."""
+    """(n,) relative illumination of the imager."""
     own_t: Array
-    """(n,) blur of the lens alone in its own focus, mm: four times the standard deviation of its rays."""
+    """(n,) blur of the lens in its own focus, mm: four times the standard deviation of its rays."""
     own_s: Array
     short: Array
-    """(n,) by how much images of the shortest wavelength are higher than those of the middle one."""
+    """(n,) lateral colour: image height at the shortest minus the middle wavelength."""
     long: Array
-    """(n,) the same of the longest."""
+    """(n,) lateral colour of the longest wavelength."""
     stop_t: Array
-    """(n,) half width in the meridian of the pupil without vignetting, over that on the axis."""
+    """(n,) half width in the meridian of the unvignetted pupil, relative to the axis."""
     stop_s: Array
     stop_shift: Array
-    """(n,) distance of its middle from the chief ray, over its radius on the axis."""
+    """(n,) distance of its centre from the chief ray, relative to the axial radius."""
     openness: Array
-    """(n,) share of its area that vignetting leaves."""
+    """(n,) unvignetted fraction of its area."""
 
 
 class LensValues(NamedTuple):
-    """The even functions of a field at k tangents, (k,) each; names as in :class:`FieldNodes`."""
+    """Even field functions at k tangents, (k,) each; names as in :class:`FieldNodes`."""
 
     pupil: Array
     vergence_t: Array
@@ -92,7 +93,7 @@ ODD = ("height", "shift_t", "short", "long", "stop_shift")
 
 @dataclass(frozen=True)
 class MovingPupil(EntrancePupil):
-    """An entrance pupil that moves with the viewing angle; ``at_mm`` is where it stands for rays near the axis."""
+    """Entrance pupil that moves with the viewing angle; ``at_mm`` is its paraxial position."""
 
     tangents: tuple[float, ...] = ()
     places_mm: tuple[float, ...] = ()
@@ -113,7 +114,7 @@ class MovingPupil(EntrancePupil):
         return np.clip(tangent, -self.tangents[-1], self.tangents[-1])
 
     def aim(self, x: Array, depth: Array) -> ChiefAim:
-        """By Newton's rule: ``(depth - z(t)) t = x``."""
+        """Solve ``(depth - z(t)) t = x`` by Newton's method."""
         place, rate = self._spline
         tangent = x / (depth - self.at_mm)
         for _ in range(STEPS):
@@ -128,7 +129,7 @@ class MovingPupil(EntrancePupil):
 
 
 def even_spline(tangent: Array, values: Array) -> BSpline:
-    """A spline through values (n, m) at tangents (n,) from 0, mirrored to the other side of the axis."""
+    """Fit an even spline through values (n, m) at tangents (n,) from 0."""
     from scipy.interpolate import make_interp_spline
 
     both = np.concatenate([-tangent[:0:-1], tangent])
@@ -136,7 +137,7 @@ def even_spline(tangent: Array, values: Array) -> BSpline:
 
 
 def odd_spline(tangent: Array, values: Array) -> BSpline:
-    """The same turned over on the other side."""
+    """Fit an odd spline through values (n, m) at tangents (n,) from 0."""
     from scipy.interpolate import make_interp_spline
 
     both = np.concatenate([-tangent[:0:-1], tangent])
@@ -144,22 +145,22 @@ def odd_spline(tangent: Array, values: Array) -> BSpline:
 
 
 class LensField:
-    """The functions of a lens's field.
+    """Field functions of a lens.
 
     Parameters
     ----------
     nodes
-        Four or more.
+        Four or more nodes.
     name
         Name of the lens in errors.
     at_fold, at_end
-        Advice in the errors for image heights that stop growing at an angle, which replaces ``{angle}``, and for angles
-        past the end of the field.
+        Hints in the errors for image heights that stop increasing at an angle, which replaces
+        ``{angle}``, and for angles beyond the end of the field.
 
     Raises
     ------
     InvalidParameter
-        Image heights that do not grow outwards.
+        If the image heights do not increase outwards.
     """
 
     def __init__(self, nodes: FieldNodes, name: str, at_fold: str, at_end: str) -> None:
@@ -182,7 +183,7 @@ class LensField:
         self._tangents = checked
 
     def check(self, tangent: Array) -> None:
-        """Raise InvalidParameter for tangents past the end of the field, rounding forgiven."""
+        """Check that tangents are within the field, with a rounding tolerance."""
         past = tangent > self.end * (1 + 1e-12)
         if past.any():
             last, asked = (float(np.degrees(np.arctan(v))) for v in (self.end, np.max(tangent)))
@@ -192,23 +193,23 @@ class LensField:
             )
 
     def at(self, tangent: Array) -> LensValues:
-        """The even functions at tangents (k,)."""
+        """Evaluate the even functions at tangents (k,)."""
         return LensValues(*np.moveaxis(self._even(np.minimum(tangent, self.end)), -1, 0))
 
     def odd(self, tangent: Array) -> dict[str, Array]:
-        """The odd functions at tangents (k,), by name."""
+        """Evaluate the odd functions at tangents (k,), by name."""
         values = np.where(np.asarray(tangent)[..., None] == 0.0, 0.0, self._odd(np.minimum(tangent, self.end)))
         return dict(zip(ODD, np.moveaxis(values, -1, 0), strict=True))
 
     def height(self, tangent: Array) -> tuple[Array, Array]:
-        """Image heights (k,) mm and their derivatives by the tangent; straight on past the end of the field."""
+        """Return image heights (k,), mm, and derivatives by the tangent."""
         inside = np.minimum(tangent, self.end)
         rate = self._rate(inside)[..., 0]
         height = self._odd(inside)[..., 0] + rate * (tangent - inside)
-        return np.where(tangent == 0.0, 0.0, height), rate  # but for the rounding of splines
+        return np.where(tangent == 0.0, 0.0, height), rate  # removes the rounding of splines
 
     def tangent_of(self, height: Array) -> Array:
-        """Tangents (k,) of image heights; NaN past the end of the field."""
+        """Return tangents (k,) of image heights; NaN beyond the end of the field."""
         height = np.asarray(height, dtype=float)
         flat = height.ravel()
         with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Real lenses: what a lens does that is known by its field, from a table or from its surfaces."""
+"""Real lenses described by field functions, from a table or from surfaces."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ CLOSE = 1e-14
 
 
 class FieldLens(GaussianLens):
-    """A lens whose entrance pupil moves, whose field is curved and which has a blur of its own.
+    """Lens with moving entrance pupil, field curvature, astigmatism and its own blur.
 
-    To first order in the aperture: rays of an image point go through the points of the entrance pupil with the slopes
-    that :mod:`.field` says.
+    To first order in the aperture, the rays of an image point pass the entrance pupil with the
+    slopes defined in :mod:`.field`.
     """
 
     IS_THIN: ClassVar[bool] = False
@@ -28,13 +28,13 @@ class FieldLens(GaussianLens):
     @property
     @abstractmethod
     def field(self) -> LensField:
-        """What it does, as focused."""
+        """Field functions at the current focus."""
 
     @property
     def pupil(self) -> EntrancePupil:
         return self.field.entrance_pupil
 
-    # -- the picture --------------------------------------------------------------------------------------
+    # -- image --------------------------------------------------------------------------------------------
 
     def distorted_height(self, ideal: Array) -> Array:
         tangent = ideal / self.principal_distance
@@ -108,16 +108,17 @@ class FieldLens(GaussianLens):
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
     def image_of(self, points: Array, directions: Array) -> Array:
-        """By the chief ray that each ray belongs to: the one whose image point sends a ray this way."""
+        """Return the image points of rays by the inverse of :meth:`rays`."""
         chief, _, _ = self._belonging(points, directions)
         return self.distorted(self.principal_distance * chief).reshape(directions[..., :2].shape)
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
-        """Direction cosines (.., 2) at the imager of rays from the mirror, the picture upright; chief rays have 0.
+        """Return direction cosines (.., 2) of rays at the imager, for an upright image.
 
-        To first order in the aperture, from the invariant of Lagrange: ``dy cos^3(theta) du = dh dL`` in the meridian
-        and ``dy cos(theta) du = dh dL`` across. A change of the slope u through a point y of the pupil moves the image
-        point by dh; a change of y turns the ray by dL at the imager.
+        Chief rays have 0. To first order in the aperture, by the Lagrange invariant: ``dy
+        cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the sagittal
+        direction. A change of the slope u through a pupil point y moves the image point by dh; a
+        change of y rotates the ray at the imager by dL.
         """
         chief, places, found = self._belonging(points, directions)
         t, s = axes(chief)
@@ -127,7 +128,7 @@ class FieldLens(GaussianLens):
         return cosines.reshape(directions[..., :2].shape)
 
     def stop_points(self, points: Array, directions: Array) -> Array:
-        """Return the points (.., 2) of the stop, in its radii and as in the upright picture, that rays cross.
+        """Return the stop points (.., 2) of rays, in stop radii and as in the upright image.
 
         The inverse of :meth:`entrance_pupil_points`.
         """
@@ -139,7 +140,7 @@ class FieldLens(GaussianLens):
         return crossed.reshape(directions[..., :2].shape)
 
     def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:
-        """Slopes (n, 2) of the chief rays that rays belong to, places (n, 2) mm in the pupil, and the field there."""
+        """Return chief-ray slopes (n, 2), pupil points (n, 2), mm, and field functions."""
         slopes = directions[..., :2] / directions[..., 2:]
         at_reference = (points[..., :2] - points[..., 2:] * slopes).reshape(-1, 2)
         slopes = slopes.reshape(-1, 2)
@@ -155,7 +156,7 @@ class FieldLens(GaussianLens):
 
 
 def axes(slopes: Array) -> tuple[Array, Array]:
-    """Unit vectors (n, 2), (n, 2) away from the axis and across, of slopes (n, 2)."""
+    """Return unit vectors (n, 2), (n, 2), radial and tangential, of slopes (n, 2)."""
     length = np.hypot(slopes[:, 0], slopes[:, 1])
     away = length > 0
     t = np.where(away[:, None], slopes / np.where(away, length, 1.0)[:, None], np.array([1.0, 0.0]))
@@ -163,7 +164,7 @@ def axes(slopes: Array) -> tuple[Array, Array]:
 
 
 def _focused(places: Array, chief: Array, found: LensValues) -> Array:
-    """By how much (n, 2) slopes through places (n, 2) of the pupil differ from the chief rays' towards their focus."""
+    """Return slope differences (n, 2) to the chief rays for rays in focus."""
     t, s = axes(chief)
     along, across = np.einsum("ni,ni->n", places, t), np.einsum("ni,ni->n", places, s)
     bent: Array = (along * found.vergence_t)[:, None] * t + (across * found.vergence_s)[:, None] * s
@@ -171,6 +172,6 @@ def _focused(places: Array, chief: Array, found: LensValues) -> Array:
 
 
 def ratio(value: Array, by: Array, limit: Array) -> Array:
-    """Quotients (n,), and their limit at 0."""
+    """Return quotients (n,), with a limit for division by 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(by == 0.0, limit, value / by)

@@ -1,9 +1,11 @@
-"""What lenses at a finite distance have in common: Gaussian optics seen from the entrance pupil.
+"""Gaussian optics of lenses at finite distance, relative to the entrance pupil.
 
-Seen from its entrance pupil, which stands e towards the mirror from the principal point, a thick lens is a thin one of
-principal distance ``c = f / (1 - (f - e) v)``, ``v = 1/s0`` the vergence there of the plane in focus, and its blur is
-``(f/F) c (v - 1/s)``. With e = 0 these are Eqs. 25 and 28. Both follow from the lens equation at the principal planes:
-the ray from the middle of the pupil meets the plane in focus at ``s0 tan(theta)``, which is imaged ``b0/L0`` as large.
+Let e be the distance of the entrance pupil from the principal point towards the mirror. Relative to
+the pupil, a thick lens is equivalent to a thin one of principal distance ``c = f / (1 - (f - e)
+v)``, with the vergence ``v = 1/s0`` of the plane in focus, and its blur is ``(f/F) c (v - 1/s)``.
+For e = 0 these are Eqs. 25 and 28. Both follow from the lens equation at the principal planes: the
+ray from the pupil centre meets the plane in focus at ``s0 tan(theta)``, imaged with the
+magnification ``b0/L0``.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from .base import BLUR_MODES, Array, BlurMode, DepthOfField, Lens, ThroughFocus
 
 
 class GaussianLens(Lens):
-    """A lens at a finite distance: focal length, F-number f/D, and places on its axis from its reference point."""
+    """Lens at finite distance, with focal length and F-number f/D."""
 
     focal_length_mm: float
     f_number: float
@@ -29,7 +31,7 @@ class GaussianLens(Lens):
 
     @property
     def principal_point_mm(self) -> float:
-        """Place of the principal point, towards the mirror from the reference point."""
+        """Position of the principal point, towards the mirror from the reference point."""
         return 0.0
 
     @property
@@ -53,23 +55,23 @@ class GaussianLens(Lens):
 
     @property
     def nearest_focus_mm(self) -> float:
-        """A little beyond its focal length, and its entrance pupil."""
+        """Smallest focus distance, slightly beyond focal length and entrance pupil."""
         f = self.focal_length_mm
         return max(self.principal_point_mm + 1.0001 * f, self.pupil.at_mm + 0.0001 * f)
 
     @property
     def image_distance(self) -> float:
-        """Distance b0 (mm) from principal point to imager when focused (Eq. 25)."""
+        """Distance b0 (mm) from principal point to imager in focus (Eq. 25)."""
         return 1 / (1 / self.focal_length_mm - 1 / (self.focus_distance_mm - self.principal_point_mm))
 
     @property
     def imager_mm(self) -> float:
-        """From the reference point back to the imager, mm; of a lens without thickness, if no more is known."""
+        """Distance from the reference point to the imager, mm; by default that of a thin lens."""
         return self.image_distance - self.principal_point_mm
 
     @cached_property
     def principal_distance(self) -> float:
-        """Image height (mm) per tangent of the viewing angle, but for distortion: b0 where the pupil is in the lens."""
+        """Undistorted image height (mm) per tangent of the viewing angle."""
         return float(self.through_focus(1 / self.from_pupil).image_scale)
 
     @property
@@ -78,7 +80,7 @@ class GaussianLens(Lens):
         return self.focus_distance_mm - self.pupil.at_mm
 
     def hyperfocal_distance(self, tolerance: float) -> float:
-        """L_inf = f^2 / (delta F), mm, for a permissible blur delta in mm."""
+        """Compute the hyperfocal distance f^2 / (delta F), mm, for a blur delta in mm."""
         return self.focal_length_mm**2 / (number("tolerance", tolerance, above=0, unit="mm") * self.f_number)
 
     def ideal_height(self, x: Array, w: Array) -> Array:
@@ -103,7 +105,7 @@ class GaussianLens(Lens):
         return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
 
     def focus_coordinate(self, L: ArrayLike) -> Array:
-        """The vergence at the entrance pupil."""
+        """Compute the vergence at the entrance pupil."""
         with np.errstate(divide="ignore"):
             return np.asarray(1 / (coordinates("L", L) - self.pupil.at_mm))
 

@@ -1,4 +1,4 @@
-"""The telecentric lens: all chief rays parallel to its axis."""
+"""Telecentric lens: all chief rays are parallel to its axis."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .base import BLUR_MODES, F_NUMBER, Array, BlurMode, DepthOfField, Lens, Thr
 
 @dataclass(frozen=True)
 class Orthographic(Lens):
-    """A telecentric lens: all chief rays parallel to the axis, ``h = mu x``; as wide as the mirror.
+    """Telecentric lens: chief rays parallel to the axis, ``h = mu x``.
 
-    ``working_f_number`` is the image-side F-number, as makers of telecentric lenses state it.
+    ``working_f_number`` is the image-side F-number, as in data sheets of telecentric lenses.
 
     >>> lens = Orthographic(magnification=0.1, working_f_number=4.0, focus_distance_mm=20.0)
     >>> round(float(lens.blur(24.0)), 12)  # mu^2 (L - L0) / F_w
@@ -51,7 +51,7 @@ class Orthographic(Lens):
 
     @property
     def aperture_slope(self) -> float:
-        """Slope of the outermost rays on the side of the mirror, against the axis."""
+        """Object-side slope of the marginal rays against the axis."""
         return self.magnification / self.working_f_number / 2
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
@@ -74,7 +74,7 @@ class Orthographic(Lens):
         return self.magnification * crossing(points, directions, self.focus_distance_mm)
 
     def focus_coordinate(self, L: ArrayLike) -> Array:
-        """The distance L itself."""
+        """Return the distance L itself."""
         return coordinates("L", L)
 
     def distance_of(self, coordinate: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""The ordinary lens: from a point, with the distortion that OpenCV states."""
+"""Perspective lens with the distortion model of OpenCV."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .pupil import EntrancePupil
 
 @dataclass(frozen=True)
 class Perspective(GaussianLens):
-    """An ordinary lens: ``h = b0 tan(theta)``, ``1/b0 = 1/f - 1/L0``; distorted, if it is, as OpenCV states it.
+    """Perspective lens, ``h = b0 tan(theta)``, with optional OpenCV distortion.
 
-    Distortion moves what an ideal thin lens shows, whole cones of light at a time
-    (:mod:`omnimirror.optics.lenses.distortion`); a blur grows and shrinks with the picture about it.
+    Distortion displaces the image of an ideal thin lens as a whole, including its blur
+    (:mod:`omnimirror.optics.lenses.distortion`); blur scales with the local magnification.
 
-    A thick lens sees from its entrance pupil, which stands ``entrance_pupil_mm`` towards the mirror from its
-    principal point (:mod:`omnimirror.optics.lenses.gaussian`).
+    A thick lens has its entrance pupil ``entrance_pupil_mm`` towards the mirror from its principal
+    point (:mod:`omnimirror.optics.lenses.gaussian`).
 
     >>> lens = Perspective(focal_length_mm=11.6, f_number=4.0, focus_distance_mm=212.0)
     >>> round(lens.image_distance, 4), round(lens.image_f_number(), 4)
@@ -64,7 +64,7 @@ class Perspective(GaussianLens):
 
     @property
     def brown(self) -> Coefficients:
-        """Its distortion."""
+        """Distortion coefficients."""
         return self.k1, self.k2, self.k3, self.p1, self.p2
 
     @property
@@ -113,7 +113,7 @@ class Perspective(GaussianLens):
         return self.distorted(scale * crossing(points, directions, self.focus_distance_mm))
 
     def falloff(self, image: Array, pupil: Array | None = None) -> Array:
-        """cos^4 of the angle at the imager, and more where distortion packs more of the world into an area of it."""
+        """Return cos^4 at the imager, multiplied by the compression by distortion."""
         ideal = self.undistorted(image) / self.principal_distance
         tangent = ideal if pupil is None else ideal + pupil / (2 * self.image_f_number())
         return cos4(tangent) * shrinkage(ideal, self.brown)

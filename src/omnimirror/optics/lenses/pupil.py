@@ -1,4 +1,4 @@
-"""Where a lens sees from: the place on its axis that chief rays aim at, which may move with their angle."""
+"""Entrance pupil of a lens: its axial position, which may depend on the viewing angle."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ Array = NDArray[np.float64]
 
 
 class ChiefAim(NamedTuple):
-    """What chief rays aim at, (n,) each."""
+    """Distance and motion of the entrance pupil for chief rays, (n,) each."""
 
     distance: Array
-    """From the entrance pupil to the mirror point along the axis, mm: w."""
+    """Axial distance w from the entrance pupil to the mirror point, mm."""
     drift: Array | float
-    """How far the entrance pupil moves towards the mirror per radian of the viewing angle, mm."""
+    """Motion of the entrance pupil towards the mirror per radian of the viewing angle, mm."""
 
 
 @dataclass(frozen=True)
 class EntrancePupil:
-    """An entrance pupil that stays where it is: on the axis, so far towards the mirror from the lens's reference point.
+    """Fixed entrance pupil, at a distance from the lens's reference point.
 
     >>> EntrancePupil(5.0).aim(np.array([10.0]), np.array([180.0])).distance
     array([175.])
@@ -32,15 +32,18 @@ class EntrancePupil:
 
     @property
     def moves(self) -> bool:
-        """Whether its place depends on the viewing angle."""
+        """True if its position depends on the viewing angle."""
         return False
 
     def place(self, tangent: Array) -> Array:
-        """Places (n,) mm of viewing angles given by their tangents."""
+        """Return the positions (n,), mm, at viewing angles given by their tangents."""
         return np.full_like(tangent, self.at_mm)
 
     def aim(self, x: Array, depth: Array) -> ChiefAim:
-        """The chief rays of points at distances x (n,) from the axis and depth (n,) from the reference point, mm."""
+        """Return the chief rays of points at distances x (n,) from the axis and depths (n,), mm.
+
+        Depths are measured from the reference point.
+        """
         return ChiefAim(depth - self.at_mm, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A lens by its surfaces, as optical programs exchange it: real rays through glass."""
+"""Lens given by its surfaces, as in optical design programs, with real ray tracing."""
 
 from __future__ import annotations
 
@@ -37,37 +37,39 @@ NEEDED = ("curvature_per_mm", "thickness_mm", "index")
 
 @dataclass(frozen=True)
 class SurfaceLens(FieldLens):
-    """A lens of surfaces of revolution; its reference point is the vertex of the first.
+    """Lens of surfaces of revolution; its reference point is the vertex of the first surface.
 
-    The imager stands where a distant or near object on the axis, ``focus_distance_mm`` from that vertex, is imaged by
-    rays next to the axis in the middle wavelength. Chief rays go through the middle of the stop; T and S focus,
+    The imager is in the paraxial focus of an object on the axis at ``focus_distance_mm`` from that
+    vertex, at the middle wavelength. Chief rays pass the centre of the stop; T and S focus,
     distortion, vignetting and the lens's own blur are those of real rays.
 
     Parameters
     ----------
     f_number
-        Focal length over diameter of the entrance pupil.
+        Focal length divided by the diameter of the entrance pupil.
     focus_distance_mm : mm
     curvature_per_mm, thickness_mm, index : (n,)
-        From the front on: what faces the mirror comes first.
+        Values from the front: the surface facing the mirror is first.
     stop_surface
-        Which surface is the stop, from 1.
+        Number of the stop surface, from 1.
     field_max_deg
-        Largest viewing angle; as far as light passes, and 80 deg, by default.
+        Largest viewing angle; by default up to 80 deg, limited by vignetting.
     conic, edge_mm, clear_mm, index_short, index_long : (n,)
     aspheres : (n k,)
-        Coefficients of r^2, r^4 .. in mm, as many of each surface; those of the first come first.
+        Coefficients of r^2, r^4, ... in mm, equally many per surface; those of the first surface
+        first.
     wavelengths_nm
-        Shortest, middle and longest; for people.
+        Shortest, middle and longest wavelength; informative.
 
     Raises
     ------
     InvalidParameter
-        Columns of different lengths, a stop that is no surface, no focal length above 0, or no light that passes.
+        If columns differ in length, the stop is not a surface, the focal length is not positive, or
+        no light is transmitted.
 
     Examples
     --------
-    A plano-convex lens of 50 mm with its stop in front:
+    Plano-convex lens of 50 mm with a front stop:
 
     >>> lens = SurfaceLens(8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1)
     >>> round(lens.focal_length_mm, 2)
@@ -123,7 +125,7 @@ class SurfaceLens(FieldLens):
             raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
         if self.index[-1] != 1.0:
             raise InvalidParameter(f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager")
-        with np.errstate(all="ignore"):  # what overflows is rejected
+        with np.errstate(all="ignore"):  # overflow is rejected
             focal = self._paraxial.focal_length
             if not (np.isfinite(focal) and focal > 0):
                 raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
@@ -137,24 +139,25 @@ class SurfaceLens(FieldLens):
 
     @classmethod
     def from_file(cls, path: str | Path, **entries: Any) -> SurfaceLens:
-        """The lens of a .zmx file; ``entries`` count more than the file, and may name a ``glass_catalogue`` (.agf).
+        """Read a lens from a .zmx file.
 
         Parameters
         ----------
         path
-            The file.
+            File to read.
         entries
-            Such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``.
+            Entries such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``, which take
+            precedence over the file, and ``glass_catalogue`` (.agf).
 
         Returns
         -------
         SurfaceLens
-            The lens, its imager where ``focus_distance_mm`` is in focus.
+            Lens focused at ``focus_distance_mm``.
 
         Raises
         ------
         OmnimirrorError
-            The file is missing or not such a lens: the error says why.
+            If the file is missing or not a supported lens; the message gives the reason.
 
         Examples
         --------
@@ -175,7 +178,7 @@ class SurfaceLens(FieldLens):
 
     @property
     def focal_length_mm(self) -> float:  # type: ignore[override]  # a field of other lenses
-        """Of rays next to the axis, middle wavelength."""
+        """Paraxial focal length at the middle wavelength."""
         return float(self._paraxial.focal_length)
 
     @property
@@ -184,7 +187,7 @@ class SurfaceLens(FieldLens):
 
     @property
     def imager_mm(self) -> float:
-        """From the first surface to the imager, mm."""
+        """Distance from the first surface to the imager, mm."""
         return float(sum(self.thickness_mm[:-1]) + _traced_of(self).to_imager)
 
     @property
@@ -204,12 +207,12 @@ class SurfaceLens(FieldLens):
             )
 
     def at_wavelength(self, wavelength_nm: float) -> SurfaceLens:
-        """With the indices of a wavelength, by those of the three that it has; stop and imager stay where they are.
+        """Return the lens at a wavelength, with fixed stop and imager.
 
         Raises
         ------
         InvalidParameter
-            Nothing is said of other wavelengths, or there is no image of such light before the imager.
+            If no other wavelengths are given, or such light has no image before the imager.
         """
         known = (self.wavelengths_nm, self.index_short, self.index_long)
         if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(FRAUNHOFER_NM):
@@ -232,7 +235,7 @@ class SurfaceLens(FieldLens):
     # -- real rays -----------------------------------------------------------------------------------------
 
     def image_of(self, points: Array, directions: Array) -> Array:
-        """By tracing the rays through every surface; NaN for those that do not get through."""
+        """Trace the rays through every surface; NaN for blocked rays."""
         return self._landed_from(points, directions).image.reshape(directions[..., :2].shape)
 
     def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
@@ -242,21 +245,21 @@ class SurfaceLens(FieldLens):
         return {f"lens surface {i}": (c**2 - radii[i - 1] ** 2) / (2 * c) for i, c in limits if c > 0}
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
-        """By tracing the rays through every surface; NaN for those that do not get through."""
+        """Trace the rays through every surface; NaN for blocked rays."""
         return self._landed_from(points, directions).cosines.reshape(directions[..., :2].shape)
 
     def stop_points(self, points: Array, directions: Array) -> Array:
-        """By tracing the rays to the surface that is the stop; NaN for those that do not get through."""
+        """Trace the rays to the stop surface; NaN for blocked rays."""
         places = self._landed_from(points, directions).stop / self._stop_scale
         return places.reshape(directions[..., :2].shape)
 
     @cached_property
     def _stop_scale(self) -> float:
-        """Radius of the stop, mm, below 0 where lens surfaces before it reverse its image."""
+        """Radius of the stop, mm, negative if the preceding surfaces invert its image."""
         return _traced_of(self).stop_radius * float(np.sign(self._paraxial.pupil_magnification))
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
-        """Those through points of the pupil that land on the image points: from first-order rays, by Newton's rule."""
+        """Return rays through pupil points to image points, by Newton's method."""
         origins, directions = super().rays(image, pupil)
         slopes = directions[:, :2] / directions[:, 2:]
         chief = self.undistorted(image) / self.principal_distance
@@ -272,12 +275,12 @@ class SurfaceLens(FieldLens):
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
     def _landed_from(self, points: Array, directions: Array) -> Landed:
-        """Where rays (n,) from the mirror land, by points and directions on them of any shape."""
+        """Trace rays from the mirror, by points and directions of any shape."""
         slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
         return self._landed(points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes)
 
     def _landed(self, places: Array, slopes: Array) -> Landed:
-        """Where rays land by places (n, 2) in the plane of the first vertex and slopes towards the mirror."""
+        """Trace rays from points (n, 2) in the first vertex plane, given slopes."""
         traced = _traced_of(self)
         return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
 
@@ -296,7 +299,7 @@ def _traced_of(lens: SurfaceLens) -> Traced:
 
 @lru_cache(maxsize=64)
 def _field_of(lens: SurfaceLens) -> LensField:
-    """The functions of a lens's field, as focused."""
+    """Return the field functions of a lens at its focus."""
     traced = _traced_of(lens)
     end = field_end(traced, float(np.tan(np.radians(lens.field_max_deg))))
     outer = None

@@ -1,4 +1,4 @@
-"""A lens known by a table: what its maker, or a measurement, says of it angle by angle."""
+"""Lens given by a table of its field, from a data sheet or a measurement."""
 
 from __future__ import annotations
 
@@ -35,43 +35,46 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class TabulatedLens(FieldLens):
-    """A lens by a table of its field, met at every angle and smooth in between (splines of fifth degree).
+    """Lens given by a table of its field, interpolated by quintic splines.
 
     Parameters
     ----------
     focal_length_mm, f_number
-        On the axis.
+        Axial values.
     focus_distance_mm : mm
         Object distance in focus, from the reference point.
     field_deg, image_height_mm : (n,)
-        The table holds at ``table_focus_mm``; at another focus the imager is moved along the chief rays.
+        The table is valid at ``table_focus_mm``; at another focus, the imager moves along the chief
+        rays.
     entrance_pupil_mm : (n,)
-        Where chief rays cross the axis, from the reference point towards the mirror.
+        Intersection of chief rays with the axis, from the reference point towards the mirror.
     relative_illumination, chief_ray_deg, field_curvature_t_mm, field_curvature_s_mm : (n,)
-        Left out: cos^4, the chief rays of a Gaussian lens, a flat field.
+        By default: cos^4, the chief rays of a Gaussian lens, and a flat field.
     own_blur_t_mm, own_blur_s_mm : (n,)
-        Left out: none.
+        By default: none.
     lateral_colour_short_mm, lateral_colour_long_mm : (n,)
-        By how much images in blue and in red are higher.
+        Increase of the image height in blue and in red.
     principal_point_mm : mm
-        From the reference point towards the mirror; the reference point itself by default.
+        Distance from the reference point towards the mirror; 0 by default.
     table_focus_mm : mm
-        Focus that the table holds at; that which the lens is made with by default.
+        Focus distance of the table; by default that of the lens at its creation.
     barrel_diameter_mm, barrel_mm : mm
-        Clear diameter of a barrel or a hood that cuts bundles off, and the place of its front from the reference point
-        towards the mirror; none by default. Where ``relative_illumination`` is given it is in that already.
+        Clear diameter of a barrel or hood that vignettes the beam, and the position of its front
+        from the reference point towards the mirror; none by default. ``relative_illumination``, if
+        given, already includes it.
     window_mm, window_index
-        Thickness (mm) and refractive index of a flat pane square to the axis between lens and mirror, which the table
-        does not have in it; where it stands does not matter. None by default.
+        Thickness (mm) and refractive index of a flat pane between lens and mirror, perpendicular to
+        the axis and not included in the table; its position has no effect. None by default.
 
     Raises
     ------
     InvalidParameter
-        Columns of different lengths, angles that do not grow from 0, heights that do not grow, or fewer than 4 rows.
+        If columns differ in length, angles do not increase from 0, heights do not increase, or
+        there are fewer than 4 rows.
 
     Examples
     --------
-    A lens without any fault is the ordinary one:
+    A lens without aberrations equals the perspective lens:
 
     >>> angles = np.linspace(0, 30, 7)
     >>> ideal = tuple(12.0 * np.tan(np.radians(angles)))
@@ -157,9 +160,10 @@ class TabulatedLens(FieldLens):
         return _field_of(self)
 
     def at_wavelength(self, wavelength_nm: float) -> TabulatedLens:
-        """With the image heights of a wavelength: a parabola in its inverse square, by what the table says of colours.
+        """Return the lens with the image heights of a wavelength, from the table's lateral colour.
 
-        Those of the table are taken for the d line, blue and red for F and C.
+        The heights are a parabola in the inverse squared wavelength; those of the table are
+        assigned to the d line, blue and red to F and C.
         """
         if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
             return self
@@ -174,9 +178,9 @@ class TabulatedLens(FieldLens):
         )
 
     def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays at the front of the barrel, if there is one.
+        """Return the clearance (n,), mm, of rays at the front of the barrel, if present.
 
-        A pane between lens and mirror shifts rays along the axis by what it does to the chief rays.
+        A pane between lens and mirror shifts rays axially by the same amount as the chief rays.
         """
         if self.barrel_diameter_mm is None:
             return {}
@@ -190,7 +194,7 @@ class TabulatedLens(FieldLens):
         return {"barrel": (radius**2 - (across**2).sum(axis=-1)) / (2 * radius)}
 
     def _at_table(self) -> float:
-        """How far (mm) the imager stands from where it stood for the table."""
+        """Displacement (mm) of the imager from its position for the table."""
         assert self.table_focus_mm is not None
         f, zero = self.focal_length_mm, self.principal_point_mm
         focus, before = self.focus_distance_mm - zero, self.table_focus_mm - zero
@@ -199,7 +203,7 @@ class TabulatedLens(FieldLens):
 
 @lru_cache(maxsize=64)
 def _field_of(lens: TabulatedLens) -> LensField:
-    """The functions of a table's field, as focused."""
+    """Return the field functions of a table at the lens's focus."""
     tangent = np.tan(np.radians(lens.field_deg))
     pupil = np.array(lens.entrance_pupil_mm)
     f, e = lens.focal_length_mm, lens.pupil_from_principal
@@ -237,11 +241,11 @@ def _field_of(lens: TabulatedLens) -> LensField:
 
 
 def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldNodes:
-    """The same lens behind a flat pane.
+    """Return the field functions of the lens behind a flat pane.
 
-    A pane moves a ray of slope u along the axis by ``d(u) = a (1 - u'/u)``, u' being its slope inside, and does not
-    turn it: the pupil of an angle t stands d(t) nearer to the mirror. Another ray of its fan, of slope ``t - y v``
-    through y, comes from ``y (1 + t d'(t) v)`` there.
+    A pane shifts a ray of slope u axially by ``d(u) = a (1 - u'/u)``, with the internal slope u',
+    and does not deviate it: the pupil of an angle t is d(t) closer to the mirror. Another ray of
+    its fan, of slope ``t - y v`` through y, originates at ``y (1 + t d'(t) v)`` there.
     """
     if not thickness:
         return nodes
@@ -260,7 +264,7 @@ def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldN
 
 
 class _Opening(NamedTuple):
-    """What a barrel leaves of the entrance pupil at n angles, over its radius on the axis and its area there."""
+    """Unvignetted part of the entrance pupil at n angles, relative to its axial radius and area."""
 
     width_t: Array
     width_s: Array
@@ -269,15 +273,15 @@ class _Opening(NamedTuple):
 
 
 def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence: Array) -> _Opening:
-    """The part of the pupil whose rays pass the barrel: what two circles have in common.
+    """Return the part of the pupil transmitted by the barrel: the intersection of two circles.
 
-    A ray of slope ``t - y v`` through a point y of the pupil crosses the barrel's front, a before the pupil, at
-    ``y (1 - a v) + a t``.
+    A ray of slope ``t - y v`` through a pupil point y crosses the barrel's front, a before the
+    pupil, at ``y (1 - a v) + a t``.
 
     Raises
     ------
     InvalidParameter
-        The barrel is narrower than the pupil seen through it, or lets nothing through at an angle of the table.
+        If the barrel is narrower than the pupil seen through it, or vignettes an angle completely.
     """
     one = np.ones_like(tangent)
     if lens.barrel_diameter_mm is None:
@@ -298,11 +302,11 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     distance = np.abs(centre)
     whole = distance <= radius - 1
     d = np.where(whole, 1.0, distance)
-    ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # of the line through both crossings, from our centre
+    ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
     theirs = np.clip((d - ours) / radius, -1.0, 1.0)
     chord = np.sqrt(1 - ours**2)
     common = np.arccos(ours) - ours * chord + radius**2 * (np.arccos(theirs) - theirs * np.sqrt(1 - theirs**2))
-    # the widest across: of the whole circle if its middle is left, else of the common lens's edges
+    # sagittal width: the full circle if its centre is open, else the corners
     across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
     return _Opening(
         (high - low) / 2,
@@ -313,16 +317,17 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
 
 
 def _of_defocus(tangent: Array, behind: Array, scale_t: Array, scale_s: Array) -> tuple[Array, Array]:
-    """What a mm of defocus on the imager's side is as vergence (1/mm) at the pupil, tangential and sagittal.
+    """Return the vergence (1/mm) at the pupil per mm of defocus at the imager.
 
-    By the invariant of Lagrange between a ray of the fan and the neighbouring chief ray: in the meridian
-    ``y cos(theta) dtheta = dh cos(theta') dtheta'``, across it ``y sin(theta) = h cos(theta') dtheta'``.
+    By the Lagrange invariant between a ray of the fan and the adjacent chief ray: in the meridian
+    ``y cos(theta) dtheta = dh cos(theta') dtheta'``, sagittally ``y sin(theta) = h cos(theta')
+    dtheta'``.
     """
     cos, cos_behind = (1 + tangent**2) ** -0.5, (1 + behind**2) ** -0.5
     return (cos / cos_behind) ** 3 / scale_t**2, cos / cos_behind / scale_s**2
 
 
 def _rate(tangent: Array, values: Array, even: bool) -> Array:
-    """Derivative (n,) by the tangent of what is even or odd about the axis."""
+    """Return the derivative (n,) by the tangent of values that are even or odd about the axis."""
     spline = (even_spline if even else odd_spline)(tangent, values)
     return np.asarray(spline.derivative()(tangent))

@@ -1,4 +1,4 @@
-"""What a mirror is: sag, slope and curvature of one meridian. One class per shape, one registry."""
+"""Mirrors: sag, slope and curvature of one meridian. One class per shape, one registry."""
 
 from collections import ChainMap
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ M = TypeVar("M", bound=Mirror)
 
 
 def _check(name: str, cls: Any) -> None:
-    """Refuse what is no class of mirrors that describes itself under this name."""
+    """Check that an object is a mirror class with this kind."""
     if not (isinstance(cls, type) and issubclass(cls, Mirror)):
         raise WrongKind(f"{shown(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror")
     made = vars(cls).get("__dataclass_params__")
@@ -67,35 +67,37 @@ MIRRORS: Registry[type[Mirror]] = Registry(
     {cls.KIND: cls for cls in SHAPES} | MAPPINGS,
     _check,
 )
-"""Every mirror by the word that names it in a sensor file. Adding one here is a class and a line in this list; from
-outside, :func:`register_mirror` or an entry point."""
+"""Mirror classes by their name in sensor files. Add a class to this list, or from another package
+by :func:`register_mirror` or an entry point."""
 
 SECONDARIES: Mapping[str, type[Mirror]] = ChainMap(MIRRORS, {Flat.KIND: Flat})  # type: ignore[arg-type]  # only read
-"""What can stand as a second mirror: a flat one, and those."""
+"""Mirrors that may be secondaries: a flat mirror, and all registered ones."""
 
 
 def register_mirror(cls: type[M]) -> type[M]:
-    """Make a mirror of one's own known by its ``KIND``: to sensor files, evaluation, design, exports and the studio.
+    """Register a custom mirror class by its ``KIND``.
 
-    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    The mirror is then available in sensor files, evaluation, design, exports and the studio. An
+    installed package registers it without a call, by an entry point in its ``pyproject.toml``:
     ``[project.entry-points."omnimirror.mirrors"]`` with ``bowl = "my_package:Bowl"``.
 
     Parameters
     ----------
     cls
-        A frozen dataclass derived from :class:`omnimirror.optics.mirrors.Mirror`, with ``KIND``, ``PARAMETERS`` and
-        ``profile(x_mm)``, which gives sag (mm), slope (1) and curvature (1/mm), each of the shape of x.
-        :func:`omnimirror.optics.testing.check_mirror` tells whether it keeps the contract.
+        Frozen dataclass derived from :class:`omnimirror.optics.mirrors.Mirror`, with ``KIND``,
+        ``PARAMETERS`` and ``profile(x_mm)``, which returns sag (mm), slope (1) and curvature
+        (1/mm), each of the shape of x. :func:`omnimirror.optics.testing.check_mirror` checks the
+        contract.
 
     Returns
     -------
     type
-        The class itself, so that this is a decorator, too.
+        The class itself, for use as a decorator.
 
     Raises
     ------
     InvalidParameter
-        Another mirror has this kind, or the class does not describe itself.
+        If another mirror has this kind, or the class does not describe its parameters.
 
     Examples
     --------

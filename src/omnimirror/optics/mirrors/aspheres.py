@@ -1,9 +1,9 @@
-"""Polynomial mirrors: the even polynomial of the paper's E-DI, and the conic with even asphere terms.
+"""Polynomial mirrors: the even polynomial of the paper's E-DI, and the even asphere.
 
-Coefficients belong to powers of ``x / normalization_radius_mm`` and are themselves in units of the
-normalisation radius, so that the paper's numbers can be entered as printed and an optimiser sees
-numbers of one size. With a normalisation radius of 1 mm they are the ordinary coefficients of
-optical programs, in mm^(1-2i).
+Coefficients refer to powers of ``x / normalization_radius_mm`` and are in units of the
+normalisation radius: the paper's numbers can be entered as printed, and parameters are well scaled
+for optimisation. With a normalisation radius of 1 mm they are the usual even-asphere coefficients,
+in mm^(1-2i).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NORMALIZATION = Parameter("mm", 1e-3, 1e5, "length unit of the coefficients")
 
 
 def even_polynomial(x: Array, coefficients: tuple[float, ...], first: int) -> tuple[Array, Array, Array]:
-    """Value, first and second derivative of ``sum c_i x^(2 (first + i))``, by Horner's rule in x^2.
+    """Compute ``sum c_i x^(2 (first + i))`` and two derivatives by Horner's scheme in x^2.
 
     >>> even_polynomial(np.array([2.0]), (1.0, 0.5), first=1)  # x^2 + x^4/2
     (array([12.]), array([20.]), array([26.]))
@@ -41,7 +41,7 @@ def even_polynomial(x: Array, coefficients: tuple[float, ...], first: int) -> tu
 
 @dataclass(frozen=True)
 class EvenPolynomial(Mirror):
-    """``z = N sum c_i (x/N)^(2i)``, i = 1, 2, ..; the paper's E-DI has .6409, .1550, -.01 for N = M.
+    """``z = N sum c_i (x/N)^(2i)``, i >= 1; the paper's E-DI: 0.6409, 0.1550, -0.01.
 
     >>> mirror = EvenPolynomial((0.6409, 0.1550, -0.01), rim_radius_mm=1.0)
     >>> round(float(mirror.sag(1.0)), 4)
@@ -71,9 +71,9 @@ class EvenPolynomial(Mirror):
 
 @dataclass(frozen=True)
 class ConicAsphere(Mirror):
-    """A conic of vertex radius R and conic constant k plus ``N sum a_i (x/N)^(2i)``, i = 2, 3, ..
+    """Even asphere: a conic plus ``N sum a_i (x/N)^(2i)``, i = 2, 3, ...
 
-    The even asphere that every optical program exchanges; the x^2 term belongs to R.
+    This is the standard even asphere of optical design programs; R defines the x^2 term.
 
     >>> ConicAsphere(vertex_radius_mm=50.0, conic=0.0, rim_radius_mm=40.0).sag([30.0])
     array([10.])

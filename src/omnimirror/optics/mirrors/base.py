@@ -1,9 +1,9 @@
-"""The Mirror contract: one meridian as sag, slope and curvature of the distance from the axis.
+"""Mirror interface: sag, slope and curvature of a meridian by the distance from the axis.
 
-The vertex is at the origin and z runs from the lens towards the mirror, so a mirror convex towards
-the lens has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses that carry parameters, describe
-them in ``PARAMETERS`` and name the kernels that belong to them; sensor files, sliders, optimisers
-and tolerances read that description and need no code per mirror.
+The vertex is at the origin and z points from the lens to the mirror; a mirror convex towards the
+lens has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses with parameters, described in
+``PARAMETERS``, and their kernels; sensor files, sliders, optimisers and tolerances use this
+description and need no code per mirror.
 """
 
 from __future__ import annotations
@@ -24,57 +24,57 @@ from .measured.columns import ColumnFile
 Array = NDArray[np.float64]
 
 
-APEX = 1e-6  # of the rim radius: an odd function is linear there to 1e-12
+APEX = 1e-6  # of the rim radius: odd functions are linear to 1e-12 within
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")
 
 
 class Mirror(ABC):
-    """A mirror of revolution; lengths in mm, angles of its surface from ``slope = dz/dx = tan(beta)``."""
+    """Mirror of revolution; lengths in mm, slope angles from ``slope = dz/dx = tan(beta)``."""
 
     KIND: ClassVar[str]
-    """The word that names this mirror in a sensor file."""
+    """Name of the mirror in sensor files."""
     PARAMETERS: ClassVar[dict[str, Parameter]]
-    """Its parameters in the order of its fields."""
+    """Parameters in the order of the fields."""
 
     FILES: ClassVar[tuple[ColumnFile, ...]] = ()
-    """The entries that may name a file with some of them."""
+    """Entries that may name a file with parameters."""
 
     rim_radius_mm: float
 
     @abstractmethod
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        """Sag, slope and curvature together, each of the shape of x; NaN where there is no surface."""
+        """Compute sag, slope and curvature, each of the shape of x; NaN outside the surface."""
 
     def sag(self, x_mm: ArrayLike) -> Array:
-        """Height z over the vertex plane, mm."""
+        """Compute the height z above the vertex plane, mm."""
         return self.profile(x_mm)[0]
 
     def slope(self, x_mm: ArrayLike) -> Array:
-        """dz/dx, dimensionless: tan(beta), Eq. 2."""
+        """Compute dz/dx = tan(beta), dimensionless (Eq. 2)."""
         return self.profile(x_mm)[1]
 
     def curvature(self, x_mm: ArrayLike) -> Array:
-        """d2z/dx2, 1/mm; enters the tangential radius, Eq. 14."""
+        """Compute d2z/dx2, 1/mm, used in the tangential radius (Eq. 14)."""
         return self.profile(x_mm)[2]
 
     def radius_t(self, x_mm: ArrayLike) -> Array:
-        """Tangential radius of curvature, mm (Eq. 14); infinite where the meridian is straight."""
+        """Compute the tangential radius of curvature, mm (Eq. 14)."""
         _, slope, curvature = self.profile(x_mm)
         return tangential_radius(slope, curvature)
 
     def radius_s(self, x_mm: ArrayLike) -> Array:
-        """Sagittal radius of curvature, mm (Eq. 18); at a smooth apex equal to the tangential one."""
+        """Compute the sagittal radius of curvature, mm (Eq. 18)."""
         x = coordinates("x_mm", x_mm)
         _, slope, curvature = self.profile(x)
         return sagittal_radius(x, slope, curvature)
 
     @property
     def is_pointed(self) -> bool:
-        """True for a mirror that ends in a point (a cone) and so has no tangent plane on the axis."""
+        """True for a mirror with an apex (a cone), without tangent plane on the axis."""
         return bool(self.slope(0.0) != 0.0)
 
     def scaled(self, factor: float) -> Self:
-        """The same shape grown evenly: what it has of lengths times a factor."""
+        """Return the mirror scaled uniformly: all lengths are multiplied by a factor."""
         factor = number("factor", factor, above=0.0)
 
         def grown(name: str) -> Any:
@@ -94,22 +94,22 @@ class Mirror(ABC):
 
     @property
     def breaks(self) -> Array | None:
-        """Where the polynomials of fifth or lower degree that the sag is made of begin and end, mm; None of others."""
+        """Ends of the polynomial pieces (degree <= 5) of the sag, mm; None for other mirrors."""
         return None
 
     @classmethod
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
-        """The mirror table of a sensor file, its file of columns followed; without a folder it may name none."""
+        """Load the column file that a mirror table names; a folder of None forbids files."""
         for file in cls.FILES:
             data = file.followed(data, folder)
         return data
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the parameters alone; what was computed from them is computed again."""
+        """Pickle the parameters only; cached results are recomputed."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
     def _check(self) -> None:
-        """Every parameter in its range, and a surface all the way to the rim."""
+        """Check that all parameters are in range and that the surface extends to the rim."""
         self._check_parameters()
         self._check_surface()
 
@@ -132,20 +132,20 @@ class Mirror(ABC):
             )
 
     def _reach(self, first_missing_mm: float) -> float:
-        """Where the surface ends; shapes that know it exactly say so."""
+        """Return the radius of the surface's end; overridden if known exactly."""
         return first_missing_mm
 
 
 def near_apex(u: Array, linear: Array, value: Array) -> Array:
-    """Values (n,) of an odd spline, near its middle (shares u of its length) as its derivative says.
+    """Replace values (n,) of an odd spline near its centre (|u| < APEX) by the linear term.
 
-    There a spline's own rounding, 1e-18 of what it has elsewhere, would be much of so little.
+    The absolute rounding error of the spline, 1e-18, would dominate the small values there.
     """
     return np.where(np.abs(u) < APEX, linear, value)
 
 
 def tangential_radius(slope: Array, curvature: Array) -> Array:
-    """Eq. 14, mm.
+    """Compute Eq. 14, mm.
 
     >>> tangential_radius(np.array([0.0, 0.75]), np.array([0.02, 0.0390625]))  # sphere of 50 mm
     array([50., 50.])
@@ -155,9 +155,9 @@ def tangential_radius(slope: Array, curvature: Array) -> Array:
 
 
 def sagittal_radius(x: Array, slope: Array, curvature: Array) -> Array:
-    """Eq. 18, mm: the length of the normal from the surface to the axis.
+    """Compute Eq. 18, mm: the length of the normal from the surface to the axis.
 
-    At the apex of a smooth mirror the limit 1/z'' is taken, at the point of a cone it is 0.
+    At the apex, the limit is 1/z'' for a smooth mirror and 0 for a cone.
 
     >>> sagittal_radius(np.array([0.0, 30.0]), np.array([0.0, 0.75]), np.array([0.02, 0.0390625]))
     array([50., 50.])

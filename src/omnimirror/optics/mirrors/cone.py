@@ -1,4 +1,4 @@
-"""The cone: a straight meridian, pointed at the axis."""
+"""Conical mirror: a straight meridian with an apex on the axis."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from .base import RIM_RADIUS, Array, Mirror
 
 @dataclass(frozen=True)
 class Cone(Mirror):
-    """``z = x tan(beta)``: R_t is infinite and R_s = x / sin(beta).
+    """Cone ``z = x tan(beta)``: R_t is infinite and R_s = x / sin(beta).
 
-    Its field begins at ``Omega = 2 beta`` and ends at ``2 beta + theta`` of the rim: a narrow band around the
-    horizon for beta near 45 deg. It has no single viewpoint (:meth:`pinhole_ring`) unless m -> 0.
+    Its field extends from ``Omega = 2 beta`` to ``2 beta + theta`` of the rim: a narrow band around
+    the horizon for beta near 45 deg. It has no single viewpoint (:meth:`pinhole_ring`) unless m ->
+    0.
 
     >>> round(float(Cone(slope_deg=45.0, rim_radius_mm=20.0).sag(10.0)), 12)
     10.0
@@ -41,11 +42,11 @@ class Cone(Mirror):
         return x * slope, np.full_like(x, slope), np.zeros_like(x)
 
     def pinhole_ring(self, mirror_distance_mm: float) -> tuple[float, float]:
-        """Radius and height z (mm) of the ring on which the virtual pinholes lie, for a lens at distance m.
+        """Return radius and height z (mm) of the ring of virtual pinholes.
 
-        Each half of a meridian is a plane mirror to the rays in that plane and shows the lens in
-        ``(-m sin(2 beta), m cos(2 beta))``, on the far side of the axis. All rays come from one point only as m -> 0,
-        with the lens in the tip.
+        Each half of a meridian is a plane mirror for the rays in that plane; it images the lens at
+        ``(-m sin(2 beta), m cos(2 beta))``, on the far side of the axis. All rays pass one point
+        only for m -> 0, with the lens at the apex.
 
         >>> radius, z = Cone(slope_deg=45.0, rim_radius_mm=20.0).pinhole_ring(100.0)
         >>> round(radius, 9), round(z, 9)

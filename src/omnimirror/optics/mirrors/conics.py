@@ -1,8 +1,8 @@
 """Conic mirrors: sphere, hyperboloid, paraboloid, ellipsoid.
 
-Every conic is one formula in the vertex radius ``R`` and the conic constant ``k`` (``k = -e**2``):
-sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between, oblate > 0. Each class gives
-the parameters under which its users know it and lends them to the same three kernels.
+All conics share one formula in the vertex radius ``R`` and the conic constant ``k`` (``k =
+-e**2``): sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0, oblate > 0.
+Each class has its customary parameters and uses the same three kernels.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from .base import RIM_RADIUS, Array, Mirror
 
 
 def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, Array, Array]:
-    """Sag (mm), slope and curvature (1/mm) of the conic over its vertex plane; NaN where it has ended.
+    """Compute sag (mm), slope and curvature (1/mm) of a conic; NaN beyond its equator.
 
-    The sag ``c x^2 / (1 + sqrt(1 - (1 + k) c^2 x^2))`` with ``c = 1/R`` keeps full precision near the
-    axis and for the paraboloid, where the textbook quadratic divides by ``1 + k = 0``.
+    The sag ``c x^2 / (1 + sqrt(1 - (1 + k) c^2 x^2))`` with ``c = 1/R`` is accurate near the axis
+    and for the paraboloid, unlike the textbook solution, which divides by ``1 + k = 0``.
 
     >>> conic_profile(np.array([30.0]), R=50.0, k=0.0)  # sphere: 50 - 40, tan, 50^2 / 40^3
     (array([10.]), array([0.75]), array([0.0390625]))
@@ -33,13 +33,13 @@ def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, 
 
 
 def conic_root(x: Array, R: float | Array, k: float | Array) -> Array:
-    """``sqrt(1 - (1 + k) (x/R)^2)``; NaN marks "no surface here" and is checked by callers."""
+    """Compute ``sqrt(1 - (1 + k) (x/R)^2)``; NaN outside the surface, checked by callers."""
     with np.errstate(invalid="ignore"):
         return np.sqrt(1 - (1 + k) * (x / R) ** 2)
 
 
 def conic_reach(R: float, k: float) -> float:
-    """Distance from the axis at which the conic ends (its equator), mm.
+    """Return the distance from the axis at which the conic ends (its equator), mm.
 
     >>> conic_reach(50.0, 0.0), conic_reach(50.0, -1.0)
     (50.0, inf)
@@ -48,7 +48,7 @@ def conic_reach(R: float, k: float) -> float:
 
 
 class Conic(Mirror):
-    """What all pure conics share: vertex radius, conic constant and the kernels."""
+    """Base class of pure conics: vertex radius, conic constant and kernels."""
 
     @property
     @abstractmethod
@@ -69,7 +69,7 @@ class Conic(Mirror):
 
 @dataclass(frozen=True)
 class _OfSemiAxes(Conic):
-    """A conic by its semi-axes: its vertex radius is A^2/B."""
+    """Conic given by its semi-axes; the vertex radius is A^2/B."""
 
     a_mm: float
     b_mm: float
@@ -91,7 +91,7 @@ class _OfSemiAxes(Conic):
 
 @dataclass(frozen=True)
 class Sphere(Conic):
-    """The paper's SPH: ``z = A - sqrt(A^2 - x^2)``, with R_t = R_s = A.
+    """Sphere ``z = A - sqrt(A^2 - x^2)``, the paper's SPH, with R_t = R_s = A.
 
     >>> float(Sphere(radius_mm=50.0, rim_radius_mm=44.0).sag(30.0))
     10.0
@@ -120,9 +120,9 @@ class Sphere(Conic):
 
 @dataclass(frozen=True)
 class Hyperboloid(_OfSemiAxes):
-    """The paper's SVP: ``z = -B + (B/A) sqrt(A^2 + x^2)`` (Table 1 prints a division, erratum 1).
+    """Hyperboloid ``z = -B + (B/A) sqrt(A^2 + x^2)``, the paper's SVP (erratum 1 in its Table 1).
 
-    It has a single viewpoint, at its own focus, exactly when the lens stands at the other one:
+    It has a single viewpoint, at its inner focus, if the lens is at the outer focus:
     ``m = B + C``, ``C = sqrt(A^2 + B^2)``, which is :attr:`single_viewpoint_distance`.
 
     >>> mirror = Hyperboloid(a_mm=3.0, b_mm=4.0, rim_radius_mm=4.0)
@@ -138,13 +138,13 @@ class Hyperboloid(_OfSemiAxes):
 
     @property
     def single_viewpoint_distance(self) -> float:
-        """Distance m from lens to vertex, mm, for which all viewpoints coincide."""
+        """Distance m from lens to vertex, mm, of the single-viewpoint configuration."""
         return self.b_mm + float(np.hypot(self.a_mm, self.b_mm))
 
 
 @dataclass(frozen=True)
 class Paraboloid(Conic):
-    """``z = x^2/(2 s)``; under an orthographic lens a single viewpoint at its focus and aspect 1.
+    """Paraboloid ``z = x^2/(2 s)``: single viewpoint with an orthographic lens.
 
     >>> float(Paraboloid(vertex_radius_mm=20.0, rim_radius_mm=44.0).sag(20.0))
     10.0
@@ -173,7 +173,7 @@ class Paraboloid(Conic):
 
 @dataclass(frozen=True)
 class Ellipsoid(_OfSemiAxes):
-    """The convex ellipsoid ``z = B - B sqrt(1 - x^2/A^2)``.
+    """Convex ellipsoid ``z = B - B sqrt(1 - x^2/A^2)``.
 
     >>> float(Ellipsoid(a_mm=50.0, b_mm=100.0, rim_radius_mm=44.0).sag(30.0))
     20.0

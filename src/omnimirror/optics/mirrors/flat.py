@@ -1,4 +1,4 @@
-"""The flat mirror: it changes no shape, only where things seem to be."""
+"""Flat mirror: it displaces the image without changing its shape."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .base import RIM_RADIUS, Array, Mirror
 
 @dataclass(frozen=True)
 class Flat(Mirror):
-    """``z = 0``: both radii of curvature are infinite. Its use is to fold the way from a curved mirror to the lens.
+    """Flat mirror ``z = 0``, which folds the path between mirror and lens.
 
     >>> Flat(rim_radius_mm=20.0).sag([0.0, 10.0])
     array([0., 0.])

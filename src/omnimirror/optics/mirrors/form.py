@@ -1,4 +1,4 @@
-"""What a mirror that was made has beside its meridian: a form error over its disk, in Zernike terms."""
+"""Form error of a manufactured mirror over its disk, in Zernike terms."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ Array = NDArray[np.float64]
 
 LARGEST_ORDER = 12
 TERMS = terms_of(LARGEST_ORDER)
-"""How many Zernike terms there are up to the largest order, and powers ``x^i y^j``."""
+"""Number of Zernike terms up to the largest order, and exponents of ``x^i y^j``."""
 MM_PER_UM = 1e-3
 
 
 class SurfaceHeights(NamedTuple):
-    """A surface, or its error of form, over points: arrays of one shape."""
+    """Heights of a surface, or of its form error, with derivatives; arrays of one shape."""
 
     z: Array
     """mm"""
     gx: Array
     gy: Array
-    """first derivatives"""
+    """First derivatives."""
     hxx: Array
     hxy: Array
     hyy: Array
-    """second derivatives, 1/mm"""
+    """Second derivatives, 1/mm."""
 
 
 @dataclass(frozen=True)
 class MirrorForm:
-    """A form error along the axis, away from the lens, in the mirror's own frame; none by default.
+    """Form error along the axis, positive away from the lens, in the mirror frame; none by default.
 
     Parameters
     ----------
     zernike
-        Numbers of Zernike terms, by Noll, over the disk of the rim; up to order 12.
+        Noll indices of the Zernike terms over the disk of the rim; up to order 12.
     um
-        Of each, rms over the disk.
+        Amplitude of each term, rms over the disk.
 
     Raises
     ------
     InvalidParameter
-        Terms that are none, or twice the same, or as many amplitudes as not terms.
+        If a term is invalid or repeated, or the number of amplitudes differs from that of terms.
 
     Examples
     --------
@@ -79,12 +79,12 @@ class MirrorForm:
 
     @property
     def is_empty(self) -> bool:
-        """Whether the mirror is as its meridian says."""
+        """True without form error."""
         return not any(self.um)
 
     @cached_property
     def _powers(self) -> Array:
-        """Coefficients (n, n) mm of (x/rim)^i (y/rim)^j."""
+        """Coefficients (n, n), mm, of (x/rim)^i (y/rim)^j."""
         order = max(noll(j)[0] for j in self.zernike)
         rows = zernike_powers(order)
         mixed = MM_PER_UM * sum(um * rows[j - 1] for j, um in zip(self.zernike, self.um, strict=True))
@@ -95,7 +95,7 @@ class MirrorForm:
         return square
 
     def heights(self, rim_mm: float, xy: Array) -> SurfaceHeights:
-        """Heights over points (n, 2) mm of a mirror of this rim radius, and their derivatives."""
+        """Compute heights and derivatives at points (n, 2), mm, for a rim radius."""
         count = len(xy)
         if self.is_empty:
             return SurfaceHeights(*np.zeros((6, count)))
@@ -112,7 +112,7 @@ class MirrorForm:
 
 
 def _derived(w: Array, powers: NDArray[np.intp], times: int) -> Array:
-    """Derivatives (n, k) of powers of w."""
+    """Compute derivatives (n, k) of powers of w."""
     factor = np.ones(len(powers))
     for k in range(times):
         factor = factor * (powers - k)

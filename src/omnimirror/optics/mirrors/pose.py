@@ -1,9 +1,9 @@
-"""Where the mirror really sits: decentred, displaced or tilted against the lens.
+"""Mirror pose: decentring, displacement and tilt relative to the lens.
 
-Everything is said in the camera frame (X right and Y down in the image, Z from the lens to the mirror),
-whose origin here is where the vertex of a perfectly mounted mirror would be. The mirror is first turned
-about its own vertex, by ``tilt_x_deg`` about X and then by ``tilt_y_deg`` about Y, both by the right-hand
-rule, and then moved by ``(decentre_x_mm, decentre_y_mm, displacement_mm)``.
+All values are in the camera frame (X right and Y down in the image, Z from the lens to the mirror),
+with its origin at the nominal mirror vertex. The mirror is first rotated about its own vertex, by
+``tilt_x_deg`` about X and then by ``tilt_y_deg`` about Y (right-hand rule), and then translated by
+``(decentre_x_mm, decentre_y_mm, displacement_mm)``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TILT = (-60.0, 60.0)
 
 @dataclass(frozen=True)
 class MirrorPose:
-    """The place of a mirror against its lens; the default is perfectly mounted.
+    """Pose of a mirror relative to its lens; aligned by default.
 
     Parameters
     ----------
@@ -34,13 +34,13 @@ class MirrorPose:
     displacement_mm
         Shift of the vertex away from the lens, added to the sensor's ``mirror_distance_mm``.
     tilt_x_deg, tilt_y_deg
-        Rotation about the vertex: about X, then about Y. A small positive ``tilt_y_deg`` leans the far
-        end of the mirror axis to the right, a small positive ``tilt_x_deg`` leans it up (to -Y).
+        Rotation about the vertex: about X, then about Y. A small positive ``tilt_y_deg`` tilts the
+        far end of the mirror axis to the right, a small positive ``tilt_x_deg`` upwards (to -Y).
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is outside its range.
 
     Examples
     --------
@@ -71,16 +71,16 @@ class MirrorPose:
 
     @property
     def is_axial(self) -> bool:
-        """Whether mirror and lens still share their axis: neither decentred nor tilted."""
+        """True if mirror and lens are coaxial: neither decentred nor tilted."""
         return not (self.decentre_x_mm or self.decentre_y_mm or self.tilt_x_deg or self.tilt_y_deg)
 
     @property
     def shift(self) -> Array:
-        """Vertex (3,) mm in the camera frame."""
+        """Vertex (3,), mm, in the camera frame."""
         return np.array([self.decentre_x_mm, self.decentre_y_mm, self.displacement_mm])
 
     def rotation(self) -> Array:
-        """Rotation (3, 3) from the mirror's own frame to the camera frame."""
+        """Rotation (3, 3) from the mirror frame to the camera frame."""
         (cx, cy), (sx, sy) = (f(np.radians([self.tilt_x_deg, self.tilt_y_deg])) for f in (np.cos, np.sin))
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
         about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
@@ -88,17 +88,17 @@ class MirrorPose:
         return rotation
 
     def to_camera(self, points: ArrayLike) -> Array:
-        """Points (n, 3) mm of the mirror's frame, in the camera frame."""
+        """Convert points (n, 3), mm, from the mirror frame to the camera frame."""
         return self.turned_to_camera(points) + self.shift
 
     def to_mirror(self, points: ArrayLike) -> Array:
-        """Points (n, 3) mm of the camera frame, in the mirror's frame."""
+        """Convert points (n, 3), mm, from the camera frame to the mirror frame."""
         return self.turned_to_mirror(np.asarray(points, dtype=float) - self.shift)
 
     def turned_to_camera(self, directions: ArrayLike) -> Array:
-        """Directions (n, 3) of the mirror's frame, in the camera frame."""
+        """Convert directions (n, 3) from the mirror frame to the camera frame."""
         return turned(directions, self.rotation().T)
 
     def turned_to_mirror(self, directions: ArrayLike) -> Array:
-        """Directions (n, 3) of the camera frame, in the mirror's frame."""
+        """Convert directions (n, 3) from the camera frame to the mirror frame."""
         return turned(directions, self.rotation())

@@ -1,4 +1,4 @@
-"""How much of the light a mirror reflects: a number, or Fresnel's formula of a metal."""
+"""Reflectance of a mirror: a constant, or Fresnel's equations for a metal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...base.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 Reflectivity: TypeAlias = float | complex | str
-"""A number from 0 to 1, a metal's complex refractive index ``n + 1j k``, or the name of a metal."""
+"""Constant from 0 to 1, complex refractive index ``n + 1j k`` of a metal, or name of a metal."""
 
 METALS: dict[str, complex] = {
     "aluminium": 0.96 + 6.69j,  # Rakic 1995
@@ -23,14 +23,15 @@ METALS: dict[str, complex] = {
 
 
 def reflectance(gamma: ArrayLike, reflectivity: Reflectivity) -> Array:
-    """Share of unpolarised light reflected at angles of incidence gamma, radians.
+    """Compute the reflectance for unpolarised light at angles of incidence gamma, radians.
 
-    A number is the same at all angles; a metal follows Fresnel's formulas, the mean of both polarisations.
+    A constant is independent of the angle; metals follow Fresnel's equations, averaged over
+    polarisations.
 
     Raises
     ------
     InvalidParameter
-        A number that is no share, an index that is no metal's, or an unknown name.
+        If a constant is outside 0 to 1, an index is not that of a metal, or a name is unknown.
 
     Examples
     --------
@@ -51,7 +52,7 @@ def reflectance(gamma: ArrayLike, reflectivity: Reflectivity) -> Array:
 
 
 def _index(reflectivity: Reflectivity) -> float | complex:
-    """A share as float, or a refractive index as complex."""
+    """Return a constant as float, or a refractive index as complex."""
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
             raise InvalidParameter(f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}")

@@ -1,4 +1,4 @@
-"""A mirror given by points of its meridian: computed elsewhere, or measured."""
+"""Mirror from sampled points of its meridian, computed or measured."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BEYOND = 1e-5  # of the rim radius
 
 @dataclass(frozen=True)
 class SmoothCurve(Mirror):
-    """A mirror whose meridian is a quintic spline."""
+    """Mirror with a quintic spline as its meridian."""
 
     rim_radius_mm: float
     spline: BSpline
@@ -48,31 +48,31 @@ class SmoothCurve(Mirror):
 
 @dataclass(frozen=True)
 class SampledProfile(Mirror):
-    """A quintic spline (C4) through points (x, z) from the axis to at least the rim, or past them if they are noisy.
+    """Quintic spline (C4) through meridian points (x, z), smoothed if noisy.
 
-    The points are taken over to the other side of the axis, evenly for a smooth apex, so that the
-    slope is exactly zero there; a ``"pointed"`` apex is left as it comes. Sags count from the axis.
+    A smooth apex is continued symmetrically across the axis, for a slope of exactly 0 there; a
+    ``"pointed"`` apex is not. Sags are relative to the axis.
 
-    Curvature doubles the angles of the picture, and a spline through every point of a measured profile would make
-    large ones of a few nanometres. So points that scatter are smoothed to their uncertainty, single points that are
-    wrong are left out (:attr:`outliers`), and exact ones are met exactly; see
+    Curvature affects the angles of the image strongly: an interpolating spline amplifies noise of a
+    few nanometres. Noisy points are therefore smoothed to their uncertainty, single outliers are
+    excluded (:attr:`outliers`), and exact points are interpolated; see
     :mod:`omnimirror.optics.mirrors.measured.smoothing`.
 
     Parameters
     ----------
     x_mm, z_mm : sequences of at least 6 numbers, mm
-        x starts at 0 and grows.
+        x starts at 0 and increases.
     rim_radius_mm : mm, optional
-        The last x by default.
+        Last x by default.
     apex : "smooth" or "pointed"
     uncertainty_um : um, optional
-        Standard uncertainty of the heights; estimated from them by default, and 0 to meet every one of them.
+        Standard uncertainty of the heights; estimated by default, 0 for interpolation.
 
     Raises
     ------
     InvalidParameter
-        Too few points, x not growing from 0, different lengths, a rim beyond the last point, or points that
-        scatter far more than was stated.
+        If there are too few points, x does not increase from 0, lengths differ, the rim is beyond
+        the last point, or points scatter far more than specified.
 
     Examples
     --------
@@ -132,19 +132,19 @@ class SampledProfile(Mirror):
         apex: str = "smooth",
         uncertainty_um: float | None = None,
     ) -> SampledProfile:
-        """Read a profile from a CSV file of two columns x, z in mm; lines that hold no number are skipped.
+        """Read a profile from a CSV file of two columns x, z in mm.
 
         Raises
         ------
         OmnimirrorError
-            The file is missing, or a line after the first number does not hold two numbers.
+            If the file is missing, or a line after the first number does not hold two numbers.
         """
         x, z = read_columns(Path(path))
         return cls(x, z, rim_radius_mm, apex, uncertainty_um)
 
     @cached_property
     def fit(self) -> Fit:
-        """The curve, how uncertain one height is, and which points count."""
+        """Fitted curve, uncertainty of one height, and points used."""
         stated = None if self.uncertainty_um is None else self.uncertainty_um * 1e-3
         return fitted(np.array(self.x_mm), np.array(self.z_mm), self.apex == "smooth", stated)
 
@@ -155,14 +155,14 @@ class SampledProfile(Mirror):
 
     @property
     def outliers(self) -> tuple[int, ...]:
-        """Which points (from 0) are wrong and left out."""
+        """Indices (from 0) of the outliers, which are excluded."""
         return tuple(int(i) for i in np.flatnonzero(~self.fit.used))
 
     def deviated(self, share: float) -> list[SmoothCurve]:
-        """The mirror a share of each independent standard deviation away, if its points are uncertain.
+        """Return the mirror, and mirrors perturbed by a fraction of each independent deviation.
 
-        The squares of what these change in anything, over the square of the share, add up to its variance. They
-        reach a little beyond the rim, where a given field angle may lie.
+        The squared changes of any result, divided by the squared fraction, sum to its variance. The
+        mirrors extend slightly beyond the rim, for field angles shifted there.
         """
         from scipy.interpolate import BSpline
 

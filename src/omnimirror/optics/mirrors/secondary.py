@@ -1,4 +1,4 @@
-"""A second mirror between the curved one and the lens: its shape and its place."""
+"""Secondary mirror between primary mirror and lens: shape and position."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from .base import Array, Mirror
 
 @dataclass(frozen=True)
 class Secondary:
-    """A mirror that faces the primary one and sends its light back to a camera behind it or before it.
+    """Mirror that faces the primary and reflects its light to the camera.
 
     Parameters
     ----------
     mirror
-        Its shape, as the camera sees it: convex towards the camera where the sag grows outwards, concave
-        where it falls, flat where it does not change. Its rim hides the middle of the field.
+        Shape as seen from the camera: convex for a sag increasing outwards, concave for a
+        decreasing one, or flat. Its rim obscures the centre of the field.
     distance_mm : mm
-        From the vertex of the primary to its own (s). The lens stands ``m - s`` from it, back towards the
-        primary, where m is the way from lens to primary by way of the secondary.
+        Distance s from the vertex of the primary to that of the secondary. The lens is at ``m - s``
+        from the secondary, towards the primary; m is the path from lens to primary over the
+        secondary.
     bore_radius_mm : mm
-        Radius of the hole in the primary through which the camera looks; where the lens stands before
-        the primary, radius of the camera's front.
+        Radius of the bore in the primary for the camera; for a lens in front of the primary, radius
+        of the camera's front.
 
     Raises
     ------
     InvalidParameter
-        A place or a bore outside its range.
+        If the position or the bore is outside its range.
 
     Examples
     --------
@@ -54,15 +55,15 @@ class Secondary:
             parameter.check(name, getattr(self, name))
 
     def lens_height(self, mirror_distance_mm: float) -> float:
-        """Height z (mm) of the lens over the primary's vertex, for a way m from lens to primary."""
+        """Return the height z (mm) of the lens above the primary's vertex."""
         return mirror_distance_mm - 2 * self.distance_mm
 
     def height(self, x_mm: Array) -> Array:
-        """Height z (mm) of its surface over the primary's vertex, at distances x from the axis (n,)."""
+        """Return heights z (mm) above the primary's vertex, at distances x (n,)."""
         return -self.distance_mm - self.mirror.sag(x_mm)
 
     def check_before(self, primary: Mirror, mirror_distance_mm: float) -> None:
-        """Raise InvalidParameter unless it stands between the lens and the primary without touching that."""
+        """Check that the secondary is between lens and primary without contact to the primary."""
         if not self.distance_mm < mirror_distance_mm:
             raise InvalidParameter(
                 f"distance_mm = {self.distance_mm:g} puts the secondary behind the lens; it is valid below "

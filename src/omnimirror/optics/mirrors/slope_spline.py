@@ -1,8 +1,8 @@
-"""The free-form mirror: a spline of the slope, whose integral is the sag.
+"""Freeform mirror: a spline of the slope, whose integral is the sag.
 
-The light is turned by the slope, so the slope is what a designer shapes. Its spline is linear in the
-slopes given, and so are sag and curvature: an optimiser that varies them meets no other nonlinearity
-than that of the optics.
+The slope determines the reflected ray and is therefore the design variable. Spline, sag and
+curvature are linear in the given slopes: the only nonlinearity of an optimisation is that of the
+optics.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .base import RIM_RADIUS, Array, Mirror, near_apex
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREE = 5  # quintic: the curvature that focus depends on has three continuous derivatives
+DEGREE = 5  # quintic: the curvature, which determines focus, has three continuous derivatives
 FEWEST = 4
 
 
 def spline_of_slopes(slopes: Array) -> BSpline:
-    """Spline over [-1, 1] through slopes (n, ..) at 0, 1/(n-1), .., 1, taken oddly to the other side of the axis.
+    """Fit a spline over [-1, 1] through slopes (n, ...) at 0, 1/(n-1), ..., 1, odd about the axis.
 
-    A first slope other than 0 is a pointed mirror, and its spline begins on the axis.
+    A non-zero first slope means a pointed mirror; its spline starts on the axis.
 
     >>> spline_of_slopes(np.array([0.0, 0.5, 1.0]))([0.25, -0.25])
     array([ 0.25, -0.25])
@@ -44,12 +44,12 @@ def spline_of_slopes(slopes: Array) -> BSpline:
 
 @dataclass(frozen=True)
 class SlopeSpline(Mirror):
-    """dz/dx by a quintic spline through slopes at equal steps from the axis to the rim; z by its integral.
+    """Quintic spline of dz/dx through slopes at equal steps from axis to rim; z is its integral.
 
     Parameters
     ----------
     slopes : sequence of at least 4 numbers
-        dz/dx at x = 0, h, 2h, .. and the rim. The first is 0, or the slope of a pointed mirror.
+        dz/dx at x = 0, h, 2h, ... and the rim. The first is 0, or the slope of a pointed mirror.
     rim_radius_mm : mm
 
     Examples

@@ -1,4 +1,4 @@
-"""The files that say what a sensor or a camera is: TOML to a checked model to a Sensor or a camera model, and back."""
+"""Sensor and camera files: TOML to a validated model to a Sensor or camera model, and back."""
 
 from .camera_file import AnyCamera, format_camera, is_ocam_text, load_camera, parse_camera, save_camera
 from .sensor_file import (

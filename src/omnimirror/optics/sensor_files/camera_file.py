@@ -1,4 +1,4 @@
-"""The camera file: TOML to a calibrated model and back without loss; and any camera, from whatever file holds it."""
+"""Camera files: lossless conversion between TOML and camera models; readers for other formats."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
 FORMAT = 1
 NUMBERS_OF_A_CALIBRATION = '"held_out_rms_px":'  # in its JSON
-APART = ("mount", "uncertainty")  # fields of a model that are tables of their own
+APART = ("mount", "uncertainty")  # fields of a model with separate tables
 
 
 def load_camera(name_or_path: str | Path) -> AnyCamera:
-    """Read a camera, whatever its file is: a camera file, a sensor file, OCamCalib's, or a bundled sensor's name.
+    """Read a camera file, a sensor file, an OCamCalib file, or a bundled sensor.
 
-    OCamCalib's file does not say whether it is of a mirror or a fisheye; a mirror is taken, and
-    :func:`omnimirror.load_ocam` reads it as either.
+    OCamCalib's file does not distinguish mirrors from fisheyes; a mirror is assumed. Use
+    :func:`omnimirror.load_ocam` for either.
 
     Parameters
     ----------
     name_or_path
-        A file, or one of :func:`omnimirror.bundled_sensors`.
+        File, or one of :func:`omnimirror.bundled_sensors`.
 
     Returns
     -------
     Sensor or camera model
-        The camera.
+        Camera of the file.
 
     Raises
     ------
     SpecError
-        No such file or name; an unknown, missing or wrong entry. The message gives the file, the line and what
-        would be valid.
+        If the file or name does not exist, or an entry is unknown, missing or invalid. The message
+        gives the file, the line and the valid values.
 
     Examples
     --------
@@ -75,26 +75,26 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
 
 @checked
 def parse_camera(text: str, source: str = "camera file", folder: Path | None = None) -> AnyCamera:
-    """A camera from the text of its file, as :func:`load_camera`.
+    """Parse a camera from the text of its file; see :func:`load_camera`.
 
     Parameters
     ----------
     text
-        TOML, or OCamCalib's.
+        TOML, or OCamCalib's format.
     source
-        How errors name the text.
+        Name of the text in errors.
     folder
-        Where files that a sensor names are looked for; without one it may name none.
+        Folder of the files that a sensor names; with None it must not name a file.
 
     Returns
     -------
     Sensor or camera model
-        The camera.
+        Camera of the text.
 
     Raises
     ------
     SpecError
-        An unknown, missing or wrong entry. The message gives the line and what would be valid.
+        If an entry is unknown, missing or invalid. The message gives the line and the valid values.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
 
 
 def _hint(text: str, source: str) -> str:
-    """What to do with a file that is none of ours, as the end of a sentence."""
+    """Return a hint for a file in another format, as the end of a sentence."""
     if NUMBERS_OF_A_CALIBRATION in text:
         return "; it holds the numbers of a calibration, and not its camera, which is in the file of its -o"
     if Path(source).suffix.lower() in ("", ".toml"):
@@ -121,7 +121,7 @@ def _hint(text: str, source: str) -> str:
 
 
 def is_ocam_text(text: str) -> bool:
-    """Whether the first line that says something holds numbers alone, as that of OCamCalib's file does.
+    """Return True if the first content line is purely numeric, as in OCamCalib's file.
 
     >>> is_ocam_text("#polynomial\\n\\n5 -131.4 0 1e-3"), is_ocam_text("format = 1")
     (True, False)
@@ -131,7 +131,7 @@ def is_ocam_text(text: str) -> bool:
 
 
 def camera_of(data: dict[str, Any], where: Places) -> CalibratedCamera:
-    """A camera model from the tables of a camera file; ``where`` gives errors their place."""
+    """Create a camera model from the tables of a camera file; ``where`` locates errors."""
     check_entries(data, {"format": int, "camera": dict, "mount": dict, "uncertainty": dict}, FORMAT, where)
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
@@ -151,24 +151,24 @@ def camera_of(data: dict[str, Any], where: Places) -> CalibratedCamera:
 
 
 def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
-    """The text of a camera's file; reading it back gives an equal camera.
+    """Format a camera as the text of its file; reading it returns an equal camera.
 
     Parameters
     ----------
     camera
-        A model, or a sensor, whose file is :func:`omnimirror.save_sensor`'s.
+        Camera model, or sensor; for a sensor, see :func:`omnimirror.save_sensor`.
     notes
-        What a comment at the top tells.
+        Text of a comment at the top.
 
     Returns
     -------
     str
-        TOML.
+        TOML text.
 
     Raises
     ------
     InvalidParameter
-        For what is no camera that a file holds.
+        If the camera cannot be stored in a file.
 
     Examples
     --------
@@ -185,7 +185,7 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
 
 
 def camera_tables(camera: RadialModel) -> dict[str, Any]:
-    """The tables of a camera's file, as plain data."""
+    """Return the tables of a camera's file, as plain data."""
     table: dict[str, Any] = {"kind": camera.KIND}
     for f in _fields_of(type(camera)):
         value = getattr(camera, f.name)
@@ -198,21 +198,21 @@ def camera_tables(camera: RadialModel) -> dict[str, Any]:
 
 
 def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "") -> None:
-    """Write a camera's file, whole or not at all.
+    """Write a camera's file atomically.
 
     Parameters
     ----------
     camera
-        A model, or a sensor, whose file is :func:`omnimirror.save_sensor`'s.
+        Camera model, or sensor; for a sensor, see :func:`omnimirror.save_sensor`.
     path
         Name of the file.
     notes
-        What a comment at the top tells.
+        Text of a comment at the top.
 
     Raises
     ------
     OmnimirrorError
-        The file cannot be written, or it is no camera that a file holds.
+        If the file cannot be written, or the camera cannot be stored in a file.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "")
 
 @cache
 def _table_of(cls: type[RadialModel]) -> type[Table]:
-    """The pydantic model of the table [camera] of a kind, from the fields of its class."""
+    """Create the pydantic model of the table [camera] of a kind from its fields."""
     hints = typing.get_type_hints(cls)
     entries: dict[str, Any] = {}
     for f in _fields_of(cls):
@@ -239,12 +239,12 @@ def _table_of(cls: type[RadialModel]) -> type[Table]:
 
 
 def _fields_of(cls: type[Any]) -> list[dataclasses.Field[Any]]:
-    """What a camera's table holds."""
+    """Return the fields stored in a camera's table."""
     return [f for f in dataclasses.fields(cls) if f.init and f.name not in APART]
 
 
 def _annotation(hint: Any) -> Any:
-    """A TOML array for a tuple, of the tuple's length."""
+    """Return the annotation of a TOML array of fixed length for a tuple."""
     args = typing.get_args(hint)
     if isinstance(hint, types.UnionType):
         return _annotation(args[0]) | None
@@ -256,7 +256,7 @@ def _annotation(hint: Any) -> Any:
 
 
 def _tuples(value: Any) -> Any:
-    """Lists as tuples, those within each other too."""
+    """Convert lists to tuples, recursively."""
     if isinstance(value, dict):
         return {k: _tuples(v) for k, v in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -1,7 +1,7 @@
-"""The sensor file: TOML to a checked model to a Sensor, and back without loss.
+"""Sensor files: lossless conversion between TOML and Sensor, with validation.
 
-The tables of a mirror, a lens and the imager are made from the parameters that these describe
-themselves, so a new mirror needs no line here.
+The tables of mirror, lens and imager are derived from the parameter descriptions of their classes;
+a new mirror needs no code here.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ T = TypeVar("T")
 
 
 def bundled_sensors() -> list[str]:
-    """Names of the sensors that come with the package.
+    """Return the names of the bundled sensors.
 
     Returns
     -------
     list of str
-        For :func:`load_sensor`.
+        Names for :func:`load_sensor`.
 
     Examples
     --------
@@ -53,23 +53,23 @@ def bundled_sensors() -> list[str]:
 
 
 def load_sensor(name_or_path: str | Path) -> Sensor:
-    """Read a sensor file, or a bundled sensor by its name.
+    """Read a sensor file, or a bundled sensor by name.
 
     Parameters
     ----------
     name_or_path
-        A file, or one of :func:`bundled_sensors`.
+        File, or one of :func:`bundled_sensors`.
 
     Returns
     -------
     Sensor
-        The sensor.
+        Sensor of the file.
 
     Raises
     ------
     SpecError
-        No such file or name; not TOML; an unknown, missing or wrong entry. The message gives the
-        file, the line and what would be valid.
+        If the file or name does not exist, the text is not TOML, or an entry is unknown, missing or
+        invalid. The message gives the file, the line and the valid values.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
 
 
 def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
-    """Where a file of such kinds or a bundled sensor is, and what is said if there is none.
+    """Locate a file or bundled sensor; also return the error message if there is none.
 
     >>> find("sensor file", "paper-spherical")[0].name
     'paper-spherical.toml'
@@ -98,29 +98,30 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
 
 @checked
 def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = None) -> Sensor:
-    """A Sensor from the text of a sensor file.
+    """Parse a Sensor from the text of a sensor file.
 
-    ``folder`` is where files named in it are looked for; without one it may name none, so that text from anywhere
-    can be read.
+    ``folder`` is the folder of files named in the text; with None the text must not name a file,
+    which makes untrusted text safe to read.
 
     Parameters
     ----------
     text
-        TOML.
+        TOML text.
     source
-        How errors name the text.
+        Name of the text in errors.
     folder
-        Where files named in it are looked for; without one it may name none.
+        Folder of the files named in the text; with None it must not name a file.
 
     Returns
     -------
     Sensor
-        The sensor.
+        Sensor of the text.
 
     Raises
     ------
     SpecError
-        Not TOML; an unknown, missing or wrong entry. The message gives the line and what would be valid.
+        If the text is not TOML, or an entry is unknown, missing or invalid. The message gives the
+        line and the valid values.
 
     Examples
     --------
@@ -139,7 +140,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
 
 
 def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -> Sensor:
-    """A Sensor from the tables of a sensor file; ``where`` gives errors their place, ``folder`` as above."""
+    """Create a Sensor from the tables of a sensor file."""
     _check_table_names(data, where)
     parts: dict[str, Any] = {
         "mirror": _part("mirror", data, MIRRORS, folder, where),
@@ -171,7 +172,7 @@ def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -
 
 
 def format_sensor(sensor: Sensor) -> str:
-    """The text of the sensor's file; reading it back gives an equal sensor.
+    """Format a sensor as the text of its file; reading it returns an equal sensor.
 
     >>> sensor = load_sensor("paper-hyperboloidal")
     >>> parse_sensor(format_sensor(sensor)) == sensor
@@ -181,7 +182,7 @@ def format_sensor(sensor: Sensor) -> str:
 
 
 def tables_of(sensor: Sensor) -> dict[str, Any]:
-    """The tables of the sensor's file, as plain data."""
+    """Return the tables of the sensor's file, as plain data."""
     mount = mount_table(sensor.mount)
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
@@ -214,7 +215,7 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
 
 
 def mount_table(mount: Mount) -> dict[str, Any]:
-    """The table [mount], without a lean where there is none."""
+    """Return the table [mount], without pitch and roll if they are 0."""
     table = dataclasses.asdict(mount)
     if not mount.leans:
         del table["pitch_deg"], table["roll_deg"]
@@ -223,19 +224,19 @@ def mount_table(mount: Mount) -> dict[str, Any]:
 
 @checked
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
-    """Write the sensor's file, whole or not at all.
+    """Write the sensor's file atomically.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor to write.
     path
         Name of the file.
 
     Raises
     ------
     OmnimirrorError
-        The file cannot be written.
+        If the file cannot be written.
 
     Examples
     --------
@@ -255,7 +256,7 @@ class MountTable(StandTable):
 
 
 def _table(part: Any) -> dict[str, Any]:
-    """A part's parameters, as the file holds them; what is 0 or nothing unless given is left out."""
+    """Return a part's parameters for the file; default zeros and None values are omitted."""
     values = {name: getattr(part, name) for name in part.PARAMETERS}
     unset = {f.name for f in dataclasses.fields(part) if f.default in (None, 0.0) and values.get(f.name) == f.default}
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
@@ -273,25 +274,25 @@ def _check_table_names(data: dict[str, Any], where: Places) -> None:
 
 
 def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places) -> T:
-    """The part that a table describes."""
+    """Create the part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
 def lens_of(table: dict[str, Any], where: Places, folder: Path | None, section: str = "lens") -> Lens:
-    """The lens of a table such as ``[lens]`` of a sensor file; files that it names are looked for in a folder."""
+    """Create the lens of a table such as ``[lens]`` of a sensor file."""
     return _part(section, {section: table}, LENSES, folder, where)
 
 
 def lens_table(lens: Lens) -> dict[str, Any]:
-    """The table ``[lens]`` of a lens, as plain data."""
+    """Return the table ``[lens]`` of a lens, as plain data."""
     return {"kind": lens.KIND, **_table(lens)}
 
 
 def _class_and_table(
     section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places
 ) -> tuple[type[T], dict[str, Any]]:
-    """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
+    """Return the class named by a table's kind, and its other entries."""
     cls = class_of(section, data, registry, where)
     table = {k: v for k, v in data[section].items() if k != "kind"}
     if issubclass(cls, Mirror | Lens):
@@ -300,7 +301,7 @@ def _class_and_table(
 
 
 def _secondary(data: dict[str, Any], folder: Path | None, where: Places) -> Secondary:
-    """The second mirror: its table holds the entries of its kind, and those of its place."""
+    """Create the second mirror: its table has the entries of its kind and of its position."""
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
     model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
     values = _values(model, "secondary", table, where)
@@ -309,13 +310,13 @@ def _secondary(data: dict[str, Any], folder: Path | None, where: Places) -> Seco
 
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: Places) -> Any:
-    """A part from its checked table."""
+    """Create a part from its validated table."""
     values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
     return where.wrap((section,), lambda: cls(**values))
 
 
 class UncertaintyTable(Table):
-    """How sure the numbers of a sensor or camera are: their covariance, row by row."""
+    """Covariance of the parameters of a sensor or camera, by rows."""
 
     names: list[str]
     covariance: list[list[float]]
@@ -324,7 +325,7 @@ class UncertaintyTable(Table):
 
 
 def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
-    """A covariance from the table ``[uncertainty]``."""
+    """Create a covariance from the table ``[uncertainty]``."""
     values = validated(UncertaintyTable, "uncertainty", table, where).model_dump()
     return where.wrap(("uncertainty",), partial(Uncertainty, **values))
 
@@ -340,11 +341,11 @@ def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
 
 
 HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
-"""The parts of a housing by their tables, ``[housing.camera]`` and so on."""
+"""Housing parts by their tables, ``[housing.camera]`` and so on."""
 
 
 def housing_of(table: dict[str, Any], where: Places) -> Housing:
-    """A housing from the tables of ``[housing]``; what they leave out is fitted to the sensor later."""
+    """Create a housing from the tables of ``[housing]``, with missing values None."""
     for name, part in table.items():
         if name not in HOUSING_PARTS:
             valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
@@ -361,7 +362,7 @@ def housing_of(table: dict[str, Any], where: Places) -> Housing:
 
 
 def _check_fit(sensor: Sensor, tables: dict[str, Any], where: Places) -> None:
-    """Each part of a housing fits the sensor, its mirror with its rim."""
+    """Check that each housing part fits the sensor and its mirror rim."""
     body = Housing(rim=sensor.housing.rim, secondary_rim=sensor.housing.secondary_rim)
     for name in tables:
         field = "shell" if name in SHELLS else name
@@ -370,7 +371,7 @@ def _check_fit(sensor: Sensor, tables: dict[str, Any], where: Places) -> None:
 
 
 def housing_tables(housing: Housing) -> dict[str, Any]:
-    """The tables of ``[housing]``, as plain data."""
+    """Return the tables of ``[housing]``, as plain data."""
     parts = {name: getattr(housing, name) for name in ("camera", "rod", "rim", "secondary_rim")}
     if housing.shell is not None:
         parts[housing.shell.KIND] = housing.shell
@@ -378,6 +379,6 @@ def housing_tables(housing: Housing) -> dict[str, Any]:
 
 
 def _values(model: type[Table], section: str, table: dict[str, Any], where: Places) -> dict[str, Any]:
-    """The checked entries of a table, lists as tuples."""
+    """Return the validated entries of a table, with lists as tuples."""
     values = validated(model, section, table, where).model_dump()
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}

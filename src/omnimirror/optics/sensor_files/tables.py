@@ -1,6 +1,6 @@
-"""Tables of TOML files, checked: strict types, and errors that name the file, the line, the entry and what is valid.
+"""Validation of TOML tables: strict types, and errors with file, line, entry and valid values.
 
-The tables of a part that describes its parameters itself (a mirror, a lens) are made from these.
+The tables of parts with parameter descriptions (a mirror, a lens) are derived from these.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ T = typing.TypeVar("T")
 
 
 class Table(BaseModel):
-    """A table of the file: strict types, no unknown keys, no infinities."""
+    """Table of the file: strict types, no unknown keys, no infinities."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -36,7 +36,7 @@ M = typing.TypeVar("M", bound=Table)
 
 
 class StandTable(Table):
-    """Which way a sensor looks, and how it leans."""
+    """Orientation of a sensor: optical axis, pitch and roll."""
 
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
@@ -47,7 +47,7 @@ class StandTable(Table):
 
 @cache
 def table_model(cls: type[Any]) -> type[Table]:
-    """The pydantic model of a part that describes itself in PARAMETERS, for checks, forms and schemas."""
+    """Create the pydantic model of a part from its PARAMETERS."""
     hints = typing.get_type_hints(cls)
     defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
@@ -60,7 +60,7 @@ def table_model(cls: type[Any]) -> type[Table]:
 
 
 def _annotation(hint: Any, p: Parameter) -> Any:
-    """The model's type of one field: its numbers bounded by the parameter's range."""
+    """Return the annotation of one field, with numbers bounded by the parameter's range."""
     args = typing.get_args(hint)
     if isinstance(hint, types.UnionType):
         return _annotation(args[0], p) | None
@@ -71,11 +71,12 @@ def _annotation(hint: Any, p: Parameter) -> Any:
     return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
-# -- checks, each error with its place in the file ---------------------------------------------------
+# -- validation, each error with its location in the file
+# --------------------------------------------
 
 
 class EntryError(SpecError):
-    """An entry is wrong, or does not fit another; ``path`` is where it stands among the tables."""
+    """Invalid or inconsistent entry; ``path`` is its position among the tables."""
 
     def __init__(self, path: tuple[str, ...], sentence: str) -> None:
         super().__init__(sentence)
@@ -90,7 +91,7 @@ STRING_OR_COMMENT = re.compile(
 
 
 def _entries(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers of a TOML text's tables and keys, with their names from the outermost in."""
+    """Yield line numbers of a TOML text's tables and keys, with their names from the outermost."""
     plain = STRING_OR_COMMENT.sub(lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text)
     table: list[str] = []
     counts: Counter[str] = Counter()
@@ -109,17 +110,18 @@ def _entries(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 class Places:
-    """Finds the line of an entry, and says errors as ``file line n: ..``."""
+    """Locator of entries in a file; formats errors as ``file line n: ...``."""
 
     def __init__(self, text: str, source: str) -> None:
         self.source = shortened(source)
         self.entries = list(_entries(text))
 
     def line(self, path: tuple[str, ...]) -> int | None:
-        """Line number of an entry (or else of its table), None if there is neither.
+        """Return the line number of an entry, or else of its table; None if there is neither.
 
-        The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on. The first of the lines that share
-        the longest beginning with the path is its own, or where its table begins, be it by a key with dots.
+        The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on. Among the lines
+        with the longest common prefix with the path, the first is that of the entry or the start of
+        its table, also for dotted keys.
 
         >>> Places('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
         2
@@ -137,7 +139,7 @@ class Places:
         return SpecError(f"{self.source}{f' line {line}' if line else ''}: {message}")
 
     def wrap(self, path: tuple[str, ...], make: Callable[[], T]) -> T:
-        """Run ``make``, giving its errors their place in the file: their own, or else ``path``."""
+        """Run ``make`` and add the location to its errors: their own path, or else ``path``."""
         try:
             return make()
         except OmnimirrorError as e:
@@ -145,7 +147,7 @@ class Places:
 
 
 class NoFile(Places):
-    """What has no lines: its errors keep the path of their entry."""
+    """Locator without lines: errors report the path of their entry."""
 
     def __init__(self) -> None:
         super().__init__("", "")
@@ -158,7 +160,7 @@ NOUNS = {dict: "a table", str: "a text in quotes", int: "a whole number", list: 
 
 
 def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int, where: Places) -> None:
-    """Refuse what a file says outside its tables, unless it is known, of the right type and of our format."""
+    """Check that entries outside tables are known, of the right type and of this file format."""
     for key, value in data.items():
         if key not in known:
             name = shown(key)[1:-1]
@@ -170,18 +172,18 @@ def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int
 
 
 def validated(model: type[M], section: str, table: dict[str, Any], where: Places) -> M:
-    """The table of a file, checked by its model; an error names its line, the entry and what would be valid."""
+    """Validate a table by its model; an error gives its line, the entry and the valid values."""
     try:
         return model.model_validate(table)
     except ValidationError as e:
-        # a misspelt entry is the likely reason for the missing one: name it first
+        # a misspelt entry is the likely cause of a missing one: report it first
         problem = min(e.errors(), key=lambda p: p["type"] != "extra_forbidden")
         path = (section, *(str(p) for p in problem["loc"]))
         raise where.error(path[:2], _sentence(model, path, problem)) from None
 
 
 def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
-    """One pydantic error in our words: the value, and what would be valid."""
+    """Convert a pydantic error to a message with the value and the valid values."""
     name, value = ".".join(path[:2]), problem["input"]
     index = next((f"[{p}]" for p in path[2:] if p.isdigit()), "")
     match problem["type"]:
@@ -208,7 +210,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: Places) -> type[Any]:
-    """The class that the entry ``kind`` of a table names."""
+    """Return the class named by the entry ``kind`` of a table."""
     kind = data[section].get("kind")
     if kind is None:
         raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")

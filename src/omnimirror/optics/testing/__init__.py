@@ -1,4 +1,4 @@
-"""What every mirror must satisfy, for the tests of whoever makes one: ours and those of other packages alike."""
+"""Contract checks for mirror classes, for the tests of this and other packages."""
 
 from .mirrors import MIRROR_CHECKS, check_mirror
 

@@ -1,4 +1,4 @@
-"""The contract of mirrors: what holds for every shape, whatever its formula."""
+"""Contract of mirror classes: properties of every shape, independent of its formula."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from ..mirrors.base import Array
 from ..sensor_files import table_model
 
 SHARES = np.array([0.13, 0.31, 0.52, 0.77, 0.93])
-"""Of the rim radius: where derivatives are looked at."""
+"""Positions of derivative checks, relative to the rim radius."""
 STEP = 1e-3
-"""Of the rim radius, for differences."""
+"""Finite-difference step, relative to the rim radius."""
 DIFFERENCE = 1e-6
-"""To which differences of fourth order agree with derivatives, relative to what is largest."""
+"""Tolerance between fourth-order differences and derivatives, relative to the largest value."""
 
 
 def check_mirror(mirror: Mirror) -> None:
-    """Check that a mirror keeps the contract on which tracing, evaluation, sensor files and exports rely.
+    """Check the mirror contract, required by tracing, evaluation, sensor files and exports.
 
-    Sag, slope and curvature belong together and are derivatives of each other (differences of fourth order, to a
-    millionth); the vertex is the origin; it describes its parameters, refuses what it says is out of range, and
-    comes back from ``repr`` and from a pickle.
+    Sag, slope and curvature are consistent derivatives (fourth-order differences, tolerance 1e-6);
+    the vertex is the origin; parameters are described and out-of-range values rejected; ``repr``
+    and pickling are reversible.
 
     Parameters
     ----------
     mirror
-        One of its kind, such as an example makes it.
+        Instance of the class to check.
 
     Raises
     ------
     AssertionError
-        It does not; the message says where.
+        If a check fails; the message names the location.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def check_mirror(mirror: Mirror) -> None:
 
 
 def parts_are_the_profile(mirror: Mirror) -> None:
-    """``sag``, ``slope`` and ``curvature`` are the three of ``profile``, of the shape of x."""
+    """Check that ``sag``, ``slope`` and ``curvature`` equal ``profile`` and have the shape of x."""
     for x in (np.linspace(0, mirror.rim_radius_mm, 11), np.full((2, 3), 0.4 * mirror.rim_radius_mm)):
         for name, part in zip(("sag", "slope", "curvature"), mirror.profile(x), strict=True):
             own = np.asarray(getattr(mirror, name)(x))
@@ -59,7 +59,7 @@ def parts_are_the_profile(mirror: Mirror) -> None:
 
 
 def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
-    """``slope`` is the derivative of ``sag``, and ``curvature`` that of ``slope``."""
+    """Check that ``slope`` is the derivative of ``sag``, and ``curvature`` that of ``slope``."""
     x, h = SHARES * mirror.rim_radius_mm, STEP * mirror.rim_radius_mm
     for name, function, derivative in (
         ("slope", mirror.sag, mirror.slope(x)),
@@ -76,14 +76,14 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
 
 
 def vertex_is_the_origin(mirror: Mirror) -> None:
-    """The sag of the vertex is 0, and its slope unless the mirror ends in a point."""
+    """Check that the sag of the vertex is 0, and its slope too for a mirror without an apex."""
     assert abs(float(mirror.sag(0.0))) < 1e-13, f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
     slope = float(mirror.slope(0.0))
     assert mirror.is_pointed == (slope != 0.0), f"is_pointed is {mirror.is_pointed}, but the vertex has slope {slope:g}"
 
 
 def radii_are_those_of_the_normals(mirror: Mirror) -> None:
-    """R_s (Eq. 18) is the normal's length to the axis; at a smooth apex both radii agree."""
+    """Check R_s (Eq. 18) against the normal, and the radii at a smooth apex."""
     x = SHARES * mirror.rim_radius_mm
     slope: Array = mirror.slope(x)
     normal = np.where(slope == 0, np.inf, np.hypot(x, np.divide(x, slope, where=slope != 0, out=np.zeros_like(x))))
@@ -95,7 +95,7 @@ def radii_are_those_of_the_normals(mirror: Mirror) -> None:
 
 
 def bounds_hold_the_meridian(mirror: Mirror) -> None:
-    """``bounds`` reach from the vertex to the rim."""
+    """Check that ``bounds`` extend from the vertex to the rim."""
     (x0, x1), (z0, z1) = mirror.bounds
     z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
     assert (x0, x1) == (0.0, mirror.rim_radius_mm), f"bounds reach from x = {x0:g} mm to {x1:g} mm"
@@ -104,7 +104,7 @@ def bounds_hold_the_meridian(mirror: Mirror) -> None:
 
 
 def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
-    """Equal after ``eval(repr(..))`` and after pickling, with an equal hash."""
+    """Check equality and hash after ``eval(repr(...))`` and after pickling."""
     words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
     back = eval(repr(mirror), words)
     assert back == mirror, f"{back!r} is not {mirror!r}"
@@ -114,7 +114,7 @@ def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
 
 
 def describes_every_parameter(mirror: Mirror) -> None:
-    """``PARAMETERS`` has an entry with unit, range and words for each field, in their order."""
+    """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
     names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
     assert list(mirror.PARAMETERS) == names, f"{list(mirror.PARAMETERS)} do not describe the fields {names}"
     for name, p in mirror.PARAMETERS.items():
@@ -126,9 +126,9 @@ def describes_every_parameter(mirror: Mirror) -> None:
 
 
 def refuses_what_is_out_of_range(mirror: Mirror) -> None:
-    """A parameter beyond its range, or NaN, is refused by an error that names it."""
+    """Check that a parameter out of range, or NaN, raises an error that names it."""
     for name, p in mirror.PARAMETERS.items():
-        if p.choices or name in ("x_mm", "z_mm"):  # columns of points are refused as a whole
+        if p.choices or name in ("x_mm", "z_mm"):  # columns of points are rejected as a whole
             continue
         is_many = isinstance(getattr(mirror, name), tuple)
         for number in (p.high * 1.01 + 1, np.nan):
@@ -138,7 +138,7 @@ def refuses_what_is_out_of_range(mirror: Mirror) -> None:
 
 
 def _refusal(mirror: Mirror, **change: object) -> str | None:
-    """What is said of a changed mirror; None if nothing is."""
+    """Return the error message of a changed mirror; None without an error."""
     try:
         replace(mirror, **change)  # type: ignore[type-var]
     except OmnimirrorError as e:
@@ -156,4 +156,4 @@ MIRROR_CHECKS: tuple[Callable[[Mirror], None], ...] = (
     describes_every_parameter,
     refuses_what_is_out_of_range,
 )
-"""All that :func:`check_mirror` looks at, one by one."""
+"""Individual checks of :func:`check_mirror`."""

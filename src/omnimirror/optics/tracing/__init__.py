@@ -1,1 +1,1 @@
-"""Chief rays in the meridian, and the way back from angles and points to the mirror."""
+"""Ray tracing: meridional chief rays, their inversion, and skew rays in space."""

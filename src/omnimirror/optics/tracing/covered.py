@@ -1,8 +1,9 @@
-"""A mirror seen through a tube or a dome, traced in space, wherever mirror and cover sit.
+"""Mirror behind a tube or dome, traced in space for any pose of mirror and cover.
 
-From a point of the pupil by way of a mirror point a ray is traced out through both sides of the wall; the mirror point
-in which a target is seen is the one whose ray leads to it, found by Newton's rule from where one viewpoint would see
-it. All of it is in the camera frame, whose origin is the vertex of the mirror as it was meant to sit.
+A ray is traced from a pupil point to a mirror point and out through both surfaces of the wall. The
+mirror point that images a target is the one whose ray reaches the target; Newton's method finds it
+from the single-viewpoint solution. All coordinates are in the camera frame, whose origin is the
+nominal position of the mirror vertex.
 """
 
 from __future__ import annotations
@@ -27,18 +28,18 @@ from .walls import pose_of, said_to_kernels, way_out
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-CHUNK = 1 << 13  # rays worked on at a time: their arrays stay in the cache
+CHUNK = 1 << 13  # rays per chunk: their arrays fit in the cache
 MAX_STEPS = 40
-DIFFERENCE = 1e-6  # of the rim radius, between neighbours whose rays tell derivatives
-FAR = 1e9  # rim radii: where a distant target is looked for to begin with
-KEPT = 1e-2  # of the miss before: derivatives that leave more are taken anew
-ARRIVED = 1e-12  # radians: a ray that misses its target by less is on it
-SETTLED = 1e-7  # of the rim radius: a step of a kernel, after which the next is as small as its square
-CELLS = 4096  # from axis to rim: cubic pieces of a smooth meridian then lead rays to some 1e-13 radians
+DIFFERENCE = 1e-6  # finite-difference step, relative to the rim radius
+FAR = 1e9  # distance of the initial guess of distant targets, in rim radii
+KEPT = 1e-2  # derivatives are recomputed if a step leaves more of the previous miss
+ARRIVED = 1e-12  # radians: angular miss at which a ray has converged
+SETTLED = 1e-7  # relative to the rim radius: kernel step after which convergence is quadratic
+CELLS = 4096  # cubic pieces of the meridian: rays of a smooth mirror are accurate to 1e-13 rad
 
 
 class _Ways(NamedTuple):
-    """Rays (n,) from the pupil by way of the mirror to the outer side of the cover, in the camera frame."""
+    """Rays (n,) from the pupil over the mirror to the outer surface of the cover, camera frame."""
 
     points: Array
     normals: Array
@@ -47,17 +48,17 @@ class _Ways(NamedTuple):
     left_at: Array
     outwards: Array
     path: Array
-    """From the pupil, (n,) mm of light's time; of distant pupils from the origin's plane."""
+    """Optical path length (n,), mm, from the pupil, or from the origin's plane if it is distant."""
     inside: Array
-    """Way (n,) mm from the mirror."""
+    """Path length (n,), mm, from the mirror."""
     passes: Mask
 
 
 @dataclass(frozen=True)
 class CoveredMirror:
-    """A mirror in its pose behind a cover of known size; it answers as a mirror in its pose does.
+    """Posed mirror behind a cover of known size, with the interface of `PosedMirror`.
 
-    ``ends_mm`` are the heights of a tube's ends; rays that meet them do not pass the wall.
+    ``ends_mm`` are the heights of the tube's ends; rays that meet an end do not pass the wall.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> from omnimirror.optics.mirrors.pose import MirrorPose
@@ -75,7 +76,7 @@ class CoveredMirror:
     pupil: EntrancePupil = IN_REFERENCE_POINT
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
-        """Reflect rays (n, 3), (n, 3) and let them out; their points are those at which they leave the cover."""
+        """Reflect rays (n, 3), (n, 3) and refract them through the cover."""
         found = self.mirror.trace(origins, directions)
         valid = found.valid.copy()
         points, outwards = found.points.copy(), found.directions.copy()
@@ -85,10 +86,10 @@ class CoveredMirror:
         return Reflections(points, outwards, found.normals, valid)
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """The mirror points (n, 3) in which pupils see targets; ``start`` are points (n, 3) mm to begin from."""
+        """Return the mirror points (n, 3) of targets, from initial points (n, 3), mm."""
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         pupils, targets = pupils.spread(count), targets.spread(count)
-        with np.errstate(all="ignore"):  # what is not finite is not valid
+        with np.errstate(all="ignore"):  # non-finite results are marked invalid
             begin = self._guess(targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
             begin = np.broadcast_to(begin, (count, 2))
             parts = [slice(first, first + CHUNK) for first in range(0, max(count, 1), CHUNK)]
@@ -96,10 +97,10 @@ class CoveredMirror:
         return Specular(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
     def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Light (n,) that mirror points send to moving pupils; see :meth:`PosedMirror.beam`.
+        """Return the light (n,) from mirror points to moving pupils; see :meth:`PosedMirror.beam`.
 
-        While the pupil moves the mirror point follows so that the ray keeps leading to its target: both derivatives
-        of where the ray misses it are taken by differences, and so is how the ray moves across itself outside.
+        While the pupil moves, the mirror point follows to keep the ray on its target. Finite
+        differences give the derivatives of the miss and the transverse motion of the outer ray.
         """
         count = len(found.points)
         pupils, targets = pupils.spread(count), targets.spread(count)
@@ -131,17 +132,17 @@ class CoveredMirror:
         return section
 
     def left_at(self, found: Specular) -> Array:
-        """Where (n, 3) the rays of those found leave the cover."""
+        """Return the points (n, 3), mm, on the outer surface of the cover."""
         return self._let_out(found.points, found.to_targets)[0]
 
     def objects_at(self, found: Specular, distances: Array) -> Array:
-        """Objects (n, 3) at distances (n,) mm from their mirror points, by the way that light takes."""
+        """Return objects (n, 3) at optical distances (n,), mm, from their mirror points."""
         left_at, outwards, _, inside, _ = self._let_out(found.points, found.to_targets)
         objects: Array = left_at + (distances - inside)[:, None] * outwards
         return objects
 
     def outside_of(self, points: Array, through: Array) -> tuple[Array, Array]:
-        """Where (n, 3) rays from points inside through others leave the cover, and whereto."""
+        """Return exit points and directions (n, 3) of rays from inner points through others."""
         way = through - points
         left_at, outwards, *_ = self._let_out(points, way / np.linalg.norm(way, axis=1, keepdims=True))
         return left_at, outwards
@@ -150,12 +151,12 @@ class CoveredMirror:
         """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
         return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
 
-    # -- out through the wall ----------------------------------------------------------------------
+    # -- refraction through the wall ---------------------------------------------------------------
 
     def _let_out(self, points: Array, directions: Array) -> tuple[Array, Array, Array, Array, Mask]:
-        """Where (n, 3) rays leave the cover, whereto, light's time (n,) and way (n,) until there, and whether they do.
+        """Return exit points and directions (n, 3), optical and geometric path (n,), and validity.
 
-        What ends at an end of a tube in air goes on as it is: it never comes to the wall.
+        Rays that meet an end of a tube in air continue unchanged: they do not reach the wall.
         """
         way = way_out(self.shell, points, directions)
         left_at, outwards, passes, (first, second) = way.points, way.directions, way.passes, way.lengths
@@ -188,9 +189,10 @@ class CoveredMirror:
         return _Ways(points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes)
 
     def _miss(self, ways: _Ways, targets: Ends) -> Array:
-        """By how much (n, 3) unit vectors outside miss distant targets, or rays near ones, as shares of the distance.
+        """Return the miss (n, 3), as an angle or relative to the target distance.
 
-        That is counted from the mirror, so that it stays above 0 however near to the cover a target is.
+        The distance is measured from the mirror; it remains positive for targets close to the
+        cover.
         """
         if targets.distant:
             return ways.outwards - targets.xyz
@@ -208,17 +210,17 @@ class CoveredMirror:
         wanted: Array = way / _lengths(way)[:, None]
         return wanted
 
-    # -- where a target is seen --------------------------------------------------------------------
+    # -- mirror point of a target ------------------------------------------------------------------
 
     @cached_property
     def _meridian(self) -> Meridian:
-        """As if mirror and cover were aligned."""
+        """Meridian of the aligned mirror and cover."""
         shift = float(self.mirror.pose.shift[2])
         cover = Cover(self.shell.centred(), *self.ends_mm).moved(shift)
         return Meridian(self.mirror.mirror, self.mirror_distance_mm + shift, self.pupil, cover=cover)
 
     def _guess(self, targets: Ends) -> Array:
-        """Points (n, 2) of the mirror, mm, in which one viewpoint on its axis would see targets."""
+        """Return single-viewpoint estimates (n, 2), mm, of the mirror points of targets."""
         pose, rim = self.mirror.pose, self.mirror.mirror.rim_radius_mm
         inside = pose.turned_to_mirror(targets.xyz) * (FAR * rim) if targets.distant else pose.to_mirror(targets.xyz)
         across, azimuth = np.hypot(inside[:, 0], inside[:, 1]), np.arctan2(inside[:, 1], inside[:, 0])
@@ -228,13 +230,13 @@ class CoveredMirror:
         return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
 
     def _found(self, pupils: Ends, targets: Ends, start: Array) -> Specular:
-        """What :meth:`specular` finds from points (n, 2) of the mirror on, mm."""
+        """Solve for the mirror points from initial points (n, 2), mm; see :meth:`specular`."""
         if not self._is_compiled:
             xy = self._aimed(pupils, targets, start)
             return self._proven(targets, xy, self._ways(pupils, xy))
         xy, settled = self._settled(pupils, targets, start)
         ways = self._ways(pupils, xy)
-        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > ARRIVED))  # where a table is too coarse
+        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > ARRIVED))  # table limits
         if near.size:
             xy[near] = self._aimed(pupils[near], targets[near], xy[near])
             ways = self._ways(pupils, xy)
@@ -242,12 +244,12 @@ class CoveredMirror:
 
     @property
     def _is_compiled(self) -> bool:
-        """Whether a kernel serves: it knows no form errors."""
+        """Check if a kernel is available: kernels do not support form errors."""
         return backend.is_compiled and self.mirror.form.is_empty
 
     def _settled(self, pupils: Ends, targets: Ends, start: Array) -> tuple[Array, Mask]:
-        """Points (n, 2) of the mirror, mm, to which a compiled kernel comes by a table of its meridian, and whether it
-        comes to an end (n,)."""
+        """Return mirror points (n, 2), mm, from a compiled kernel with a table of the meridian, and
+        convergence flags (n,)."""
         xy, settled = np.array(start), np.empty(len(start), np.bool_)
         shell, mirror = pose_of(self.shell), self.mirror.mirror
         turn = shell.rotation().T @ self.mirror.pose.rotation()
@@ -269,9 +271,10 @@ class CoveredMirror:
         return meridian_table(self.mirror.mirror, CELLS)
 
     def _aimed(self, pupils: Ends, targets: Ends, start: Array) -> Array:
-        """Points (n, 2) of the mirror, mm, whose rays lead to the targets, by Newton's rule.
+        """Solve for mirror points (n, 2), mm, whose rays reach the targets, by Newton's method.
 
-        Derivatives cost two rays more: they are kept as long as each step leaves a hundredth.
+        Derivatives cost two more rays each: they are reused while each step reduces the miss to 1
+        %.
         """
         rim = self.mirror.mirror.rim_radius_mm
         step, reach = DIFFERENCE * rim, LONGEST_STEP * rim
@@ -321,7 +324,8 @@ class CoveredMirror:
 
 
 def _solved(rates: Array, miss: Array, towards: Array) -> Array:
-    """Moves (n, 2) that undo misses (n, 3) across directions (n, 3), by rates (2, n, 3); 0 where none are known."""
+    """Return steps (n, 2) that cancel misses (n, 3) across directions (n, 3), given rates (2, n,
+    3); 0 for non-finite rates."""
     across = _across(towards)
     (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in across)
     u, v = (np.einsum("ni,ni->n", miss, e) for e in across)
@@ -337,7 +341,7 @@ def _lengths(vectors: Array) -> Array:
 
 
 def _across(directions: Array) -> tuple[Array, Array]:
-    """Two unit vectors (n, 3) each, across unit vectors (n, 3) and each other (Duff and others, 2017)."""
+    """Return two unit vectors (n, 3) orthogonal to unit vectors (n, 3) (Duff et al., 2017)."""
     x, y, z = directions.T
     sign = np.copysign(1.0, z)
     a = -1 / (sign + z)

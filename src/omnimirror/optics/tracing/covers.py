@@ -1,9 +1,11 @@
-"""Chief rays through a clear cover, in the meridian: Snell's law at both sides, and what it does to wavefronts.
+"""Meridional chief rays through a clear cover: Snell's law and astigmatic wavefront curvature.
 
-Of a pencil of chief rays two numbers are followed beside place and direction: how far apart neighbours are across the
-ray, and how much they differ in angle, both per mm of mirror. Free flight adds to the first what the second says, and
-a surface changes the second by its own turning and by the derivative of Snell's law: Coddington's tangential equation.
-The sagittal one knows the distance to the axis along the normal instead of the curvature.
+Two quantities of a chief-ray pencil are traced in addition to position and direction, both per mm
+of mirror: the transverse separation of neighbouring rays (``spread``) and their angular separation
+(``rate``). Propagation over a distance t gives spread' = spread + t rate; refraction changes the
+rate by the surface's curvature and the derivative of Snell's law (Coddington's tangential
+equation). The sagittal equation uses the distance to the axis along the normal instead of the
+radius of curvature.
 """
 
 from __future__ import annotations
@@ -25,15 +27,15 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PLACES = 257  # along the mirror, between which the first ray past a tube's base is looked for
-ON_RAY = 1e-7  # relative; a point this near to a ray is on it
+PLACES = 257  # mirror points sampled to find the first ray past the base of a tube
+ON_RAY = 1e-7  # relative distance within which a point is on a ray
 
 
 class Refraction(NamedTuple):
-    """What one surface does to wavefronts: ``after vergence' = before vergence + power``, (n,) each."""
+    """Refraction of wavefronts: ``after vergence' = before vergence + power``, (n,)."""
 
     way: Any
-    """From the surface before, mm."""
+    """Distance from the previous surface, mm."""
     before_t: Any
     after_t: Any
     power_t: Any
@@ -46,9 +48,10 @@ class Refraction(NamedTuple):
 class Outside:
     """Chief rays (n,) outside a cover; lengths in mm, angles in radians.
 
-    ``x``, ``z`` is the point of each ray's line that is nearest to its mirror point; ``spread`` how far apart
-    neighbours are there and ``rate`` how much they differ in angle, per mm of mirror. The ray leaves the cover
-    ``reach`` after that point and ``inside`` after the mirror, by the way that light takes.
+    ``x``, ``z`` is the point on each ray's line closest to its mirror point; ``spread`` and
+    ``rate`` are the transverse and the angular separation of neighbouring rays there, per mm of
+    mirror. The ray leaves the cover at ``reach`` after that point and at the optical distance
+    ``inside`` after the mirror.
     """
 
     x: Array
@@ -60,18 +63,18 @@ class Outside:
     refractions: tuple[Refraction, ...]
 
     def from_start(self, object_distance: Array) -> Array:
-        """Distances (n,) from ``x``, ``z`` of objects as far from their mirror points, by the way that light takes."""
+        """Convert optical distances from the mirror to distances from ``x``, ``z``."""
         return object_distance - self.inside + self.reach
 
     def seen_at(self, object_distance: Array) -> tuple[Array, Array]:
-        """At what distances (n,), (n,) mm from the mirror tangential and sagittal pencils of objects seem to begin.
+        """Return apparent distances (n,), (n,), mm, of tangential and sagittal foci.
 
-        Below 0 where they converge.
+        Converging pencils have negative distances.
 
         Raises
         ------
         InvalidParameter
-            An object inside the cover.
+            If an object is inside the cover.
         """
         behind = object_distance - self.inside
         if not np.all(behind > 0):
@@ -86,7 +89,7 @@ class Outside:
 
 
 def seen_inside(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
-    """What 1/distance from the cover's outer side is as 1/distance from the mirror, tangential and sagittal, 1/mm."""
+    """Convert 1/distance from the outer surface to that from the mirror, T and S."""
     vergence_t = vergence_s = -near
     for r in reversed(refractions):
         vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
@@ -96,7 +99,7 @@ def seen_inside(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, An
 
 
 class Pencil(NamedTuple):
-    """Chief rays on their way, and how far apart neighbours are and differ in angle, per mm of mirror."""
+    """Chief rays with transverse and angular separation of their neighbours, per mm of mirror."""
 
     x: Any
     z: Any
@@ -106,19 +109,19 @@ class Pencil(NamedTuple):
 
 
 class Side(NamedTuple):
-    """One side of a wall about the axis; its numbers may be arrays, one for each of many sensors."""
+    """One surface of a wall about the axis; its numbers may be arrays over sensors."""
 
     kind: Literal["plane", "cylinder", "sphere"]
     radius: Any
-    """Of a plane not used."""
+    """Radius; not used for a plane."""
     height: Any
-    """Of a plane, or of a sphere's centre, over the mirror's vertex; of a cylinder not used."""
+    """Height above the mirror vertex of a plane or a sphere's centre; not used for a cylinder."""
 
     def met_by(self, ray: Pencil) -> tuple[Any, Any]:
-        """How far rays go to it from inside, and the angle of its outward normal there, counted as omega is."""
+        """Return distances along rays from inside, and the angle of the normal."""
         sin, cos = np.sin(ray.omega), np.cos(ray.omega)
         if self.kind == "plane":
-            return (ray.z - self.height) / cos, np.where(cos.real > 0, 0.0, np.nan)  # what rises never comes to it
+            return (ray.z - self.height) / cos, np.where(cos.real > 0, 0.0, np.nan)  # rising rays
         if self.kind == "cylinder":
             return (self.radius - ray.x) / sin, np.pi / 2 + 0 * ray.x
         dz = ray.z - self.height
@@ -128,14 +131,14 @@ class Side(NamedTuple):
 
     @property
     def curvatures(self) -> tuple[Any, Any]:
-        """1/mm in the meridian and across it, along the normal to the axis."""
+        """Return tangential and sagittal curvature, 1/mm, relative to the normal to the axis."""
         if self.kind == "plane":
             return 0.0, 0.0
         return (1 / self.radius if self.kind == "sphere" else 0.0), 1 / self.radius
 
 
 def _angle_of(sin: Any, cos: Any) -> Any:
-    """Angles of vectors of any length; their imaginary parts are derivatives."""
+    """Return angles of vectors of any length; imaginary parts carry derivatives."""
     angle = np.arctan2(sin.real, cos.real)
     if not np.iscomplexobj(sin):
         return angle
@@ -143,7 +146,7 @@ def _angle_of(sin: Any, cos: Any) -> Any:
 
 
 def sides_of(shell: Shell) -> tuple[Side, Side]:
-    """Inner and outer side of a wall whose size is known."""
+    """Return inner and outer surface of a wall of known size."""
     if isinstance(shell, FlatWindow):
         inner, outer = (Side("plane", np.inf, height) for height in shell.heights_mm)
     elif isinstance(shell, Tube):
@@ -156,10 +159,10 @@ def sides_of(shell: Shell) -> tuple[Side, Side]:
 
 
 def through_sides(ray: Pencil, sides: tuple[Side, Side], indices: tuple[float, float]) -> Passed:
-    """Rays let out through both sides of a wall; ``indices`` are those of the wall and of what is outside.
+    """Refract rays through both surfaces of a wall; ``indices`` are those of wall and outer medium.
 
-    What does not meet a side, or is not let out, is not finite. Complex numbers have derivatives in their imaginary
-    parts.
+    Rays that miss a surface or are totally reflected are non-finite. Imaginary parts of complex
+    numbers carry derivatives.
     """
     media, through = (1.0, *indices), list[Refraction]()
     start = ray
@@ -173,7 +176,7 @@ def through_sides(ray: Pencil, sides: tuple[Side, Side], indices: tuple[float, f
 
 
 class Passed(NamedTuple):
-    """Rays outside a wall, told from the points of their lines that are nearest to their mirror points."""
+    """Rays outside a wall, measured from the point of each line closest to its mirror point."""
 
     foot: Pencil
     reach: Any
@@ -183,9 +186,10 @@ class Passed(NamedTuple):
 
 @dataclass(frozen=True)
 class Cover:
-    """A tube, a dome or a window of known size about the axis; heights in mm over the vertex of the mirror as it sits.
+    """Tube, dome or window of known size about the axis; heights in mm above the mirror vertex.
 
-    A tube reaches from ``base_mm`` to ``cap_mm``: rays that meet an end before its wall do not pass it.
+    A tube extends from ``base_mm`` to ``cap_mm``: rays that meet an end before the wall do not
+    pass.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> from omnimirror.optics.tracing.meridian import trace_chief_rays
@@ -200,7 +204,7 @@ class Cover:
     cap_mm: float
 
     def moved(self, displacement_mm: float) -> Cover:
-        """The same for a mirror that sits farther from the lens than it was meant to."""
+        """Return the cover relative to a mirror displaced away from the lens."""
         shell = self.shell
         if isinstance(shell, Dome):
             shell = replace(shell, centre_mm=shell.centres_mm[1] - displacement_mm)
@@ -210,14 +214,14 @@ class Cover:
 
     @property
     def in_air(self) -> bool:
-        """Whether what is outside bends rays as what is inside does."""
+        """Check if the media inside and outside have the same refractive index."""
         return self.shell.outer_index == 1.0
 
     def left_by(self, rays: ChiefRays) -> ChiefRays:
-        """Chief rays as they are outside."""
+        """Return chief rays outside the cover."""
         start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
-        with np.errstate(all="ignore"):  # what does not meet the wall, or is not let out, is told apart below
+        with np.errstate(all="ignore"):  # misses and total reflection: see below
             passed = through_sides(start, sides_of(self.shell), (self.shell.index, self.shell.outer_index))
         foot, through = passed.foot, passed.refractions
         found: tuple[Array, ...] = (*foot, passed.reach, passed.inside)
@@ -230,7 +234,7 @@ class Cover:
         return replace(rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through))
 
     def crosses(self, rays: ChiefRays) -> Mask:
-        """Which rays (n,) reach the wall before an end of the tube; a dome's go on as if it were whole."""
+        """Return which rays (n,) reach the wall within the ends of a tube."""
         if not isinstance(self.shell, Tube):
             return np.ones(rays.x.shape, dtype=bool)
         height = self._wall_height(rays)
@@ -242,16 +246,16 @@ class Cover:
         return height
 
     def first_seen(self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float) -> float:
-        """Distance from the axis of the first mirror point, from ``start`` on, that sees what is around a tube.
+        """Return the distance from the axis of the first mirror point with outside view.
 
-        Before it rays end at the base. In air it does not matter: they are told as they are inside.
+        Rays from smaller distances end at the base. In air, the inner rays are used.
         """
         if self.in_air or not isinstance(self.shell, Tube):
             return start
 
         def clear(x: Array | float) -> Array:
             height = self._wall_height(rays_at(np.atleast_1d(x)))
-            return np.maximum(height - self.base_mm, -1e9)  # the ray along the axis never meets the wall
+            return np.maximum(height - self.base_mm, -1e9)  # the axial ray never meets the wall
 
         x = np.linspace(start, rim, PLACES)
         height = clear(x)
@@ -260,13 +264,13 @@ class Cover:
             raise SelfObstruction("no ray from the mirror passes the tube's wall: all of them end at its base")
         if passing[0] == 0:
             return start
-        if not height[passing[0] - 1] <= 0:  # NaN: no mirror surface there
+        if not height[passing[0] - 1] <= 0:  # NaN: outside the mirror surface
             return float(x[passing[0]])
         low, high = float(x[passing[0] - 1]), float(x[passing[0]])
         return sign_change(lambda v: float(clear(v)[0]), low, high, 1e-12 * rim)
 
     def leads_to(self, rays: ChiefRays, x: Array, z: Array) -> Mask:
-        """Which points (n,), (n,) of the meridian plane are behind the cover, and on these rays."""
+        """Return which meridional points (n,), (n,) are outside and on these rays."""
         outside = rays.outside
         assert outside is not None
         sin, cos = np.sin(rays.omega), np.cos(rays.omega)
@@ -276,12 +280,12 @@ class Cover:
         return behind
 
     def check(self, rays: ChiefRays) -> None:
-        """Refuse rays that are not let out, cross outside, or turn back.
+        """Check that rays leave the cover, do not cross outside, and do not turn back.
 
         Raises
         ------
         SelfObstruction
-            With the mirror point from which on this is so.
+            With the first mirror point that violates this.
         """
         outside = rays.outside
         assert outside is not None
@@ -299,7 +303,7 @@ class Cover:
                 "outer side so askew that they are reflected; a wider one lets them out"
             )
         crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
-        crossing[0] &= rays.slope[0] == 0  # as without a cover: at the very point of a pointed mirror
+        crossing[0] &= rays.slope[0] == 0  # as without a cover: at the apex of a pointed mirror
         if crossing.any():
             raise SelfObstruction(
                 f"behind the {self.shell.KIND} neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm "
@@ -308,7 +312,7 @@ class Cover:
 
 
 def _refracted(ray: Pencil, side: Side, before: float, after: float) -> tuple[Pencil, Refraction]:
-    """Rays just behind a surface, and what it did."""
+    """Return rays behind a surface, and its effect on wavefronts."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
     way, normal = side.met_by(ray)
     curvature_t, curvature_s = side.curvatures
@@ -317,7 +321,7 @@ def _refracted(ray: Pencil, side: Side, before: float, after: float) -> tuple[Pe
     behind = np.arcsin(sin_behind)
     cos_behind = np.cos(behind)
     gain = after * cos_behind - before * cos_i
-    along = (ray.spread + way * ray.rate) / cos_i  # how far apart neighbours meet the surface
+    along = (ray.spread + way * ray.rate) / cos_i  # separation of neighbours along the surface
     turn = curvature_t * along
     rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind)
     left = Pencil(ray.x + way * sin, ray.z - way * cos, normal + behind, cos_behind * along, rate)
@@ -334,6 +338,6 @@ def _refracted(ray: Pencil, side: Side, before: float, after: float) -> tuple[Pe
 
 
 def _only_where(crosses: Mask, r: Refraction) -> Refraction:
-    """The same, and nothing where a ray does not cross."""
+    """Return the refraction, set to the identity for rays that do not cross."""
     nothing = (0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0)
     return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, nothing, strict=True)))

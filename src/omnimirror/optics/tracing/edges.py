@@ -1,8 +1,8 @@
-"""Clearance of rays at the edges of apertures and obstructions: the one measure of ray transmission.
+"""Clearance of rays at the edges of apertures and obstructions, the measure of transmission.
 
-A clearance is a smooth function of the ray, in mm: 0 at the edge, above 0 where the ray passes and below 0 where it is
-blocked. :meth:`omnimirror.optics.tracing.optical_train.OpticalTrain.clearances` collects those of all parts of a
-sensor.
+A clearance is a smooth function of the ray, in mm: 0 at the edge, positive for transmitted and
+negative for blocked rays. :meth:`omnimirror.optics.tracing.optical_train.OpticalTrain.clearances`
+collects those of all parts of a sensor.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 
 
 def past_circle(across: Array, radius: float) -> Array:
-    """Return the clearance (n,), mm, of rays that cross a plane at ``across`` (n, 2), mm, outside a circle.
+    """Return the clearance (n,), mm, of plane crossings (n, 2) outside a circle.
 
-    The difference of squares ``(r^2 - a^2)/(2 a)`` has the sign of ``r - a`` and its slope at the edge, and is smooth
-    where the ray crosses the axis, so that it can be interpolated over an aperture.
+    The difference of squares ``(r^2 - a^2)/(2 a)`` has the sign of ``r - a`` and its slope at the
+    edge, and is smooth for rays through the axis; it can be interpolated over an aperture.
 
     >>> past_circle(np.array([[3.0, 0.0], [0.0, 5.0]]), 4.0).round(3)
     array([-0.875,  1.125])

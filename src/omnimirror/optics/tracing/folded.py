@@ -1,9 +1,9 @@
-"""Rays through the whole aperture by way of two mirrors, in the frame of the camera and of the world.
+"""Skew rays over two mirrors, in the camera and world frames.
 
-The lens's side of the light is told in the unfolded frame: z leads from the lens by way of the secondary on to
-where the primary would stand if the secondary were a window, so that the lens stands at -m and the secondary's
-vertex at -s. The world's side has the primary's vertex as origin and z from the secondary to it. Under a flat
-secondary the two ways are one, and all that is computed here is what one mirror would do.
+The lens side is described in the unfolded frame: z points from the lens through the secondary to
+the image of the primary in an ideal window; the lens is at -m, the secondary's vertex at -s. The
+world side has the primary's vertex as origin and z from the secondary to the primary. With a flat
+secondary, the path equals that of a single mirror.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .two_mirrors import TwoMirrorMeridian, clearances
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-OVER = np.array([1.0, 1.0, -1.0])  # from the secondary's frame to the world's, and back
+OVER = np.array([1.0, 1.0, -1.0])  # conversion between secondary and world frames
 CHUNK = 1 << 12
 
 
 class _Path(NamedTuple):
-    """Length (n,) of the way of light over both mirrors, its gradient (n, 4) and second derivatives (n, 4, 4)."""
+    """Optical path length (n,) over both mirrors, its gradient (n, 4) and Hessian (n, 4, 4)."""
 
     length: Array
     gradient: Array
@@ -40,7 +40,7 @@ class _Path(NamedTuple):
 
 @dataclass(frozen=True)
 class FoldedMirror:
-    """A mirror that the lens sees in a second one; it answers as a mirror in its pose does.
+    """Mirror seen by the lens in a second mirror, with the interface of `PosedMirror`.
 
     >>> from omnimirror.optics.mirrors import Flat, Sphere
     >>> folded = FoldedMirror(Sphere(50.0, 44.0), Secondary(Flat(25.0), 90.0, 5.0), 180.0)
@@ -60,11 +60,11 @@ class FoldedMirror:
 
     @property
     def _vertex(self) -> Array:
-        """The secondary's vertex (3,)."""
+        """Vertex (3,) of the secondary."""
         return np.array([0.0, 0.0, -self.secondary.distance_mm])
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
-        """Reflect rays (n, 3), (n, 3) of the lens's side on both mirrors, out into the world."""
+        """Reflect lens-side rays (n, 3), (n, 3) at both mirrors."""
         found, seen_at = self.unobstructed(origins, directions), self.seen_at(origins, directions)
         with np.errstate(all="ignore"):
             to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -76,47 +76,48 @@ class FoldedMirror:
         return Reflections(points, outgoing, normals, valid)
 
     def unobstructed(self, origins: Array, directions: Array) -> Reflections:
-        """Reflect rays (n, 3), (n, 3) on both mirrors without regard to bore, camera and secondary in their way."""
+        """Reflect rays (n, 3), (n, 3) at both mirrors, ignoring bore, camera and secondary."""
         return space.trace(self.mirror, *self.off_secondary(origins, directions))
 
     def seen_at(self, origins: Array, directions: Array) -> Array:
-        """Return the points (n, 3) of the secondary, in the unfolded frame, that rays of the lens's side meet."""
+        """Return the intersections (n, 3) of lens-side rays with the secondary."""
         return self.over(self.off_secondary(origins, directions)[0])
 
     def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
-        """Where rays (n, 3), (n, 3) of the lens's side leave the secondary, and whereto, in the world's frame."""
+        """Reflect lens-side rays (n, 3), (n, 3) at the secondary, to the world frame."""
         first = space.trace(self.secondary.mirror, origins - self._vertex, directions)
         return first.points * OVER + self._vertex, first.directions * OVER
 
     def over(self, points: Array) -> Array:
-        """Points (n, 3) of the unfolded side in the world's frame, and back."""
+        """Convert points (n, 3) between the unfolded and the world frame."""
         there: Array = (points - self._vertex) * OVER + self._vertex
         return there
 
     def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays at the edges of both mirrors, at the bore and past the secondary.
+        """Return the clearance (n,), mm, of rays at mirrors, bore and secondary.
 
         Parameters
         ----------
         seen_at, to_pupils : (n, 3) arrays
-            Points of the secondary, and directions from there to the lens, both in the unfolded frame.
+            Points of the secondary, and directions from these to the lens, both in the unfolded
+            frame.
         points, to_targets : (n, 3) arrays
-            Points of the primary, and directions from there to the object.
+            Points of the primary, and directions from these to the object.
         """
         second, from_lens = self.over(seen_at), -to_pupils * OVER
         return clearances(self.mirror, self.secondary, self.mirror_distance_mm, from_lens, second, points, to_targets)
 
-    # -- where an entrance pupil sees a target --------------------------------------------------------------
+    # -- reflection points of a target ----------------------------------------------------------------------
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """The points (n, 3) of both mirrors in which pupils of the lens's side see targets of the world's.
+        """Return the points (n, 3) on both mirrors that image targets in pupils.
 
-        The way of light is stationary over two points, one on each mirror: Newton's rule in four dimensions,
-        from where the middle of the lens sees the target. ``start`` is not needed.
+        The optical path is stationary over two points, one on each mirror: Newton's method in four
+        dimensions, from the solution for the pupil centre. ``start`` is not used.
         """
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         place = np.empty((count, 4))
-        with np.errstate(all="ignore"):  # what is not finite is not valid
+        with np.errstate(all="ignore"):  # non-finite results are marked invalid
             first = np.broadcast_to(self._guess(targets), (count, 4))
             pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
             for begin in range(0, count, CHUNK):
@@ -125,11 +126,11 @@ class FoldedMirror:
             return self._proven(pupils, targets, place)
 
     def _seen(self, pupils: Ends) -> Ends:
-        """Entrance-pupil points in the secondary's frame."""
+        """Return entrance-pupil points in the secondary's frame."""
         return pupils if pupils.distant else Ends(pupils.xyz - self._vertex)
 
     def _guess(self, targets: Ends) -> Array:
-        """Points (n, 4) of the secondary and of the primary in which the middle of the lens sees targets' azimuths."""
+        """Return initial points (n, 4) on both mirrors, for the pupil centre."""
         xyz, low, high = targets.xyz, self.meridian.omega_min, self.meridian.omega_max
         across, azimuth = np.hypot(xyz[:, 0], xyz[:, 1]), np.arctan2(xyz[:, 1], xyz[:, 0])
         omega = np.clip(np.where(np.isfinite(across), np.arctan2(across, -xyz[:, 2]), low), low, high)
@@ -168,7 +169,7 @@ class FoldedMirror:
             length += far
             gradient[:, part] += pull
             hessian[:, part, part] += bend
-        # from mirror to mirror, in the world's frame, where the secondary's heights count downwards
+        # path between the mirrors, in the world frame; the secondary's heights point downwards
         t2, t1 = second.tangents * OVER, first.tangents
         step = first.points - (second.points * OVER + self._vertex)
         distance = np.linalg.norm(step, axis=1)
@@ -211,14 +212,15 @@ class FoldedMirror:
         )  # fmt: skip
 
     def _count_from(self, pupils: Ends, to_pupils: Array) -> Array:
-        """What paths to distant pupils are counted short by when they count from the secondary's vertex."""
+        """Return the path offset of distant pupils measured from the secondary's vertex."""
         return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
 
     def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Light (n,) that reaches moving pupils, per unit of their motion (2, 3) or (n, 2, 3).
+        """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
-        Cross-section (mm^2) of the beam from a distant target, solid angle (sr) of that from a near one. The way
-        stays stationary while the pupil moves, so that both points move by the inverse of its second derivative.
+        Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
+        The path stays stationary while the pupil moves; both points move by the inverse of its
+        Hessian.
         """
         count = len(found.points)
         pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
@@ -241,17 +243,17 @@ class FoldedMirror:
         return section
 
     def left_at(self, found: Specular) -> Array:
-        """Where (n, 3) the rays of those found leave the mirrors."""
+        """Return the points (n, 3) at which rays leave the primary."""
         return found.points
 
     def objects_at(self, found: Specular, distances: Array) -> Array:
-        """Objects (n, 3) at distances (n,) mm from their points of the primary, on the rays of those found."""
+        """Return objects (n, 3) at distances (n,), mm, from the primary."""
         objects: Array = found.points + distances[:, None] * found.to_targets
         return objects
 
 
 def _leg(end: Ends, surface: Surface) -> tuple[Array, Array, Array]:
-    """Length of the way from a surface to an end, its gradient (n, 2) and second derivatives (n, 2, 2)."""
+    """Return the path length to an end, its gradient and Hessian (n, 2, 2)."""
     if end.distant:
         far = -np.einsum("ni,ni->n", end.xyz, surface.points)
         return far, -np.einsum("nai,ni->na", surface.tangents, end.xyz), -end.xyz[:, 2, None, None] * surface.bend

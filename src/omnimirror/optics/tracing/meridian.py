@@ -1,8 +1,9 @@
-"""Chief rays in the meridian plane, and the way back from angles and points to the mirror.
+"""Chief rays in the meridional plane, and their inversion from angles and points to the mirror.
 
-The mirror point x is the parameter: everything else follows from it without a pole at 90 degrees and
-without aiming. Angles are in radians; ``m`` is the distance from the lens's reference point to the
-mirror vertex, infinite under an orthographic lens. Chief rays aim at the entrance pupil, which may lie elsewhere.
+The mirror coordinate x is the parameter: all other quantities follow from it without a singularity
+at 90 deg and without ray aiming. Angles are in radians; ``m`` is the distance from the lens's
+reference point to the mirror vertex, infinite for an orthographic lens. Chief rays pass through the
+entrance pupil, which may be displaced from the reference point.
 """
 
 from __future__ import annotations
@@ -24,21 +25,22 @@ from .proofs import stops_growing
 
 Array = NDArray[np.float64]
 
-BETWEEN = 8  # points on each polynomial of a mirror at which the mapping is checked
-NODES = 1025  # of the table from which inversions start and on which the mapping is proven monotonic
-ROUNDING = 1e-12  # relative; an angle this little past the rim is the rim
+BETWEEN = 8  # points per polynomial piece at which the mapping is checked
+NODES = 1025  # of the table used for initial values and for the proof of monotonicity
+ROUNDING = 1e-12  # relative tolerance of angles at the rim
 
 
 @dataclass(frozen=True)
 class ChiefRays:
-    """Chief rays through n mirror points; every array (n,), lengths in mm, angles in radians.
+    """Chief rays through n mirror points; all arrays are (n,), lengths in mm, angles in radians.
 
-    ``beta`` is the mirror slope angle, ``theta`` the angle from the axis under which the mirror is seen (by
-    the lens its viewing angle), ``gamma`` the angle of incidence and reflection, ``omega`` the field angle
-    from -z (Eqs. 1-5), ``w`` the axial distance from entrance pupil to mirror point (m + z where that lies in the
-    reference point), ``path`` the way to what sees the mirror: the pupil, or the chief rays ``seen_in`` of a second
-    mirror in which the lens sees the first (:mod:`.two_mirrors`); ``drift`` the pupil's motion, mm per radian of theta.
-    Behind a cover ``omega`` is the angle ``outside`` it.
+    ``beta`` is the slope angle of the mirror, ``theta`` the angle between axis and ray on the
+    viewing side (for a lens, its viewing angle), ``gamma`` the angle of incidence and reflection,
+    ``omega`` the field angle from -z (Eqs. 1-5) and ``w`` the axial distance from entrance pupil to
+    mirror point (m + z if the pupil is in the reference point). ``path`` is the distance to the
+    pupil; ``seen_in`` are the chief rays of a second mirror in which the lens sees the first
+    (:mod:`.two_mirrors`); ``drift`` is the pupil's motion, mm per radian of theta. Behind a cover,
+    ``omega`` is the angle ``outside`` it.
     """
 
     x: Array
@@ -58,18 +60,18 @@ class ChiefRays:
 
     @property
     def first(self) -> ChiefRays:
-        """Chief rays at the mirror that the lens looks at: these, or those at a second mirror."""
+        """Chief rays at the mirror facing the lens: these, or those at a second mirror."""
         return self if self.seen_in is None else self.seen_in
 
     def dfirst_dx(self) -> Array:
-        """How far the point that the lens looks at moves with x, dimensionless."""
+        """Derivative, by x, of the coordinate on the mirror facing the lens, dimensionless."""
         return np.ones_like(self.x) if self.seen_in is None else self._dtheta_dx() / self.seen_in.domega_dx()
 
     def pupil_distance(self) -> Array:
-        """Distance (mm) from the mirror point to what its neighbours' rays aim at, along the chief ray.
+        """Distance (mm) from the mirror point to the focus of neighbouring chief rays.
 
-        That is the entrance pupil, where it stays; the caustic of the chief rays, where it moves with their angle; or
-        its tangential image in a second mirror.
+        The focus is the entrance pupil if it is fixed, the caustic of the chief rays if it moves
+        with their angle, or its tangential image in a second mirror.
         """
         if self.seen_in is None:
             return self.path - self.drift * np.sin(self.theta)
@@ -77,7 +79,7 @@ class ChiefRays:
         return self.path + np.cos(second.gamma) / (np.cos(second.beta) * second.domega_dx())
 
     def domega_dx(self) -> Array:
-        """dOmega/dx, 1/mm."""
+        """Derivative dOmega/dx, 1/mm."""
         return self._rate if self.outside is None else self.outside.rate
 
     @cached_property
@@ -86,11 +88,11 @@ class ChiefRays:
 
     @property
     def reflected(self) -> Array:
-        """The angle (n,) from -z at which they leave the mirror: omega, unless they pass a cover."""
+        """Angle (n,) from -z after reflection: omega, except with a cover."""
         return self.beta + self.gamma
 
     def dreflected_dx(self) -> Array:
-        """How fast that angle changes with x, 1/mm."""
+        """Derivative of this angle by x, 1/mm."""
         return 2 * self.curvature / (1 + self.slope**2) + self._dtheta_dx()
 
     def _dtheta_dx(self) -> Array:
@@ -98,25 +100,25 @@ class ChiefRays:
 
     @property
     def start(self) -> tuple[Array, Array]:
-        """Where (x, z) the straight ray into the world begins: the mirror point, or near it behind a cover."""
+        """Origin (x, z) of the outgoing ray: at or, with a cover, near the mirror."""
         return (self.x, self.z) if self.outside is None else (self.outside.x, self.outside.z)
 
     @property
     def last(self) -> tuple[Array, Array]:
-        """Where (x, z) they last meet something of the sensor: the mirror, or the outer side of a cover."""
+        """Last intersection (x, z) with the sensor: the mirror, or the outer surface of a cover."""
         if self.outside is None:
             return self.x, self.z
         reach = self.outside.reach
         return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(self.omega)
 
     def spread(self) -> Array:
-        """How far apart neighbours are there, across the ray, per mm of mirror."""
+        """Transverse separation of neighbouring rays at that point, per mm of mirror."""
         return np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
 
     def viewpoint_offset(self) -> Array:
-        """Distance z_v - z (mm) from the mirror point's height to where its ray meets the axis: x / tan(Omega).
+        """Axial distance z_v - z (mm) from mirror point to viewpoint: x / tan(Omega).
 
-        On the axis of a smooth mirror the limit m R/(2 m + R) is taken, at a point 0.
+        On the axis the limit is m R/(2 m + R) for a smooth mirror, and 0 for a pointed one.
         """
         x, z = self.start
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -134,7 +136,7 @@ class ChiefRays:
 
 
 def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntrancePupil = IN_REFERENCE_POINT) -> ChiefRays:
-    """Chief rays through the mirror points at distances x from the axis (Eqs. 1-5).
+    """Trace chief rays through the mirror points at distances x from the axis (Eqs. 1-5).
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> rays = trace_chief_rays(Sphere(50.0, 44.0), np.inf, [30.0])
@@ -152,10 +154,10 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntranceP
 
 @dataclass(frozen=True)
 class Meridian:
-    """A mirror seen through a pupil of a lens at distance m: its field, and the mirror point of any ray.
+    """Mirror seen through a pupil at distance m: its field, and the mirror point of any ray.
 
-    Nothing is computed until asked for; the first question proves that the mapping is one to one and
-    raises :class:`NotOneToOne` or :class:`SelfObstruction` where it is not.
+    Evaluation is lazy; the first access checks that the mapping is one-to-one and raises
+    :class:`NotOneToOne` or :class:`SelfObstruction` otherwise.
     """
 
     mirror: Mirror
@@ -172,7 +174,7 @@ class Meridian:
         return table
 
     def _check_between_nodes(self) -> None:
-        """What the table proves at its nodes, everywhere: of mirrors made of polynomials, which may bend in between."""
+        """Check monotonicity between the nodes, for polynomial mirrors."""
         if self.pupil.moves:
             self._check_finer_table()
             return
@@ -181,24 +183,24 @@ class Meridian:
             raise _not_one_to_one(x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm)
 
     def _check_finer_table(self) -> None:
-        """By more nodes on each piece: what a second mirror shows, or a pupil that moves, is no polynomial."""
+        """Check monotonicity with more nodes per piece, for two mirrors or a moving pupil."""
         if (breaks := self.mirror.breaks) is not None and len(breaks) > 2:
             x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
             checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
 
     @cached_property
     def x_min(self) -> float:
-        """Where on the mirror the field begins, mm from the axis."""
+        """Distance from the axis, mm, of the first mirror point of the field."""
         return self._first_outside(0.0)
 
     @property
     def middle_hidden_by(self) -> str:
-        """Part that ends the rays from before :attr:`x_min`."""
+        """Part that blocks the rays below :attr:`x_min`."""
         assert self.cover is not None, "without a cover a single mirror is seen from its axis on"
         return f"{self.cover.shell.KIND}'s base"
 
     def _first_outside(self, start: float) -> float:
-        """Where it begins if the mirror shows something from ``start`` on."""
+        """Return the first mirror point of the field that sees outside, from ``start``."""
         if self.cover is None:
             return start
         return self.cover.first_seen(self._rays, start, self.mirror.rim_radius_mm)
@@ -211,7 +213,7 @@ class Meridian:
 
     @property
     def omega_min(self) -> float:
-        """Field angle where the field begins: 0 for a smooth mirror, more for a pointed one."""
+        """Smallest field angle: 0 for a smooth mirror, larger for a pointed one."""
         return float(self._table.omega[0])
 
     @property
@@ -221,11 +223,11 @@ class Meridian:
 
     @property
     def theta_max(self) -> float:
-        """Viewing angle of the lens towards the rim; 0 for an orthographic lens."""
+        """Viewing angle of the lens at the rim; 0 for an orthographic lens."""
         return float(self._table.first.theta[-1])
 
     def trace(self, x_mm: ArrayLike) -> ChiefRays:
-        """Chief rays through mirror points given by their distance from the axis (n,), mm."""
+        """Trace chief rays through mirror points given by their distance from the axis (n,), mm."""
         self._table  # noqa: B018 - proves that the mirror can be used
         x = np.asarray(x_mm, dtype=float)
         start, rim = self.x_min, self.mirror.rim_radius_mm
@@ -237,7 +239,7 @@ class Meridian:
         return self._rays(np.clip(x, start, rim))
 
     def x_from_omega(self, omega: ArrayLike) -> Array:
-        """Mirror point (mm) of field angles (n,) in radians; OutsideField names the first one not seen."""
+        """Return the mirror points (mm) of field angles (n,), radians."""
         omega = np.asarray(omega, dtype=float)
         inside = self.sees(omega)
         if not inside.all():
@@ -248,7 +250,7 @@ class Meridian:
         return self._invert_omega(omega)
 
     def sees(self, omega: Array) -> NDArray[np.bool_]:
-        """Which field angles lie between axis and rim, rounding forgiven."""
+        """Return which field angles are within the field, with a rounding tolerance."""
         slack = ROUNDING * self.omega_max
         return (omega >= self.omega_min - slack) & (omega <= self.omega_max + slack)
 
@@ -265,7 +267,7 @@ class Meridian:
         return increasing_root(difference, a, b, self._between(omega, cell, a, b), rim)
 
     def _between(self, omega: Array, cell: NDArray[np.intp], a: Array, b: Array) -> Array:
-        """Where an angle is between two nodes: by cubic pieces, from which one step of Newton's rule is enough."""
+        """Interpolate between two nodes by cubic pieces, as initial values."""
         table = self._table
         low = table.omega[cell]
         width, step = table.omega[cell + 1] - low, b - a
@@ -273,15 +275,15 @@ class Meridian:
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = width / table.domega_dx()[np.stack([cell, cell + 1])]
             bent = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
-        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # not where a mapping starts square
+        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # finite rates
         return x
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
-        """Mirror point (mm) that the lens sees by way of points (n,), mm from the axis, of the mirror it looks at."""
+        """Return mirror points (mm) for points (n,), mm, on the mirror facing the lens."""
         return self.trace(x_mm).x
 
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
-        """Mirror point (mm) that the lens sees at viewing angles given by their tangents (n,)."""
+        """Return mirror points (mm) at viewing angles of the lens, given by their tangents (n,)."""
         tangent, table = np.asarray(tan_theta, dtype=float), self._table
         tangents = table.x / table.w
         inside = (tangent >= 0) & (tangent <= tangents[-1] * (1 + ROUNDING))
@@ -302,10 +304,11 @@ class Meridian:
         return increasing_root(difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm)
 
     def x_from_point(self, x_t: ArrayLike, z_t: ArrayLike) -> Array:
-        """Mirror point (mm) in which points (x_t >= 0, z_t) of the meridian plane are seen; NaN where not.
+        """Return the mirror points (mm) that image points of the meridional plane.
 
-        Solves ``Omega(x) = phi(x)``, phi the direction from mirror point to object, which is unique:
-        the difference increases at any root. Points in the mirror's shadow or inside it are not seen.
+        Solves ``Omega(x) = phi(x)``, phi being the direction from mirror point to object. The root
+        is unique: the difference increases at any root. Points in the mirror's shadow or inside it
+        are NaN.
         """
         x_t, z_t = np.broadcast_arrays(np.asarray(x_t, dtype=float), np.asarray(z_t, dtype=float))
         rim = self.mirror.rim_radius_mm
@@ -321,7 +324,7 @@ class Meridian:
 
         start, edge = np.full_like(x_t, self.x_min), np.full_like(x_t, rim)
         surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
-        with np.errstate(invalid="ignore"):  # points that are not finite are not seen
+        with np.errstate(invalid="ignore"):  # non-finite points are not imaged
             seen = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
             seen &= (difference(start, x_t, z_t)[0] <= 0) & (difference(edge, x_t, z_t)[0] >= -ROUNDING)
         x = np.full_like(x_t, np.nan)
@@ -335,14 +338,14 @@ class Meridian:
         return x
 
     def first_guess(self, x_t: Array, z_t: Array) -> Array:
-        """Mirror points (n,) mm in which points would be seen from one viewpoint, a middle one."""
+        """Return single-viewpoint estimates of the mirror points (n,), mm."""
         middle = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
         omega, _ = _direction(x_t, z_t - middle)
         return np.interp(omega, self._table.omega, self._table.x)
 
 
 def _direction(dx: Array, dz: Array) -> tuple[Array, Array]:
-    """Angle from -z in (-pi/2, 3 pi/2), so that shadow points lie beyond every field angle; and length."""
+    """Return angles from -z in (-pi/2, 3 pi/2), and lengths."""
     phi = np.arctan2(dx, -dz)
     return np.where(phi < -np.pi / 2, phi + 2 * np.pi, phi), np.hypot(dx, dz)
 
@@ -351,15 +354,14 @@ def _first(values: Array, where: NDArray[np.bool_]) -> float:
     return float(np.atleast_1d(values)[np.atleast_1d(where)][0])
 
 
-# -- proofs that a mirror can be used ----------------------------------------------------------
-#
-# That a reflected ray never meets the mirror again needs no check of its own: to meet it, the surface
-# farther out would have to be flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta'
-# > Omega' - Omega + 90 deg, which is over 90 deg when Omega grows outwards: the lens would not see it.
+# -- validity checks ----------------------------------------------------------------------------- #
+# A second reflection of a reflected ray needs no separate check: it requires a surface farther out
+# that is flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta' > Omega' -
+# Omega + 90 deg exceeds 90 deg for increasing Omega: the lens would not see that surface.
 
 
 def checked(rays: ChiefRays) -> ChiefRays:
-    """Chief rays from the axis outwards, proven to be on the mirror's front and one to one."""
+    """Return chief rays ordered from the axis, checked to be on the front side and one-to-one."""
     _check_front_side(rays)
     _check_one_to_one(rays)
     return rays
@@ -383,7 +385,7 @@ def _check_front_side(rays: ChiefRays) -> None:
 
 def _check_one_to_one(rays: ChiefRays) -> None:
     falling = rays.dreflected_dx() <= 0
-    falling[0] &= rays.slope[0] == 0  # at the very point of a pointed mirror the mapping may start square
+    falling[0] &= rays.slope[0] == 0  # the mapping may have square-root behaviour at the apex
     if not falling.any():
         return
     i = int(np.argmax(falling))

@@ -1,8 +1,8 @@
-"""What of the field is hidden, and by what: the one answer that drawing, picture, evaluation and requirements share.
+"""Obscurations of the field, shared by drawings, simulated images, evaluation and requirements.
 
-What counts is the chief ray: near the edge of what is hidden the picture fades over the width of the lens's aperture.
-What stands about the axis of an aligned sensor hides rings of field angle at every azimuth (:func:`hidden_parts`); of
-any sensor it stops rays in space (:meth:`Obstructions.met_by`).
+Obscuration is defined by the chief ray: near its edge the image fades over the width of the lens
+aperture. Parts about the axis of an aligned sensor obscure rings of field angle at every azimuth
+(:func:`hidden_parts`); for any sensor they block rays in space (:meth:`Obstructions.met_by`).
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from .meridian import ChiefRays, Meridian
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PLACES = 2049  # along the mirror, between which a ring's edge is looked for
-TOUCHES_DEG = 1e-6  # a ring this near to an end of the field begins or ends there
+PLACES = 2049  # mirror points sampled to locate the edges of rings
+TOUCHES_DEG = 1e-6  # distance at which a ring is merged with an end of the field
 
 
 def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
-    """By how much (n,), mm, rays pass a disc square to the axis; below 0 where it stops them.
+    """Return the clearance (n,), mm, of rays at a disc perpendicular to the axis.
 
-    A disc of radius a seen at an angle Omega is a cos(Omega) wide in the meridian: a ray meets it whose distance from
-    the disc's centre is less. NumPy arrays of any kind, complex ones too, whose imaginary parts are derivatives.
+    A disc of radius a seen at an angle Omega has the half-width a cos(Omega) in the meridian.
+    Accepts complex arrays, whose imaginary parts carry derivatives.
 
     Parameters
     ----------
     distance : (n,) mm
-        Of the ray from the centre of the disc, in the meridian.
+        Distance of the ray from the centre of the disc, in the meridian.
     cosine : (n,)
-        Of the angle between ray and axis.
+        Cosine of the angle between ray and axis.
     radius : mm
 
     Examples
@@ -53,7 +53,7 @@ def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
 
 
 class Disc(NamedTuple):
-    """Opaque disc perpendicular to the axis, and the rays that it blocks: descending to the lens's side, or rising."""
+    """Opaque disc perpendicular to the axis, for descending or for rising rays."""
 
     part: str
     height_mm: float
@@ -61,7 +61,7 @@ class Disc(NamedTuple):
     stops_rising: bool = False
 
     def crossing(self, points: Array, directions: Array) -> tuple[Array, Mask]:
-        """Return where (n, 2), mm, rays (n, 3), (n, 3) cross its plane, and whether they do so from its open side."""
+        """Return the crossings (n, 2), mm, of rays with its plane, and their validity."""
         along = directions[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = (self.height_mm - points[:, 2]) / along
@@ -71,13 +71,14 @@ class Disc(NamedTuple):
         return across, meets
 
     def clearance(self, points: Array, directions: Array) -> Array:
-        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        """Return the clearance (n,), mm, of rays; infinite for those that do not cross its
+        plane."""
         across, meets = self.crossing(points, directions)
         with np.errstate(invalid="ignore"):
             return np.where(meets, past_circle(across, self.radius_mm), np.inf)
 
     def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
-        """Return which rays (n, 3), (n, 3) it blocks, and where (n, 2), mm, they cross its plane."""
+        """Return which rays it blocks, and their crossings (n, 2), mm, of its plane."""
         return self.clearance(points, directions) < 0, self.crossing(points, directions)[0]
 
 
@@ -89,14 +90,15 @@ class WindowFrame(NamedTuple):
     radius_mm: float
 
     def clearance(self, points: Array, directions: Array) -> Array:
-        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        """Return the clearance (n,), mm, of rays; infinite for those that do not cross its
+        plane."""
         across, meets = Disc(self.part, self.height_mm, self.radius_mm).crossing(points, directions)
         with np.errstate(invalid="ignore"):
             return np.where(meets, -past_circle(across, self.radius_mm), np.inf)
 
 
 class TaperedRod(NamedTuple):
-    """A rod, which may taper: a frustum about the axis."""
+    """Cylindrical or tapered rod: a frustum about the axis."""
 
     foot_mm: float
     top_mm: float
@@ -105,19 +107,20 @@ class TaperedRod(NamedTuple):
 
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Height and radius of either end."""
+        """Height and radius of both ends."""
         return (self.foot_mm, self.foot_radius_mm), (self.top_mm, self.top_radius_mm)
 
     @property
     def taper(self) -> float:
-        """Change of its radius with height, mm/mm."""
+        """Change of the radius with height, mm/mm."""
         return (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
 
     def clearance(self, points: Array, directions: Array) -> Array:
-        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that pass above or below it.
+        """Return the clearance (n,), mm, of rays; infinite for those above or below the rod.
 
-        Between foot and top the difference of squares ``r^2 - radius^2`` is a quadratic in the distance t along the
-        ray: its minimum lies at its vertex or where the ray enters or leaves the rod's heights.
+        Between foot and top, the difference of squares ``r^2 - radius^2`` is a quadratic in the
+        distance t along the ray: its minimum is at its vertex, or at the entry into or exit from
+        the rod's heights.
         """
         (x, y, z), (dx, dy, dz) = points.T, directions.T
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -138,17 +141,17 @@ class TaperedRod(NamedTuple):
             return np.where(first <= last, clearance, np.inf)
 
     def met_by(self, points: Array, directions: Array) -> Mask:
-        """Return which rays (n, 3), (n, 3) it blocks, also those that start inside it."""
+        """Return which rays (n, 3), (n, 3) it blocks, including those that start inside."""
         blocked: Mask = self.clearance(points, directions) < 0
         return blocked
 
 
 @dataclass(frozen=True)
 class Obstructions:
-    """A housing fitted to its sensor: the opaque things in the light. Heights over where the vertex is meant to be, mm.
+    """Opaque parts of a housing fitted to its sensor; heights in mm above the nominal vertex.
 
-    The wall of a tube or a dome is clear; it closes with ``discs``. What belongs to the mirror's own body moves with
-    the mirror: ``rim``, in the frame of the mirror.
+    The wall of a tube or dome is clear; ``discs`` close it. The flange of the mirror's body,
+    ``rim``, is in the frame of the mirror and moves with it.
     """
 
     housing: Housing
@@ -161,7 +164,7 @@ class Obstructions:
     def of(
         cls, housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float
     ) -> Obstructions:
-        """What a housing puts into the light of a mirror, perhaps seen in a second one, at a distance from the lens.
+        """Create the obstructions of a housing around a mirror, or two mirrors, at a lens distance.
 
         Raises
         ------
@@ -183,7 +186,7 @@ class Obstructions:
 
     @property
     def lids(self) -> tuple[Disc, ...]:
-        """The discs that close a tube or a dome."""
+        """Discs that close a tube or dome."""
         shell = self.housing.shell
         if shell is None:
             return ()
@@ -191,7 +194,7 @@ class Obstructions:
 
     @property
     def camera(self) -> Disc | None:
-        """The disc that rays to the camera end at: its front, or the base that it stands on if that is wider."""
+        """Disc that blocks rays to the camera: its front, or its base if wider."""
         lens = self.envelope.lens_mm
         fronts = [disc for disc in self.discs if isinstance(disc, Disc) and disc.part == "camera"]
         level = fronts[0].height_mm if fronts else lens
@@ -200,18 +203,18 @@ class Obstructions:
 
     @property
     def front_ring_mm(self) -> float:
-        """Diameter of the ring about the lens that is made out on the camera's front."""
+        """Diameter of the ring about the lens on the camera's front."""
         return (self.housing.camera or CameraBody(1.0)).lens_diameter_mm
 
     def clearances(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays off the mirror at each part; below 0 where the part blocks them.
+        """Return the clearance (n,), mm, of reflected rays at each part.
 
         Parameters
         ----------
         points, directions : (n, 3) arrays
             Points on the mirror, mm, and directions of the rays into the world, in the camera frame.
         towards_lens : (n, 3) array
-            Directions from these points to the lens, or to the second mirror in which the lens sees them.
+            Directions from these points to the lens, or to the second mirror that images them.
         pose
             Pose of the mirror.
         """
@@ -225,7 +228,7 @@ class Obstructions:
         return found
 
     def meridian_clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of chief rays of the meridian at each part.
+        """Return the clearance (n,), mm, of meridional chief rays at each part.
 
         ``shift_mm`` is the displacement of the mirror along the axis.
         """
@@ -239,18 +242,19 @@ class Obstructions:
         return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
 
     def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
-        """Return which rays (n,) off the mirror each part blocks; parameters as of :meth:`clearances`."""
+        """Return which reflected rays (n,) each part blocks; see :meth:`clearances`."""
         return {part: found < 0 for part, found in self.clearances(points, directions, towards_lens, pose).items()}
 
     def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
-        """Return which rays (n, 3), (n, 3) the edge of the rim blocks: rising from the mirror, or passing beside it."""
+        """Return which reflected or outer rays the edge of the rim blocks."""
         if self.rim is None:
             return np.zeros(len(points), dtype=bool)
         blocked: Mask = self._past_rim(self.rim, points, directions, pose) < 0
         return blocked
 
     def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
-        """Return the clearance (n,), mm, at the ring about the mirror, whose inner edge is that of the mirror."""
+        """Return the clearance (n,), mm, at the ring around the mirror, which starts at its
+        edge."""
         across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
         inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
         with np.errstate(invalid="ignore"):
@@ -258,7 +262,7 @@ class Obstructions:
             return np.where(meets, clearance, np.inf)
 
     def meets_front(self, points: Array, directions: Array, towards_lens: Array) -> Mask:
-        """Which rays (n,) off the mirror end at what stands before it, the camera or the rod."""
+        """Return which reflected rays (n,) end at the camera or rod in front of the mirror."""
         meets = np.zeros(len(points), dtype=bool)
         if self.camera is not None:
             meets |= self.camera.met_by(points, directions)[0]
@@ -268,13 +272,13 @@ class Obstructions:
 
 
 def cover_of(obstructions: Obstructions) -> Cover | None:
-    """The tube or the dome of a housing that fits its sensor, in the meridian; None where there is none."""
+    """Return the tube or dome of a fitted housing, in the meridian; None without one."""
     shell, envelope = obstructions.housing.shell, obstructions.envelope
     return None if shell is None else Cover(shell.centred(), envelope.base_mm, envelope.back_mm)
 
 
 def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float) -> Envelope:
-    """What a housing is fitted to."""
+    """Return the envelope to which a housing is fitted."""
     rim = housing.rim or Rim()
     lens = -mirror_distance_mm if np.isfinite(mirror_distance_mm) else -LENS_AT_RIMS * mirror.rim_radius_mm
     back, outer = highest_mm(mirror) + rim.thickness_mm, mirror.rim_radius_mm + rim.width_mm
@@ -286,12 +290,12 @@ def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, m
 
 
 def highest_mm(mirror: Mirror) -> float:
-    """Height of the highest point of a mirror's surface over its vertex, mm."""
+    """Return the height of the highest surface point of a mirror above its vertex, mm."""
     return float(mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513)).max())
 
 
 def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | WindowFrame, ...]:
-    """What closes a tube or a dome, and what is around a window."""
+    """Return the discs that close a tube or dome, and the opaque surround of a window."""
     shell = housing.shell
     if shell is None:
         return ()
@@ -308,7 +312,7 @@ def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | WindowFrame, ...
 
 
 def _before_mirror(housing: Housing, envelope: Envelope, secondary: Secondary | None) -> tuple[Disc, ...]:
-    """The camera, and the rim of a second mirror."""
+    """Return the discs of the camera and of the rim of a second mirror."""
     discs: list[Disc] = []
     if (camera := housing.camera) is not None:
         discs.append(Disc("camera", envelope.lens_mm + camera.height_mm, camera.diameter_mm / 2))
@@ -323,18 +327,18 @@ def _before_mirror(housing: Housing, envelope: Envelope, secondary: Secondary | 
 
 
 class Obscuration(NamedTuple):
-    """A ring of the field that a part hides, at every azimuth."""
+    """Ring of the field obscured by a part, at every azimuth."""
 
     part: str
-    """What hides it."""
+    """Name of the obscuring part."""
     omega_deg: tuple[float, float]
-    """From where to where."""
+    """Range of field angles, degrees."""
     picture_percent: float
-    """Its share of the image circle's area."""
+    """Fraction of the area of the image circle, %."""
 
 
 def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
-    """What is hidden of the field, ring by ring, and in all of the picture.
+    """Describe the obscured rings of the field and the obscured fraction of the image.
 
     >>> hidden_words((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
     'camera 0 to 8.43 deg; in all 0.71 % of the picture'
@@ -344,25 +348,25 @@ def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
 
 
 class HiddenPart(NamedTuple):
-    """A ring of the mirror in which a part is in the way."""
+    """Ring of the mirror in which a part blocks the chief rays."""
 
     part: str
     x_mm: tuple[float, float]
-    """From where to where on the mirror, from the axis."""
+    """Range of distances from the axis, mm."""
 
 
 def hidden_parts(
     meridian: Meridian, obstructions: Obstructions, shift_mm: float = 0.0, *, merged: bool = False
 ) -> tuple[HiddenPart, ...]:
-    """Rings of the mirror in which each part is in the way; they may overlap unless merged into those of anything.
+    """Return the rings of the mirror that each part obscures; they may overlap unless merged.
 
     Parameters
     ----------
     meridian
-        Of the mirror at its real distance.
+        Meridian of the mirror at its actual distance.
     obstructions
     shift_mm
-        How far the mirror sits from where it is meant to be along the axis.
+        Axial displacement of the mirror from its nominal position.
     """
 
     def clearances(x: Array) -> dict[str, Array]:
@@ -383,7 +387,7 @@ def hidden_parts(
 def obscured_rings(
     meridian: Meridian, hidden: tuple[HiddenPart, ...], share: Callable[[ChiefRays], Array]
 ) -> tuple[Obscuration, ...]:
-    """Rings of the field that parts hide, and the share (n,) of the image circle's area within chief rays."""
+    """Return the obscured rings of the field, given image-area fractions (n,)."""
     rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
     for part, ends in hidden:
         rays = meridian.trace(np.array(ends))
@@ -393,7 +397,7 @@ def obscured_rings(
 
 
 def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
-    """Return the ring before the first mirror point that sees the world."""
+    """Return the ring below the first unobscured mirror point."""
     start = meridian.trace(np.array([meridian.x_min]))
     return Obscuration(
         meridian.middle_hidden_by, (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0])
@@ -401,7 +405,7 @@ def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscurat
 
 
 def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:
-    """From where to where on the mirror a clearance is below 0, the ends to rounding."""
+    """Return the intervals of the mirror with negative clearance, with exact ends."""
     hidden = clear < 0
     edges = [
         sign_change(lambda v: float(np.clip(clearance(np.array(v)), -1e9, 1e9)), float(x[i]), float(x[i + 1]), 2e-12)
@@ -412,9 +416,9 @@ def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array])
 
 
 def clear_field_deg(field_deg: tuple[float, float], rings: tuple[Obscuration, ...]) -> tuple[float, float]:
-    """The part (low, high) of a field, degrees, between the merged rings that are hidden at either end of it.
+    """Return the range (low, high) of a field, degrees, between the merged rings at its ends.
 
-    Both are the same angle where all is hidden.
+    Both angles are equal if the entire field is obscured.
 
     >>> clear_field_deg((0.0, 135.0), (Obscuration("anything", (0.0, 12.0), 1.0),))
     (12.0, 135.0)

@@ -1,7 +1,7 @@
-"""A sensor's mirrors and lens traced in space, as they stand: from the image outwards, and from the world to the lens.
+"""Skew ray trace of mirrors and lens, from image to world and from world to lens.
 
-Everything is in the camera frame, in mm: z from the lens to the mirror, and the origin where the mirror's vertex was
-meant to be. Pixels are the sensor's business.
+All coordinates are in the camera frame, in mm: z points from the lens to the mirror; the origin is
+the nominal vertex of the mirror. Pixels are handled by the sensor.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from .space import Reflections
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PUPIL_STEPS = 12  # each takes what is left to a hundredth or less
+PUPIL_STEPS = 12  # each reduces the residual to 1 % or less
 PUPIL_CLOSE = 1e-13
 MIRROR_EDGES = ("mirror", "secondary mirror")
 
 
 @dataclass(frozen=True)
 class OpticalTrain:
-    """What light passes between the world and the imager.
+    """Optical elements between world and imager.
 
-    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``obstructions`` is the housing, None
-    without one.
+    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``obstructions``
+    is the housing, None without one.
 
     >>> import omnimirror as om
     >>> train = om.load_sensor("paper-spherical").optical_train
@@ -55,14 +55,14 @@ class OpticalTrain:
 
     @cached_property
     def posed_mirror(self) -> PosedMirror | FoldedMirror:
-        """The mirror where it sits; seen in a second one, the lens's side of the frame is the unfolded one."""
+        """Posed mirror; with a second mirror, the lens side is in the unfolded frame."""
         if self.secondary is not None:
             return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
         return PosedMirror(self.mirror, self.pose, self.form)
 
     @cached_property
     def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
-        """The mirror as it is seen from outside: through the tube or the dome, if there is one."""
+        """Mirror as seen from outside: through the tube or dome, if present."""
         mirror, cover = self.posed_mirror, self.obstructions
         if cover is None or cover.housing.shell is None:
             return mirror
@@ -72,28 +72,29 @@ class OpticalTrain:
 
     @property
     def lens_offset(self) -> Array:
-        """The lens's reference point (3,)."""
+        """Reference point (3,) of the lens."""
         vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
         return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
 
     @property
     def pupil_offset(self) -> Array:
-        """The middle (3,) of the lens's entrance pupil, as rays near the axis see it."""
+        """Centre (3,) of the paraxial entrance pupil of the lens."""
         offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
         return offset
 
     def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays at every edge between object and imager; below 0 where it blocks them.
+        """Return the clearance (n,), mm, of rays at every edge between object and imager.
 
-        The one description of what limits light: the edges of mirrors and lens, bore, barrel, camera, rod, rims, lids
-        and window frame. The stop itself is the unit disk in which rays are sampled.
+        Negative clearances mean blocked rays. This is the single definition of vignetting and
+        obscuration: edges of mirrors and lens, bore, barrel, camera, rod, rims, lids and window
+        frame. The stop itself is the unit disk in which rays are sampled.
 
         Parameters
         ----------
         seen_at, to_pupils : (n, 3) arrays
-            Points that the lens looks at, on the mirror or on a second one, and directions from there to the lens.
+            Points on the mirror facing the lens, and directions from these to the lens.
         points, to_targets : (n, 3) arrays
-            Points on the mirror, and directions of the rays off it into the world.
+            Points on the primary mirror, and directions of the reflected rays into the world.
         """
         with np.errstate(all="ignore"):
             found = self.seen_mirror.clearances(seen_at, points, to_pupils, to_targets)
@@ -111,10 +112,10 @@ class OpticalTrain:
         return self.obstructions.clearances(points, to_targets, towards_lens, self.pose)
 
     def obstructed(self, origins: Array, directions: Array) -> tuple[Reflections, dict[str, Array]]:
-        """Reflect rays (n, 3), (n, 3) of the lens's side as if nothing obstructed them, with their clearances (n,).
+        """Reflect unobstructed lens-side rays, and return their clearances (n,).
 
-        Obstructions are the parts of the housing and those of two mirrors; the edges of the mirrors and of the lens are
-        left out.
+        Obstructions are the parts of the housing and those of two mirrors, without the edges of the
+        mirrors and of the lens.
         """
         mirror, own = self.posed_mirror, {}
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -129,7 +130,7 @@ class OpticalTrain:
             return found, own | self._housing_clearances(seen_at, found.points, to_pupils, found.directions)
 
     def passes_lens(self, origins: Array, directions: Array) -> Mask:
-        """Return which rays (n, 3), (n, 3) of the lens's side the edges of the lens let through."""
+        """Return which lens-side rays (n, 3), (n, 3) pass the edges of the lens."""
         with np.errstate(all="ignore"):
             edges = self.lens.clearances(origins - self.lens_offset, directions)
         passed = np.ones(len(origins), dtype=bool)
@@ -138,7 +139,7 @@ class OpticalTrain:
         return passed
 
     def passes(self, origins: Array, directions: Array, found: Reflections) -> Mask:
-        """Return which rays (n, 3), (n, 3) of the lens's side, which the mirror reflects as found, get through."""
+        """Return which lens-side rays (n, 3), (n, 3), given their reflections, are transmitted."""
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         mirror = self.posed_mirror
         seen_at = mirror.seen_at(origins, directions) if isinstance(mirror, FoldedMirror) else found.points
@@ -147,18 +148,19 @@ class OpticalTrain:
         return passed
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
-        """Where points (n, 2) of the unit disk of the aperture see from.
+        """Return entrance-pupil points for points (n, 2) of the unit disk of the aperture.
 
-        ``chief`` are slopes (n, 2) of the chief rays, where the pupil moves with them; those near the axis by default.
+        ``chief`` are slopes (n, 2) of the chief rays, for a moving pupil; paraxial by default.
         """
         if self.lens.TELECENTRIC:
             return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
         return Ends(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
 
     def chief_rays_to(self, targets: Ends) -> Specular:
-        """Where the middle of the lens's entrance pupil sees targets (n,), points or directions.
+        """Return the mirror points that image targets (n,) in the pupil centre.
 
-        Where the pupil moves with the viewing angle, it and the mirror point are found in turn.
+        For a pupil that moves with the viewing angle, pupil and mirror point are found by
+        iteration.
         """
         mirror, middle = self.seen_mirror, np.zeros((1, 2))
         found = mirror.specular(self.entrance_pupil_points(middle), targets)
@@ -173,11 +175,14 @@ class OpticalTrain:
         return found
 
     def image_of(self, targets: Ends) -> Array:
-        """Images (n, 2) of targets (n,) on a square imager, mm right of and below the optical axis; NaN if unseen."""
+        """Return images (n, 2), mm, of targets (n,) on an untilted imager; NaN if not imaged.
+
+        Coordinates are right of and below the optical axis.
+        """
         return self._image_of(self.chief_rays_to(targets))
 
     def image_and_start_of(self, targets: Ends) -> tuple[Array, Array]:
-        """The same, and where (n, 3) mm the rays begin that lead from there to the targets: on the mirror or cover."""
+        """Return these images, and the origins (n, 3), mm, of the outgoing rays."""
         found = self.chief_rays_to(targets)
         return self._image_of(found), self.seen_mirror.left_at(found)
 
@@ -187,14 +192,14 @@ class OpticalTrain:
         return image
 
     def rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
-        """Origins and unit directions (n, 3) of rays from image points (n, 2) through aperture points to the mirror.
+        """Return origins and unit directions (n, 3) of rays from image points through the aperture.
 
-        Image points count in mm right of and below the optical axis, in the picture before any flip; aperture points
-        (n, 2), or one, in the radii of the entrance pupil.
+        Image points (n, 2) are in mm right of and below the optical axis, in the image before any
+        flip; aperture points (n, 2), or one, are in entrance-pupil radii.
         """
         origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
         origins = origins + self.lens_offset
-        if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
+        if self.lens.TELECENTRIC:  # from the plane in focus back to below the mirror
             bound = np.linalg.norm(self.pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
             bound += 2 * np.abs(self.lens_offset[2])
             origins = origins - (bound + np.abs(origins[:, 2:])) * directions

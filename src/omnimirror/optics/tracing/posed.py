@@ -1,4 +1,4 @@
-"""A mirror as it was really made and where it really sits, traced in the camera frame."""
+"""As-built mirror with form error and pose, traced in the camera frame."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .space import Reflections, reflect, trace
 Array = NDArray[np.float64]
 
 FORM_STEPS = 12
-FORM_CLOSE = 1e-12  # of the rim radius: a height over the surface that is rounding
+FORM_CLOSE = 1e-12  # rounding tolerance of heights, relative to the rim radius
 
 
 @dataclass(frozen=True)
 class PosedMirror:
-    """A mirror, its form error and its pose; the camera frame's origin is its vertex as that was meant to sit.
+    """Mirror with form error and pose; the origin of the camera frame is its nominal vertex.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> posed = PosedMirror(Sphere(50.0, 44.0), MirrorPose(decentre_x_mm=1.0))
@@ -43,9 +43,10 @@ class PosedMirror:
         return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """The mirror points (n, 3) in which pupils see targets; see :mod:`omnimirror.optics.tracing.reflection`.
+        """Return the mirror points (n, 3) that image targets; see :mod:`.reflection`.
 
-        ``start`` are points (n, 3) mm to begin from. Paths of distant ends count from the camera frame's origin.
+        ``start`` are initial points (n, 3), mm. Paths of distant ends are measured from the camera
+        frame's origin.
         """
         begin = None if start is None else self.pose.to_mirror(start)[..., :2]
         found = reflection.specular_points(self.mirror, self.inside(pupils), self.inside(targets), begin, self.form)
@@ -65,9 +66,9 @@ class PosedMirror:
         )
 
     def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Light (n,) that mirror points send to moving pupils, per unit of the pupils' motion (2, 3) or (n, 2, 3).
+        """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
-        Cross-section (mm^2) of the beam from a distant target, solid angle (sr) of that from a near one.
+        Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
         """
         inside = found._replace(points=self.pose.to_mirror(found.points))
         area = reflection.footprint(
@@ -86,30 +87,31 @@ class PosedMirror:
         return section
 
     def left_at(self, found: Specular) -> Array:
-        """Where (n, 3) the rays of those found leave the mirror."""
+        """Return the points (n, 3) at which rays leave the mirror."""
         return found.points
 
     def objects_at(self, found: Specular, distances: Array) -> Array:
-        """Objects (n, 3) at distances (n,) mm from their mirror points, on the rays of those found."""
+        """Return objects (n, 3) at distances (n,), mm, from their mirror points, on their rays."""
         objects: Array = found.points + distances[:, None] * found.to_targets
         return objects
 
     def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays by way of points (n, 3) at the rim; the other arrays are not used."""
+        """Return the clearance (n,), mm, of rays through points (n, 3) at the rim."""
         inside = self.pose.to_mirror(points)
         return {"mirror": -past_circle(inside[:, :2], self.mirror.rim_radius_mm * (1 + RIM_SLACK))}
 
     def inside(self, ends: Ends) -> Ends:
-        """Ends of the camera frame, in the mirror's own."""
+        """Convert ends from the camera frame to the mirror frame."""
         turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror
         return Ends(turn(ends.xyz), ends.distant)
 
 
 def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: Array) -> Reflections:
-    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`omnimirror.optics.tracing.space.trace`.
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.space.trace`.
 
-    The form is a matter of micrometres, so that a few steps of Newton's rule along the ray come from the one surface
-    to the other. What misses the mirror without its form error is not valid; at the rim its meridian decides.
+    Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
+    from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
+    nominal meridian defines the rim.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> higher = MirrorForm((1,), (2.0,))  # by 2 um, everywhere
@@ -132,7 +134,7 @@ def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: A
 
 
 def _met(mirror: Mirror, form: MirrorForm, points: Array, way: Array) -> tuple[Array, Surface, NDArray[np.bool_]]:
-    """Points (n, 3) of the formed surface on rays through points close by, the surface there, and whether they are."""
+    """Return ray intersections (n, 3), the surface there, and convergence flags."""
     close = FORM_CLOSE * mirror.rim_radius_mm
     surface = Surface(mirror, points[:, :2], form)
     for _ in range(FORM_STEPS):

@@ -1,8 +1,8 @@
-"""Proof that the field angle of a mirror made of polynomials grows everywhere, between any nodes too.
+"""Proof that the field angle of a polynomial mirror increases everywhere, also between nodes.
 
-With w = m + z the sign of dOmega/dx (Eq. 8) is that of ``2 z'' (w^2 + x^2) + (w - x z')(1 + z'^2)``, under an
-orthographic lens that of z'': a polynomial on each piece. A polynomial lies between the least and the largest of its
-coefficients in Bernstein's basis, and these close in on it as a piece is halved.
+With w = m + z, the sign of dOmega/dx (Eq. 8) is that of ``2 z'' (w^2 + x^2) + (w - x z')(1 +
+z'^2)``, or of z'' for an orthographic lens: a polynomial on each piece. The Bernstein coefficients
+of a polynomial bound its range; the bounds converge as a piece is bisected.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from ..mirrors import Mirror
 Array = NDArray[np.float64]
 
 MOST_HALVINGS = 48
-ROUNDING = 1e-12  # of the size of a piece's coefficients
+ROUNDING = 1e-12  # relative to the coefficients of a piece
 DEGREE = 5
 
 
 def stops_growing(mirror: Mirror, m: float) -> float | None:
-    """Where (mm from the axis) the field angle stops growing, None if nowhere or if the sag is no polynomials.
+    """Return the distance (mm) from the axis at which the field angle stops increasing.
+
+    None if it increases everywhere, or if the sag is not piecewise polynomial.
 
     >>> from omnimirror.optics.mirrors import SampledProfile
     >>> x = np.linspace(0, 10, 11)
@@ -55,7 +57,7 @@ def stops_growing(mirror: Mirror, m: float) -> float | None:
 
 
 def _taylor(mirror: Mirror, start: Array, step: Array) -> Array:
-    """Coefficients (6, pieces) of the sag of each piece in t, 0 to 1: the quintic that its ends determine."""
+    """Return the quintic coefficients (6, pieces) of the sag in t, 0 to 1."""
     sides = [mirror.profile(start), mirror.profile(start + step)]
     (z0, s0, c0), (z1, s1, c1) = ((z, s * step, c * step**2) for z, s, c in sides)
     dz, ds, dc = z1 - z0 - s0 - c0 / 2, s1 - s0 - c0, c1 - c0
@@ -81,7 +83,7 @@ def _sum(a: Array, b: Array) -> Array:
 
 
 def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float | None:
-    """The first place, mm, where polynomials (degree + 1, pieces) in t are found to be negative; None if nowhere."""
+    """Return the first place, mm, with a negative polynomial; None if none."""
     d = len(polynomials) - 1
     to_bernstein = np.array([[comb(i, k) / comb(d, k) for k in range(d + 1)] for i in range(d + 1)])
     halves = np.array([[comb(i, k) / 2**i for k in range(d + 1)] for i in range(d + 1)])

@@ -1,13 +1,13 @@
-"""Rays in space: where they first meet a mirror from its front, and how they leave it.
+"""Skew rays: first intersection with the front of a mirror, and reflection.
 
-Everything is in the mirror's own frame: vertex at the origin, z from the lens to the mirror. A ray that
-misses the mirror, meets it from behind or beyond its rim is not valid and NaN, never a number.
+All coordinates are in the mirror frame: vertex at the origin, z from the lens to the mirror. Rays
+that miss the mirror, or meet its back or its plane beyond the rim, are invalid and NaN.
 
-Along a ray the height over the surface, ``g(t) = z(t) - sag(r(t))``, starts below 0 on the side of the
-lens, and the first hit is its first zero. For a convex mirror g is concave, so each tangent lies above
-it and Newton's rule comes up to the first zero from below without ever passing it. A mirror with a
-hollow zone gets, instead of the tangent, the parabola that its worst curvature allows; the same holds.
-Pure conics need no iteration: the root at which the ray enters the convex body is unique.
+Along a ray, the height over the surface, ``g(t) = z(t) - sag(r(t))``, is negative on the lens side;
+the first intersection is its first zero. For a convex mirror g is concave: each tangent is above
+it, and Newton's method converges to the first zero from below. For a mirror with a concave zone, a
+parabola with the largest curvature bound replaces the tangent, with the same property. Pure conics
+need no iteration: the root at the ray's entry into the convex body is unique.
 """
 
 from __future__ import annotations
@@ -26,41 +26,41 @@ from .meridian import ROUNDING
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-CHUNK = 1 << 14  # rays worked on at a time: their arrays stay in the cache
-MAX_STEPS = 100  # a ray that grazes the surface halves its distance with each step
-LIFT = 1e-6  # of the rim radius, by which a reflected ray starts off the surface it leaves
-CURVATURE_MARGIN = 1.5  # on the hollowest of the points examined
-SAMPLING_MARGIN = 1e-3  # of the rim radius; the lowest point is that of samples, and a valley is deeper between them
+CHUNK = 1 << 14  # rays per chunk: their arrays fit in the cache
+MAX_STEPS = 100  # a grazing ray halves its distance with each step
+LIFT = 1e-6  # offset of reflected rays from the surface, relative to the rim radius
+CURVATURE_MARGIN = 1.5  # factor on the largest concave curvature sampled
+SAMPLING_MARGIN = 1e-3  # of the rim radius; covers valleys between the samples of the lowest point
 
 
 class Hits(NamedTuple):
-    """Where n rays meet a mirror; NaN where not valid."""
+    """Intersections of n rays with a mirror; NaN if invalid."""
 
     distance: Array
-    """(n,) mm along the ray, in units of the length of its direction."""
+    """(n,), mm, along the ray, in units of the length of its direction."""
     points: Array
-    """(n, 3) mm, on the mirror."""
+    """(n, 3), mm, on the mirror."""
     normals: Array
-    """(n, 3) unit vectors across the surface, towards the side of the lens."""
+    """(n, 3) unit normals towards the lens side."""
     valid: Mask
-    """(n,) False for rays that miss, or meet the mirror from behind."""
+    """(n,) False for rays that miss the mirror or meet its back."""
 
 
 class Reflections(NamedTuple):
-    """How n rays leave a mirror; NaN where not valid."""
+    """Reflections of n rays at a mirror; NaN if invalid."""
 
     points: Array
-    """(n, 3) mm, on the mirror."""
+    """(n, 3), mm, on the mirror."""
     directions: Array
     """(n, 3) unit vectors of the reflected rays."""
     normals: Array
-    """(n, 3) unit vectors towards the side of the lens."""
+    """(n, 3) unit normals towards the lens side."""
     valid: Mask
-    """(n,) False for rays that miss, or that the mirror sends against itself."""
+    """(n,) False for rays that miss the mirror or meet it a second time."""
 
 
 def reflect(directions: Array, normals: Array) -> Array:
-    """Directions (n, 3) after reflection on surfaces of unit normals (n, 3).
+    """Return directions (n, 3) after reflection at surfaces with unit normals (n, 3).
 
     >>> reflect(np.array([[0.6, 0.0, 0.8]]), np.array([[0.0, 0.0, -1.0]]))
     array([[ 0.6,  0. , -0.8]])
@@ -73,7 +73,7 @@ def reflect(directions: Array, normals: Array) -> Array:
 def trace(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Reflections:
     """Reflect rays (n, 3), (n, 3) on a mirror.
 
-    Rays that a hollow mirror would send against itself are not valid; a convex one cannot.
+    Rays that meet a concave zone a second time are invalid.
 
     Examples
     --------
@@ -96,11 +96,11 @@ def trace(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Reflecti
 
 
 def intersect(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Hits:
-    """First points at which rays (n, 3), (n, 3) meet the front of a mirror.
+    """Return the first intersections of rays (n, 3), (n, 3) with the front of a mirror.
 
     Examples
     --------
-    A ray that comes from behind meets the back first:
+    A ray from behind meets the back first:
 
     >>> from omnimirror.optics.mirrors import Cone
     >>> hits = intersect(Cone(45.0, 20.0), [[10.0, 0.0, -5.0], [10.0, 0.0, 50.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
@@ -111,7 +111,7 @@ def intersect(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Hits
     o, d = np.atleast_2d(o), np.atleast_2d(d)
     distance = np.full(len(o), np.nan)
     points, normals = np.full((2, len(o), 3), np.nan)
-    with np.errstate(all="ignore"):  # whatever comes out not finite is not valid
+    with np.errstate(all="ignore"):  # non-finite results are marked invalid
         for start in range(0, len(o), CHUNK):
             part = slice(start, start + CHUNK)
             rays = o[part].T, d[part].T
@@ -123,7 +123,7 @@ def intersect(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Hits
 
 
 def normals_at(mirror: Mirror, points: Array) -> Array:
-    """Unit normals (n, 3) towards the side of the lens, at points (n, 3) of a mirror."""
+    """Return unit normals (n, 3), towards the lens side, at points (n, 3) of a mirror."""
     x, y = points[..., 0], points[..., 1]
     r = np.hypot(x, y)
     slope = mirror.slope(np.minimum(r, mirror.rim_radius_mm))
@@ -134,7 +134,7 @@ def normals_at(mirror: Mirror, points: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def hollowness(mirror: Mirror) -> float:
-    """Upward curvature (1/mm) that the surface has against the sense of a convex one, 0 if it is convex.
+    """Return the largest concave curvature (1/mm) of the surface, 0 if it is convex.
 
     The two principal second derivatives of the sag over the plane are z'' and z'/x.
 
@@ -153,10 +153,10 @@ def hollowness(mirror: Mirror) -> float:
 
 
 def _enter_conic(mirror: Conic, o: Array, d: Array) -> Array:
-    """Distance (n,) at which rays (3, n) enter the body ``r^2 - 2 R z + (1 + k) z^2 <= 0``; NaN where not.
+    """Return entry distances (n,) into ``r^2 - 2 R z + (1 + k) z^2 <= 0``; else NaN.
 
-    The body behind the surface is convex, so a ray enters it once at most: at the root where the
-    quadratic form falls.
+    The body behind the surface is convex: a ray enters it at most once, at the root with a
+    decreasing quadratic form.
     """
     R, k1 = mirror.vertex_radius, 1 + mirror.conic
     (ox, oy, oz), (dx, dy, dz) = o, d
@@ -175,7 +175,7 @@ def _enter_conic(mirror: Conic, o: Array, d: Array) -> Array:
 
 
 def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
-    """Distance (n,) of the first hit of rays (3, n), approached from the front; NaN where there is none."""
+    """Return distances (n,) of the first intersections of rays (3, n), from the front; else NaN."""
     rim, sink = mirror.rim_radius_mm, hollowness(mirror)
     t, end = _over_the_mirror(mirror, o, d)
     bend = sink * (d[0] ** 2 + d[1] ** 2)
@@ -188,10 +188,10 @@ def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
         s = t[on_way]
         g, rate = _height(mirror, o[:, on_way], d[:, on_way], s)
         if step == 0:
-            inside = g > ROUNDING * rim  # it comes in behind the rim, or starts inside the body
+            inside = g > ROUNDING * rim  # enters behind the rim, or starts inside the body
             g = np.where(inside, np.nan, np.minimum(g, 0.0))
         forward = -2 * g / (rate + np.sqrt(rate * rate - 2 * bend[on_way] * g))
-        forward = np.where(g >= 0, 0.0, forward)  # rounding has brought it through: it is there
+        forward = np.where(g >= 0, 0.0, forward)  # past the surface by rounding: converged
         s = s + forward
         t[on_way] = s
         arrived = (forward <= close) & (rate > 0) & (s <= end[on_way] + close)
@@ -201,7 +201,7 @@ def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
 
 
 def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
-    """First and last distance (n,) at which rays (3, n) are over the mirror's disk and not below its lowest point."""
+    """Return the interval (n,), (n,) of rays (3, n) within the mirror's cylinder."""
     rim, ((_, _), (lowest, _)) = mirror.rim_radius_mm * (1 + ROUNDING), mirror.bounds
     lowest -= SAMPLING_MARGIN * rim
     a = d[0] ** 2 + d[1] ** 2
@@ -218,7 +218,7 @@ def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
 
 
 def _height(mirror: Mirror, o: Array, d: Array, t: Array) -> tuple[Array, Array]:
-    """g(t) and g'(t) (n,): height over the surface along rays (3, n), and its rate."""
+    """Return g(t) and g'(t) (n,): height over the surface along rays (3, n), and its derivative."""
     x, y, z = o + t * d
     r = np.sqrt(x * x + y * y)
     sag, slope, _ = mirror.profile(np.minimum(r, mirror.rim_radius_mm))
@@ -227,7 +227,7 @@ def _height(mirror: Mirror, o: Array, d: Array, t: Array) -> tuple[Array, Array]
 
 
 def _unit(x: Array, y: Array, r: Array) -> tuple[Array, Array]:
-    """Cosine and sine of the azimuth; the axis itself counts as azimuth 0."""
+    """Return cosine and sine of the azimuth; 0 on the axis."""
     on_axis = r == 0
     safe = np.where(on_axis, 1.0, r)
     return np.where(on_axis, 1.0, x / safe), y / safe

@@ -1,8 +1,8 @@
-"""Chief rays by way of a second mirror, and what of the field that mirror and the camera hide.
+"""Chief rays over a second mirror, and obscuration by that mirror and the camera.
 
-The secondary, seen by the lens, is a mirror like any other: it has chief rays of its own, and the point of
-the primary that a ray ends on is to it an object at a finite distance. All lengths in mm, angles in radians.
-The secondary's own frame has its vertex as origin and its z away from the lens, down from the primary.
+The secondary has chief rays of its own; the point of the primary on which a ray ends is an object
+at a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
+vertex as origin and its z axis away from the lens, downwards from the primary.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from .edges import past_circle
 from .meridian import NODES, Array, ChiefRays, Meridian, checked
 from .reflection.limits import RIM_SLACK
 
-PROFILE = 129  # points of the secondary's profile past which rays must pass
+PROFILE = 129  # points of the secondary's profile tested for clearance
 CHUNK = 1 << 12
-NEAR_EDGE = 0.5  # of the secondary's radius: rays farther from it are not compared with its profile
+NEAR_EDGE = 0.5  # of the secondary's radius: rays farther away are not compared with its profile
 
 
 def clearances(
@@ -35,19 +35,20 @@ def clearances(
     outgoing: Array,
     slack: float = RIM_SLACK,
 ) -> dict[str, Array]:
-    """Return the clearance (n,), mm, of rays at the edges of two mirrors, at bore and camera, and past the secondary.
+    """Return the clearance (n,), mm, of rays at both mirrors, bore and camera, and past the
+    secondary.
 
     Parameters
     ----------
     mirror, secondary
         The primary, and the mirror in which the lens sees it.
     mirror_distance_mm
-        Path from the lens to the primary by way of the secondary.
+        Path from the lens to the primary over the secondary.
     from_lens, second, first, outgoing : (n, 3) arrays
-        Directions from the lens, points of the secondary and of the primary, mm, and directions into the world, all in
-        the frame of the primary.
+        Directions from the lens, points of the secondary and of the primary, mm, and directions
+        into the world, all in the frame of the primary.
     slack
-        Relative tolerance of every edge, by which rays that touch it pass.
+        Relative tolerance of every edge, for grazing rays.
     """
     bore, lens = secondary.bore_radius_mm, secondary.lens_height(mirror_distance_mm)
     share = (np.minimum(first[:, 2], lens) - second[:, 2]) / (first[:, 2] - second[:, 2])
@@ -68,7 +69,8 @@ def clearances(
 def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack: float) -> Array:
     """Return the clearance (n,), mm, of rays from the primary into the world at the secondary.
 
-    Far from it, the distance from the cylinder about it is returned; closer, the least over its profile.
+    Far from the secondary, the distance from its cylinder is returned; near it, the minimum over
+    its profile.
     """
     x = np.linspace(0.0, secondary.mirror.rim_radius_mm, PROFILE)
     heights = secondary.height(x)
@@ -88,10 +90,10 @@ def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack:
 
 @dataclass(frozen=True)
 class TwoMirrorMeridian(Meridian):
-    """A mirror that the lens sees in a second one; ``m`` is the way from lens to vertex by way of both.
+    """Mirror seen by the lens in a second mirror; ``m`` is the path from lens to vertex over both.
 
-    A ray of viewing angle theta leaves the secondary at ``theta' = theta + 2 beta_2`` from the axis (beta_2
-    its slope angle as the lens sees it) and meets the primary, where ``Omega = 2 beta_1 + theta'``.
+    A ray of viewing angle theta leaves the secondary at ``theta' = theta + 2 beta_2`` from the axis
+    (beta_2: its slope angle on the lens side) and meets the primary; ``Omega = 2 beta_1 + theta'``.
 
     >>> from omnimirror.optics.mirrors import Flat, Sphere
     >>> sphere = Sphere(50.0, 44.0)
@@ -104,7 +106,7 @@ class TwoMirrorMeridian(Meridian):
 
     @cached_property
     def seen(self) -> Meridian:
-        """The secondary as the lens sees it."""
+        """Meridian of the secondary as seen by the lens."""
         return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm, self.pupil)
 
     def _check_between_nodes(self) -> None:
@@ -133,17 +135,17 @@ class TwoMirrorMeridian(Meridian):
 
         rim = self.mirror.rim_radius_mm
         zero = np.zeros_like(second.x)
-        guess = second.x - height * np.tan(second.omega)  # as if the mirror were flat
+        guess = second.x - height * np.tan(second.omega)  # for a flat mirror
         return increasing_root(difference, zero, zero + rim, guess, rim)
 
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
         return self.x_from_first(self.seen.x_from_tan_theta(tan_theta))
 
-    # -- what is hidden --------------------------------------------------------------------------
+    # -- obscuration -----------------------------------------------------------------------------
 
     @cached_property
     def x_min(self) -> float:
-        """Where on the mirror the field begins: past bore and camera, where rays from the object pass the secondary."""
+        """First mirror point whose rays pass bore, camera and secondary."""
         self._check_secondary()
         rim = self.mirror.rim_radius_mm
         x = np.linspace(float(self.x_from_first([0.0])[0]), rim, NODES)
@@ -160,7 +162,7 @@ class TwoMirrorMeridian(Meridian):
         return self._first_outside(start)
 
     def _first_past_mirrors(self, x: Array) -> float:
-        """Return the first of mirror points (n,), mm, from which the rays pass bore, camera and secondary."""
+        """Return the first mirror point (n,), mm, whose rays pass bore, camera and secondary."""
         return max(self._first_clear(x, part) for part in ("bore or camera", "secondary"))
 
     @property
@@ -170,7 +172,7 @@ class TwoMirrorMeridian(Meridian):
         return "secondary, bore" if mirrors_alone else super().middle_hidden_by
 
     def _first_clear(self, x: Array, part: str) -> float:
-        """Return the least mirror point from which rays pass a part, up to the rim; the rim if nowhere."""
+        """Return the smallest mirror point with all rays beyond it past a part."""
 
         def clearance(x: Array) -> Array:
             return np.clip(self._clearances(self._rays(x))[part], -1e9, 1e9)
@@ -184,7 +186,7 @@ class TwoMirrorMeridian(Meridian):
         return sign_change(lambda x: float(clearance(np.array([x]))[0]), float(x[last]), float(x[last + 1]), 1e-12)
 
     def _clearances(self, rays: ChiefRays) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of chief rays, as :func:`clearances` does of rays in space."""
+        """Return the clearance (n,), mm, of chief rays; see :func:`clearances`."""
         second = rays.first
 
         def flat(across: Array, along: Array) -> Array:
@@ -196,7 +198,7 @@ class TwoMirrorMeridian(Meridian):
         with np.errstate(all="ignore"):
             return clearances(self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0)
 
-    # -- what cannot be used ---------------------------------------------------------------------
+    # -- validity checks -------------------------------------------------------------------------
 
     def _check_secondary(self) -> None:
         self.secondary.check_before(self.mirror, self.m)
@@ -224,7 +226,7 @@ class TwoMirrorMeridian(Meridian):
             )
 
     def _check_bore(self, rays: ChiefRays) -> None:
-        """Refuse a bore too small for the view of the camera behind it, chief rays alone."""
+        """Check that the bore is large enough for the camera's chief rays."""
         second, bore = rays.first, self.secondary.bore_radius_mm
         lens = self.secondary.lens_height(self.m)
         widest = float(second.x[-1])

@@ -1,4 +1,4 @@
-"""Transparent walls: what passes through them and what they throw back; cylinders and spheres that bend rays."""
+"""Transparent walls: transmission, reflection, and refraction by cylinders, spheres and panes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ AXIS = np.array([0.0, 0.0, 1.0])
 def wall_transmission(
     incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None, medium_index: float = 1.0
 ) -> Array:
-    """Share of unpolarised light (n,) that passes a clear wall, at angles of incidence in radians.
+    """Return the transmittance (n,) of a clear wall for unpolarised light, at angles in radians.
 
-    Fresnel's formulas; the reflections between both sides are summed for each polarisation. What does not pass is
-    thrown back. A bent wall, or one before another medium than air, is left at an angle ``behind`` that differs from
-    that of incidence.
+    Fresnel's equations with incoherent multiple reflections for each polarisation; the remainder is
+    reflected. For a curved wall, or an outer medium other than air, the exit angle ``behind``
+    differs from the angle of incidence.
 
     >>> wall_transmission(np.radians([0.0, 45.0]), 1.5).round(4)  # 12/13 straight through
     array([0.9231, 0.9073])
@@ -40,36 +40,37 @@ def wall_transmission(
 
 
 def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
-    """Reflectances of one side for both polarisations, at angles outside, by the index relative to there."""
+    """Return the reflectances of one surface for both polarisations, given its relative index."""
     n, cos_i = refractive_index, np.cos(angle)
     cos_t = np.sqrt(np.maximum(1 - (np.sin(angle) / n) ** 2, 0.0))
     return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
 
 
 class Passage(NamedTuple):
-    """Rays (n,) that leave a tube or a dome from inside."""
+    """Rays (n,) that leave a tube or dome from inside."""
 
     points: Array
-    """(n, 3): where they leave it."""
+    """(n, 3): exit points."""
     directions: Array
-    """(n, 3), unit vectors: whereto, outside."""
+    """(n, 3): unit directions outside."""
     met: Array
-    """(n, 3): where they meet the inner side."""
+    """(n, 3): intersections with the inner surface."""
     thrown_back: Array
-    """(n, 3), unit vectors: the part that the wall throws back, inside."""
+    """(n, 3): unit directions of the internally reflected part."""
     passed: Array
-    """(n,): share of the light that passes; 1 and unchanged along the axis, where the wall is never met."""
+    """(n,): transmittance; 1 for undeviated rays that do not meet the wall."""
 
 
 def passage(shell: Shell, points: Array, directions: Array) -> Passage:
-    """Rays (n, 3), (n, 3) from inside a tube or a dome about the axis, traced out through its wall.
+    """Trace rays (n, 3), (n, 3) from inside a tube or dome through its wall.
 
-    In the camera frame, whose origin is the mirror's vertex as it was meant to be; its sizes are known.
+    Coordinates are in the camera frame, whose origin is the nominal mirror vertex; sizes must be
+    known.
 
     Raises
     ------
     InvalidParameter
-        A ray starts outside.
+        If a ray starts outside.
     """
     distances, reach = _from_middle(shell, points)
     if (distances > reach).any():
@@ -81,30 +82,30 @@ def passage(shell: Shell, points: Array, directions: Array) -> Passage:
 
 
 class WayOut(NamedTuple):
-    """Where rays (n,) go through a wall; nothing of how much of their light does."""
+    """Paths of rays (n,) through a wall, without transmittance."""
 
     points: Array
-    """(n, 3): where they leave it; of rays that do not meet it, where they start."""
+    """(n, 3): exit points; the origins of rays that do not meet the wall."""
     directions: Array
-    """(n, 3), unit vectors: whereto, outside."""
+    """(n, 3): unit directions outside."""
     met: Array
-    """(n, 3): where they meet the inner side."""
+    """(n, 3): intersections with the inner surface."""
     incident: Array
-    """(n, 3), unit vectors: whereto, inside."""
+    """(n, 3): unit directions inside."""
     inwards: Array
-    """(n, 3), unit vectors: normals of the inner side where it is met."""
+    """(n, 3): unit normals of the inner surface at the intersections."""
     lengths: tuple[Array, Array]
-    """(n,) until the inner side is met, and within the wall."""
+    """(n,): lengths up to the inner surface, and within the wall."""
     cosines: tuple[Array, Array]
-    """(n,) of the angles to the normals, inside and outside."""
+    """(n,): cosines of the angles to the normals, inside and outside."""
     meets: Mask
-    """(n,) False for rays along a tube, and those that come from the wrong side of a window."""
+    """(n,): False for rays along a tube, and for rays from the wrong side of a window."""
     passes: Mask
-    """(n,) whether any light gets out."""
+    """(n,): True if any light is transmitted."""
 
 
 def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
-    """As :func:`passage`, but nothing passes of rays that start outside."""
+    """Trace rays as :func:`passage`, with zero transmittance for rays that start outside."""
     if not shell.is_axial:
         pose = pose_of(shell)
         found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
@@ -116,7 +117,7 @@ def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
 
 
 def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
-    """Where :func:`let_out` leads, without what it takes to know how much light passes."""
+    """Return the paths of :func:`let_out` without transmittance."""
     if not shell.is_axial:
         pose = pose_of(shell)
         way = way_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
@@ -130,7 +131,7 @@ def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
 
 
 def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
-    """The same as :func:`way_out_in_numpy`, to the last digits."""
+    """Trace rays as :func:`way_out_in_numpy`, by a compiled kernel, to rounding."""
     points, directions = (kernel_array(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
     count = len(points)
     vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
@@ -141,7 +142,7 @@ def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
 
 
 def said_to_kernels(shell: Shell) -> tuple[int, tuple[float, float], tuple[float, float], float, float]:
-    """A wall in its own frame: its kind, where its sides are, their radii, its index and that of what is outside."""
+    """Return the kernel arguments of a wall: kind, positions, radii, its index and that outside."""
     if isinstance(shell, FlatWindow):
         return 0, shell.heights_mm, (0.0, 0.0), shell.index, shell.outer_index
     if isinstance(shell, Tube):
@@ -150,7 +151,7 @@ def said_to_kernels(shell: Shell) -> tuple[int, tuple[float, float], tuple[float
 
 
 def way_out_in_numpy(shell: Shell, points: Array, directions: Array) -> WayOut:
-    """Rays (n, 3), (n, 3) out through a wall about the axis, with nothing compiled."""
+    """Trace rays (n, 3), (n, 3) through a wall about the axis, in NumPy."""
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
         return through_window(points, directions, shell.heights_mm, *indices)
@@ -164,7 +165,7 @@ def way_out_in_numpy(shell: Shell, points: Array, directions: Array) -> WayOut:
 
 
 def _with_light(way: WayOut, refractive_index: float, medium_index: float) -> Passage:
-    """What passes and what is thrown back; all of what never meets the wall."""
+    """Return transmitted and reflected parts; rays that do not meet the wall pass completely."""
     before, behind = (np.arccos(np.clip(cosine, 0, 1)) for cosine in way.cosines)
     share = np.where(way.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0)
     back = way.incident + 2 * (way.cosines[0] * way.meets)[:, None] * way.inwards
@@ -172,14 +173,14 @@ def _with_light(way: WayOut, refractive_index: float, medium_index: float) -> Pa
 
 
 def pose_of(shell: Shell) -> MirrorPose:
-    """Where a tube or a dome sits, said as of a mirror."""
+    """Return the pose of a tube or dome as a mirror pose."""
     return MirrorPose(shell.decentre_x_mm, shell.decentre_y_mm, 0.0, shell.tilt_x_deg, shell.tilt_y_deg)
 
 
 def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
-    """Distances (n,) of points from a tube's axis or the centre of a dome's inner side, and how large they may be.
+    """Return distances (n,) from the tube axis or dome centre, and their limit.
 
-    Before a window they are depths below its inner side.
+    For a window, they are depths below its inner surface.
     """
     inside = points if shell.is_axial else pose_of(shell).to_mirror(points)
     if isinstance(shell, FlatWindow):
@@ -193,15 +194,15 @@ def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
 def through_window(
     points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
 ) -> WayOut:
-    """Rays down through both sides of a pane square to the axis, by Snell's law; nothing passes of others.
+    """Refract descending rays at both surfaces of a pane across the axis.
 
     Parameters
     ----------
     points, directions : (n, 3)
     heights
-        Of the inner and of the outer side.
+        Heights of the inner and the outer surface.
     refractive_index, medium_index
-        Of the pane, and of what is outside.
+        Indices of the pane, and of the outer medium.
     """
     d = _unit(directions)
     up = np.broadcast_to(AXIS, d.shape)
@@ -228,15 +229,15 @@ def through_tube(
     refractive_index: float,
     medium_index: float,
 ) -> WayOut:
-    """Rays from inside a tube about the axis z, traced out through its wall by Snell's law.
+    """Refract rays from inside a tube about the z axis through its wall.
 
     Parameters
     ----------
     points, directions : (n, 3)
     outer_radius, wall
-        In the unit of the points.
+        Outer radius and wall thickness, in the unit of the points.
     refractive_index, medium_index
-        Of the wall, and of what is outside.
+        Indices of the wall, and of the outer medium.
     """
     d = _unit(directions)
     meets = np.hypot(d[:, 0], d[:, 1]) > 1e-9
@@ -261,20 +262,20 @@ def through_dome(
     refractive_index: float,
     medium_index: float,
 ) -> WayOut:
-    """Rays from inside a dome, traced out through its two spheres by Snell's law.
+    """Refract rays from inside a dome through its two spheres.
 
     Parameters
     ----------
     points, directions : (n, 3)
     inner, outer
-        Centre (3,) and radius of either sphere, in the unit of the points.
+        Centre (3,) and radius of each sphere, in the unit of the points.
     refractive_index, medium_index
-        Of the wall, and of what is outside.
+        Indices of the wall, and of the outer medium.
 
     Notes
     -----
-    Where both have one centre, a ray that passes it at a distance s leaves as far from it, and is turned by
-    asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
+    For concentric spheres, a ray that passes the centre at a distance s leaves at the same distance
+    and is deviated by asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
     """
     d = _unit(directions)
     met, inwards, before = _meet_sphere(points, d, *inner)
@@ -287,7 +288,7 @@ def through_dome(
 
 
 def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Where rays from inside meet a sphere, its unit normals there, towards its centre, and after how long a way."""
+    """Return intersections with a sphere from inside, inward normals and lengths."""
     p = points - centre
     b, c = _dot(p, d), _dot(p, p) - radius**2
     way = np.sqrt(np.maximum(b**2 - c, 0)) - b
@@ -296,7 +297,7 @@ def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple
 
 
 def _meet(points: Array, d: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Where rays from inside meet a cylinder, its unit normals there, towards the axis, and after how long a way."""
+    """Return intersections with a cylinder from inside, inward normals and lengths."""
     (x, y), (u, v) = points[:, :2].T, d[:, :2].T
     a, b, c = u * u + v * v, x * u + y * v, x * x + y * y - radius**2
     way = (np.sqrt(np.maximum(b * b - a * c, 0)) - b) / np.maximum(a, 1e-18)
@@ -317,7 +318,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def _refracted(d: Array, normal: Array, ratio: float) -> Array:
-    """Unit directions behind a surface, Snell's law; ``ratio`` is the index before over the one behind."""
+    """Return unit directions after refraction; ``ratio`` is the index before over that behind."""
     cosine = -_dot(d, normal)
     behind = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0))
     turned: Array = ratio * d + (ratio * cosine - behind)[:, None] * normal

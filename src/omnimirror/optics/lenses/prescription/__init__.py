@@ -1,1 +1,1 @@
-"""Lenses as files tell them: tables, surfaces and glasses; and rays through one surface after the other."""
+"""Lens prescriptions from files: tables, surfaces and glasses; sequential ray tracing."""

@@ -1,4 +1,4 @@
-"""What is known at three wavelengths, at others."""
+"""Interpolation over wavelength from values at three wavelengths."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from ....base.errors import InvalidParameter
 Array = NDArray[np.float64]
 
 FRAUNHOFER_NM = np.array([486.1327, 587.5618, 656.2725])
-"""The lines F, d and C."""
+"""Fraunhofer lines F, d and C."""
 
 
 def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> Array:
-    """Values (n,) at a wavelength from those (3, n) at three: Cauchy's formula, a parabola in the inverse square.
+    """Interpolate values (3, n) at three wavelengths to (n,) at another.
+
+    The formula is a parabola in the inverse squared wavelength.
 
     Raises
     ------
     InvalidParameter
-        A wavelength that is not visible light or nearly so, or two of the three that are the same.
+        If the wavelength is outside the visible and near-visible range, or two of the three are
+        equal.
 
     Examples
     --------
@@ -36,7 +39,7 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
         raise InvalidParameter("wavelengths_nm are not three different ones; colour is valid of those only")
     at = wavelength_nm**-2.0
     found: Array = values[1]
-    for i, j in ((0, 2), (2, 0)):  # what is the same at all three stays the same
+    for i, j in ((0, 2), (2, 0)):  # equal values at all three stay equal
         share = (at - x[1]) * (at - x[j]) / ((x[i] - x[1]) * (x[i] - x[j]))
         found = found + share * (values[i] - values[1])
     return found

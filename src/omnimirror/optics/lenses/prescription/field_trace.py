@@ -1,7 +1,8 @@
-"""What a sequence of surfaces does over its field, by real rays: the nodes that its functions are made of.
+"""Field functions of a lens prescription by real ray tracing.
 
-Chief rays go through the middle of the stop, found for each viewing angle; T and S focus are those of rays next to it.
-The pupil at an angle is what of the stop is open there: its edge is found for 16 azimuths.
+Chief rays pass the centre of the stop, found for each viewing angle; T and S focus are those of
+adjacent rays. The pupil at an angle is the image of the unvignetted stop: its edge is found for 16
+azimuths.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from .sequence import Landed, Sequence
 Array = NDArray[np.float64]
 
 NODES = 29
-COLOUR_STEPS = 4  # each takes what is left to a hundredth
+COLOUR_STEPS = 4  # each reduces the residual to 1 %
 STEPS = 60
 CLOSE = 1e-12  # mm on the stop
 SEARCHED = np.tan(np.radians(np.arange(0.5, 80.5, 0.5)))
 LEAST_FIELD_DEG = 1.0
-NEXT = 1e-3  # of the pupil's radius: rays next to the chief ray
+NEXT = 1e-3  # offset of adjacent rays, relative to the pupil radius
 AZIMUTHS = 16
 RINGS = 6
 HALVINGS = 24
@@ -32,26 +33,29 @@ EDGE = 1 + 1e-9
 
 
 class Traced(NamedTuple):
-    """A sequence with its imager, pupil and stop."""
+    """Lens prescription with imager, pupil and stop."""
 
     sequence: Sequence
     to_imager: float
     pupil: float
-    """Place of the paraxial entrance pupil, towards the mirror from the first vertex, mm."""
+    """Position of the paraxial entrance pupil, towards the mirror from the first vertex, mm."""
     pupil_radius: float
     stop_radius: float
     focus_mm: float
     """Object distance in focus, from the first vertex."""
 
     def land(self, tangent: Array, height: Array, across: Array | float = 0.0, slope: Array | float = 0.0) -> Landed:
-        """Rays (n,) by tangents and heights at the first vertex, in the meridian and across it; picture upright."""
+        """Trace rays (n,) by tangents and heights at the first vertex.
+
+        The image is upright.
+        """
         t, y, x, u = np.broadcast_arrays(tangent, height, across, slope)
         places, slopes = np.stack([y, x], axis=-1), -np.stack([t, u], axis=-1)
         return self.sequence.trace(places, slopes, self.to_imager).upright()
 
 
 def stop_radius(traced: Traced) -> float:
-    """Radius (mm) of the stop: where a ray from the object in focus through the edge of the entrance pupil meets it."""
+    """Return the stop radius (mm) by a ray through the edge of the pupil."""
     slope = -traced.pupil_radius / (traced.focus_mm - traced.pupil)
     edge = traced.land(np.array([slope]), np.array([traced.pupil_radius - slope * traced.pupil])).stop
     if not np.isfinite(edge[0, 0]):
@@ -63,7 +67,7 @@ def stop_radius(traced: Traced) -> float:
 
 
 def chief_heights(traced: Traced, tangent: Array) -> Array:
-    """Heights (n,) at the first vertex of the rays through the middle of the stop; NaN where there are none."""
+    """Return the heights (n,) of chief rays at the first vertex; NaN if none."""
     y = -tangent * traced.pupil
     step = 1e-6 * traced.pupil_radius
     for _ in range(STEPS):
@@ -78,12 +82,12 @@ def chief_heights(traced: Traced, tangent: Array) -> Array:
 
 
 def field_end(traced: Traced, largest_tangent: float) -> float:
-    """Tangent up to which chief rays pass all surfaces and the picture grows.
+    """Return the tangent up to which chief rays pass all surfaces with increasing image height.
 
     Raises
     ------
     InvalidParameter
-        The lens lets nothing through.
+        If the lens transmits no light.
     """
     tangents = SEARCHED[largest_tangent * EDGE >= SEARCHED]
     tangents = np.append(tangents[tangents < largest_tangent], min(largest_tangent, SEARCHED[-1]))
@@ -100,18 +104,18 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
 
 
 def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None) -> FieldNodes:
-    """Return the nodes of a lens's field from the axis to a tangent.
+    """Return the field functions of a lens from the axis to a tangent.
 
     Parameters
     ----------
     traced, end
     indices
-        Refractive indices in the shortest and the longest wavelength.
+        Refractive indices at the shortest and the longest wavelength.
 
     Raises
     ------
     InvalidParameter
-        Rays through the edge of the pupil miss a surface.
+        If rays through the edge of the pupil miss a surface.
     """
     t = np.linspace(0.0, end, NODES)
     y = chief_heights(traced, t)
@@ -149,7 +153,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
 
 
 def _ellipse(edge: Array) -> tuple[Array, Array, Array]:
-    """Half widths (n,) in the meridian and across it of edges (n, 16), and the distance of their middle."""
+    """Return half widths (n,) and centre offset (n,) of edges (n, 16)."""
     ahead, behind, side = edge[:, 0], edge[:, AZIMUTHS // 2], edge[:, AZIMUTHS // 4]
     shift = (ahead - behind) / 2
     shift[0] = 0.0
@@ -157,7 +161,7 @@ def _ellipse(edge: Array) -> tuple[Array, Array, Array]:
 
 
 def _height_at(traced: Traced, index: Array, tangent: Array, place: Array) -> Array:
-    """Image heights (n,) of chief rays of another wavelength, from the same points in focus."""
+    """Return image heights (n,) of chief rays at another wavelength."""
     other = traced._replace(sequence=replace(traced.sequence, index=index))
     point = tangent * (traced.focus_mm - place)
     for _ in range(COLOUR_STEPS):
@@ -167,7 +171,7 @@ def _height_at(traced: Traced, index: Array, tangent: Array, place: Array) -> Ar
 
 
 def _next_to_chief(traced: Traced, t: Array, place: Array) -> tuple[Array, Array, Array, Array]:
-    """Derivatives (n,) of the image: by the place in the pupil, tangential and sagittal, and by the slope there."""
+    """Return derivatives (n,) of the image by pupil position and slope, tangential and sagittal."""
     y = NEXT * traced.pupil_radius
     u = y / 100.0
 
@@ -183,7 +187,7 @@ def _next_to_chief(traced: Traced, t: Array, place: Array) -> tuple[Array, Array
 
 
 def _through(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], pupil: Array) -> Landed:
-    """Rays (n k,) of n angles through points (n, k, 2) mm of the pupil, each aimed at its own focus."""
+    """Trace rays (n k,) through pupil points (n, k, 2), mm, aimed at their foci."""
     along, across = pupil[..., 0], pupil[..., 1]
     tangent = t[:, None] - along * focus[0][:, None]
     lifted = -across * focus[1][:, None]
@@ -192,9 +196,9 @@ def _through(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array],
 
 
 def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the edge (n, 16) of the pupil, over its radius on the axis: that of the stop, and what is open of it.
+    """Return the edges (n, 16) of stop and open pupil, relative to the axial radius.
 
-    Azimuths count from the upper side of the meridian.
+    Azimuths are measured from the upper side of the meridian.
     """
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
@@ -203,7 +207,7 @@ def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -
         return _through(traced, t, place, focus, traced.pupil_radius * reach[..., None] * ways)
 
     reach = np.ones((len(t), AZIMUTHS))
-    for _ in range(8):  # the stop's radius is all but proportional to the pupil's
+    for _ in range(8):  # the stop radius is almost proportional to the pupil radius
         stop = landed(reach).stop.reshape(len(t), AZIMUTHS, 2)
         with np.errstate(invalid="ignore"):
             share = np.clip(traced.stop_radius / np.hypot(stop[..., 0], stop[..., 1]), 0.5, 2.0)
@@ -220,7 +224,7 @@ def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -
 
 
 def _own_blur(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], edge: Array) -> tuple[Array, Array]:
-    """Four standard deviations (n,), (n,) mm of the rays through all of the pupil in their own foci."""
+    """Return four standard deviations (n,), (n,), mm, of all rays in their foci."""
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     radii = np.sqrt((np.arange(RINGS) + 0.5) / RINGS)
     reach = traced.pupil_radius * radii[None, :, None] * edge[:, None, :]

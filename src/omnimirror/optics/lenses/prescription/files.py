@@ -1,4 +1,4 @@
-"""Files that the table of a lens names."""
+"""Files named in lens tables."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from ....base.errors import SpecError
 
 
 def followed(table: dict[str, Any], folder: Path | None, entry: str, noun: str) -> tuple[dict[str, Any], Path | None]:
-    """The table without an entry that names a file, and the file; None where it names none.
+    """Return the table without an entry that names a file, and the file; None if it names none.
 
-    Only what the user's own command line names has a ``folder``; text from anywhere else has None, and may name none.
+    Only files named on the user's command line have a ``folder``; with None, the table must not
+    name a file.
 
     Raises
     ------
     SpecError
-        The table may name no file, or what it names is no name.
+        If the table must not name a file, or the name is not a string.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Refractive indices of glasses: of a table that comes with the package, or of a catalogue file (.agf)."""
+"""Refractive indices of glasses, from a bundled table or a catalogue file (.agf)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ....base.files import read_text
 
 BUNDLED = Path(__file__).with_name("glasses.csv")
 LINE_D, LINE_F, LINE_C = 0.5875618, 0.4861327, 0.6562725  # micrometres
-SELLMEIER = {2: 3, 6: 4, 11: 5}  # terms of the AGF formulas that are a sum of poles
+SELLMEIER = {2: 3, 6: 4, 11: 5}  # number of terms of the AGF formulas that are sums of poles
 POWERS: dict[int, tuple[float, ...]] = {
     1: (0, 2, -2, -4, -6, -8),
     12: (0, 2, -2, -4, -6, -8, 4, 6),
     13: (0, 2, 4, -2, -4, -6, -8, -10, -12),
 }
-"""Exponents of the AGF formulas that are a sum of powers: Schott's, and the extended ones."""
+"""Exponents of the AGF formulas that are sums of powers: Schott's, and the extended ones."""
 
 
 @dataclass(frozen=True)
 class Glass:
-    """The dispersion of a glass against air.
+    """Dispersion of a glass relative to air.
 
     >>> round(Glass("N-BK7", "sellmeier", (0, 1.03961212, 0.00600069867, 0.231792344, 0.0200179144, 1.01046945,
     ...                                    103.560653)).index(0.5875618), 4)
@@ -40,12 +40,12 @@ class Glass:
     to_um: float = np.inf
 
     def index(self, wavelength_um: float) -> float:
-        """Refractive index.
+        """Compute the refractive index.
 
         Raises
         ------
         InvalidParameter
-            A wavelength for which it is not known.
+            If the wavelength is outside the range of the data.
         """
         low, high = self.from_um, self.to_um
         if not low <= wavelength_um <= high:
@@ -63,7 +63,7 @@ class Glass:
 
 
 def model_glass(index_d: float, abbe: float) -> Glass:
-    """A glass of which only index and Abbe number are known: ``n = a + b/lambda^2`` through both.
+    """Return a model glass from index and Abbe number: ``n = a + b/lambda^2``.
 
     >>> glass = model_glass(1.6, 40.0)
     >>> round((glass.index(LINE_D) - 1) / (glass.index(LINE_F) - glass.index(LINE_C)), 6)
@@ -75,15 +75,15 @@ def model_glass(index_d: float, abbe: float) -> Glass:
 
 
 class GlassCatalogue(NamedTuple):
-    """Glasses by maker and name."""
+    """Glasses by manufacturer and name."""
 
     glasses: dict[tuple[str, str], Glass]
     source: str
 
     def find(self, name: str, makers: tuple[str, ...] = ()) -> Glass | None:
-        """The glass of that name, of the first of the makers that has one; else of any."""
+        """Return a glass from the first manufacturer that has it, else from any."""
         upper = name.upper()
-        others = {maker: None for maker, _ in self.glasses}  # in the order of the file
+        others = {maker: None for maker, _ in self.glasses}  # in file order
         for maker in (*makers, *others):
             if (found := self.glasses.get((maker.upper(), upper))) is not None:
                 return found
@@ -92,7 +92,7 @@ class GlassCatalogue(NamedTuple):
 
 @cache
 def bundled_glasses() -> GlassCatalogue:
-    """The glasses that come with the package.
+    """Return the bundled glasses.
 
     >>> len(bundled_glasses().glasses) > 1000
     True
@@ -108,12 +108,12 @@ def bundled_glasses() -> GlassCatalogue:
 
 
 def read_agf(path: Path) -> GlassCatalogue:
-    """A glass catalogue of Zemax (.agf).
+    """Read a glass catalogue of Zemax (.agf).
 
     Raises
     ------
     OmnimirrorError
-        The file cannot be read, or holds no glass; a dispersion formula that is not known.
+        If the file cannot be read or contains no glass, or a dispersion formula is not supported.
     """
     found: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
@@ -146,12 +146,12 @@ def _of_agf(name: str, formula: int, numbers: tuple[float, ...], low: float = 0.
 
 
 def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | None) -> Glass:
-    """A glass by its name.
+    """Return a glass by name.
 
     Raises
     ------
     InvalidParameter
-        No catalogue has it, or its dispersion formula is not known.
+        If no catalogue has it, or its dispersion formula is not supported.
     """
     catalogues = [c for c in (catalogue, bundled_glasses()) if c is not None]
     for each in catalogues:

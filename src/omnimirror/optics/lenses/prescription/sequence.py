@@ -1,6 +1,7 @@
-"""Rays through surfaces of revolution, one after the other: refraction, exactly.
+"""Sequential tracing of real rays through surfaces of revolution.
 
-The lens's own frame: x and y across, s along the light from the first surface's vertex on.
+Coordinates are those of the lens: x and y across, s along the light from the first surface's
+vertex.
 """
 
 from __future__ import annotations
@@ -19,55 +20,55 @@ CLOSE = 1e-13  # mm
 
 
 class Paraxial(NamedTuple):
-    """What a sequence does next to its axis; places along s from the first vertex, mm."""
+    """Paraxial properties of a sequence; positions along s from the first vertex, mm."""
 
     focal_length: float
     front_principal: float
     entrance_pupil: float
     pupil_magnification: float
-    """Diameter of the entrance pupil per that of the stop."""
+    """Diameter of the entrance pupil divided by that of the stop."""
     back: tuple[float, float, float, float]
     """The matrix (a, b, c, d) from height and slope at the first vertex to those at the last."""
 
 
 class Landed(NamedTuple):
-    """Where rays (n,) arrive."""
+    """Intersections of rays (n,) with imager, stop and surfaces."""
 
     image: Array
-    """(n, 2) mm on the imager."""
+    """(n, 2), mm, on the imager."""
     stop: Array
-    """(n, 2) mm on the stop."""
+    """(n, 2), mm, on the stop."""
     clear: Mask
-    """(n,) whether they pass all clear apertures."""
+    """(n,) True if they pass all clear apertures."""
     on_glass: Mask
-    """(n,) whether they pass within all surfaces' edges."""
+    """(n,) True if they are within the edges of all surfaces."""
     radii: Array
-    """(surfaces, n) mm: distances from the axis at which they meet the surfaces."""
+    """(surfaces, n), mm: distances from the axis on the surfaces."""
     cosines: Array
     """(n, 2) direction cosines across the axis, at the imager."""
 
     def upright(self) -> Landed:
-        """The same in a picture that is not upside down."""
+        """Convert to an upright image."""
         return self._replace(image=-self.image, cosines=-self.cosines)
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """Surfaces and what is between them; n surfaces of which the stop is one.
+    """Sequence of n surfaces, including the stop, and the media between them.
 
     Attributes
     ----------
     curvature, conic : (n,)
     aspheres : (n, k)
-        Coefficients of r^2, r^4 ..
+        Coefficients of r^2, r^4, ...
     thickness : (n,) mm
-        To the next surface; the last one is to the imager.
+        Distance to the next surface; that of the last surface is to the imager.
     index : (n + 1,)
-        Before the first surface, and after each.
+        Refractive index before the first surface, and after each.
     edge, clear : (n,) mm
-        Radius of the surface, and of its clear aperture; infinite where not known.
+        Radius of the surface, and of its clear aperture; infinite if unknown.
     stop
-        Which surface is the stop, from 0.
+        Index of the stop surface, from 0.
     """
 
     curvature: Array
@@ -80,7 +81,7 @@ class Sequence:
     stop: int
 
     def paraxial(self) -> Paraxial:
-        """Compute Gaussian optics with matrices of height and slope; infinities where there is no power."""
+        """Compute Gaussian optics with ray transfer matrices; infinities for zero power."""
         matrix, to_stop = np.eye(2), np.eye(2)
         power = self.curvature + 2 * (self.aspheres[:, 0] if self.aspheres.shape[1] else 0.0)
         for i, c in enumerate(power):
@@ -92,14 +93,14 @@ class Sequence:
                 matrix = np.array([[1.0, self.thickness[i]], [0.0, 1.0]]) @ matrix
         (a, b), (c, d) = matrix
         with np.errstate(divide="ignore", invalid="ignore"):
-            # from the pupil's plane at s = p, rays of height y, slope u: the stop's height does not depend on u
+            # pupil plane s = p: the stop height of rays (y, u) is independent of u
             p = to_stop[0, 1] / to_stop[0, 0]
             return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 
     def trace(self, places: Array, slopes: Array, to_imager: float) -> Landed:
-        """Rays given by places (n, 2) in the plane of the first vertex and slopes (n, 2), by s.
+        """Trace rays from points (n, 2) in the first vertex plane with slopes (n, 2).
 
-        NaN where a ray misses a surface or is totally reflected.
+        NaN if a ray misses a surface or is totally reflected.
         """
         p = np.concatenate([places, np.zeros((len(places), 1))], axis=1)
         d = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
@@ -123,7 +124,7 @@ class Sequence:
         return Landed(image, stop, clear, on_glass, radii, d[:, :2])
 
     def _meet(self, i: int, p: Array, d: Array) -> tuple[Array, Array]:
-        """Where (n, 3) rays meet a surface, in the frame of its vertex, and its normals (n, 3) there."""
+        """Return intersections (n, 3) and normals (n, 3), in the surface's frame."""
         c, k, a = self.curvature[i], self.conic[i], self.aspheres[i]
         p = p - (p[:, 2] / d[:, 2])[:, None] * d
         square = c * (p[:, 0] ** 2 + p[:, 1] ** 2)
@@ -145,7 +146,7 @@ class Sequence:
 
 
 def sag_and_slope(r2: Array, c: float, k: float, a: Array) -> tuple[Array, Array]:
-    """Sag (n,) of an even asphere, and its slope over the distance from the axis, both by its square."""
+    """Return sag (n,) of an even asphere, and slope divided by radius, from the squared radius."""
     root = np.sqrt(1 - (1 + k) * c * c * r2)
     sag, slope = c * r2 / (1 + root), c / root
     power = np.ones_like(r2)
@@ -157,7 +158,7 @@ def sag_and_slope(r2: Array, c: float, k: float, a: Array) -> tuple[Array, Array
 
 
 def refracted(d: Array, normal: Array, ratio: float) -> Array:
-    """Unit directions (n, 3) after a surface, Snell's law in vectors; NaN where totally reflected."""
+    """Return unit directions (n, 3) after refraction; NaN for total reflection."""
     cos = np.einsum("ni,ni->n", d, normal)
     after = np.sqrt(1 - ratio**2 * (1 - cos**2))
     bent: Array = ratio * d + (after - ratio * cos)[:, None] * normal

@@ -1,4 +1,4 @@
-"""Tables of lenses as files: columns with a head, one line for each viewing angle."""
+"""Lens tables in CSV files: columns with a header, one row per viewing angle."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from .files import followed
 
 
 def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]) -> dict[str, Any]:
-    """The table of a lens with the columns of its CSV ``file`` in the place of the file's name.
+    """Return a lens table with the columns of its CSV ``file`` instead of the file name.
 
     Raises
     ------
     OmnimirrorError
-        The table may name no file, or the file is missing or has other columns, or lines that are no numbers.
+        If the table must not name a file, or the file is missing, has other columns, or has rows
+        that are not numeric.
     """
     rest, path = followed(table, folder, "file", "its columns")
     if path is None:

@@ -1,4 +1,4 @@
-"""Sequential lens files of Zemax (.zmx): one configuration of spheres, conics and even aspheres."""
+"""Reader for sequential Zemax lens files (.zmx) of conics and even aspheres."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .sequence import Sequence
 
 UNITS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0}
 SHAPES = ("STANDARD", "EVENASPH")
-LINES_UM = (0.4861327, 0.5875618, 0.6562725)  # F, d and C, for a file without wavelengths
-FARTHEST_MM = 1e6  # a lens focused at infinity
+LINES_UM = (0.4861327, 0.5875618, 0.6562725)  # F, d and C, for files without wavelengths
+FARTHEST_MM = 1e6  # finite substitute for a focus at infinity
 MODEL_GLASS = "___BLANK"
 PER_SURFACE = ("curvature_per_mm", "thickness_mm", "index", "conic", "edge_mm", "clear_mm", "index_short", "index_long")
 
 
 @dataclass
 class _Surface:
-    """One surface as its lines say it; lengths as in the file."""
+    """Surface as defined in the file, in file units."""
 
     line: int
     curvature: float = 0.0
@@ -43,7 +43,7 @@ class _Surface:
 
 @dataclass
 class _File:
-    """A whole file."""
+    """Contents of a file."""
 
     path: Path
     surfaces: list[_Surface] = field(default_factory=list)
@@ -61,14 +61,15 @@ class _File:
 
 
 def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]:
-    """The table of a lens with the surfaces of its .zmx ``file`` in the place of the file's name.
+    """Return a lens table with the surfaces of its .zmx ``file`` instead of the file name.
 
-    What the table says besides (``focus_distance_mm``, ``f_number``, ``field_max_deg``) counts more than the file.
+    Other entries (``focus_distance_mm``, ``f_number``, ``field_max_deg``) take precedence over the
+    file.
 
     Raises
     ------
     OmnimirrorError
-        The table may name no file, or the file is missing or not such a lens.
+        If the table must not name a file, or the file is missing or not a supported lens.
     """
     rest, path = followed(table, folder, "file", "the surfaces")
     if path is None:
@@ -82,12 +83,14 @@ def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]
 
 
 def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, Any]:
-    """The entries of a lens of kind ``surfaces`` from a .zmx file; glasses of a catalogue count more than the bundled.
+    """Read a .zmx file as the table of a lens of kind ``surfaces``.
+
+    Glasses of ``catalogue`` take precedence over the bundled ones.
 
     Raises
     ------
     OmnimirrorError
-        The file is missing or holds no lens of one configuration, glasses that are known, and shapes that are.
+        If the file is missing, has several configurations, or has unknown glasses or surface types.
     """
     found = _parsed(path, _text(path))
     if len(found.surfaces) < 4:
@@ -124,7 +127,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
 
 
 def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any]:
-    """F-number and focus, of the file's aperture and of the place of its imager."""
+    """Return F-number and focus, from the file's aperture and imager position."""
     count = len(table["index"])
     rows = np.reshape(table.get("aspheres", ()), (count, -1))
     sequence = Sequence(
@@ -135,16 +138,16 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
     f = paraxial.focal_length
     a, b, c, d = paraxial.back
     to_imager = found.surfaces[-2].thickness * scale
-    # the object that is imaged there: -(a L + b)/(c L + d) = to_imager
+    # object distance imaged at the imager: -(a L + b)/(c L + d) = to_imager
     distance = -(b + d * to_imager) / (a + c * to_imager) if a + c * to_imager else np.inf
     if not 0 < distance < FARTHEST_MM:
-        distance = FARTHEST_MM  # a file that is focused at infinity, or a little past it against aberrations
+        distance = FARTHEST_MM  # focused at infinity, or slightly beyond to balance aberrations
     kind, value = found.aperture or ("", 0.0)
     if kind == "ENPD":
         diameter = value * scale
     elif kind == "FNUM":
         diameter = f / value
-    else:  # as wide as the stop's own edge
+    else:  # limited by the edge of the stop
         diameter = 2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
     if not (np.isfinite(f) and diameter > 0):
         raise found.error("there is no opening; it is valid with ENPD, FNUM, or the radius of the stop (DIAM)")
@@ -159,8 +162,8 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
 def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float) -> float:
     """Return the tangent of the largest field of the file (XFLN, YFLN); 0 if it defines none.
 
-    Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3). The edges of the
-    surfaces (DIAM) do not define the field: they clip rays.
+    Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3).
+    The edges of the surfaces (DIAM) do not define the field: they clip rays.
     """
     columns = [found.fields.get(key, [])[: found.field_count] for key in ("XFLN", "YFLN")]
     points = np.array(list(zip_longest(*columns, fillvalue=0.0)), dtype=float).reshape(-1, 2)
@@ -171,7 +174,7 @@ def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: flo
     pupil, (a, _, c, _) = paraxial.entrance_pupil, paraxial.back
     if found.field_type == 1:
         return widest / (focus_mm + pupil)
-    if found.field_type == 2:  # a ray of unit slope through the middle of the entrance pupil
+    if found.field_type == 2:  # ray of unit slope through the centre of the entrance pupil
         _, b, _, d = paraxial.back
         return widest / abs((b - a * pupil) + to_imager * (d - c * pupil))
     traced = Traced(sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm)
@@ -182,7 +185,7 @@ def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: flo
 
 
 def _text(path: Path) -> str:
-    """Read the text of a file in UTF-16 or UTF-8, or in an 8-bit code."""
+    """Read the text of a file in UTF-16, UTF-8 or an 8-bit encoding."""
     try:
         data = read_bytes(path, LARGEST_TEXT)
     except OSError as e:
@@ -211,7 +214,7 @@ def _parsed(path: Path, text: str) -> _File:
 
 
 def _take(found: _File, number: int, words: list[str]) -> None:
-    """One line into the file."""
+    """Parse one line of the file."""
     key, rest = words[0], words[1:]
     if key == "SURF":
         found.surfaces.append(_Surface(number))
@@ -243,7 +246,7 @@ def _take(found: _File, number: int, words: list[str]) -> None:
 
 
 def _take_surface(found: _File, surface: _Surface, number: int, key: str, rest: list[str]) -> None:
-    """One line of a surface."""
+    """Parse one line of a surface."""
     if key == "TYPE":
         if rest[0] not in SHAPES:
             raise found.error(f"TYPE {rest[0]} is not known; valid are {' and '.join(SHAPES)}", number)
@@ -273,9 +276,9 @@ def _take_surface(found: _File, surface: _Surface, number: int, key: str, rest: 
 
 
 def _wavelengths(found: _File) -> tuple[float, float, float]:
-    """Shortest, primary and longest wavelength, um; those past the last that Zemax fills up with are left out."""
+    """Return shortest, primary and longest wavelength, um, without the unused entries of Zemax."""
     waves = dict(found.waves)
-    if len(waves) == 24:  # all that there is room for
+    if len(waves) == 24:  # the maximum number
         filled = waves[24]
         waves = {k: v for k, v in waves.items() if v != filled or k == found.primary}
     primary = waves.get(found.primary, LINES_UM[1])
@@ -284,7 +287,7 @@ def _wavelengths(found: _File) -> tuple[float, float, float]:
 
 
 def _glass(found: _File, surface: _Surface, catalogue: GlassCatalogue | None) -> Glass | None:
-    """The glass after a surface; None for air."""
+    """Return the glass after a surface; None for air."""
     if not surface.glass:
         return None
     name, *numbers = surface.glass

@@ -1,4 +1,4 @@
-"""Mirrors generated from a wanted mapping of field angles to the image: one class per mapping."""
+"""Mirrors with a prescribed mapping from field angle to image height: one class per mapping."""
 
 from .base import Generated, Mapped
 from .distant import Conformal, Equiangular, Equiareal, Equidistant, Rectifying, UnitAspect
@@ -19,7 +19,7 @@ MAPPINGS: dict[str, type[Mapped]] = {
         TabulatedMapping,
     )
 }
-"""Every mapping by its name, which is also the kind of its mirror."""
+"""Mappings by name, which is also the kind of the mirror."""
 
 __all__ = [
     "MAPPINGS",

@@ -1,4 +1,4 @@
-"""What all mirrors generated from a mapping share: field, viewing angle, rim, and the lens they are exact for."""
+"""Base classes of mirrors with a prescribed mapping."""
 
 from __future__ import annotations
 
@@ -18,40 +18,40 @@ from .meridian import GeneratedMeridian, OrthographicMeridian, PerspectiveMeridi
 
 OMEGA_MAX = Parameter("deg", 1.0, 179.0, "field angle at the rim")
 OMEGA_MIN = Parameter("deg", 0.0, 170.0, "field angle at the image centre; above 0 the mirror is pointed")
-LEAST_THETA_DEG = 1e-3  # whoever means less means an orthographic lens; equations of smaller angles lose their digits
+LEAST_THETA_DEG = 1e-3  # smaller viewing angles lose precision; use an orthographic lens
 THETA_MAX = Parameter("deg", 0.0, 60.0, "viewing angle of the lens at the rim; 0 for an orthographic lens")
 
 
 class Mapped(Mirror):
-    """A mirror that has a wanted mapping exactly, for a lens at :attr:`design_distance` from its vertex.
+    """Mirror with a prescribed exact mapping for a lens at :attr:`design_distance` from its vertex.
 
-    The image height is counted as a share ``tau`` of the height of the rim: ``tan(theta)/tan(Theta)``
-    for a perspective lens, ``x/M`` for an orthographic one (``theta_max_deg = 0``).
+    The image height is normalised by that of the rim: ``tau = tan(theta)/tan(Theta)`` for a
+    perspective lens, ``x/M`` for an orthographic one (``theta_max_deg = 0``).
     """
 
     theta_max_deg: float
 
     @abstractmethod
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        """Field angle (radians) and its derivative for image heights tau (n,) from 0 to 1."""
+        """Compute field angles (radians) and derivatives for image heights tau (n,) from 0 to 1."""
 
     def angles(self, tau: Array) -> Array:
-        """Field angles (n,), radians, alone."""
+        """Compute the field angles (n,), radians."""
         return self.mapping(tau)[0]
 
     def rates(self, tau: Array) -> Array:
-        """Their derivatives (n,) alone."""
+        """Compute the derivatives (n,) of the field angles."""
         return self.mapping(tau)[1]
 
     @property
     def design_distance(self) -> float:
-        """Distance m from lens to vertex, mm, for which the mapping is exact; infinite if orthographic."""
+        """Distance m from lens to vertex, mm, of the exact mapping; infinite if orthographic."""
         return self._meridian.distance * self.rim_radius_mm
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         M = self.rim_radius_mm
         x = coordinates("x_mm", x_mm) / M
-        with np.errstate(invalid="ignore"):  # NaN marks "no surface here"
+        with np.errstate(invalid="ignore"):  # NaN outside the surface
             z, slope, curvature = self._meridian.profile(np.where((x >= 0) & (x <= 1 + 1e-12), x, np.nan))
         return z * M, slope, curvature / M
 
@@ -66,17 +66,17 @@ class Mapped(Mirror):
         return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
 
     def _omega(self, theta: Array) -> Array:
-        """Field angle of viewing angles, radians."""
+        """Compute field angles of viewing angles, radians."""
         return self.angles(np.tan(theta) / np.tan(self._theta_max))
 
     def _domega(self, theta: Array) -> Array:
-        """dOmega/dtheta."""
+        """Compute dOmega/dtheta."""
         unit = np.tan(self._theta_max)
         rate: Array = self.rates(np.tan(theta) / unit) / (np.cos(theta) ** 2 * unit)
         return rate
 
     def _check_reach(self, omega_max_deg: float) -> None:
-        """The lens must see the rim, and its chief rays must turn outwards there."""
+        """Check that the rim is visible to the lens and its chief rays are reflected outwards."""
         theta = self.theta_max_deg
         if 0 < theta < LEAST_THETA_DEG:
             raise InvalidParameter(
@@ -92,7 +92,7 @@ class Mapped(Mirror):
 
 @dataclass(frozen=True)
 class Generated(Mapped):
-    """A :class:`Mapped` mirror stated by its field angle at the rim."""
+    """:class:`Mapped` mirror specified by its field angle at the rim."""
 
     omega_max_deg: float
     theta_max_deg: float
@@ -104,7 +104,7 @@ class Generated(Mapped):
         "rim_radius_mm": RIM_RADIUS,
     }
     MOST_OMEGA_DEG: ClassVar[float] = 180.0
-    """Field angle that the mapping cannot reach, whatever the lens."""
+    """Upper bound of the field angle of the mapping, for any lens."""
 
     def __post_init__(self) -> None:
         self._check_parameters()

@@ -1,7 +1,7 @@
-"""Mappings of directions: what the image height is of, for objects whose distance does not matter.
+"""Mappings of directions, for distant objects.
 
-``tau`` is the image height as a share of that of the rim. Each class states Omega(tau); what surface
-has that mapping follows from it (see :mod:`.meridian`).
+``tau`` is the image height normalised by that of the rim. Each class defines Omega(tau), which
+determines the surface (see :mod:`.meridian`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from .meridian import Curve, GeneratedMeridian, OrthographicMeridian, Perspectiv
 
 @dataclass(frozen=True)
 class Equidistant(Generated):
-    """The exact equidistant mirror: image height proportional to the field angle, all the way.
+    """Equidistant mirror: image height exactly proportional to the field angle.
 
-    ``Omega = Omega_min + k tan(theta)``, seen by a perspective lens at :attr:`design_distance` from the
-    vertex. (The paper's polynomial E-DI is .49 % off that line.) Under an orthographic lens it is
-    ``z = -(2/k) ln cos(k x/2)``, the paper's Eq. 22 with its sign put right.
+    ``Omega = Omega_min + k tan(theta)`` for a perspective lens at :attr:`design_distance` from the
+    vertex. (The paper's polynomial E-DI deviates by 0.49 %.) For an orthographic lens it is ``z =
+    -(2/k) ln cos(k x/2)``, the paper's Eq. 22 with corrected sign.
 
     >>> mirror = Equidistant(omega_max_deg=135.0, theta_max_deg=12.0, rim_radius_mm=1.0)
     >>> round(mirror.design_distance, 11)
@@ -53,10 +53,10 @@ class Equidistant(Generated):
 
 @dataclass(frozen=True)
 class Equiangular(Generated):
-    """Field angle proportional to the viewing angle, ``Omega = Omega_min + alpha theta``.
+    """Equiangular mirror: field angle ``Omega = Omega_min + alpha theta``.
 
-    Chahl and Srinivasan's mirror: ``rho ~ cos((Omega + theta)/2)^(-2/(alpha + 1))``. Under an orthographic
-    lens it is the equidistant one.
+    The mirror of Chahl and Srinivasan: ``rho ~ cos((Omega + theta)/2)^(-2/(alpha + 1))``. For an
+    orthographic lens it is equidistant.
 
     >>> round(Equiangular(135.0, 12.0, 1.0).design_distance, 11)
     3.91625328435
@@ -90,12 +90,12 @@ class Equiangular(Generated):
 
 
 def _both(mapping: Callable[[Array], tuple[Array, Array]]) -> tuple[Curve, Curve]:
-    """Field angle and derivative as two functions."""
+    """Split a mapping into functions for the field angle and its derivative."""
     return lambda x: mapping(x)[0], lambda x: mapping(x)[1]
 
 
 def _straight_line(low: float, high: float) -> OrthographicMeridian:
-    """Omega from low on the axis to high at the rim, linear in x: an integral of a tangent, which is elementary."""
+    """Return the meridian for Omega linear in x from low to high, in closed form."""
     k = high - low
     return OrthographicMeridian(
         lambda x: low + k * x, lambda x: np.full_like(x, k), lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x)
@@ -103,17 +103,17 @@ def _straight_line(low: float, high: float) -> OrthographicMeridian:
 
 
 def _log_cosine_ratio(a: float, t: Array) -> Array:
-    """``ln(cos(a + t)/cos(a))``, to full relative precision near t = 0."""
+    """Compute ``ln(cos(a + t)/cos(a))`` with full relative precision near t = 0."""
     ratio: Array = np.log1p(-2 * np.sin(t / 2) * np.sin(a + t / 2) / np.cos(a))
     return ratio
 
 
 @dataclass(frozen=True)
 class Conformal(Generated):
-    """Shapes on the viewing sphere keep their angles as the lens sees them: ``tan(Omega/2) = K tan(theta/2)``.
+    """Conformal mapping of the viewing sphere: ``tan(Omega/2) = K tan(theta/2)``.
 
-    This is the hyperboloid seen from its far focus, or the paraboloid under an orthographic lens, both
-    in closed form: :attr:`surface` is the same by its own parameters.
+    This is the hyperboloid with the lens at its outer focus, or the paraboloid with an orthographic
+    lens, in closed form; :attr:`surface` is the equivalent conic.
 
     >>> mirror = Conformal(135.0, 12.0, 1.0)
     >>> round(mirror.design_distance, 11), mirror.surface.KIND
@@ -124,7 +124,7 @@ class Conformal(Generated):
 
     @property
     def surface(self) -> Hyperboloid | Paraboloid:
-        """The same surface as a conic."""
+        """Equivalent conic."""
         return conformal_conic(self._omega_max, self._theta_max, self.rim_radius_mm)
 
     @property
@@ -153,10 +153,10 @@ class Conformal(Generated):
 
 
 def conformal_conic(omega_max: float, theta_max: float, rim: float) -> Hyperboloid | Paraboloid:
-    """The conic with a single viewpoint that meets field and viewing angle (radians) at its rim (mm).
+    """Return the single-viewpoint conic for the angles (radians) at its rim (mm).
 
-    With ``K = tan(Omega/2)/tan(theta/2)`` the eccentricity is ``C/B = (K + 1)/(K - 1)``, and about the lens
-    ``rho = (C^2 - B^2)/(C cos(theta) - B)``.
+    With ``K = tan(Omega/2)/tan(theta/2)`` the eccentricity is ``C/B = (K + 1)/(K - 1)``; in polar
+    coordinates about the lens, ``rho = (C^2 - B^2)/(C cos(theta) - B)``.
     """
     if theta_max == 0:
         return Paraboloid(rim / float(np.tan(omega_max / 2)), rim)
@@ -168,10 +168,10 @@ def conformal_conic(omega_max: float, theta_max: float, rim: float) -> Hyperbolo
 
 @dataclass(frozen=True)
 class UnitAspect(Generated):
-    """Small squares stay squares in the image, at every field angle: ``tan(theta) = s tan(Omega/2)``.
+    """Unit aspect ratio of small squares at every field angle: ``tan(theta) = s tan(Omega/2)``.
 
-    With ``v = tan(theta/2)^2`` and ``c = 1 + 2/s`` the integral is elementary,
-    ``rho = m (1 + v) (1 - c v)^(1/c - 1)``. Under an orthographic lens it is the paraboloid.
+    With ``v = tan(theta/2)^2`` and ``c = 1 + 2/s`` the integral is elementary:
+    ``rho = m (1 + v) (1 - c v)^(1/c - 1)``. For an orthographic lens it is the paraboloid.
 
     >>> round(UnitAspect(135.0, 12.0, 1.0).design_distance, 11)
     3.55612053404
@@ -200,10 +200,11 @@ class UnitAspect(Generated):
 
 @dataclass(frozen=True)
 class Equiareal(Generated):
-    """Equal solid angles get equal areas of the image: ``sin(Omega/2)^2`` grows with ``tan(theta)^2``.
+    """Equal-area mapping of solid angles: ``sin(Omega/2)^2`` is linear in ``tan(theta)^2``.
 
-    From a field angle Omega_min on the axis, where the mapping starts square: there ``dOmega/dtau`` is 0.
-    Under an orthographic lens and without Omega_min it is the sphere.
+    The field angle on the axis is Omega_min; if it is positive, the mapping has square-root
+    behaviour and ``dOmega/dtau`` is 0 there. For an orthographic lens without Omega_min it is the
+    sphere.
 
     >>> round(Equiareal(135.0, 12.0, 1.0).design_distance, 11)
     4.07235176766
@@ -235,7 +236,7 @@ class Equiareal(Generated):
 
 @dataclass(frozen=True)
 class Rectifying(Generated):
-    """A far plane across the axis as an ideal camera would show it: ``tan(Omega) = kappa tan(theta)``.
+    """Perspective image of a distant plane: ``tan(Omega) = kappa tan(theta)``.
 
     >>> round(Rectifying(75.0, 12.0, 1.0).design_distance, 11)
     4.23651210948
@@ -254,7 +255,7 @@ class Rectifying(Generated):
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         kappa = float(np.tan(self._omega_max))
 
-        def sag(x: Array) -> Array:  # the integral of (sqrt(1 + t^2) - 1)/t, t = kappa x
+        def sag(x: Array) -> Array:  # integral of (sqrt(1 + t^2) - 1)/t, t = kappa x
             rise = (kappa * x) ** 2 / (1 + np.sqrt(1 + (kappa * x) ** 2))
             value: Array = (rise - np.log1p(rise / 2)) / kappa
             return value

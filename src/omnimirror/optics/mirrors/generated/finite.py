@@ -1,11 +1,11 @@
-"""Mappings of points at finite distance: a ground plane and a cylinder, drawn to scale in the image.
+"""Mappings of points at finite distance: ground plane and cylinder, drawn to scale in the image.
 
-The field angle of a chief ray then depends on where on the mirror it starts, and the law of
-:mod:`.meridian` becomes a differential equation whose scale is part of the solution. It is solved by
-collocation: the integral equation at Chebyshev nodes and the condition at the rim, together, by
-Newton's rule. That is shooting for m with all orders at once. Derivatives are taken by complex steps,
-which lose no digits. Where much of the field lies in little of the image, as with a plane seen to 89.9 deg, a change of
-variable (:class:`Crowding`) crowds the nodes there: some 60 do then what takes 500 evenly strewn.
+The field angle of a chief ray then depends on its mirror point, and the law of :mod:`.meridian`
+becomes a differential equation with an unknown scale. It is solved by collocation: Newton's method
+solves the integral equation at Chebyshev nodes together with the condition at the rim, equivalent
+to shooting for m at spectral order. Derivatives are complex steps without cancellation. If much of
+the field is concentrated in little of the image, as for a plane observed up to 89.9 deg, a change
+of variable (:class:`Crowding`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ from .meridian import GeneratedMeridian, OrthographicMeridian, PerspectiveMeridi
 
 MOST_NODES = 512
 NEWTON_STEPS = 40
-STEP = 1e-30  # of complex-step derivatives: its square is nothing beside 1
+STEP = 1e-30  # complex-step size: its square is negligible
 
 
 @dataclass(frozen=True)
 class Crowding:
-    """Places t from 0 to ``end`` by s from 0 to 1, even s crowding where the field angle turns fastest.
+    """Change of variable from s to t, denser at fast changes of the field angle.
 
-    Omega is an arc tangent of the image height, whose poles lie ``width`` beside ``middle``, both as shares of the
-    image height of the rim; ``t = end (middle + width sinh(..))`` takes the poles far from the image.
+    Omega is an arc tangent of the image height with complex poles at ``middle +- i width``,
+    relative to the image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles
+    away from the image.
 
     >>> places = Crowding(middle=0.0, width=0.001, end=0.2)
     >>> t = places.t(np.array([0.0, 0.5, 1.0]))
@@ -52,24 +53,24 @@ class Crowding:
 
     @cached_property
     def _reach(self) -> tuple[float, float]:
-        """The argument of sinh at s = 0, and its growth until 1."""
+        """Argument of sinh at s = 0, and its increase up to s = 1."""
         low, high = (math.asinh((share - self.middle) / self.width) for share in (0.0, 1.0))
         return low, high - low
 
     def t(self, s: Array) -> Array:
-        """Viewing angle, or distance from the axis."""
+        """Compute the viewing angle, or the distance from the axis."""
         low, span = self._reach
         t: Array = self.end * (self.middle + self.width * np.sinh(low + span * s))
         return t
 
     def rate(self, s: Array) -> Array:
-        """dt/ds."""
+        """Compute dt/ds."""
         low, span = self._reach
         rate: Array = self.end * self.width * span * np.cosh(low + span * s)
         return rate
 
     def s(self, t: Array) -> Array:
-        """The inverse of :meth:`t`."""
+        """Compute the inverse of :meth:`t`."""
         low, span = self._reach
         s: Array = (np.arcsinh((t / self.end - self.middle) / self.width) - low) / span
         return s
@@ -77,31 +78,31 @@ class Crowding:
 
 @dataclass(frozen=True)
 class Solution:
-    """The height along the meridian as a series in s, and the height of the rim; rim radius 1."""
+    """Height along the meridian as a series in s, and height of the rim, for rim radius 1."""
 
     places: Crowding
     series: Chebyshev
     rim_z: float
 
     def y(self, t: Array) -> Array:
-        """The height at t: ln(rho/m), or z."""
+        """Compute the height at t: ln(rho/m), or z."""
         return np.asarray(self.series(self.places.s(t)), float)
 
 
 @dataclass(frozen=True)
 class FiniteMapping(Generated):
-    """A mirror whose image height is linear along a line of object points; the line belongs to the mirror.
+    """Mirror with an image height linear along a line of object points, fixed to the mirror.
 
-    Inside, ``t`` is theta (perspective) or x (orthographic) and ``y`` is ``ln(rho/m)`` or z.
+    Internally, ``t`` is theta (perspective) or x (orthographic) and ``y`` is ``ln(rho/m)`` or z.
     """
 
     @abstractmethod
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
-        """Object points (x, z), in rim radii from axis and vertex, of image heights tau; the rim is at rim_z."""
+        """Return object points (x, z), in rim radii, of image heights tau."""
 
     @abstractmethod
     def _poles(self) -> tuple[float, float]:
-        """Image height at which the field angle turns fastest, and the height that the turn takes, for far objects."""
+        """Return the image height of fastest field-angle change, and its width."""
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, Theta = coordinates("tau", tau), self._theta_max
@@ -112,11 +113,11 @@ class FiniteMapping(Generated):
         return omega, rate * unit / (1 + (tau * unit) ** 2)
 
     def _field(self, t: Array) -> tuple[Array, Array]:
-        """Field angle and dOmega/dt, the meridian's own bend included."""
+        """Compute the field angle and dOmega/dt, including the dependence on the meridian."""
         return self._course(t)[:2]
 
     def _course(self, t: Array) -> tuple[Array, Array, Array]:
-        """The same, and the height y."""
+        """Compute the field angle, dOmega/dt and the height y."""
         y, rim_z = self._solution.y(t), self._solution.rim_z
         law = self._law(t, y, rim_z)
         dx, dz = self._ray(t + 1j * STEP, y + 1j * STEP * law, rim_z)
@@ -124,7 +125,7 @@ class FiniteMapping(Generated):
         return omega, (dx.imag * dz.real - dz.imag * dx.real) / (dx.real**2 + dz.real**2) / STEP, y
 
     def _place(self, t: Array) -> tuple[Array, Array]:
-        """Field angle and height y."""
+        """Compute the field angle and the height y."""
         y = self._solution.y(t)
         return np.arctan2(*self._ray(t, y, self._solution.rim_z)), y
 
@@ -137,7 +138,7 @@ class FiniteMapping(Generated):
     # -- the differential equation -----------------------------------------------------------------
 
     def _ray(self, t: Any, y: Any, rim_z: Any) -> tuple[Any, Any]:
-        """From mirror point to object point, ``(dx, -dz)``: the tangent of Omega is dx over the second."""
+        """Return the vector ``(dx, -dz)`` from mirror point to object point."""
         if self.theta_max_deg == 0:
             tau, x, z = t, t, y
         else:
@@ -148,7 +149,7 @@ class FiniteMapping(Generated):
         return target_x - x, z - target_z
 
     def _law(self, t: Any, y: Any, rim_z: Any) -> Any:
-        """dy/dt = tan((Omega + theta)/2), by half-angle formulas that take complex numbers."""
+        """Compute dy/dt = tan((Omega + theta)/2), also for complex numbers."""
         dx, dz = self._ray(t, y, rim_z)
         half = dx / (np.sqrt(dx * dx + dz * dz) + dz)
         if self.theta_max_deg == 0:
@@ -157,7 +158,7 @@ class FiniteMapping(Generated):
         return (half + other) / (1 - half * other)
 
     def _end(self, y: float, rim_z: float) -> float:
-        """What is missing at the rim: the point there must stand at x = 1 and at height rim_z."""
+        """Return the residual at the rim, which must be at x = 1 and height rim_z."""
         if self.theta_max_deg == 0:
             return y - rim_z
         return y - float(np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max)))
@@ -179,7 +180,7 @@ class FiniteMapping(Generated):
             nodes *= 2
 
     def _collocate(self, count: int) -> Solution | None:
-        """The equations on so many nodes by Newton's rule; None where it does not settle."""
+        """Solve the equations on ``count`` nodes by Newton's method; None without convergence."""
         places = Crowding(*self._poles(), end=self._theta_max or 1.0)
         nodes, integral, last = _integration(count)
         s = (nodes + 1) / 2
@@ -218,10 +219,10 @@ class FiniteMapping(Generated):
 
 @lru_cache(maxsize=8)
 def _integration(count: int) -> tuple[Array, Array, Array]:
-    """Chebyshev nodes in (-1, 1); values there to integrals from -1 to each node (n, n), and to 1 (n,)."""
+    """Return Chebyshev nodes, and integration matrices to each node and to 1."""
     nodes: NDArray[np.float64] = chebyshev.chebpts1(count)
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
-    integrals = np.stack([chebyshev.chebint(unit, lbnd=-1) for unit in np.eye(count)])  # rows: of T_0, T_1, ..
+    integrals = np.stack([chebyshev.chebint(unit, lbnd=-1) for unit in np.eye(count)])  # rows T_k
     at_nodes = chebyshev.chebvander(nodes, count) @ integrals.T
     at_end = chebyshev.chebvander(np.ones(1), count) @ integrals.T
     return nodes, at_nodes @ to_series, (at_end @ to_series)[0]
@@ -232,10 +233,10 @@ DISTANCE = (1e-3, 1e7)
 
 @dataclass(frozen=True)
 class GroundPlane(FiniteMapping):
-    """A plane across the axis at a finite distance, drawn as a plan: image height proportional to its radius.
+    """Plan view of a plane at finite distance, perpendicular to the axis.
 
-    ``plane_distance_mm`` is that of the plane from the mirror vertex, towards the lens and beyond (z = -H).
-    Far away it is the :class:`Rectifying` mirror.
+    ``plane_distance_mm`` is the distance of the plane from the mirror vertex, on the lens side (z =
+    -H). For a distant plane it is the :class:`Rectifying` mirror.
 
     >>> mirror = GroundPlane(60.0, 12.0, 40.0, plane_distance_mm=800.0)
     >>> omega, _ = mirror.mapping([0.5, 1.0])
@@ -262,9 +263,9 @@ class GroundPlane(FiniteMapping):
 
 @dataclass(frozen=True)
 class CylinderMapping(FiniteMapping):
-    """A cylinder about the axis at a finite distance: height on it linear in the image, from centre to rim.
+    """Cylinder about the axis: its height coordinate is linear in the image height.
 
-    The centre of the image sees the cylinder at ``omega_min_deg``, above 0, so the mirror ends in a point.
+    The image centre corresponds to ``omega_min_deg`` > 0 on the cylinder; the mirror has an apex.
 
     >>> mirror = CylinderMapping(110.0, 12.0, 40.0, omega_min_deg=60.0, cylinder_radius_mm=1000.0)
     >>> mirror.is_pointed

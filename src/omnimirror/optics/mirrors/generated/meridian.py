@@ -1,15 +1,15 @@
-"""The meridian that has a wanted mapping, seen by a perspective or an orthographic lens.
+"""Meridian with a prescribed mapping, for a perspective or an orthographic lens.
 
-In polar coordinates about the lens, ``P = rho (sin theta, cos theta)``, a mirror that sends the
-chief ray of viewing angle theta to field angle ``Omega(theta)`` obeys
+In polar coordinates about the lens, ``P = rho (sin theta, cos theta)``, a mirror that reflects the
+chief ray of viewing angle theta to field angle ``Omega(theta)`` satisfies
 
     d ln rho / d theta = tan((Omega(theta) + theta) / 2)
 
-(the law of reflection, Eqs. 2-5), so that ``ln rho`` is one integral. The paper holds that its
-equidistant mirror is "difficult to obtain by mathematical analysis"; it is this one quadrature.
-Under an orthographic lens theta is 0 and the law is ``z' = tan(Omega(x)/2)``.
+(the law of reflection, Eqs. 2-5); ``ln rho`` is a single integral. The paper calls its equidistant
+mirror "difficult to obtain by mathematical analysis"; this quadrature gives it exactly. For an
+orthographic lens theta is 0 and the law is ``z' = tan(Omega(x)/2)``.
 
-All lengths here are in units of the rim radius.
+All lengths in this module are in units of the rim radius.
 """
 
 from __future__ import annotations
@@ -27,43 +27,43 @@ from ....base.numerics.lazy import cached_property
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
-CELLS = 1024  # of the table theta(x); cubic pieces of smooth mirrors err by 1e-14, and a step from there by its square
-FEW_CELLS = 64  # from which it is filled
-CLOSE = 1e-11  # a step of Newton's rule, after which the mapping is what its derivative says, to rounding
+CELLS = 1024  # of the table theta(x); cubic pieces are accurate to 1e-14 before the Newton step
+FEW_CELLS = 64  # coarse table for its computation
+CLOSE = 1e-11  # Newton step after which the linearised mapping is exact to rounding
 
 TERMS = 16  # of the series of one piece
 NODES = chebyshev.chebpts1(TERMS)
 TO_SERIES = 2 / TERMS * chebyshev.chebvander(NODES, TERMS - 1).T
 TO_SERIES[0] /= 2
-NEGLIGIBLE = 1e-14  # of the last terms, beside the largest
+NEGLIGIBLE = 1e-14  # last terms of a series, relative to the largest
 LEAST_PIECES, MOST_HALVINGS = 4, 12
 
 
 class GeneratedMeridian(Protocol):
-    """What a generated mirror asks of its meridian; lengths in units of the rim radius."""
+    """Meridian of a generated mirror; lengths in units of the rim radius."""
 
     @property
     def distance(self) -> float:
-        """Lens to vertex, m; infinite under an orthographic lens."""
+        """Distance m from lens to vertex; infinite for an orthographic lens."""
 
     def profile(self, x: Array) -> tuple[Array, Array, Array]:
-        """Sag, slope and curvature at distances x in [0, 1] from the axis."""
+        """Compute sag, slope and curvature at distances x in [0, 1] from the axis."""
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """The integral from 0 of a smooth function over [0, high]: short series over as many pieces as it takes.
+    """Integral from 0 of a smooth function over [0, high] by piecewise short Chebyshev series.
 
-    Pieces that a function does not fit are halved, so that it may also be smooth in pieces only, as that of a table is,
-    whose spline has knots. An integral divides what a series leaves by the number of its terms, and is then exact to
-    rounding.
+    Pieces without convergence are bisected; the function may be piecewise smooth, such as a spline
+    with knots. Integration divides the truncation error by the number of terms; the result is exact
+    to rounding.
 
     >>> float(Primitive.of(np.exp, 1.0)(np.array(0.5)) - np.expm1(0.5))
     0.0
     """
 
     edges: Array
-    """(pieces + 1,)."""
+    """(pieces + 1,) ends of the pieces."""
     coefficients: Array
     """(terms, pieces): Chebyshev series of the integral."""
 
@@ -87,7 +87,7 @@ class Primitive:
         starts, widths, all_series = (np.concatenate(parts, axis=-1) for parts in zip(*done, strict=True))
         order = np.argsort(starts)
         integral: Array = np.asarray(chebyshev.chebint(all_series[:, order], lbnd=-1), float) * widths[order] / 2
-        integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # a series ends with the sum of its terms
+        integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # sums of series
         return cls(np.append(starts[order], high), integral)
 
     def __call__(self, x: Array) -> Array:
@@ -99,14 +99,15 @@ class Primitive:
 
 @dataclass(frozen=True)
 class PerspectiveMeridian:
-    """A meridian as a function of the viewing angle theta.
+    """Meridian as a function of the viewing angle theta.
 
     Attributes
     ----------
     place : callable
-        Field angle, and ln(rho/m) that is 0 on the axis, for an array of viewing angles, all in radians.
+        Field angle, and ln(rho/m), which is 0 on the axis, for viewing angles, all in radians.
     course : callable
-        Field angle, its derivative and ln(rho/m): at once, since what they share is most of the work.
+        Field angle, its derivative and ln(rho/m) together, because they share most of the
+        computation.
     theta_max : radians
     """
 
@@ -116,7 +117,7 @@ class PerspectiveMeridian:
 
     @classmethod
     def of(cls, omega: Curve, domega: Curve, log_rho: Curve, theta_max: float) -> PerspectiveMeridian:
-        """Of curves that share nothing."""
+        """Create a meridian from independent curves."""
         return cls(lambda t: (omega(t), log_rho(t)), lambda t: (omega(t), domega(t), log_rho(t)), theta_max)
 
     @classmethod
@@ -127,12 +128,12 @@ class PerspectiveMeridian:
 
     @cached_property
     def distance(self) -> float:
-        """Lens to vertex; it scales the rim to 1."""
+        """Distance from lens to vertex; it scales the rim radius to 1."""
         end = np.array(self.theta_max)
         return float(np.exp(-self.place(end)[1]) / np.sin(end))
 
     def x(self, theta: Array) -> tuple[Array, Array]:
-        """Distance from the axis and its derivative dx/dtheta."""
+        """Compute the distance from the axis and its derivative dx/dtheta."""
         return self._x(theta, *self.place(theta))
 
     def _x(self, theta: Array, omega: Array, log_rho: Array) -> tuple[Array, Array]:
@@ -142,7 +143,7 @@ class PerspectiveMeridian:
 
     @cached_property
     def _table(self) -> Array:
-        """Cubic pieces (4, CELLS) of viewing angles by x: a few within brackets, all by a step from between these."""
+        """Cubic pieces (4, CELLS) of theta(x), refined by a Newton step."""
         x, few = np.linspace(0.0, 1.0, CELLS + 1), self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1))
         theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
         found, rate = self.x(theta)
@@ -155,10 +156,10 @@ class PerspectiveMeridian:
         return _pieces(theta, 1 / rate)
 
     def _bracketed(self, x: Array) -> Array:
-        """Viewing angles (n,) of points at x, the inverse of :meth:`x`, wherever they begin."""
+        """Invert :meth:`x` by bracketing: viewing angles (n,) of points at x."""
         low, high = np.zeros_like(x), np.full_like(x, self.theta_max)
         theta = x * self.theta_max
-        for _ in range(60):  # bisection alone would reach the last digit; Newton's rule takes over early
+        for _ in range(60):  # bisection alone would converge; Newton's method takes over early
             found, rate = self.x(theta)
             error = found - x
             low, high = np.where(error <= 0, theta, low), np.where(error >= 0, theta, high)
@@ -173,15 +174,15 @@ class PerspectiveMeridian:
     def profile(self, x: Array) -> tuple[Array, Array, Array]:
         theta, omega, domega, log_rho = self._at(x)
         beta = (omega - theta) / 2
-        # rho cos(theta) - m, without the cancellation near the axis
+        # rho cos(theta) - m, without cancellation near the axis
         z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
         rate = self._x(theta, omega, log_rho)[1]
         return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
 
     def _at(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Viewing angles of the points at x, exactly 0 on the axis, and the course there.
+        """Compute viewing angles at x, exactly 0 on the axis, and the course of the mapping there.
 
-        The table says nearly where; the rest is so little that the derivatives of the course lead there.
+        The table gives an estimate; first-order steps complete it.
         """
         theta = _between(self._table, x)
         for _ in range(2):
@@ -196,14 +197,14 @@ class PerspectiveMeridian:
 
 
 def _pieces(values: Array, rates: Array) -> Array:
-    """Coefficients (4, cells) of Hermite's cubics between evenly spaced values (cells + 1,) over [0, 1]."""
+    """Return cubic Hermite coefficients (4, cells) of values (cells + 1,)."""
     rise, rate = np.diff(values), rates / (len(values) - 1)
     low, high = rate[:-1], rate[1:]
     return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise])
 
 
 def _between(pieces: Array, x: Array) -> Array:
-    """What they come to at x."""
+    """Evaluate cubic pieces at x."""
     place = x * pieces.shape[1]
     cell = np.fmax(np.fmin(place, pieces.shape[1] - 1), 0.0).astype(int)
     t, (a, b, c, d) = place - cell, pieces[:, cell]
@@ -212,7 +213,7 @@ def _between(pieces: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class OrthographicMeridian:
-    """A meridian as a function of the distance x from the axis, ``z' = tan(Omega(x)/2)``."""
+    """Meridian as a function of the distance x from the axis, ``z' = tan(Omega(x)/2)``."""
 
     omega: Curve
     domega: Curve

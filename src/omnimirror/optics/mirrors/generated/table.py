@@ -1,4 +1,4 @@
-"""Any mapping of one's own: a table of field angles and image heights, or a function made into one."""
+"""Custom mappings: a table of field angles and image heights, or a sampled function."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ from .base import THETA_MAX, Mapped
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREE = 5  # quintic in tau: the mirror's curvature is then smooth
+DEGREE = 5  # quintic in tau, for a smooth curvature of the mirror
 MOST_ROWS = 4096
 
 
 def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
-    """Refuse what is no table of a mapping.
+    """Check the table of a mapping.
 
     Raises
     ------
     InvalidParameter
-        Columns of two lengths, too few rows, or what does not grow from the image centre.
+        If the columns differ in length, have too few rows, or do not increase from the image
+        centre.
     """
     if len(omega_deg) != len(height):
         raise InvalidParameter(
@@ -48,16 +49,17 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
 
 @dataclass(frozen=True)
 class TabulatedMapping(Mapped):
-    """A mirror with the mapping of a table: image heights, in any unit, of growing field angles.
+    """Mirror with a tabulated mapping: image heights, in any unit, of increasing field angles.
 
-    A quintic spline goes through the table, Omega as a function of height. The first height is 0, the
-    image centre; the mirror is smooth when the field angle there is 0 and pointed otherwise. The last
-    row is the rim.
+    A quintic spline interpolates Omega as a function of height. The first height is 0, the image
+    centre; the mirror is smooth if the field angle there is 0, and pointed otherwise. The last row
+    is the rim.
 
     Raises
     ------
     InvalidParameter
-        Too few rows, columns of different lengths or that do not grow, or a rim the lens cannot see so.
+        If there are too few rows, columns differ in length or do not increase, or the lens cannot
+        see the rim.
 
     Examples
     --------
@@ -95,7 +97,7 @@ class TabulatedMapping(Mapped):
 
     @classmethod
     def sketched(cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float) -> TabulatedMapping:
-        """A mirror on the way to one, its surface not looked at to the rim, which is much of the work."""
+        """Create a mirror without the costly check of its surface, for iterations."""
         mirror = object.__new__(cls)
         mirror._take_columns(omega_deg, height)
         object.__setattr__(mirror, "theta_max_deg", theta_max_deg)
@@ -105,7 +107,7 @@ class TabulatedMapping(Mapped):
         return mirror
 
     def checked(self) -> TabulatedMapping:
-        """The same, once its surface reaches the rim."""
+        """Return the mirror after the check that its surface extends to the rim."""
         self._check()
         return self
 
@@ -119,15 +121,16 @@ class TabulatedMapping(Mapped):
         omega_min_deg: float = 0.0,
         tolerance: float = 1e-11,
     ) -> TabulatedMapping:
-        """The mirror for a function: field angles (n,) in radians to image heights in any unit.
+        """Create the mirror of a function from field angles (n,) to image heights.
 
-        As many rows are taken as the spline needs to agree with the function within ``tolerance`` of the
-        rim's height halfway between rows.
+        Rows are added until the spline agrees with the function halfway between rows, within
+        ``tolerance`` relative to the height of the rim.
 
         Raises
         ------
         InvalidParameter
-            The function does not grow from 0 at the image centre, or is not smooth enough for 4096 rows.
+            If the function does not increase from 0 at the centre, or is not smooth enough for 4096
+            rows.
 
         Examples
         --------
@@ -141,7 +144,7 @@ class TabulatedMapping(Mapped):
         tolerance = number("tolerance", tolerance, above=0.0)
         rows = 64
         while True:
-            # evenly spaced in the height of a sine, so that rows crowd at the rim, where mappings steepen
+            # sinusoidal spacing: denser at the rim, with steeper mappings
             share = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
             omega = np.radians(low + (high - low) * share)
             between = (omega[1:] + omega[:-1]) / 2
@@ -170,7 +173,7 @@ class TabulatedMapping(Mapped):
         from scipy.interpolate import make_interp_spline
 
         tau, omega = np.array(self.height) / self.height[-1], np.radians(self.omega_deg)
-        if self.omega_deg[0] == 0.0:  # smooth: the same to the other side of the axis
+        if self.omega_deg[0] == 0.0:  # smooth: symmetric continuation across the axis
             tau, omega = np.concatenate([-tau[:0:-1], tau]), np.concatenate([-omega[:0:-1], omega])
         spline = make_interp_spline(tau, omega, k=DEGREE)
         return spline, spline.derivative()

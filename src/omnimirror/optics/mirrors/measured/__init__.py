@@ -1,1 +1,1 @@
-"""Profiles that were measured: columns of a file, clouds and grids of points, and their smoothing."""
+"""Measured profiles: column files, point clouds and grids, and their smoothing."""

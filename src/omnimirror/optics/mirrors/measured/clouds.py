@@ -1,8 +1,9 @@
-"""From points all over a mirror, as measuring machines and grids give them, to its meridian.
+"""Meridian of a mirror from measured point clouds and grids.
 
-The machine's axes are not the mirror's: centre and tilt are found with the meridian, by least squares that are deaf to
-single wrong points. (A sphere has an axis in every direction and keeps the machine's.) Rings of equally many points
-become one point of the profile each, so that as many independent scatters are averaged in each of them.
+The axes of the measuring machine differ from those of the mirror: centre and tilt are fitted
+together with the meridian by robust least squares. (The axis of a sphere is undetermined; the
+machine's is kept.) Rings of equally many points are averaged to one profile point each, to equalise
+the noise.
 """
 
 from __future__ import annotations
@@ -23,29 +24,29 @@ Array = NDArray[np.float64]
 Columns = tuple[tuple[float, ...], tuple[float, ...]]
 
 FEWEST = 200  # points
-FARTHEST_MM = 1e7  # of a coordinate: 10 km from the origin of a machine, a double resolves 2 nm
-NARROWEST_MM = 1e-3  # of a cloud, across its longest direction as it is seen along z
-NARROWEST = 1e-6  # of its length
-MOST_FOR_AXIS = 1500  # points by which the axis is found
+FARTHEST_MM = 1e7  # largest coordinate: 10 km from the machine origin, a double resolves 2 nm
+NARROWEST_MM = 1e-3  # minimum width of a cloud across its longest direction, projected along z
+NARROWEST = 1e-6  # the same, relative to its length
+MOST_FOR_AXIS = 1500  # points used to fit the axis
 IN_A_RING = 8
 MOST_RINGS = 500
-PIECES = (4, 48)  # of the meridian while the axis is found, and then
-TIP = 0.7  # of the squares that a smooth apex leaves: an apex that leaves less is a point
+PIECES = (4, 48)  # spline pieces of the meridian, during the axis fit and finally
+TIP = 0.7  # ratio of residual squares, pointed to smooth, below which the apex is pointed
 UNITS_MM = (1.0, 10.0, 25.4, 1000.0)  # OpticStudio's unit flags: mm, cm, in, m
 
 
 def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") -> Columns:
-    """The profile of a CSV file of points x, y, z in mm, anywhere on the mirror; header and comments are skipped."""
+    """Return the profile of a CSV file of points x, y, z in mm; header and comments are skipped."""
     return profile_of(cloud_points(path, noun, names), str(path))
 
 
 def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
-    """Return the points (n, 3) of a text file, a line each, as :func:`.point_rows.parsed_points` reads them.
+    """Return the points (n, 3) of a text file, one per line; see :func:`.point_rows.parsed_points`.
 
     Raises
     ------
     OmnimirrorError
-        The file cannot be read, or holds the two columns of a profile.
+        If the file cannot be read, or contains the two columns of a profile.
     """
     points = parsed_points(read_text(path, noun), path)
     if points.shape[1] != 3:
@@ -54,14 +55,15 @@ def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm")
 
 
 def read_grid(path: Path, noun: str = "grid", names: str = "z and further columns") -> Columns:
-    """The profile of an OpticStudio grid sag file (.DAT)."""
+    """Return the profile of an OpticStudio grid sag file (.DAT)."""
     return profile_of(grid_points(path, noun, names), str(path))
 
 
 def grid_points(path: Path, noun: str = "grid", names: str = "z and further columns") -> Array:
-    """Points (n, 3) mm of an OpticStudio grid sag file (.DAT): ``nx ny dx dy unit xdec ydec``, then a line per point.
+    """Return the points (n, 3), mm, of an OpticStudio grid sag file (.DAT).
 
-    Points run from the corner at -x, +y, row by row; those whose fifth number is not 0 are no data.
+    The first line is ``nx ny dx dy unit xdec ydec``. Points follow row by row, one per line,
+    starting at the corner -x, +y; a non-zero fifth number marks missing data.
     """
     text = read_text(path, noun)
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("!", "#"))]
@@ -101,12 +103,12 @@ def _rows(path: Path, text: str, names: str) -> Array:
 
 
 def profile_of(points: Array, source: str = "the cloud") -> Columns:
-    """Distances from the axis and heights, growing away from the lens, of points (n, 3) mm on a mirror.
+    """Return distances from the axis and heights, away from the lens, of points (n, 3), mm.
 
     Raises
     ------
     OmnimirrorError
-        Too few points, or points that do not lie all about an axis.
+        If there are too few points, or they do not surround an axis.
 
     Examples
     --------
@@ -119,7 +121,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     points = points - points.mean(axis=0)
     a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
     bowl = np.linalg.lstsq(a, points[:, 2], rcond=None)[0]
-    if bowl[3] < 0:  # measured from above: turned over about x
+    if bowl[3] < 0:  # measured from above: rotate about x
         points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
     if not bowl[3] > 0:
         raise OmnimirrorError(f"{source} is flat; a mirror bends away from the lens")
@@ -141,7 +143,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
 
 
 def check_distance(points: Array, source: str) -> None:
-    """Raise OmnimirrorError if a point (n, 3) mm is farther than 10 km from the origin."""
+    """Check that no point (n, 3), mm, is farther than 10 km from the origin."""
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_MM:
         raise OmnimirrorError(
@@ -156,7 +158,8 @@ def check_spread(points: Array, source: str) -> None:
     Raises
     ------
     OmnimirrorError
-        There are fewer than 200, one is farther than 10 km from the origin, or all lie on a line as seen along z.
+        If there are fewer than 200, one is farther than 10 km from the origin, or all are on a line
+        projected along z.
     """
     if len(points) < FEWEST:
         raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
@@ -170,7 +173,7 @@ def check_spread(points: Array, source: str) -> None:
 
 
 def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]:
-    """Distances from the axis and heights (n,) of points (n, 3) about the axis that makes them one meridian best."""
+    """Return distances (n,) from the best-fit axis and heights (n,) of points (n, 3)."""
     from scipy.optimize import least_squares
 
     size = float(np.ptp(points[:, :2])) / 2
@@ -198,7 +201,7 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
 
 
 def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
-    """Distances from the axis and heights of points (n, 3) for a centre (in sizes) and tilts (radians)."""
+    """Return a function from centre and tilts to distances and heights of points."""
 
     def at(pose: Array) -> tuple[Array, Array]:
         cx, cy, a, b = pose

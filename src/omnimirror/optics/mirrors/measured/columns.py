@@ -1,4 +1,4 @@
-"""Files of two columns of numbers, and the entries of a mirror's table that name one."""
+"""Files of two numeric columns, and mirror-table entries that name them."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ Columns = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class ColumnFile:
-    """An entry of a table that names a file, two columns made from which take its place."""
+    """Table entry that names a file; its two columns replace the entry."""
 
     entry: str
     columns: tuple[str, str]
     noun: str
     read: Callable[[Path, str], Columns]
-    """What makes the columns of the file and its noun."""
+    """Reader of the file, given its path and noun."""
 
     def followed(self, table: dict[str, Any], folder: Path | None) -> dict[str, Any]:
-        """The table with the columns in the place of the file's name.
+        """Return the table with the columns of the file instead of its name.
 
-        This is the one place where a name that stands in a file is opened. Only what the user's own command line
-        names has a ``folder``; text from anywhere else has None, and may name no file.
+        This is the only place that opens a file named in another file. Only files named on the
+        user's command line have a ``folder``; with None, the table must not name a file.
 
         Raises
         ------
         OmnimirrorError
-            The table may name no file, or has the columns too, or the file is missing or wrong.
+            If the table must not name a file, also has the columns, or the file is missing or
+            invalid.
 
         Examples
         --------
@@ -62,12 +63,12 @@ class ColumnFile:
 def read_columns(
     path: Path, noun: str = "profile", names: str = "x_mm, z_mm"
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Two columns of numbers from a CSV file; a header and comment lines are skipped.
+    """Read two numeric columns of a CSV file; header and comment lines are skipped.
 
     Raises
     ------
     OmnimirrorError
-        The file is missing, or a line after the first number does not hold two numbers.
+        If the file is missing, or a line after the first number does not hold two numbers.
     """
     points: list[tuple[float, float]] = []
     for number, row in enumerate(_rows(read_text(path, noun), path), start=1):

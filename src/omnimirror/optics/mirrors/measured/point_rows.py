@@ -1,7 +1,7 @@
-"""Text of points as measuring machines write it: rows of numbers with headers, row numbers, labels and any decimals.
+"""Parser for point rows of measuring machines: headers, row numbers, labels and decimal signs.
 
-The separator and the decimal sign hold for a whole file and follow from all of its rows; columns of labels and of row
-numbers are left out; a header that names x, y and z selects the columns.
+Separator and decimal sign apply to the whole file and are inferred from all rows; columns of labels
+and of row numbers are dropped; a header naming x, y and z selects the columns.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ....base.errors import OmnimirrorError
 
 Array = NDArray[np.float64]
 Line = tuple[int, str]
-"""Number of a line, and its text."""
+"""Line number and text."""
 Table = tuple[list[str], list[bool], Array]
-"""Lines of the header, which columns are numbers, and these (n, columns)."""
+"""Header lines, mask of numeric columns, and their values (n, columns)."""
 
-STYLE_LINES = 2000  # from which separator and decimal sign are found
+STYLE_LINES = 2000  # used to infer separator and decimal sign
 COMMENTS = ("#", "!", "%", "//", "*")
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 COMMA_NUMBER = NUMBER.replace(r"\.", ",")
@@ -34,7 +34,7 @@ AXES = ("x", "y", "z")
 
 
 def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
-    """Return the points of a text, (n, 3) of x, y, z or (n, 2) of x, z.
+    """Parse the points of a text, (n, 3) of x, y, z or (n, 2) of x, z.
 
     Parameters
     ----------
@@ -42,12 +42,13 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     path
         Name of the file, for messages.
     unit : optional
-        Unit that the caller assumes; a header that names another one is an error.
+        Unit assumed by the caller; a header naming another one is an error.
 
     Raises
     ------
     OmnimirrorError
-        No rows of numbers, a row unlike the others, or separators that can be read in two ways; with the line.
+        If there are no numeric rows, a row differs from the others, or the separators are
+        ambiguous; the message gives the line.
 
     Examples
     --------
@@ -74,7 +75,7 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
 
 
 def _plain_table(lines: list[Line], style: _Style) -> Table | None:
-    """Return header, kinds of columns and numbers of rows that hold nothing but numbers with points; else None."""
+    """Return header, column kinds and values of numeric rows; else None."""
     if style.has_decimal_comma:
         return None
     rows = [line.replace(",", " ").replace(";", " ").split() for _, line in lines]
@@ -89,12 +90,12 @@ def _plain_table(lines: list[Line], style: _Style) -> Table | None:
 
 
 def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
-    """Return header, kinds of columns (is a number, or a label) and numbers of rows of any kind.
+    """Return header, column kinds (number or label) and values of rows of any kind.
 
     Raises
     ------
     OmnimirrorError
-        No rows of numbers, or a row unlike the others.
+        If there are no numeric rows, or a row differs from the others.
     """
     rows = [style.words(line) for _, line in lines]
     widths = [len(words) if sum(map(style.is_number, words)) >= 2 else 0 for words in rows]
@@ -124,12 +125,12 @@ class _Style:
 
     @classmethod
     def of(cls, lines: list[str], path: Path) -> _Style:
-        """Find what separates columns and decimals in all lines that hold numbers.
+        """Infer the separator and the decimal sign from all lines with numbers.
 
         Raises
         ------
         OmnimirrorError
-            Commas that separate both.
+            If commas are used for both.
         """
         text = "\n".join(line for line in lines if len(re.findall(r"\d", line)) >= 2)
         has_point = re.search(r"(?<![A-Za-z\d])[+-]?\d*\.\d", text) is not None
@@ -140,7 +141,7 @@ class _Style:
             return cls(r"\s*[;\t]\s*|\s+", has_decimal_comma=True)
         digits = [line for line in lines if re.search(r"\d", line)]
         if any(re.search(r"\d,\d", line) and re.search(r"\S\s+\S", line) for line in digits):
-            return cls(r",?\s+", has_decimal_comma=True)  # "1,5 2,0 3,1", perhaps with commas between them too
+            return cls(r",?\s+", has_decimal_comma=True)  # such as "1,5 2,0 3,1"
         rows = [line.split(",") for line in digits]
         counts = Counter(map(len, rows))
         if (
@@ -160,15 +161,15 @@ class _Style:
         return cls(r"\s*,\s*", has_decimal_comma=False)
 
     def words(self, line: str) -> list[str]:
-        """Return the words of a line, without quotes and names of axes."""
+        """Return the words of a line, without quotes and axis names."""
         return [word.strip("\"'") for word in self.separator.split(PREFIXED.sub("", line)) if word]
 
     def is_number(self, word: str) -> bool:
-        """Return whether a word is a number, or stands for a point that was not measured."""
+        """Return True for a number, or a marker of a missing point."""
         return word.lower() in UNMEASURED or self.number.fullmatch(word) is not None
 
     def value(self, word: str) -> float | None:
-        """Return the number that a word is, NaN for a point that was not measured; None for a label."""
+        """Return the value of a word, NaN for a missing point; None for a label."""
         if word.lower() in UNMEASURED:
             return float("nan")
         if not self.number.fullmatch(word):
@@ -177,7 +178,7 @@ class _Style:
 
 
 def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
-    """Return the columns of x, (y) and z by the last line of the header that names them."""
+    """Return the columns of x, (y) and z from the last header line that names them."""
     for line in reversed(header):
         words = [re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower()) for word in re.split(r"[;,\t]|\s+", line)]
         words = [word for word in words if word]
@@ -188,7 +189,7 @@ def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
 
 
 def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
-    """Refuse a header that names another unit than the caller assumes."""
+    """Check that the header does not name another unit than that assumed by the caller."""
     words = [word for line in header for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)]
     named = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
     if unit is not None and len(named) == 1 and unit not in named:
@@ -199,7 +200,7 @@ def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
 
 
 def _are_row_numbers(first: Array) -> bool:
-    """Return whether a column (n,) numbers the rows: whole numbers that grow by one, or nearly always so."""
+    """Return True if a column (n,) holds row numbers: integers with (almost) unit increments."""
     if len(first) < 2 or np.any(first != np.round(first)):
         return False
     steps = np.diff(first)

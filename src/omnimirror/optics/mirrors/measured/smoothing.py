@@ -1,10 +1,10 @@
-"""Measured meridians: how far their points scatter, which of them are wrong, and the smooth curve through the others.
+"""Smoothing of measured meridians: noise estimation, outlier rejection and spline fit.
 
-The scatter is what the neighbours on both sides do not foretell of a point (polynomials through six, eight or ten of
-them), as long as it changes its sign from point to point as noise does; what is left of a smooth curve does not. The
-curve is a quintic spline of a few more pieces than Schwarz's criterion asks for: many more would follow the noise, and
-fewer would miss the shape by as much as it. It is linear in the heights, so that their scatter is known in all that
-follows.
+The noise of a point is its residual from polynomials through 6, 8 or 10 neighbours on both sides,
+provided that residuals alternate in sign as noise does; those of a smooth curve do not. The curve
+is a quintic spline with a few more pieces than selected by the Bayesian information criterion
+(Schwarz): many more pieces fit the noise, fewer underfit the shape by a similar amount. The fit is
+linear in the heights; their uncertainty is propagated to all results.
 """
 
 from __future__ import annotations
@@ -23,39 +23,39 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DEGREE = 5  # quintic: the curvature is then a smooth cubic, as good a spline as the sag has elsewhere
-ORDERS = (6, 8, 10)  # neighbours that foretell a point
-NORMAL = 1.4826  # standard deviation of normal numbers over the median of their magnitudes
-ALTERNATING = 0.6  # share of changes of sign, .83 for noise, from which on a scatter is noise
-ALIKE = 3.0  # ratio of scatters by different orders, 1 for noise, up to which they are one
-FEWEST = 12  # points with neighbours on both sides, without which nothing is said of noise
-ROUNDING = 1e-13  # of the height of the profile: a scatter below this is that of the numbers themselves
-LONELY = 7.0  # times the scatter about it that a point must be off to be wrong
-WINDOW = 15  # points on either side that are about it
-MOST_WRONG = 0.05  # of the points
+DEGREE = 5  # quintic: the curvature is a smooth cubic spline
+ORDERS = (6, 8, 10)  # neighbours that predict a point
+NORMAL = 1.4826  # standard deviation over median absolute value of normal numbers
+ALTERNATING = 0.6  # minimum fraction of sign changes of noise (expected 0.83)
+ALIKE = 3.0  # maximum ratio of noise estimates of different orders (1 for noise)
+FEWEST = 12  # points with neighbours on both sides, required for a noise estimate
+ROUNDING = 1e-13  # of the profile height: smaller noise is rounding
+LONELY = 7.0  # outlier threshold, in local standard deviations
+WINDOW = 15  # points on each side of the local estimate
+MOST_WRONG = 0.05  # maximum fraction of outliers
 MOST_ROUNDS = 20
 FAR = 5.0  # standard deviations from the smooth curve
 PIECES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96, 128, 192, 256)
-IN_A_PIECE = 2  # points, at least
-PATIENCE = 4  # steps of these that bring nothing end the search
-FINER = 3  # steps past the fewest pieces that will do: what they miss is then small beside what scatter does
-TOO_ROUGH = 2.0  # times the uncertainty that is stated
+IN_A_PIECE = 2  # minimum number of points per piece
+PATIENCE = 4  # steps without improvement that end the search
+FINER = 3  # refinements beyond the minimum: bias becomes small relative to noise
+TOO_ROUGH = 2.0  # maximum ratio of estimated to specified uncertainty
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A smooth curve through n points of a meridian.
+    """Smooth curve through n points of a meridian.
 
     Attributes
     ----------
     spline
-        z(x), its first height taken away.
+        Spline z(x) relative to its first height.
     uncertainty_mm
-        Standard uncertainty of one height; 0 for points taken as exact.
+        Standard uncertainty of one height; 0 for exact points.
     used : (n,)
-        False for points that are wrong.
+        False for outliers.
     deviations : (j, coefficients)
-        Independent standard deviations of the spline's coefficients; none for points taken as exact.
+        Independent standard deviations of the spline coefficients; empty for exact points.
     """
 
     spline: BSpline
@@ -65,31 +65,31 @@ class Fit:
 
 
 class Scatter(NamedTuple):
-    """What neighbours do not foretell of n points, mm, as much as one height scatters if it is noise."""
+    """Prediction residuals of n points, mm, scaled to one standard deviation."""
 
     residuals: Array
     is_noise: bool
 
     @property
     def sigma(self) -> float:
-        """Standard deviation, deaf to single points that are wrong."""
+        """Robust standard deviation."""
         return NORMAL * float(np.median(np.abs(self.residuals)))
 
 
 def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) -> Fit:
-    """The curve through points (n,) that grow from 0.
+    """Fit a curve through points (n,) that increase from 0.
 
     Parameters
     ----------
     smooth_apex
-        Whether the curve goes over to the other side of the axis evenly.
+        True for a curve symmetric about the axis.
     uncertainty_mm
-        Of the heights; estimated from them if None, and 0 to go through all of them.
+        Uncertainty of the heights; estimated if None, 0 for interpolation.
 
     Raises
     ------
     InvalidParameter
-        Points that scatter far more than was stated.
+        If the points scatter far more than specified.
     """
     used = np.ones(len(x), dtype=bool)
     if uncertainty_mm == 0.0:
@@ -103,11 +103,11 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
         fit, residuals, left = _smoothed(x, z, smooth_apex, used, noise)
         size = np.where(used, np.abs(residuals), 0.0)
         typical = NORMAL * float(np.median(size[used]))
-        far = size > max(FAR * max(noise, typical), size.max() / 2)  # the others may be bent by the worst ones
+        far = size > max(FAR * max(noise, typical), size.max() / 2)  # the worst may bend the others
         if not far.any() or used.sum() - far.sum() < (1 - MOST_WRONG) * len(x):
             break
         used = used & ~far
-    if uncertainty_mm is None and left > TOO_ROUGH * noise:  # points too far apart for a curve of fewer pieces
+    if uncertainty_mm is None and left > TOO_ROUGH * noise:  # points too sparse for fewer pieces
         return _interpolated(x, z, smooth_apex, used)
     if uncertainty_mm is not None and left > TOO_ROUGH * uncertainty_mm:
         raise InvalidParameter(
@@ -129,9 +129,9 @@ def _interpolated(x: Array, z: Array, smooth_apex: bool, used: Mask) -> Fit:
 
 
 def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
-    """Heights (m,) a little beyond the points (n,) of a meridian, by the smooth curve through them.
+    """Extrapolate heights (m,) slightly beyond the points (n,) of a meridian by a smooth curve.
 
-    By no more pieces than they ask for: a curve that follows their scatter is far off where it ends.
+    The minimum number of pieces is used: a curve that follows the noise extrapolates poorly.
     """
     used = np.ones(len(x), dtype=bool)
     noise = max(_scatter(x, z).sigma, ROUNDING * float(np.ptp(z)))
@@ -140,11 +140,11 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
     return np.asarray(fit.spline(at) + level)
 
 
-# -- scatter and wrong points ----------------------------------------------------------------------
+# -- noise and outliers ----------------------------------------------------------------------------
 
 
 def _scatter(x: Array, z: Array) -> Scatter:
-    """The least scatter that polynomials of several degrees leave; of a smooth curve they leave ever less."""
+    """Return the smallest noise estimate over several polynomial degrees."""
     found = [_unforetold(x, z, order) for order in ORDERS if len(x) > order + 1]
     if not found:
         return Scatter(np.zeros(len(x)), False)
@@ -157,7 +157,7 @@ def _scatter(x: Array, z: Array) -> Scatter:
 
 
 def _unforetold(x: Array, z: Array, order: int) -> Array:
-    """What the ``order`` nearest neighbours of each point (n,) do not foretell of it, per standard deviation of z."""
+    """Return prediction residuals (n,) from the ``order`` nearest neighbours."""
     n, half = len(x), order // 2
     first = np.clip(np.arange(n) - half, 0, n - order - 1)
     window = first[:, None] + np.arange(order + 1)
@@ -173,7 +173,7 @@ def _unforetold(x: Array, z: Array, order: int) -> Array:
 
 
 def _lonely(x: Array, z: Array) -> Mask:
-    """Points (n,) that alone are wrong: far off for what is about them, and their neighbours are fine without them."""
+    """Return isolated outliers (n,): far from their neighbours, which agree without them."""
     wrong = np.zeros(len(x), dtype=bool)
     tried = np.zeros(len(x), dtype=bool)
     for _ in range(max(int(MOST_WRONG * len(x)), 1)):
@@ -194,11 +194,11 @@ def _lonely(x: Array, z: Array) -> Mask:
 
 
 def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple[Array, Array]:
-    """How far (n,) points are off, in scatters of those about them (or in a given one), and these scatters, mm."""
+    """Return deviations (n,) in local (or given) standard deviations, and these deviations, mm."""
     size = np.abs(_unforetold(x, z, ORDERS[0]))
     padded = np.pad(size, WINDOW, constant_values=np.nan)
     views = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1).copy()
-    views[:, WINDOW - ORDERS[0] // 2 : WINDOW + ORDERS[0] // 2 + 1] = np.nan  # what a wrong point upsets itself
+    views[:, WINDOW - ORDERS[0] // 2 : WINDOW + ORDERS[0] // 2 + 1] = np.nan  # the outlier's own
     everywhere = _scatter(x, z)
     least = max(ROUNDING * height, 0.7 * everywhere.sigma if everywhere.is_noise else 0.0)
     scatter = np.maximum(NORMAL * np.nanmedian(views, axis=1), least)
@@ -209,7 +209,7 @@ def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple
 
 
 def _smoothed(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -> tuple[Fit, Array, float]:
-    """The fit of the points that are used, what it leaves of all (n,) mm, and their standard deviation."""
+    """Return the fit of the points used, all residuals (n,), mm, and their sigma."""
     curves: list[_Curve] = []
     prices: list[float] = []
     for pieces in PIECES:
@@ -218,7 +218,7 @@ def _smoothed(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -
         curves.append(_least_squares(x, z, smooth_apex, used, pieces))
         count = curves[-1].basis.shape[1]
         missed = np.abs(curves[-1].residuals[used] / noise)
-        missed = np.where(missed > FAR, FAR * (2 * missed - FAR), missed**2)  # wrong points ask for few pieces
+        missed = np.where(missed > FAR, FAR * (2 * missed - FAR), missed**2)  # Huber loss
         prices.append(float(missed.sum() + np.log(used.sum()) * count))
         if len(curves) - int(np.argmin(prices)) > max(PATIENCE, FINER):
             break
@@ -233,11 +233,11 @@ class _Curve(NamedTuple):
     basis: Array
     residuals: Array
     left: float
-    """Sum of the squares of the residuals that count."""
+    """Sum of squared residuals of the points used."""
     roots: Array
-    """(j, j): its transpose times it is the inverse of the normal equations."""
+    """(j, j): its transpose times itself is the inverse of the normal equations."""
     expand: Array
-    """(coefficients, j): the spline's own coefficients."""
+    """(coefficients, j): expansion to the coefficients of the spline."""
 
 
 def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: int) -> _Curve:
@@ -250,7 +250,7 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     count = len(knots) - DEGREE - 1
     half = (count + 1) // 2
     expand = np.eye(count)
-    if smooth_apex:  # even functions: a coefficient and its mirror image are one
+    if smooth_apex:  # even functions: mirrored coefficients are equal
         expand = (expand + expand[::-1])[:, :half]
         expand[:, -1] /= expand[:, -1].max()
     basis = BSpline.design_matrix(x, knots, DEGREE).toarray() @ expand
@@ -265,9 +265,9 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
 
 
 def _breaks(x: Array, end: float, pieces: int) -> Array:
-    """Ends of pieces that are equally long, but for those which too few of the points (n,) would hold.
+    """Return the ends of equally long pieces, merged if they contain too few of the points (n,).
 
-    Not of equally many points: a cloud has few about the apex, where mirrors bend most.
+    Pieces of equal point count are unsuitable: clouds are sparse at the apex, with high curvature.
     """
     breaks = [0.0]
     held = 0

@@ -1,4 +1,4 @@
-"""Reflection points: ends of the ways of light, the surface between them, the search, and tables for its kernels."""
+"""Reflection points: ray endpoints, surface, minimisation, and lookup tables for kernels."""
 
 from .ends import Ends, Specular
 from .limits import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK

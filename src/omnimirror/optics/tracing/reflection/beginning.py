@@ -1,6 +1,7 @@
-"""Where to begin, by compiled kernels: they search in a table of the meridian and end within its rounding.
+"""Initial values from compiled kernels, which use a table of the meridian.
 
-What they find is a beginning and no answer: from there the search in the surface itself is over in a step or two.
+They are accurate to the table's interpolation error: one or two Newton steps on the actual surface
+complete the solution.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from .tables import BEYOND, CELLS, MirrorTables
 
 Array = NDArray[np.float64]
 
-SETTLED = 1e-7  # of the rim radius: the step after it is as small as its square
+SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
 NOT_SEEN, SEEN, NOT_SETTLED = 0, 1, 2
 STEPS, FIRST_STEPS = 24, 6
-FIRST_CLOSE = 3e-5  # of the rim radius: the step after it is as small as that
+FIRST_CLOSE = 3e-5  # relative to the rim radius: limit of the first search
 REACH = (CELLS + BEYOND) / CELLS
-FEWEST = 200  # pairs, which take as long without tables as these do to be made
-NEAREST = 1e-3  # of the rim radius: a lens is looked from as if no nearer to the vertex
+FEWEST = 200  # pairs below which the tables do not pay off
+NEAREST = 1e-3  # minimum lens distance from the vertex, relative to the rim radius
 
 
 class Search(NamedTuple):
-    """How long is searched: steps of Newton's rule, and of it in the meridian, what ends these, how far out."""
+    """Limits of a kernel search: Newton steps in space and in the meridian, tolerances, extent."""
 
     steps: int
     first_steps: int
@@ -39,7 +40,7 @@ class Search(NamedTuple):
     reach: float
 
     def until(self, close: float, aside: float = 0.0) -> tuple[float, ...]:
-        """As kernels take it; in the meridian no closer than a lens that is seen aside of the axis leaves it."""
+        """Return kernel arguments, with a tolerance limited by the decentring."""
         return (self.steps, self.first_steps, close, max(self.first_close, aside), LONGEST_STEP, self.reach, RIM_SLACK)
 
 
@@ -47,8 +48,10 @@ SEARCH = Search(STEPS, FIRST_STEPS, FIRST_CLOSE, REACH)
 
 
 def compiled_places(mirror: Mirror, form: MirrorForm, pupils: Ends, targets: Ends) -> Array | None:
-    """Where (n, 2) mm on a convex mirror one pupil sees targets, NaN where kernels have not found it; None where they
-    do not serve."""
+    """Return the points (n, 2), mm, of a convex mirror that image targets in one pupil.
+
+    NaN without convergence; None if kernels do not apply.
+    """
     xyz = pupils.xyz
     if len(xyz) < FEWEST or not backend.is_compiled or not form.is_empty or (xyz != xyz[0]).any():
         return None
@@ -70,7 +73,7 @@ def compiled_places(mirror: Mirror, form: MirrorForm, pupils: Ends, targets: End
 
 @lru_cache(maxsize=32)
 def _tables(mirror: Mirror, distance: float) -> MirrorTables | None:
-    """Of a mirror that is convex, without a tip, and shows ever larger angles towards its rim; None of another."""
+    """Return the tables of a smooth convex mirror with increasing field angle."""
     if mirror.is_pointed or hollowness(mirror) > 0:
         return None
     tables = MirrorTables.of(mirror, distance)

@@ -1,4 +1,4 @@
-"""Both ends of the ways of light by a mirror, and what is found between them."""
+"""Ray endpoints of paths over a mirror, and the reflection points between them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Ends:
-    """Points (n, 3) mm, or, if they are distant, unit vectors (n, 3) from the mirror towards them."""
+    """Points (n, 3), mm, or unit vectors (n, 3) from the mirror if they are distant."""
 
     xyz: Array
     distant: bool = False
 
     @classmethod
     def of(cls, xyz: ArrayLike, distant: bool = False) -> Ends:
-        """Ends of any array-like; directions may have any length but 0."""
+        """Create ends from any array-like; directions may have any non-zero length."""
         ends = np.atleast_2d(np.asarray(xyz, dtype=float))
         if distant:
             with np.errstate(invalid="ignore", divide="ignore"):
@@ -32,33 +32,33 @@ class Ends:
         return Ends(self.xyz[which], self.distant)
 
     def spread(self, count: int) -> Ends:
-        """As many ends as asked for, from one or as many."""
+        """Return ``count`` ends, broadcast from one or as many."""
         return Ends(np.broadcast_to(self.xyz, (count, 3)), self.distant)
 
 
 class Specular(NamedTuple):
-    """The mirror points of n pairs of ends; NaN where not valid, but for ``points``."""
+    """Mirror points of n pairs of ends; NaN if invalid, except for ``points``."""
 
     points: Array
-    """(n, 3) mm; where the mirror ends too early, on its smooth continuation beyond the rim."""
+    """(n, 3), mm; beyond the rim, on the mirror's smooth continuation."""
     normals: Array
-    """(n, 3) unit vectors towards the side of the lens."""
+    """(n, 3) unit vectors towards the lens side."""
     to_pupils: Array
     """(n, 3) unit vectors from the mirror points."""
     to_targets: Array
     """(n, 3) unit vectors from the mirror points."""
     path: Array
-    """(n,) mm: length of the path of light; of a distant end, from a plane through the vertex."""
+    """(n,), mm: optical path length; for a distant end, from a plane through the vertex."""
     reflects: Mask
-    """(n,) whether the law of reflection holds with both ends in front of the surface or its continuation."""
+    """(n,) True for a reflection with both ends in front of the (continued) surface."""
     valid: Mask
-    """(n,) whether, besides, the point is within the rim and nothing stands in between."""
+    """(n,) True if the point is also within the rim and the path is unobstructed."""
     seen_at: Array
-    """(n, 3) mm: points that the pupils look at, on the mirror or, where that is seen in a second one, on that."""
+    """(n, 3), mm: points of the mirror facing the pupils; a second mirror, if present."""
 
     @property
     def chief_slopes(self) -> Array:
-        """Slopes (n, 2) against the axis under which the pupils see them."""
+        """Return the slopes (n, 2), against the axis, of the rays to the pupils."""
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes: Array = self.to_pupils[:, :2] / self.to_pupils[:, 2:]
         return slopes

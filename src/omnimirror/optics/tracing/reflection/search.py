@@ -1,13 +1,13 @@
-"""The mirror point in which an entrance pupil sees an object, wherever both are (Fermat's principle in two dimensions).
+"""Reflection point between an entrance pupil and an object, for any positions (Fermat's principle).
 
-Light takes the path of stationary length from the object by way of the mirror to the pupil. On a convex
-mirror seen from its front every such path is a strict minimum: the second derivative of the length
-across the surface is the sum of what both distances add, never negative, and of the surface's own
-curvature times ``2 cos(gamma)``. So it is found as a minimum, by Newton's rule that only goes downhill,
-and whatever it finds is proven afterwards: the law of reflection holds, both ends lie in front of the
-surface, the point lies within the rim, and nothing of a hollow mirror stands in between.
+The optical path length from the object over the mirror to the pupil is stationary. On a convex
+mirror seen from its front, every stationary path is a strict minimum: the Hessian over the surface
+is the sum of two non-negative terms of the distances and of the surface curvature times ``2
+cos(gamma)``. A damped Newton method therefore minimises the path length. The result is verified:
+the law of reflection holds, both ends are in front of the surface, the point is within the rim, and
+a concave zone of the mirror does not block the path.
 
-All of it is in the mirror's own frame. An end is a point, or the direction towards an infinitely far one.
+All coordinates are in the mirror frame. An end is a point, or the direction of a distant point.
 """
 
 from __future__ import annotations
@@ -28,29 +28,30 @@ from .surface import Surface
 Array = NDArray[np.float64]
 Shape = tuple[Mirror, MirrorForm]
 
-CHUNK = 1 << 13  # pairs worked on at a time: their arrays stay in the cache
-UPHILL = 1e-12  # relative; a path this much longer than before is rounding
+CHUNK = 1 << 13  # pairs per chunk: their arrays fit in the cache
+UPHILL = 1e-12  # relative increase of the path attributed to rounding
 GUESS_NODES = 129
-RESTARTS = 8  # around a pointed mirror
+RESTARTS = 8  # around the apex of a pointed mirror
 
 
 def specular_points(
     mirror: Mirror, pupils: Ends, targets: Ends, start: Array | None = None, form: MirrorForm = NO_FORM
 ) -> Specular:
-    """The mirror points in which pupils see targets.
+    """Return the mirror points that image targets in pupils.
 
     Parameters
     ----------
     pupils, targets : Ends of n, or of 1
-        Entrance-pupil points, and what they see.
+        Entrance-pupil points, and targets.
     start : (n, 2) mm, optional
-        Where to begin, (x, y) on the mirror; by default where an entrance pupil on the axis would see the target.
+        Initial points (x, y) on the mirror; by default the solution for a pupil on the axis.
     form
-        Its form error.
+        Form error of the mirror.
 
     Examples
     --------
-    Section 10 of Alhazen's problem: a ball of 50 mm, pupil and object symmetric about a line at 45 deg:
+    Alhazen's problem, section 10: a ball of 50 mm, pupil and object symmetric about a line at 45
+    deg:
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> pupils, targets = Ends.of([0.0, 0.0, -100.0]), Ends.of([150.0, 0.0, 50.0])
@@ -61,7 +62,7 @@ def specular_points(
     (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
     pupils, targets = pupils.spread(count), targets.spread(count)
     xy = np.empty((count, 2))
-    with np.errstate(all="ignore"):  # what is not finite is not valid
+    with np.errstate(all="ignore"):  # non-finite results are marked invalid
         first = _first((mirror, form), pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
         for begin in range(0, count, CHUNK):
             part = slice(begin, begin + CHUNK)
@@ -72,7 +73,7 @@ def specular_points(
 
 
 def _first(shape: Shape, pupils: Ends, targets: Ends) -> Array:
-    """Where (n, 2) mm to begin: where compiled kernels have ended, if they serve, else at a guess."""
+    """Return initial points (n, 2), mm: from compiled kernels if available, otherwise estimates."""
     places = compiled_places(*shape, pupils, targets)
     if places is None:
         return guess(shape[0], pupils, targets)
@@ -82,7 +83,8 @@ def _first(shape: Shape, pupils: Ends, targets: Ends) -> Array:
 
 
 def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
-    """Where (n, 2) mm an entrance pupil on the axis, as far away as these are, would see the targets' directions."""
+    """Return the mirror points (n, 2), mm, of the targets' directions for a pupil on the axis at
+    the same distance."""
     if not len(pupils.xyz):
         return np.empty((0, 2))
     m = np.inf if pupils.distant else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
@@ -100,21 +102,21 @@ def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
 def footprint(
     mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, motion: Array, form: MirrorForm = NO_FORM
 ) -> Array:
-    """How fast (n,) mirror points move with their pupils: area (mm^2) on the plane z = 0 per unit of their motion.
+    """Return the footprint (n,), mm^2 on the plane z = 0, per unit of pupil motion.
 
     Parameters
     ----------
     found
-        From :func:`specular_points` for the same ends.
+        Result of :func:`specular_points` for the same ends.
     motion : (2, 3) or (n, 2, 3)
-        Derivatives of an entrance pupil's ``xyz`` by the two numbers that move it.
+        Derivatives of an entrance pupil's ``xyz`` by its two coordinates.
     form
-        The mirror's form error.
+        Form error of the mirror.
 
     Notes
     -----
-    The gradient of the path stays 0 while the pupil moves, so that the point moves by the inverse of the
-    path's second derivative times the mixed one.
+    The gradient of the path stays 0 while the pupil moves; the point therefore moves by the inverse
+    of the path's Hessian times the mixed derivative.
     """
     count = len(found.points)
     pupils, targets = pupils.spread(count), targets.spread(count)
@@ -133,7 +135,7 @@ def footprint(
 
 
 def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-    """Length of the path (n,), its gradient (n, 2) and its second derivatives (xx, xy, yy) over (x, y)."""
+    """Return path length (n,), gradient (n, 2) and second derivatives (xx, xy, yy)."""
     length = np.zeros(len(surface.points))
     pull = np.zeros_like(surface.points)
     sx, sy = surface.slopes.T
@@ -158,7 +160,7 @@ def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, 
 
 
 def _shortest(shape: Shape, pupils: Ends, targets: Ends, start: Array) -> Array:
-    """(x, y) (n, 2) of the shortest paths, going downhill from a start."""
+    """Return (x, y) (n, 2) of the shortest paths, by descent from initial points."""
     rim, pointed = shape[0].rim_radius_mm, shape[0].is_pointed
     best = np.array(start)
     trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
@@ -183,7 +185,7 @@ def _shortest(shape: Shape, pupils: Ends, targets: Ends, start: Array) -> Array:
 
 
 def _leave_the_tip(shape: Shape, pupils: Ends, targets: Ends, xy: Array) -> None:
-    """Try again, from all around, where the way down has ended at the tip, which reflects nothing."""
+    """Restart around the apex if the descent ended at the apex, which does not reflect."""
     for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
         lost = np.flatnonzero(~_proven(shape, pupils, targets, xy).reflects)
         if not lost.size:
@@ -193,7 +195,7 @@ def _leave_the_tip(shape: Shape, pupils: Ends, targets: Ends, xy: Array) -> None
 
 
 def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
-    """Newton's step (n, 2) where the path curves upwards, else straight downhill; no longer than ``reach``."""
+    """Return Newton or gradient steps (n, 2), limited to ``reach``."""
     a, b, c = second
     gx, gy = gradient.T
     det = a * c - b * b
@@ -207,7 +209,7 @@ def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) 
 
 
 def _proven(shape: Shape, pupils: Ends, targets: Ends, xy: Array) -> Specular:
-    """What stands behind a mirror point, and whether it is one."""
+    """Verify mirror points and return their rays."""
     mirror, surface = shape[0], Surface(shape[0], xy, shape[1])
     length, gradient, _ = _path(surface, pupils, targets)
     points, slopes, normals = surface.points, surface.slopes, surface.normals

@@ -1,4 +1,4 @@
-"""A mirror's surface over the plane of its vertex, continued beyond its rim, with first and second derivatives."""
+"""Mirror surface over the vertex plane, continued beyond its rim, with two derivatives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
-    """Sag, slope and curvature of a mirror, and beyond its rim of the parabola that continues it.
+    """Return sag, slope and curvature of a mirror, continued beyond its rim by a parabola.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> [float(v) for v in continued_profile(Sphere(50.0, 30.0), np.array([32.0]))[0].round(6)]
@@ -62,13 +62,13 @@ class Surface:
 
     @property
     def bend(self) -> Array:
-        """Second derivatives (n, 2, 2) of the height."""
+        """Second derivatives (n, 2, 2) of the height over (x, y)."""
         xx, xy, yy = self.second
         return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=1)
 
     @property
     def normals(self) -> Array:
-        """Unit normals (n, 3) towards the side of the lens."""
+        """Unit normals (n, 3) towards the lens side."""
         normals = np.concatenate([self.slopes, np.full((len(self.points), 1), -1.0)], axis=1)
         unit: Array = normals / np.sqrt(np.einsum("ni,ni->n", normals, normals))[:, None]
         return unit

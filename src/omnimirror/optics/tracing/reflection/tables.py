@@ -1,4 +1,4 @@
-"""What a search for reflection points looks up: a mirror's meridian, and where to begin."""
+"""Lookup tables for the search for reflection points: meridian and initial values."""
 
 from __future__ import annotations
 
@@ -14,25 +14,27 @@ from .surface import continued_profile
 
 Array = NDArray[np.float64]
 
-CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are then right to 1e-9 mm and 1e-9
-BEYOND = 256  # as wide, past the rim, to which an estimate may have to come nearer than the drawing says
-TIP = 1e-3  # of the rim radius: nearer to the tip of a pointed mirror nothing is looked for first
+CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are accurate to 1e-9 mm and 1e-9
+BEYOND = 256  # cells of the same width beyond the rim, for iterates outside the mirror
+TIP = 1e-3  # of the rim radius: initial points keep this distance from an apex
 
 
 @dataclass(frozen=True)
 class MirrorTables:
-    """A mirror's tables, in cubic pieces of four coefficients for each function.
+    """Tables of a mirror, in cubic pieces of four coefficients for each function.
 
     Parameters
     ----------
     meridian : (n, 8)
-        Sag and slope by the distance from the axis, ``cell_mm`` a piece.
+        Sag and slope as functions of the distance from the axis, ``cell_mm`` per piece.
     by_omega : (m, 4)
-        Distance from the axis by the field angle about ``middle_mm``, between ``omegas``.
+        Distance from the axis as a function of the field angle about ``middle_mm``, between
+        ``omegas``.
     depth : (k, 4) or None
-        Depth before the lens by the tangent of a ray, up to ``most_tangent``; None if the lens is telecentric.
+        Depth from the lens as a function of the ray's tangent, up to ``most_tangent``; None if
+        telecentric.
     rim_mm, least_mm
-        Radius of the rim, and of what is too near to the tip of a pointed mirror.
+        Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
     """
 
     meridian: Array
@@ -47,7 +49,7 @@ class MirrorTables:
 
     @classmethod
     def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
-        """A mirror as a lens sees it whose entrance pupil is so far (mm) from its vertex, infinitely if telecentric."""
+        """Create tables for a pupil at a distance (mm) from the vertex, infinite if telecentric."""
         rim = mirror.rim_radius_mm
         x = np.linspace(0.0, rim, 4 * CELLS + 1)
         rays = trace_chief_rays(mirror, pupil_distance, x)
@@ -70,18 +72,18 @@ class MirrorTables:
         )
 
     def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
-        """As kernels take it, with where the lens is."""
+        """Return kernel arguments of the surface, including the lens position."""
         return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
 
 
 def radii(mirror: Mirror, cells: int = CELLS) -> Array:
-    """The nodes (n,) mm of its tables, one of them at the rim."""
+    """Return the nodes (n,), mm, of the tables, one of them at the rim."""
     beyond = cells * BEYOND // CELLS
     return np.linspace(0.0, (cells + beyond) / cells * mirror.rim_radius_mm, cells + beyond + 1)
 
 
 def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
-    """Cubic pieces (n, 8) of sag and slope between the nodes, so many to the rim, four coefficients each.
+    """Return cubic pieces (n, 8) of sag and slope, four coefficients each, between the nodes.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> table = meridian_table(Sphere(50.0, 40.0))
@@ -94,7 +96,7 @@ def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
 
 
 def cubic_pieces(values: Array, rates: Array) -> Array:
-    """Coefficients (n, 4) of Hermite's cubics between n + 1 nodes, rates per cell.
+    """Return the coefficients (n, 4) of cubic Hermite pieces between n + 1 nodes.
 
     >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
     array([1., 3., 3., 1.])
@@ -105,7 +107,7 @@ def cubic_pieces(values: Array, rates: Array) -> Array:
 
 
 def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Pieces (n, 4) of how far before the lens the mirror lies under tangents, found from pairs x and depth w."""
+    """Return pieces (n, 4) of the mirror's depth from the lens, by tangents."""
     r = np.interp(tangents, x / w, x)
     for _ in range(4):
         sag, slope, _ = mirror.profile(r)
