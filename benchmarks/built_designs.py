@@ -1,8 +1,11 @@
-"""What a real lens and a clear wall cost: designs by the thousand, and one evaluation of 100 field angles.
+"""Evaluation time of designs with a real lens and a dome, in batches of thousands and for single
+evaluations.
 
-The lens is a triplet of six surfaces, whose entrance pupil moves and which blurs by itself, the wall a dome of acrylic.
-Designs are evaluated at 100 field angles each: mapping, tangential and sagittal images, blur, at their own best focus.
-All in turn in one process; medians, by the clock and of the processors' own time.
+The lens is a triplet with six surfaces, with pupil aberration and blur of its own; the dome is
+acrylic. Each design is
+evaluated at 100 field angles at its own best focus: mapping, tangential and sagittal images, blur.
+Variants are
+interleaved in one process; results are medians of wall-clock and processor time.
 
     python benchmarks/built_designs.py --out out/benchmarks
 """
@@ -48,7 +51,7 @@ BUILT: dict[str, dict[str, Any]] = {
 
 
 def designs(count: int, **built: Any) -> Designs:
-    """Even polynomials of five terms about the paper's equidistant mirror."""
+    """Return even polynomials of five terms, perturbations of the paper's equidistant mirror."""
     rng = np.random.default_rng(0)
     c = np.array([0.6409, 0.155, -0.01, 0.0, 0.0]) * (1 + 0.05 * rng.standard_normal((count, 5)))
     m = 172 * rng.uniform(0.95, 1.05, count)
@@ -56,7 +59,7 @@ def designs(count: int, **built: Any) -> Designs:
 
 
 def batches() -> tuple[dict[str, Callable[[], object]], dict[str, int]]:
-    """Batches by what they are, and how many designs each has."""
+    """Return batches by label, and the number of designs in each."""
     functions, counts = dict[str, Callable[[], object]](), dict[str, int]()
 
     def on_threads(many: Designs, count: int) -> Callable[[], object]:
@@ -78,7 +81,8 @@ def batches() -> tuple[dict[str, Callable[[], object]], dict[str, int]]:
 
 
 def evaluations() -> dict[str, Callable[[], object]]:
-    """One evaluation of 100 field angles: of a sensor that was looked at before, and of one at another focus."""
+    """Return single evaluations of 100 field angles: a cached sensor, and a sensor at another
+    focus."""
     sphere = om.load_sensor("paper-spherical")
     built = replace(sphere, lens=TRIPLET, housing=DOME)
     omega = np.linspace(0, 134, ANGLES)

@@ -1,9 +1,14 @@
-"""What evaluating a design costs: the batch evaluator beside om.evaluate and Optiland's field-curvature analysis.
+"""Evaluation time per design: batch evaluator, om.evaluate, and the field-curvature analysis of
+Optiland.
 
-A design is evaluated at 100 field angles: mapping, tangential and sagittal images, blur, at the design's own best
-focus. All run interleaved in one process; medians, by the clock and of the processors' own time. A batch of 2,000 is
-about a generation of a global search; of 20,000 the numbers take 160 MB, of which the system clears every page first.
-Optiland's analysis gives mapping aside tangential and sagittal focus only, for fields below 90 deg, and no best focus.
+Each design is evaluated at 100 field angles at its own best focus: mapping, tangential and sagittal
+images, blur.
+Variants are interleaved in one process; results are medians of wall-clock and processor time. A
+batch of 2,000 designs
+corresponds to a generation of a global search; 20,000 designs take 160 MB, and the system clears
+each page first.
+Optiland's analysis yields tangential and sagittal focus only, for fields below 90 deg, without best
+focus.
 
     python benchmarks/design_rate.py --out out/benchmarks
 """
@@ -31,7 +36,7 @@ ANGLES, FEW, MANY, RUNS = 100, 2_000, 20_000, 15
 
 
 def designs(count: int) -> Designs:
-    """Even polynomials of five terms about the paper's equidistant mirror."""
+    """Return even polynomials of five terms, perturbations of the paper's equidistant mirror."""
     rng = np.random.default_rng(0)
     c = np.array([0.6409, 0.155, -0.01, 0.0, 0.0]) * (1 + 0.05 * rng.standard_normal((count, 5)))
     return Designs(family("even-polynomial", 5), c, 172 * rng.uniform(0.95, 1.05, count), 43.9, 11.6, 4.0, 5.2)

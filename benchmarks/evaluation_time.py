@@ -1,9 +1,13 @@
-"""What 100 field angles cost: omnimirror's whole evaluation beside Optiland's field-curvature analysis.
+"""Time of an evaluation at 100 field angles: omnimirror, and the field-curvature analysis of
+Optiland.
 
-Both run interleaved in one process; medians of many runs. Optiland's analysis gives two columns (tangential
-and sagittal focus) for fields below 90 deg; omnimirror's gives 27, over the whole field. Optiland aims its
-rays at a stop that lies behind the mirror's aberrations, and past some 15 deg they miss the lens: the table
-says by how much, for a cost comparison is not an accuracy comparison.
+Both are interleaved in one process; results are medians of many runs. Optiland's analysis yields
+two columns (tangential
+and sagittal focus) for fields below 90 deg; omnimirror yields 27 over the whole field. Optiland
+aims its rays at a stop
+behind the mirror, with pupil aberrations, and beyond about 15 deg the rays miss the lens. The table
+lists this error,
+because the comparison concerns cost and not accuracy.
 
     python benchmarks/evaluation_time.py --out out/benchmarks
 """
@@ -28,7 +32,8 @@ RUNS = 100
 
 
 def optiland_system(sensor: om.Sensor, largest_deg: float) -> Any:
-    """The sensor as Optiland can hold it: mirror, ideal lens with the stop, image; fields to largest_deg."""
+    """Return the sensor as an Optiland system: mirror, ideal lens with the stop, image; fields up
+    to largest_deg."""
     from optiland.optic import Optic
 
     system = Optic()

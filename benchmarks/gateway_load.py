@@ -1,9 +1,13 @@
-"""Eight views of 640 x 360 px from one stream of 1920 x 1080 px at 25 frames a second: what the gateway costs.
+"""Processor load of the gateway: eight views of 640 x 360 px from one stream of 1920 x 1080 px at
+25 frames/s.
 
-First each step by itself, one after the other: processor time, of all threads, for a frame of the source or of a view.
-Then the gateway as it runs: another process sends the stream over loopback at its own speed, a third takes all views;
-the gateway's processor time, the frames that it left out and how long after a decoded frame its view was on the way are
-counted. That delay is what comes on top of FFmpeg's own (``live_delay.py`` has that).
+First, each step is measured separately: processor time of all threads per frame of the source or
+per frame of a view.
+Then the gateway runs: a second process sends the stream over loopback in real time, a third
+receives all views. Results
+are the processor time of the gateway, dropped frames, and the delay between decoding of a frame and
+output of its view,
+in addition to the delay of FFmpeg (see ``live_delay.py``).
 
     python benchmarks/gateway_load.py --out out/benchmarks --picture photograph.jpg
 """
@@ -51,7 +55,7 @@ TARGET_CORES = 2
 
 
 def make_clip(path: Path, photograph: np.ndarray, frames: int) -> None:
-    """The photograph, turning, encoded as cameras do."""
+    """Encode a rotating photograph with typical camera settings."""
     middle = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     side = round(0.96 * HEIGHT)
     small = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
@@ -65,18 +69,19 @@ def make_clip(path: Path, photograph: np.ndarray, frames: int) -> None:
             video.write(frame_of_image(cv2.warpAffine(whole, turn, (WIDTH, HEIGHT))))
 
 
-# -- each step by itself -------------------------------------------------------------------------------
+# -- separate steps
+# -----------------------------------------------------------------------------------
 
 
 def processor_ms(count: int, work: Callable[[], object]) -> float:
-    """Of the work, of all threads, for each of so many frames."""
+    """Return the processor time of all threads per call."""
     start = time.process_time()
     work()
     return 1e3 * (time.process_time() - start) / count
 
 
 def steps(clip: Path, most: int) -> dict[str, float]:
-    """Processor time (ms) of each step, for a frame of the source or of a view."""
+    """Return the processor time (ms) of each step, per frame of the source or of a view."""
     found, frames = {}, []
 
     def decode() -> None:
@@ -90,7 +95,7 @@ def steps(clip: Path, most: int) -> dict[str, float]:
 
     found["decoding a frame of the source"] = processor_ms(most, decode)
     dewarps = [om.Dewarper(CAMERA, view(CAMERA), keep_map=True) for view in VIEWS.values()]
-    for dewarp in dewarps:  # makes the maps
+    for dewarp in dewarps:  # builds the maps
         dewarp_frame(dewarp, frames[0])
     drawn: list[av.VideoFrame] = []
     count = len(VIEWS) * most
@@ -105,7 +110,8 @@ def steps(clip: Path, most: int) -> dict[str, float]:
     return found
 
 
-# -- as it runs ----------------------------------------------------------------------------------------
+# -- running gateway
+# ----------------------------------------------------------------------------------
 
 WATCH = """
 import asyncio, sys, httpx
@@ -120,7 +126,7 @@ asyncio.run(main())
 
 
 class Delays:
-    """When each chunk or picture of a view left, after its frame had been decoded, s."""
+    """Delays between decoding of a frame and output of each chunk or image of its view, s."""
 
     def __init__(self, gateway: Gateway) -> None:
         self.seconds: list[float] = []
@@ -141,7 +147,8 @@ class Delays:
 
 
 def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, float, float, float]:
-    """Views drawn; cores; views left out; median and 95 % of the delay, ms; frames of the source a second."""
+    """Return the number of views, cores, dropped views, median and 95 % quantile of the delay in
+    ms, and source frames/s."""
     port = live_delay.free_port("HTTP")
     url = f"http://127.0.0.1:{port}/live.ts"
     words = [sys.executable, live_delay.__file__, "--send", clip, url, "HTTP", str(RATE), clip.with_name("sent.txt")]
@@ -152,7 +159,7 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
     thread.start()
     names = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
     with subprocess.Popen(words) as sender, subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher:
-        while min(view.frames_dewarped for view in gateway.views.values()) < RATE:  # the first second does not count
+        while min(view.frames_dewarped for view in gateway.views.values()) < RATE:  # skips the first second
             time.sleep(0.05)
         before = resource.getrusage(resource.RUSAGE_SELF)
         start, received = time.monotonic(), gateway.frames_received
@@ -175,8 +182,8 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="a photograph; a drawn one without it")
-    parser.add_argument("--frames", type=int, default=50, help="for each step by itself")
+    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
+    parser.add_argument("--frames", type=int, default=50, help="number of frames for the separate steps")
     parser.add_argument("--seconds", type=int, default=8)
     arguments = parser.parse_args()
     if arguments.picture:

@@ -1,9 +1,12 @@
-"""How near a straightened picture comes to what the view would really look like: PSNR of every interpolation.
+"""Image quality of dewarping: PSNR of each interpolation against the true view.
 
-The paper's spherical sensor takes a picture of the room, 64 rays a pixel. The truth of a view is what an ideal
-camera with the same screen would record: the mean of the scene's light over each output pixel, 8 x 8 rays of it,
-straight from the scene and not from the sensor's picture. The room is taken for infinitely far away, so that the
-mirror's viewpoints make no difference. Only pixels inside the field count.
+The paper's spherical sensor renders the room with 64 rays per pixel. The reference of a view is the
+image of an ideal
+camera with the same screen: the mean radiance of the scene over each output pixel, 8 x 8 rays,
+computed from the scene and
+not from the sensor image. The room is infinitely distant, which removes the effect of the mirror's
+viewpoints. Only pixels
+inside the field are evaluated.
 
     python benchmarks/interpolation_quality.py --out out/benchmarks
 """
@@ -24,7 +27,7 @@ from omnimirror.dewarp.screens import Screen
 from omnimirror.simulation.rendering.picture import pinhole_picture
 
 SAMPLES = 8  # rays per pixel and side
-RAYS = 1 << 17  # traced at a time: more fall out of the cache
+RAYS = 1 << 17  # rays per block, limited by the cache size
 S = om.screens
 VIEWS: list[tuple[str, Screen]] = [
     ("perspective, 40 deg", S.Plane((640, 480), 20.0, -15.0, 0.0, 40.0)),
@@ -48,7 +51,7 @@ OPENCV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos4": cv2.
 
 
 def truth_of(scene: om.Room, screen: Screen) -> np.ndarray:
-    """The view as an ideal camera records it, (height, width, 3) uint8."""
+    """Return the view of an ideal camera, (height, width, 3) uint8."""
     width, height = screen.size
     step = max(1, RAYS // (width * SAMPLES**2))
     u = (np.arange(width * SAMPLES) + 0.5) / SAMPLES - 0.5
@@ -66,7 +69,7 @@ def psnr(taken: np.ndarray, truth: np.ndarray, inside: np.ndarray) -> float:
 
 
 def scale(pixels: np.ndarray, axis: int) -> float:
-    """Median of source pixels per output pixel along an axis."""
+    """Return the median of source pixels per output pixel along an axis."""
     return float(np.nanmedian(np.linalg.norm(np.diff(pixels, axis=axis), axis=-1)))
 
 

@@ -1,6 +1,7 @@
-"""What it takes until the studio shows a sensor that is out of its axis: its tables, and what the page is told of it.
+"""Processor time to display a misaligned sensor in the studio: its lookup tables and its
+description.
 
-Processor time, which a busy machine leaves as it is.
+Processor time is independent of other load.
 
     python benchmarks/misaligned_tables.py --out out/benchmarks
 """
@@ -26,7 +27,7 @@ POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)
 
 
 def sensors() -> dict[str, om.Sensor]:
-    """Of the kinds that differ in what they take."""
+    """Return sensors of the kinds with different costs."""
     sphere, hyperboloid, equidistant = (
         om.load_sensor(f"paper-{name}") for name in ("spherical", "hyperboloidal", "equidistant")
     )
@@ -45,7 +46,7 @@ def sensors() -> dict[str, om.Sensor]:
 
 
 def seconds(sensor: om.Sensor, runs: int) -> float:
-    """Median of the processor time, all caches empty."""
+    """Return the median processor time with empty caches."""
     times = []
     for _ in range(runs):
         camera_tables.cache_clear()

@@ -1,7 +1,9 @@
-"""What the search among parts costs: 200 lenses with 50 imagers, a mirror of its own for each combination.
+"""Time of the catalogue search: 200 lenses and 50 imagers, with a separate mirror for each
+combination.
 
-The catalogue is drawn with a seed: focal lengths, F-numbers, circles, pixels, prices as such parts have them. Asked for
-are the ten cheapest that keep everything, and the whole front of price against blur.
+The catalogue is random with a fixed seed and typical focal lengths, F-numbers, image circles,
+pixels and prices. Searches
+are for the ten cheapest feasible combinations, and for the whole Pareto front of price and blur.
 
     python benchmarks/parts_search.py --processes 2 --out out/benchmarks
 """
@@ -25,7 +27,7 @@ LENSES, IMAGERS = 200, 50
 
 
 def catalogue() -> Catalogue:
-    """Lenses and imagers, drawn."""
+    """Return random lenses and imagers."""
     rng = np.random.default_rng(1)
 
     def lens(i: int) -> LensComponent:
@@ -57,7 +59,7 @@ def catalogue() -> Catalogue:
 
 
 def asked(blur_deg: float) -> om.Requirements:
-    """A sphere of 60 mm that looks to 120 deg, with a limit of blur."""
+    """Return requirements for a sphere of 60 mm with a field of 120 deg and a blur limit."""
     return om.Requirements(
         field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=15),
         mirror=om.MirrorRequirements(rim_radius_mm=30, family="sphere"),
@@ -68,7 +70,7 @@ def asked(blur_deg: float) -> om.Requirements:
 
 
 def row(parts: Catalogue, blur_deg: float, what: str, processes: int, **options: Any) -> str:
-    """One search, measured."""
+    """Measure one search."""
     start = time.perf_counter()
     found = om.design_from_parts(asked(blur_deg), parts, processes=processes, **options)
     seconds = time.perf_counter() - start

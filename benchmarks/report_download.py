@@ -1,6 +1,7 @@
-"""How long a report of the studio takes from the press to the file: the first of a server, and those after it.
+"""Time from a download request to the report file in the studio: first report of a server, and
+later ones.
 
-The first also imports what draws figures, and paints the room that the sensor looks at.
+The first report includes the import of the plotting modules and the creation of the room texture.
 
     python benchmarks/report_download.py --out out/benchmarks
 """
@@ -24,7 +25,7 @@ SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 
 
 def once(name: str) -> tuple[float, float, int]:
-    """Seconds, core seconds and bytes of a sensor's report."""
+    """Return wall-clock seconds, core seconds and bytes of a report."""
     asked = Download(tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None)
     wall, cores = time.perf_counter(), time.process_time()
     made = downloaded(asked)

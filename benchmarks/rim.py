@@ -1,8 +1,11 @@
-"""How often the rim of a mirror is found, and how sure that is: pictures made by seed, some of no mirror.
+"""Success rate and confidence of mirror-outline detection on synthetic images, some without a
+mirror.
 
-The committee that chooses was learned from seeds below 1000 (``rim_learning.py``, with `--learn`); failures of those
-were looked at while the finder was made, and of 1000 to 1059, 5000 to 5199 and 7000 to 7199. Those from 9100 on, which
-are counted, from 12000 and from 20000 on were looked at once each, when the finder was done.
+The classifier was trained on seeds below 1000 (``rim_learning.py``, with `--learn`). Failures of
+those seeds, of 1000 to
+1059, 5000 to 5199 and 7000 to 7199 were examined during development. The reported seeds from 9100,
+and those from 12000
+and 20000, were evaluated once each after its completion.
 
     python benchmarks/rim.py --environments ../shared/data/environments --ways composed --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --first 5000 --out out/benchmarks
@@ -28,12 +31,12 @@ from omnimirror.calibration.rim import SURE
 from omnimirror.calibration.rim.choice import COMMITTEE
 
 FIRST, MIRRORS = 9100, 200
-RIGHT = 0.01  # of the radius
+RIGHT = 0.01  # relative to the radius
 MIRRORLESS = {"no mirror": nothing, "rings": rings}
 
 
 class Found(NamedTuple):
-    """What became of one photograph."""
+    """Result for one photograph."""
 
     seed: int
     error: float
@@ -43,7 +46,7 @@ class Found(NamedTuple):
 
 
 def looked_at(seed: int, photograph: Photograph) -> Found:
-    """Find the rim of a photograph."""
+    """Detect the mirror outline in a photograph."""
     begun = time.perf_counter()
     rim = om.find_rim(photograph.picture)
     seconds = time.perf_counter() - begun
@@ -52,7 +55,7 @@ def looked_at(seed: int, photograph: Photograph) -> Found:
 
 
 def table_of(found: dict[str, list[Found]]) -> str:
-    """The table, way by way, and what went wrong."""
+    """Return the table by generator, and the failures."""
     head = ("pictures", "count", "within 1 %", "of these sure", "wrong, but sure", "median error, %", "median seconds")
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     for way, every in found.items():
@@ -72,12 +75,14 @@ def table_of(found: dict[str, list[Found]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--environments", type=Path, help="folder of the equirectangular pictures; else own scenes")
-    parser.add_argument("--count", type=int, default=MIRRORS, help="pictures of mirrors, of all ways together")
-    parser.add_argument("--first", type=int, default=FIRST, help="the first seed")
-    parser.add_argument("--ways", help="of making pictures, with commas between; all where it is not given")
-    parser.add_argument("--learn", type=int, help="learn to choose from so many seeds, and keep what was learned")
-    parser.add_argument("--jobs", type=int, default=1, help="processes that learning may use")
+    parser.add_argument(
+        "--environments", type=Path, help="folder of equirectangular images; scenes of the project by default"
+    )
+    parser.add_argument("--count", type=int, default=MIRRORS, help="total number of mirror images")
+    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser.add_argument("--ways", help="comma-separated generators; all by default")
+    parser.add_argument("--learn", type=int, help="train the classifier on this number of seeds, and save it")
+    parser.add_argument("--jobs", type=int, default=1, help="number of training processes")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     folder = arguments.environments

@@ -1,6 +1,6 @@
-"""Puts the tables that the benchmarks wrote into the pages of docs, between the marks that name them.
+"""Insert the tables written by the benchmarks into the pages of docs, between their marks.
 
-A table that was not measured stays as it is.
+Tables without a new measurement are unchanged.
 
     python benchmarks/tables_to_docs.py --tables out/benchmarks
 """
@@ -17,7 +17,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def filled(page: str, tables: Path) -> str:
-    """The page with every table that there is; the heading of a table is the page's."""
+    """Return the page with all available tables; table headings belong to the page."""
 
     def table(mark: re.Match[str]) -> str:
         path = tables / f"{mark['name']}.md"

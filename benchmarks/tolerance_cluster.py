@@ -1,9 +1,13 @@
-"""What a Dask cluster costs beside the threads of one process: the same sweep by both, in processor time.
+"""Overhead of a Dask cluster compared with threads of one process: processor time of the same
+sweep.
 
-Scheduler and workers, as many as cores, are started on the loopback interface and stand idle before; what all processes
-spend from then on is counted, the client's start and the workers' first import included. Scheduler and workers cost
-something while they wait as well, by the clock: that is measured while nothing runs, and counted for as long as the
-work takes where nothing else runs. What 64 workers would reach follows from it.
+Scheduler and workers, one per core, are started on the loopback interface beforehand and are idle.
+The processor time of
+all processes is then measured, including the start of the client and the first import of the
+workers. The idle load of
+scheduler and workers per second of wall-clock time is measured separately and added for the
+duration of the work without
+other load. An estimate for 64 workers is derived.
 
     python benchmarks/tolerance_cluster.py --out out/benchmarks
 """
@@ -26,9 +30,9 @@ from omnimirror.base.files import write_text
 from omnimirror.manufacturing.tolerancing.sweep import SHARD_TRIALS
 
 IDLE_S = 20.0
-SHARDS, WORKERS = 20, os.cpu_count() or 1  # ten million sensors
+SHARDS, WORKERS = 20, os.cpu_count() or 1  # 10 million sensors
 MANY = 64
-# Dask looks a hundred times a second at what a worker is doing, for a dashboard that nobody opens here.
+# Disables the worker profiler, which samples 100 times per second for the unused dashboard.
 UNWATCHED = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 TICK = os.sysconf("SC_CLK_TCK")
 RUN = """
@@ -44,13 +48,13 @@ print(found.statistics.trials, found.statistics.passed, time.process_time())
 
 
 def spent(pid: int) -> float:
-    """Processor time of a process so far, s."""
+    """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICK
 
 
 def swept(folder: Path, name: str, address: str = "") -> tuple[str, float]:
-    """What a sweep found, and processor time of the process that asked for it."""
+    """Return the result of a sweep and the processor time of its client."""
     words = [folder / "tolerances.toml", folder / name, SHARDS * SHARD_TRIALS, address]
     run = subprocess.run([sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, check=True)
     trials, passed, seconds = run.stdout.split()
@@ -67,7 +71,7 @@ def started(stack: ExitStack, *words: str) -> subprocess.Popen[bytes]:
 
 
 def cluster(stack: ExitStack, folder: Path) -> tuple[str, dict[str, list[int]]]:
-    """Address, and the processes by what they are."""
+    """Start a cluster; return its address, and its processes by role."""
     from distributed import Client
 
     file = folder / "scheduler.json"
@@ -95,7 +99,7 @@ def main() -> None:
             [sys.executable, "-m", "omnimirror", "tolerance", "init", "paper-spherical"], cwd=folder, check=True
         )
         of_threads, single = swept(folder, "threads")
-        of_both, again = swept(folder, "threads")  # nothing to make: reading and summing up
+        of_both, again = swept(folder, "threads")  # no trials remain: reading and aggregation only
         address, processes = cluster(stack, folder)
         idle, _ = during(processes, lambda: time.sleep(IDLE_S))
         found: list[tuple[str, float]] = []
@@ -106,7 +110,7 @@ def main() -> None:
 
 
 def during(processes: dict[str, list[int]], act: Callable[[], object]) -> tuple[dict[str, float], float]:
-    """Processor time of processes while something is done, and how long it took by the clock, s."""
+    """Return the processor time of processes during an action, and its wall-clock time, s."""
     before = {what: sum(map(spent, pids)) for what, pids in processes.items()}
     begin = time.perf_counter()
     act()

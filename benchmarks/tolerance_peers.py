@@ -1,12 +1,19 @@
-"""What a trial of tolerances costs here and in Optiland, on a case that both can do, with the same launched rays.
+"""Time of a tolerance trial in omnimirror and in Optiland, for a case supported by both with the
+same launched rays.
 
-A spherical mirror is decentred and tilted about two axes and moved along its axis, and rays from the lens come back
-from it. Four ways of Optiland: its tolerancing module, one Monte Carlo trial with a direction of each ray as an
-operand; the same with one operand; and, written by hand, perturbations and one vectorised call with all rays at once:
-of its tracer, and, as lean as can be, of the one surface of the mirror with rays that were launched before. Here a
-trial also finds where each fixed object is seen, focuses, blurs and calibrates in five depths. All are run in turn in
-one process, on one thread, in processor time; medians. First both are shown to trace the same rays: those that a
-perturbed sensor shows its objects on, launched in Optiland, leave its mirror towards these objects.
+A spherical mirror is decentred, tilted about two axes and displaced along its axis; rays are traced
+from the lens to the
+mirror and back. Four variants of Optiland: its tolerancing module, one Monte Carlo trial with a
+direction of each ray as an
+operand; the same with one operand; and manual perturbations with one vectorised call of all rays,
+of its tracer or, as the
+minimum, of the mirror surface with prelaunched rays. In omnimirror, a trial also finds the image of
+each fixed object,
+focuses, and computes blur and five calibrations. Variants are interleaved in one process on one
+thread; results are
+medians of processor time. A preceding check compares both tracers: rays of the perturbed sensor
+towards its objects,
+launched in Optiland, leave its mirror towards these objects.
 
     python benchmarks/tolerance_peers.py --out out/benchmarks
 """
@@ -39,7 +46,7 @@ SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))
 
 
 def optiland_system(sensor: om.Sensor) -> Any:
-    """A point in the lens, and the mirror."""
+    """Return a system of a point in the lens and the mirror."""
     from optiland.optic import Optic
 
     system = Optic()
@@ -54,14 +61,15 @@ def optiland_system(sensor: om.Sensor) -> Any:
 
 
 def perturb(system: Any, values: dict[str, float]) -> None:
-    """The mirror of the system where a trial has it: Optiland turns about X first, and then about Y, as we do."""
+    """Perturb the mirror of a system as in a trial; Optiland rotates about X, then Y, as omnimirror
+    does."""
     place = system.surface_group.surfaces[1].geometry.cs
     place.x, place.y, place.z = (values[name] for name in POSE[:3])
     place.rx, place.ry = np.radians(values[POSE[3]]), np.radians(values[POSE[4]])
 
 
 def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
-    """Rays from the lens with these tangents."""
+    """Launch rays from the lens with given tangents."""
     from optiland.rays import RealRays
 
     n = len(tangents)
@@ -71,7 +79,8 @@ def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
 
 
 def largest_angle_rad(sensor: om.Sensor, evaluator: TrialEvaluator, values: dict[str, float]) -> float:
-    """Between where our trial looks and where Optiland's rays go, launched as our trial shows the objects."""
+    """Return the largest angle between the directions of the trial and the corresponding Optiland
+    rays."""
     field = evaluator.field
     states = states_of(field.sensor, {name: np.array([v]) for name, v in values.items()})
     tangents = trace_objects(states, field.targets, field.distant, field.start).tangents[0]
@@ -83,7 +92,7 @@ def largest_angle_rad(sensor: om.Sensor, evaluator: TrialEvaluator, values: dict
 
 
 def tolerancing(system: Any, operands: int) -> Any:
-    """Optiland's Monte Carlo with so many rays, each an operand."""
+    """Return Optiland's Monte Carlo analysis with a number of rays, each an operand."""
     from optiland.tolerancing.core import Tolerancing
     from optiland.tolerancing.monte_carlo import MonteCarlo
     from optiland.tolerancing.perturbation import DistributionSampler

@@ -1,8 +1,10 @@
-"""What a trial of tolerances costs: a sensor with errors drawn, traced, blurred and calibrated in five depths.
+"""Time of a tolerance trial: a sensor with random errors, traced, with blur and five calibrations.
 
-Errors are decentre, displacement and tilt of the mirror and twelve Zernike terms, drawn anew; 97 objects, exact motion
-of the picture, tangential and sagittal blur, each sensor focused for its least rms. The kernel on one thread and on
-two, and the same in NumPy, interleaved in one process; medians.
+Error sources are decentre, displacement and tilt of the mirror and twelve Zernike terms; 97
+objects, exact image motion,
+tangential and sagittal blur, each sensor focused for minimum RMS blur. The kernel on one and two
+threads, and the NumPy
+implementation, are interleaved in one process; results are medians.
 
     python benchmarks/tolerance_rate.py --out out/benchmarks
 """
@@ -32,7 +34,7 @@ ERRORS |= {f"mirror.zernike_{j}_um": om.Tolerance(1.0) for j in range(4, 16)}
 
 
 def functions_of(name: str) -> dict[str, Callable[[], object]]:
-    """Judging trials of a sensor: compiled by threads, and in NumPy."""
+    """Return evaluations of trials of a sensor: compiled by number of threads, and in NumPy."""
     sensor = om.load_sensor(name)
     evaluator, tolerances = TrialEvaluator.of(sensor, "rms"), om.Tolerances(sensor, ERRORS)
 

@@ -1,9 +1,13 @@
-"""What a ray costs in PyTorch, forward and backward, in processor time of one core or on a graphics card.
+"""Time per ray in PyTorch, forward and backward, as processor time of one core or on a graphics
+card.
 
-A million rays each, in double precision: pixels into rays, and points half a metre to five metres away into pixels; of
-the paper's spherical sensor in line and out of line, with and without parameters that learn. Forward is without
-gradients; backward is of sums of all that came out, beside the forward pass that records for it. On a card, 16 million
-rays at once, in both precisions, by the card's own clock.
+Each case has 10^6 rays in double precision: pixels to rays, and points at 0.5 to 5 m to pixels, for
+the aligned and the
+misaligned spherical sensor of the paper, with and without learnable parameters. Forward passes are
+without gradients;
+backward passes differentiate the sum of all outputs and are listed with their recording forward
+pass. On a card, 16 million
+rays are evaluated at once in both precisions, timed by the clock of the card.
 
     python benchmarks/torch_rate.py --out out/benchmarks
     python benchmarks/torch_rate.py --device cuda --out out/benchmarks
@@ -45,7 +49,7 @@ def asked(device: str, dtype: torch.dtype) -> dict[str, torch.Tensor]:
 
 
 def seconds_of(function: Callable[[], object], device: str) -> float:
-    """Processor time of one core, or the card's time."""
+    """Return the processor time of one core, or the time of the card."""
     if device == "cpu":
         start = time.process_time()
         function()
@@ -59,7 +63,7 @@ def seconds_of(function: Callable[[], object], device: str) -> float:
 
 
 def nanoseconds(function: Callable[[], object], what: torch.Tensor, runs: int) -> float:
-    """Of a ray, the median."""
+    """Return the median time per ray, ns."""
     function()
     times = [seconds_of(function, what.device.type) for _ in range(runs)]
     return statistics.median(times) / len(what) * 1e9
@@ -75,7 +79,7 @@ def measured(camera: TorchCamera, method: str, what: torch.Tensor, runs: int) ->
 
 
 def rows(device: str, dtype: torch.dtype, runs: int) -> Iterator[str]:
-    """The table's, by what is asked, where the mirror sits and what is learned."""
+    """Yield rows of the table by operation, alignment and learnable parameters."""
     digits = 0 if device == "cpu" else 2
     for method, what in asked(device, dtype).items():
         for place, pose in POSES.items():

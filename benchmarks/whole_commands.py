@@ -1,8 +1,11 @@
-"""Whole commands, from their start to the files written: one large picture beside ImageMagick and ffmpeg; a folder.
+"""Time of complete commands: one large image compared with ImageMagick and ffmpeg, and a folder of
+images.
 
-A JPEG of 3840 x 2160 px with a mirror ball in it becomes a panorama, by each program as a shell runs it: ImageMagick's
-``DePolar``, which knows no mirror, and ffmpeg's ``v360``, which knows a ball from afar. Then a folder of such JPEGs of
-1024 x 1024 px, beside what reading and writing the same files by OpenCV takes in a process that does nothing else.
+A JPEG of 3840 x 2160 px with a mirror ball is converted to a panorama by each program from a shell:
+``DePolar`` of
+ImageMagick, which has no mirror model, and ``v360`` of ffmpeg, which models a distant ball. A
+folder of JPEGs of
+1024 x 1024 px is compared with reading and writing the same files by OpenCV in a separate process.
 
     python benchmarks/whole_commands.py --out out/benchmarks
 """
@@ -51,7 +54,7 @@ with ThreadPoolExecutor(int(threads)) as pool:
 
 
 def costs(commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int) -> dict[str, tuple[float, float]]:
-    """Medians of the seconds by the clock and of all processors, each command in turn."""
+    """Return the medians of wall-clock and processor seconds, interleaved."""
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
     for _ in range(runs):
         for name, words in commands.items():
@@ -67,7 +70,7 @@ def costs(commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int) ->
 
 
 def one_picture(folder: Path, runs: int) -> list[str]:
-    """Rows of a table: each program on one large picture."""
+    """Return table rows for each program on one large image."""
     picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True)
     large = np.zeros((SIDE, WIDE, 3), np.uint8)
     large[:, (WIDE - SIDE) // 2 : (WIDE + SIDE) // 2] = cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_CUBIC)
@@ -100,7 +103,7 @@ def one_picture(folder: Path, runs: int) -> list[str]:
 
 
 def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
-    """Rows of a table: a folder, by each interpolation, and its codecs alone."""
+    """Return table rows for a folder: each interpolation, and its codecs alone."""
     source, target, view = folder / "in", folder / "out", folder / "view.jpg"
     source.mkdir()
     picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True)
@@ -136,7 +139,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=7)
-    parser.add_argument("--count", type=int, default=1000, help="pictures in the folder")
+    parser.add_argument("--count", type=int, default=1000, help="number of images in the folder")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         large, many = one_picture(Path(folder), arguments.runs), many_pictures(Path(folder), arguments.count, 3)
