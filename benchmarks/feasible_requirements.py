@@ -44,7 +44,7 @@ def feasible_requirements(seed: int) -> om.Requirements:
     housing, objects = (
         str(rng.choice(HOUSINGS)),
         str(rng.choice(OBJECTS)),
-    )  # drawn once, so retries do not change their distribution
+    )  # not redrawn in retries
     for _ in range(TRIES):
         tables, numbers = _tables(rng, housing, objects)
         try:

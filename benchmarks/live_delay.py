@@ -148,9 +148,7 @@ def receive(frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: st
             if number >= count - 3:
                 break
     sent = [float(line) for line in told.read_text().split()]
-    kept = {
-        n: at for n, at in done.items() if n >= rate
-    }  # skips the first second, which includes the opening of the stream
+    kept = {n: at for n, at in done.items() if n >= rate}  # skips the opening
     return Received(np.array(list(kept)), np.array(list(kept.values())), np.array([sent[n] for n in kept]))
 
 

@@ -237,17 +237,15 @@ def main() -> None:
     parser.add_argument("--environment", type=Path, nargs="*", default=[], help="equirectangular images")
     parser.add_argument("--sensor", nargs="*", default=SENSORS)
     parser.add_argument("--tuning", action="store_true", help="scenes used for tuning")
-    parser.add_argument("--best", action="store_true", help="also use other noise values (5 times slower)")
-    parser.add_argument(
-        "--pixels", type=int, default=1024, help="use fewer, larger pixels with the same blur in pixels"
-    )
+    parser.add_argument("--best", action="store_true", help="also use other noise values (5 x slower)")
+    parser.add_argument("--pixels", type=int, default=1024, help="fewer, larger pixels, same blur in pixels")
     parser.add_argument("--blur-told", type=float, nargs="*", default=[], help="scale factors of the specified blur")
     parser.add_argument(
         "--jpeg",
         type=int,
         nargs="*",
         default=[],
-        help="also use JPEG-coded images of these qualities with unknown noise",
+        help="also JPEG-code with these qualities",
     )
     parser.add_argument("--crops", type=Path, help="write crops of the images side by side")
     arguments = parser.parse_args()

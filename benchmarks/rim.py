@@ -75,13 +75,11 @@ def table_of(found: dict[str, list[Found]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--environments", type=Path, help="folder of equirectangular images; scenes of the project by default"
-    )
+    parser.add_argument("--environments", type=Path, help="folder of equirectangular images")
     parser.add_argument("--count", type=int, default=MIRRORS, help="total number of mirror images")
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--ways", help="comma-separated generators; all by default")
-    parser.add_argument("--learn", type=int, help="train the classifier on this number of seeds, and save it")
+    parser.add_argument("--learn", type=int, help="train the classifier on N seeds and save it")
     parser.add_argument("--jobs", type=int, default=1, help="number of training processes")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
