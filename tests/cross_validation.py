@@ -1,4 +1,4 @@
-"""What tests found beside other programs, as a page: docs/cross-validation.md, which `make test-full` writes."""
+"""Page of comparisons with other programs, docs/cross-validation.md, written by `make test-full`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PROGRAMS = {
     "COLMAP": "pycolmap", "Blender": "bpy", "GStreamer": "gstreamer",
     "OBS Studio": "libobs", "OpenImageIO": "openimageio",
 }  # fmt: skip
-"""In the order of the page, and what each is installed as."""
+"""Programs in the order of the page, with their distribution names."""
 HEAD = """# Cross-validation
 
 What omnimirror computes beside what other programs compute of the same, each with code of its own. The full tests
@@ -26,7 +26,7 @@ SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 
 
 class Compared(NamedTuple):
-    """One comparison: by how much both differ, and how much is let pass."""
+    """One comparison: difference and bound."""
 
     program: str
     what: str
@@ -40,7 +40,7 @@ Compare = Callable[..., None]
 
 
 def version_of(program: str) -> str:
-    """Of a program that is installed beside the tests."""
+    """Return the version of an installed program."""
     if program == "FFmpeg":
         import av
 
@@ -54,7 +54,7 @@ def version_of(program: str) -> str:
 
 
 def page(found: Iterable[Compared], before: str) -> str:
-    """The page; programs that nothing was compared with keep what stands in the page before."""
+    """Return the page; programs without new comparisons keep their previous section."""
     kept = dict(SECTION.findall(before))
     by_program: dict[str, list[Compared]] = {}
     for one in found:
@@ -65,7 +65,7 @@ def page(found: Iterable[Compared], before: str) -> str:
 
 
 def section(rows: list[Compared]) -> str:
-    """A table of comparisons with one program, each with the worst of its cases."""
+    """Return the table of comparisons with one program, each with its worst case."""
     lines = [
         f"\nVersion {rows[0].version}, {datetime.now(UTC):%d %B %Y}.\n",
         "| compared | cases | off by | within |", "|---|--:|--:|--:|",
@@ -79,7 +79,7 @@ def section(rows: list[Compared]) -> str:
 
 
 def write(path: Path, found: Iterable[Compared]) -> None:
-    """Write the page, where anything was compared."""
+    """Write the page if any comparison was made."""
     rows = list(found)
     if rows:
         path.write_text(page(rows, path.read_text() if path.exists() else ""))
