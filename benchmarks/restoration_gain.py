@@ -16,9 +16,9 @@ gain for noise values from 0.5 to 2 times the true one: other weights, selected 
 the reference.
 
     python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
-    python benchmarks/restoration_gain.py --tuning                # the scenes that weights were tuned on
-    python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # where the blur is told wrongly
-    python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # coded, and the noise estimated
+    python benchmarks/restoration_gain.py --tuning                # scenes used for tuning
+    python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # incorrectly specified blur
+    python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # JPEG-coded, blind noise estimation
 """
 
 from __future__ import annotations

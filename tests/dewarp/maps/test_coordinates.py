@@ -137,7 +137,7 @@ def test_views_of_few_pixels_are_exact(size):
 
 
 def test_what_lies_wholly_outside_the_field_is_not_projected():
-    """Half of the view is sky that the sensor does not see; its edge is where it is."""
+    """Half of the view is sky outside the field of the sensor; the boundary is accurate."""
     sensor = om.load_sensor("paper-spherical")
     view = Plane((1280, 720), tilt_deg=45, hfov_deg=90)
     grid = lattice_map_of(sensor, view)
