@@ -1,4 +1,5 @@
-"""Examples of differentiable cameras run where PyTorch is; comparisons with other programs become a page."""
+"""pytest configuration: skips differentiable camera examples without PyTorch, reports comparisons
+with other programs."""
 
 from __future__ import annotations
 
@@ -22,15 +23,15 @@ LONG_EXAMPLES = {
     "omnimirror.apps.reports.write_demo",
     "omnimirror.simulation.datasets.calibration_set.write_calibration_set",
 }
-"""Examples in the sources that `make test-full` alone runs, as the tests of the same functions run every day."""
+"""Docstring examples run by `make test-full` only; the tests of the same functions run daily."""
 OPTION, PROPERTY = "--cross-validation", "compared"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(OPTION, type=Path, metavar="FILE", help="write what was compared with other programs as a page")
+    parser.addoption(OPTION, type=Path, metavar="FILE", help="write the comparisons with other programs as a page")
 
 
-@pytest.hookimpl(tryfirst=True)  # before those that are not wanted are taken out
+@pytest.hookimpl(tryfirst=True)  # before deselection
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.name in LONG_EXAMPLES:
@@ -39,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def beside(record_property) -> Compare:
-    """Says by how much something differs from what another program makes of it, which must be within a bound."""
+    """Return a function that records a difference from another program and checks its bound."""
 
     def compare(program: str, what: str, off: float, within: float, unit: str, version: str | None = None) -> None:
         version = version_of(program) if version is None else version
@@ -50,7 +51,7 @@ def beside(record_property) -> Compare:
 
 
 def pytest_terminal_summary(terminalreporter) -> None:
-    """Put the page together, once, where it is asked for."""
+    """Write the comparison page once, if requested."""
     path = terminalreporter.config.getoption(OPTION)
     if path is None:
         return

@@ -48,7 +48,7 @@ BUILT: dict[str, dict[str, Any]] = {
 
 
 def designs(count: int, **built: Any) -> Designs:
-    """Even polynomials of five terms about the paper's equidistant mirror."""
+    """Return even polynomials of five terms, perturbations of the paper's equidistant mirror."""
     rng = np.random.default_rng(0)
     c = np.array([0.6409, 0.155, -0.01, 0.0, 0.0]) * (1 + 0.05 * rng.standard_normal((count, 5)))
     m = 172 * rng.uniform(0.95, 1.05, count)
@@ -56,7 +56,7 @@ def designs(count: int, **built: Any) -> Designs:
 
 
 def batches() -> tuple[dict[str, Callable[[], object]], dict[str, int]]:
-    """Batches by what they are, and how many designs each has."""
+    """Return batches by label, and the number of designs in each."""
     functions, counts = dict[str, Callable[[], object]](), dict[str, int]()
 
     def on_threads(many: Designs, count: int) -> Callable[[], object]:
@@ -78,7 +78,8 @@ def batches() -> tuple[dict[str, Callable[[], object]], dict[str, int]]:
 
 
 def evaluations() -> dict[str, Callable[[], object]]:
-    """One evaluation of 100 field angles: of a sensor that was looked at before, and of one at another focus."""
+    """Return single evaluations of 100 field angles: a cached sensor, and a sensor at another
+    focus."""
     sphere = om.load_sensor("paper-spherical")
     built = replace(sphere, lens=TRIPLET, housing=DOME)
     omega = np.linspace(0, 134, ANGLES)

@@ -38,7 +38,7 @@ SIZE = 640
 
 
 class Taken(NamedTuple):
-    """How boards are photographed."""
+    """Conditions of the rendered board images."""
 
     distance_mm: float
     blur_px: float
@@ -52,7 +52,9 @@ CONDITIONS = [Taken(330, 0.5, 2, 95), Taken(330, 2.0, 5, 80), Taken(800, 0.5, 6,
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--data", type=Path, help="with kaidan_omni and ocamcalib_cpp_sample, for rows of photographs")
+    parser.add_argument(
+        "--data", type=Path, help="folder with kaidan_omni and ocamcalib_cpp_sample, for the rows of photographs"
+    )
     arguments = parser.parse_args()
     tables = {"calibration_corners": corners, "calibration_lines": lines, "calibration_beside_boards": beside_boards}
     if arguments.data:
@@ -64,7 +66,7 @@ def main() -> None:
 
 
 def corners(_: Path | None) -> str:
-    """A table of how far corners are from where they were rendered."""
+    """Return a table of corner detection errors."""
     rows = [
         "| squares | blur, noise, JPEG quality | corners found | RMS px in two dimensions | along the radius px | "
         "`cornerSubPix` RMS px, along the radius px |",
@@ -82,7 +84,9 @@ def corners(_: Path | None) -> str:
 
 
 def _boards(taken: Taken) -> Iterator[tuple[np.ndarray, ...]]:
-    """Of each board: errors (n, 3) of its corners in u, v and outwards, OpenCV's, px between them, how many it has."""
+    """Yield for each board: errors (n, 3) of its corners in u, v and radially, those of OpenCV,
+    corner spacing in px, and number
+    of corners."""
     for name in SENSORS:
         sensor = om.load_sensor(name)
         for seed, (azimuth, elevation) in enumerate(AROUND):
@@ -107,7 +111,8 @@ def _boards(taken: Taken) -> Iterator[tuple[np.ndarray, ...]]:
 
 
 def _errors(found: np.ndarray, truth: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """From the nearest true corner: the order of a chessboard's corners is the finder's own."""
+    """Return errors relative to the nearest true corner, because detectors order the corners of a
+    chessboard differently."""
     if len(found) == 0:
         return np.zeros((0, 3))
     nearest = truth[np.argmin(np.linalg.norm(found[:, None] - truth, axis=2), axis=1)]
@@ -121,7 +126,7 @@ def _rms(errors: np.ndarray) -> float:
 
 
 def lines(data: Path | None) -> str:
-    """A table of cameras from the straight edges of one picture."""
+    """Return a table of cameras estimated from the straight edges of one image."""
     rows = ["| picture | camera | error of directions, rms | said, median | within 3 sigma |", "|---|---|---|---|---|"]
     hyperboloid, ball = (
         _sensor("paper-hyperboloidal"),
@@ -152,7 +157,7 @@ def lines(data: Path | None) -> str:
 
 
 def _sensor(name: str) -> om.Sensor:
-    """With a small imager, and leaning."""
+    """Return a tilted sensor with a small imager."""
     sensor = om.load_sensor(name)
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / SIZE
     imager = replace(sensor.imager, width_px=SIZE, height_px=SIZE, pixel_pitch_um=pitch)
@@ -160,7 +165,8 @@ def _sensor(name: str) -> om.Sensor:
 
 
 def _directions(truth: om.Camera, camera: om.Camera, pixels: np.ndarray) -> str:
-    """Error in the camera frame, what is said of it, and how often it is within three times that."""
+    """Format the direction error in the camera frame, its predicted value, and the fraction within
+    three sigma."""
     a, b = truth.backproject(pixels), camera.backproject(pixels)
     both = a.valid & b.valid
     true, found = ((rays.directions @ c.mount.rotation())[both] for rays, c in ((a, truth), (b, camera)))
@@ -174,7 +180,8 @@ def _deg(angle: float) -> str:
 
 
 def beside_boards(_: Path | None) -> str:
-    """What forty edges all around add to six boards in the right half of a picture, over six sets."""
+    """Measure the gain of 40 edges all around added to six boards in the right half of an image,
+    over six sets."""
     from tests.calibration.estimation.test_edges import BOARD as LARGER
     from tests.calibration.estimation.test_edges import boards_at_the_right, edges, errors_deg
 
@@ -192,7 +199,7 @@ def beside_boards(_: Path | None) -> str:
 
 
 def photographs(data: Path) -> str:
-    """A table of models fitted to the photographs of a consumer mirror."""
+    """Return a table of models fitted to the photographs of a consumer mirror."""
     board = om.Board("chessboard", 11, 7, 30.0)
     paths = sorted((data / "kaidan_omni").glob("*.jpg"), key=lambda path: (len(path.name), path.name))
     began = time.perf_counter()

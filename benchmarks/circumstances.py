@@ -18,33 +18,34 @@ from omnimirror.base.native import backend
 
 
 def arguments_of(description: str, runs: int) -> argparse.Namespace:
-    """The options that all take."""
+    """Parse the common options."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="a photograph; noise without it")
+    parser.add_argument("--picture", type=Path, help="photograph; noise by default")
     parser.add_argument("--runs", type=int, default=runs)
     parser.add_argument("--threads", type=int, nargs="*", default=[1, 4])
     return parser.parse_args()
 
 
 def photograph_of(path: Path | None) -> np.ndarray:
-    """A large picture in colour."""
+    """Return a large colour image."""
     return om.read_image(path) if path else np.random.default_rng(0).integers(0, 255, (2000, 2000, 3), np.uint8)
 
 
 def set_threads(count: int) -> None:
-    """Of everything that is compared."""
+    """Set the number of threads of all compared programs."""
     backend.set_threads(count)
     cv2.setNumThreads(count)
 
 
 def clock_of(threads: int) -> Callable[[], float]:
-    """One thread by the processor time it takes, whatever else the machine does; several by the clock on the wall."""
+    """Return the clock: processor time for one thread, which is independent of other load, else
+    wall-clock time."""
     return time.thread_time if threads == 1 else time.perf_counter
 
 
 def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False) -> str:
-    """How and on what was measured, in one paragraph."""
+    """Describe method and machine in one paragraph."""
     row = f" of {in_a_row} in a row" if in_a_row > 1 else ""
     clock = ", one thread by its processor time" if by_processor_time else ""
     return (
@@ -54,13 +55,13 @@ def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False)
 
 
 def other_load() -> str:
-    """A warning where the machine has other things to do."""
+    """Return a warning if other processes load the machine."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return f" The machine was busy: its load was {load:.0f} before." if load > 0.5 * (os.cpu_count() or 1) else ""
 
 
 def processor() -> str:
-    """The processor's name, as far as the system tells."""
+    """Return the name of the processor, if available."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

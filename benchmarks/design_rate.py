@@ -31,7 +31,7 @@ ANGLES, FEW, MANY, RUNS = 100, 2_000, 20_000, 15
 
 
 def designs(count: int) -> Designs:
-    """Even polynomials of five terms about the paper's equidistant mirror."""
+    """Return even polynomials of five terms, perturbations of the paper's equidistant mirror."""
     rng = np.random.default_rng(0)
     c = np.array([0.6409, 0.155, -0.01, 0.0, 0.0]) * (1 + 0.05 * rng.standard_normal((count, 5)))
     return Designs(family("even-polynomial", 5), c, 172 * rng.uniform(0.95, 1.05, count), 43.9, 11.6, 4.0, 5.2)

@@ -28,7 +28,8 @@ RUNS = 100
 
 
 def optiland_system(sensor: om.Sensor, largest_deg: float) -> Any:
-    """The sensor as Optiland can hold it: mirror, ideal lens with the stop, image; fields to largest_deg."""
+    """Return the sensor as an Optiland system: mirror, ideal lens with the stop, image; fields up
+    to largest_deg."""
     from optiland.optic import Optic
 
     system = Optic()

@@ -35,7 +35,7 @@ from omnimirror.simulation.scenes.environment import Environment
 PIXELS, RAYS = 1000, 64
 SENSORS = {"sphere": "paper-spherical", "asphere": "paper-equidistant"}
 THEIR_RUNS = 3
-MOST_RAYS = 4096  # of the picture that errors count from
+MOST_RAYS = 4096  # rays per pixel of the reference image
 
 
 def sensor_of(name: str, pixels: int = PIXELS) -> om.Sensor:
@@ -51,7 +51,8 @@ def timed(function: Callable[[], object]) -> tuple[float, float]:
 
 
 def theirs(variant: str, name: str) -> tuple[float, float] | str:
-    """Seconds, wall and processor, of Mitsuba's render; or why there are none."""
+    """Return wall-clock and processor seconds of Mitsuba's rendering, or the reason for its
+    failure."""
     command = [sys.executable, __file__, "--mitsuba", variant, name]
     try:
         run = subprocess.run(command, capture_output=True, text=True, timeout=600)
@@ -65,7 +66,7 @@ def theirs(variant: str, name: str) -> tuple[float, float] | str:
 
 
 def render_here(variant: str, name: str) -> None:
-    """In a process of its own: print the seconds of a render, the first being for warming up."""
+    """Print the seconds of a rendering in this process, after a warm-up."""
     import mitsuba as mi
 
     mi.set_variant(variant)
@@ -83,7 +84,7 @@ def render_here(variant: str, name: str) -> None:
             mi.set_variant(variant)
             mirror = {"type": "ply", "filename": str(path)}
         scene = pictures.scene_of(mi, sensor, mirror, light, RAYS)
-        if variant != "scalar_rgb":  # which has nothing to compile
+        if variant != "scalar_rgb":  # no compilation
             np.array(mi.render(scene, spp=RAYS, seed=1))
         print(*timed(lambda: np.array(mi.render(scene, spp=RAYS, seed=2))))
 
@@ -94,7 +95,8 @@ def medians(times: list[tuple[float, float]]) -> tuple[float, float]:
 
 
 def error_db(sensor: om.Sensor, world: Environment, rays: int) -> float:
-    """Sampling error in sRGB within the mirror's image, against many more rays of another seed."""
+    """Return the sampling error in sRGB within the mirror image, relative to a reference with more
+    rays and another seed."""
     a = srgb_from_linear(expose(sensor, world, samples=rays, blur=True, seed=1))
     b = srgb_from_linear(expose(sensor, world, samples=MOST_RAYS, blur=True, seed=2))
     rows, columns = np.mgrid[: len(a), : len(a)]

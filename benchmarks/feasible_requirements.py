@@ -1,8 +1,11 @@
 """Success rate of `design_sensor` on requirement files that are feasible by construction.
 
-Each file takes the values of a random sensor, loosened by 0.5 %, as limits, and replaces rim radius, focal length and
-F-number by wide asymmetric ranges that contain those of the sensor. Families and mappings, fits, domes, tubes in air
-and water, near objects (distances, a cylinder, a plane) and lenses and imagers of the catalogue occur.
+Each file takes the values of a random sensor, relaxed by 0.5 %, as limits, and replaces rim radius,
+focal length and
+F-number by wide asymmetric ranges that contain those of the sensor. Files cover families and
+mappings, fits, domes, tubes
+in air and water, near objects (distances, a cylinder, a plane), and lenses and imagers of the
+catalogue.
 
     python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
 """
@@ -25,7 +28,7 @@ from omnimirror.design.criteria.requirements import FARTHEST_FOCUS
 from omnimirror.design.solve.candidates import make
 from omnimirror.design.solve.range_search import solve
 
-LOOSENED = 0.005  # relative
+LOOSENED = 0.005  # relative relaxation
 AT_MOST = ("total_blur_deg", "total_blur_px", "viewpoint_spread_mm", "sag_mm", "whole_height_mm", "whole_diameter_mm")
 AT_LEAST = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
 MIRRORS = ("sphere", "hyperboloid", "paraboloid", "ellipsoid", "equidistant", "equiareal", "conformal", "unit-aspect")
@@ -36,9 +39,12 @@ TRIES = 200
 
 
 def feasible_requirements(seed: int) -> om.Requirements:
-    """Return requirements that a random sensor meets, with that sensor's numbers inside of ranges."""
+    """Return requirements that a random sensor meets, with the values of that sensor inside ranges."""
     rng = np.random.default_rng(seed)
-    housing, objects = str(rng.choice(HOUSINGS)), str(rng.choice(OBJECTS))  # retries leave their shares as they are
+    housing, objects = (
+        str(rng.choice(HOUSINGS)),
+        str(rng.choice(OBJECTS)),
+    )  # not redrawn in retries
     for _ in range(TRIES):
         tables, numbers = _tables(rng, housing, objects)
         try:
@@ -57,7 +63,7 @@ _BOUNDS = {"rim_radius_mm": (5.0, 90.0), "focal_length_mm": (1.5, 40.0), "f_numb
 
 
 def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return the tables without the numbers that become ranges, and these numbers."""
+    """Return the tables without the entries that become ranges, and the values of these entries."""
     kind = str(rng.choice(MIRRORS))
     rim = float(rng.uniform(8.0, 60.0))
     numbers = {
@@ -96,7 +102,8 @@ def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[
 
 
 def _imager_and_lens(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any], dict[str, float]]:
-    """Return the imager, the fixed entries of the lens and its F-number, of the catalogue or freely chosen."""
+    """Return the imager, the fixed entries of the lens and its F-number, from the catalogue or
+    freely chosen."""
     parts = read_catalogue()
     imagers = [part for part in parts.imagers if rng.random() < 0.4]
     if imagers:
@@ -133,7 +140,7 @@ def _around(rng: np.random.Generator, value: float, low: float, high: float) -> 
 def _limits(
     rng: np.random.Generator, tables: dict[str, Any], numbers: dict[str, float], sensor: om.Sensor
 ) -> list[dict[str, Any]]:
-    """Return limits at the values of a sensor, loosened."""
+    """Return limits at the relaxed values of a sensor."""
     most = [str(name) for name in rng.choice(AT_MOST, rng.integers(1, 4), replace=False)]
     least = [str(name) for name in rng.choice(AT_LEAST, rng.integers(1, 3), replace=False)]
     cycles = {"cycles_per_px": 0.125}
@@ -155,7 +162,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--keep", type=Path, help="folder for the requirement files that were not solved")
+    parser.add_argument("--keep", type=Path, help="folder for the requirement files without a solution")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     load, times, missed = other_load(), [], []

@@ -60,7 +60,7 @@ at_most = 0.8
 
 @dataclass
 class Visit:
-    """One person before one page: what is pressed, how often, and what is seen after each step."""
+    """Session of one user on one page: interactions, and the time of each completed step."""
 
     page: Page
     folder: Path
@@ -85,7 +85,7 @@ class Visit:
         self.presses += 1
 
     def drag(self, share: float) -> None:
-        """The view, to the left by a share of its width."""
+        """Drag the view to the left by a fraction of its width."""
         box = self.page.locator("#view").bounding_box()
         x, y = box["x"] + 0.75 * box["width"], box["y"] + 0.75 * box["height"]
         self.page.mouse.move(x, y)
@@ -98,10 +98,10 @@ class Visit:
         self.page.wait_for_function(condition)
 
     def see(self, step: str) -> None:
-        """Note that a step is done, and keep a picture of the page."""
+        """Record a completed step, and save a screenshot."""
         self.steps.append((step, self.presses, time.perf_counter() - self.begun))
         if self.pictures:
-            self.page.wait_for_timeout(500)  # until what fades in or glides is there
+            self.page.wait_for_timeout(500)  # end of animations
             self.page.screenshot(path=self.pictures / f"{len(self.steps)} {step}.png")
 
 
@@ -179,7 +179,8 @@ Person: TypeAlias = "Callable[[Visit], None]"
 
 
 def prepare(folder: Path) -> None:
-    """What they bring: a ball that was photographed from a tripod, recordings of four cameras, and a requirement."""
+    """Write the input files: a photographed mirror ball, recordings of four cameras, and a
+    requirement file."""
     ball = om.MirrorBall((819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0))
     write_image(folder / "ball.png", om.take_picture(ball, om.Room(), samples=2))
     sensor = om.load_sensor("paper-spherical")
@@ -190,7 +191,7 @@ def prepare(folder: Path) -> None:
 
 
 def film(path: Path, picture: np.ndarray) -> None:
-    """Two seconds in which something bright goes by."""
+    """Write a video of 2 s with a moving bright object."""
     with av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", rate=10)
         stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuv420p"
@@ -204,7 +205,7 @@ def film(path: Path, picture: np.ndarray) -> None:
 def visited(
     browser: Browser, address: str, person, folder: Path, pictures: Path | None, screen: str, theme: str
 ) -> Visit:
-    """One person's visit."""
+    """Run the session of one user."""
     width, height = SCREENS[screen]
     where = pictures / person.__name__ / f"{screen}-{theme}" if pictures else None
     if where:
@@ -224,7 +225,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument(
-        "--pictures", type=Path, help="a folder for a picture of every step, on every screen, in both themes"
+        "--pictures", type=Path, help="folder for screenshots of each step, on all screens and in both themes"
     )
     parser.add_argument("--people", nargs="*", default=[person.__name__ for person in PEOPLE])
     arguments = parser.parse_args()

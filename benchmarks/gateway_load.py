@@ -51,7 +51,7 @@ TARGET_CORES = 2
 
 
 def make_clip(path: Path, photograph: np.ndarray, frames: int) -> None:
-    """The photograph, turning, encoded as cameras do."""
+    """Encode a rotating photograph with typical camera settings."""
     middle = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     side = round(0.96 * HEIGHT)
     small = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
@@ -65,18 +65,19 @@ def make_clip(path: Path, photograph: np.ndarray, frames: int) -> None:
             video.write(frame_of_image(cv2.warpAffine(whole, turn, (WIDTH, HEIGHT))))
 
 
-# -- each step by itself -------------------------------------------------------------------------------
+# -- separate steps
+# -----------------------------------------------------------------------------------
 
 
 def processor_ms(count: int, work: Callable[[], object]) -> float:
-    """Of the work, of all threads, for each of so many frames."""
+    """Return the processor time of all threads per call."""
     start = time.process_time()
     work()
     return 1e3 * (time.process_time() - start) / count
 
 
 def steps(clip: Path, most: int) -> dict[str, float]:
-    """Processor time (ms) of each step, for a frame of the source or of a view."""
+    """Return the processor time (ms) of each step, per frame of the source or of a view."""
     found, frames = {}, []
 
     def decode() -> None:
@@ -90,7 +91,7 @@ def steps(clip: Path, most: int) -> dict[str, float]:
 
     found["decoding a frame of the source"] = processor_ms(most, decode)
     dewarps = [om.Dewarper(CAMERA, view(CAMERA), keep_map=True) for view in VIEWS.values()]
-    for dewarp in dewarps:  # makes the maps
+    for dewarp in dewarps:  # builds the maps
         dewarp_frame(dewarp, frames[0])
     drawn: list[av.VideoFrame] = []
     count = len(VIEWS) * most
@@ -105,7 +106,8 @@ def steps(clip: Path, most: int) -> dict[str, float]:
     return found
 
 
-# -- as it runs ----------------------------------------------------------------------------------------
+# -- running gateway
+# ----------------------------------------------------------------------------------
 
 WATCH = """
 import asyncio, sys, httpx
@@ -120,7 +122,7 @@ asyncio.run(main())
 
 
 class Delays:
-    """When each chunk or picture of a view left, after its frame had been decoded, s."""
+    """Delays between decoding of a frame and output of each chunk or image of its view, s."""
 
     def __init__(self, gateway: Gateway) -> None:
         self.seconds: list[float] = []
@@ -141,7 +143,8 @@ class Delays:
 
 
 def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, float, float, float]:
-    """Views drawn; cores; views left out; median and 95 % of the delay, ms; frames of the source a second."""
+    """Return the number of views, cores, dropped views, median and 95 % quantile of the delay in
+    ms, and source frames/s."""
     port = live_delay.free_port("HTTP")
     url = f"http://127.0.0.1:{port}/live.ts"
     words = [sys.executable, live_delay.__file__, "--send", clip, url, "HTTP", str(RATE), clip.with_name("sent.txt")]
@@ -152,7 +155,7 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
     thread.start()
     names = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
     with subprocess.Popen(words) as sender, subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher:
-        while min(view.frames_dewarped for view in gateway.views.values()) < RATE:  # the first second does not count
+        while min(view.frames_dewarped for view in gateway.views.values()) < RATE:  # skips the first second
             time.sleep(0.05)
         before = resource.getrusage(resource.RUSAGE_SELF)
         start, received = time.monotonic(), gateway.frames_received
@@ -175,8 +178,8 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="a photograph; a drawn one without it")
-    parser.add_argument("--frames", type=int, default=50, help="for each step by itself")
+    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
+    parser.add_argument("--frames", type=int, default=50, help="number of frames for the separate steps")
     parser.add_argument("--seconds", type=int, default=8)
     arguments = parser.parse_args()
     if arguments.picture:

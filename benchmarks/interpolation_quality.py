@@ -23,7 +23,7 @@ from omnimirror.dewarp.screens import Screen
 from omnimirror.simulation.rendering.picture import pinhole_picture
 
 SAMPLES = 8  # rays per pixel and side
-RAYS = 1 << 17  # traced at a time: more fall out of the cache
+RAYS = 1 << 17  # rays per block, limited by the cache size
 S = om.screens
 VIEWS: list[tuple[str, Screen]] = [
     ("perspective, 40 deg", S.Plane((640, 480), 20.0, -15.0, 0.0, 40.0)),
@@ -47,7 +47,7 @@ OPENCV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos4": cv2.
 
 
 def truth_of(scene: om.Room, screen: Screen) -> np.ndarray:
-    """The view as an ideal camera records it, (height, width, 3) uint8."""
+    """Return the view of an ideal camera, (height, width, 3) uint8."""
     width, height = screen.size
     step = max(1, RAYS // (width * SAMPLES**2))
     u = (np.arange(width * SAMPLES) + 0.5) / SAMPLES - 0.5
@@ -65,7 +65,7 @@ def psnr(taken: np.ndarray, truth: np.ndarray, inside: np.ndarray) -> float:
 
 
 def scale(pixels: np.ndarray, axis: int) -> float:
-    """Median of source pixels per output pixel along an axis."""
+    """Return the median of source pixels per output pixel along an axis."""
     return float(np.nanmedian(np.linalg.norm(np.diff(pixels, axis=axis), axis=-1)))
 
 

@@ -38,28 +38,29 @@ from omnimirror.io.video.writer import VideoWriter
 
 SIDE, SIZE = 1000, (1280, 720)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))
-BITS, CELL = 12, 16  # of the number, in squares of so many pixels
+BITS, CELL = 12, 16  # of the frame number, in squares of CELL pixels
 FORMATS = {"HTTP": "mpegts", "UDP": "mpegts", "RTSP": "rtsp"}
 
 
-# -- what is sent --------------------------------------------------------------------------------------
+# -- sender
+# -------------------------------------------------------------------------------------------
 
 
 def numbered(picture: np.ndarray, number: int) -> np.ndarray:
-    """The picture with a number in its corner, which the circle leaves free."""
+    """Draw a number into the corner of an image, outside the image circle."""
     for bit in range(BITS):
         picture[:CELL, bit * CELL : (bit + 1) * CELL] = 235 if number >> bit & 1 else 20
     return picture
 
 
 def number_of(frame: av.VideoFrame) -> int:
-    """The number in a frame's corner."""
+    """Read the number in the corner of a frame."""
     middles = planes(frame)[0][CELL // 2, CELL // 2 : BITS * CELL : CELL]
     return sum(1 << bit for bit, value in enumerate(middles) if value > 128)
 
 
 def make_clip(path: Path, photograph: np.ndarray, frames: int, rate: int) -> None:
-    """The photograph, turning, encoded as cameras do: no frames that wait for later ones."""
+    """Encode a rotating photograph with camera settings, without B-frames."""
     middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
     options = {"preset": "veryfast", "tune": "zerolatency", "g": str(rate), "b": "8000000"}
     with VideoWriter(path, (SIDE, SIDE), rate, options=options) as video:
@@ -69,7 +70,8 @@ def make_clip(path: Path, photograph: np.ndarray, frames: int, rate: int) -> Non
 
 
 def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
-    """The sender's process: the clip's packets at a steady rate, and when each was sent."""
+    """Send the packets of a clip at a constant rate, and record their times; runs in the sender
+    process."""
     with av.open(clip) as source:
         stream = source.streams.video[0]
         packets = [packet for packet in source.demux(stream) if packet.size]
@@ -82,7 +84,7 @@ def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
             connection.sendall(b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n")
             target = connection.makefile("wb", buffering=0)
         sent: list[float] = []
-        # The receiver goes away when it has seen enough.
+        # The receiver closes the connection after its last frame.
         with suppress(OSError), av.open(target, "w", format=FORMATS[kind], options={"flush_packets": "1"}) as sink:
             out = sink.add_stream_from_template(stream)
             begin = time.monotonic()
@@ -96,7 +98,8 @@ def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
     Path(told).write_text("\n".join(map(str, sent)))
 
 
-# -- what comes of it ----------------------------------------------------------------------------------
+# -- receiver
+# -----------------------------------------------------------------------------------------
 
 
 def free_port(kind: str) -> int:
@@ -106,7 +109,7 @@ def free_port(kind: str) -> int:
 
 
 def decoded(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
-    """What FFmpeg gives when nothing else is done, as soon as it gives it."""
+    """Yield decoded frames of FFmpeg as soon as they are available."""
     with av.open(url, options={**LOW_DELAY, **options}) as container:
         stream = container.streams.video[0]
         stream.thread_type = "SLICE"
@@ -114,7 +117,7 @@ def decoded(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
 
 
 def viewed(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
-    """The same frames, each after its view has been made."""
+    """Yield the same frames after their views have been computed."""
     with LiveSource(url, timeout_s=10.0, first_wait_s=0.05, reconnect=False, options=options) as source:
         for i, frame in enumerate(source.frames()):
             view = om.screens.Plane(SIZE, 0.5 * i, -20.0)
@@ -123,7 +126,7 @@ def viewed(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
 
 
 def receive(frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: str, rate: int, count: int) -> Received:
-    """When each frame was there, and when it was sent."""
+    """Record the times of reception and transmission of each frame."""
     port = free_port(kind)
     url, to, options = {
         "HTTP": (f"http://127.0.0.1:{port}/live.ts", "", {}),
@@ -134,7 +137,7 @@ def receive(frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: st
         options = {**options, "fflags": "+noparse+nofillin"}
     told = clip.with_name("sent.txt")
     with subprocess.Popen([sys.executable, __file__, "--send", clip, url + to, kind.split()[0], str(rate), told]):
-        time.sleep(1.0 if "http" in url else 0.0)  # where the sender is the server
+        time.sleep(1.0 if "http" in url else 0.0)  # in this case, the sender is the server
         done = {}
         for frame in frames(url, options):
             number = number_of(frame)
@@ -142,12 +145,12 @@ def receive(frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: st
             if number >= count - 3:
                 break
     sent = [float(line) for line in told.read_text().split()]
-    kept = {n: at for n, at in done.items() if n >= rate}  # the first second, with the opening in it, does not count
+    kept = {n: at for n, at in done.items() if n >= rate}  # skips the opening
     return Received(np.array(list(kept)), np.array(list(kept.values())), np.array([sent[n] for n in kept]))
 
 
 class Received(NamedTuple):
-    """Numbers of frames, and when they were there and when they were sent, s."""
+    """Frame numbers with times of reception and transmission, s."""
 
     numbers: np.ndarray
     done: np.ndarray
@@ -167,7 +170,7 @@ class Received(NamedTuple):
 
 
 def row_of(clip: Path, kind: str, rate: int, count: int) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     alone, ours = (receive(frames, clip, kind, rate, count) for frames in (decoded, viewed))
     delay, added = np.median(ours.delay_ms), np.median(ours.delay_ms) - np.median(alone.delay_ms)
     row = (
@@ -185,7 +188,7 @@ def main() -> None:
         return send(clip, url, kind, int(rate), told)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="a photograph; a drawn one without it")
+    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
     parser.add_argument("--seconds", type=int, default=8)
     parser.add_argument("--rates", type=int, nargs="*", default=[60, 120])
     parser.add_argument("--kinds", nargs="*", default=["RTSP", "HTTP", "UDP", "UDP unparsed"])

@@ -24,7 +24,7 @@ PROGRAM = str(Path(sys.executable).with_name("omnimirror"))
 
 
 def held_mb(words: list[str], folder: Path) -> float:
-    """Most megabytes at once of one command."""
+    """Return the peak memory of one command, MB."""
     process = subprocess.Popen([PROGRAM, *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     said = process.stderr.read() if process.stderr else b""
     _, status, usage = os.wait4(process.pid, 0)
@@ -35,7 +35,7 @@ def held_mb(words: list[str], folder: Path) -> float:
 
 
 def commands(side: int) -> dict[str, float]:
-    """Commands, and the megabytes of their pictures or tables."""
+    """Return commands with the size of their images or tables, MB."""
     picture, panorama = 3 * side * side / 2**20, 3 * side * (3 * side // 8) / 2**20
     return {
         "simulate big.toml --spp 1 --no-blur -o big.jpg": picture,
@@ -53,7 +53,7 @@ def commands(side: int) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--side", type=int, default=20_000, help="of the pictures, px")
+    parser.add_argument("--side", type=int, default=20_000, help="side of the images, px")
     arguments = parser.parse_args()
     sensor = om.load_sensor("paper-spherical")
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / arguments.side

@@ -29,7 +29,7 @@ ENVIRONMENTS = ("pannellum_examplepano.jpg", "st_fagans_interior_1k.hdr", "venic
 
 
 class Rim(NamedTuple):
-    """Where the rim truly is."""
+    """True mirror outline."""
 
     centre_px: tuple[float, float]
     semi_axes_px: tuple[float, float]
@@ -38,7 +38,7 @@ class Rim(NamedTuple):
 
 @dataclass(frozen=True)
 class Photograph:
-    """A composed picture and what it holds."""
+    """Composed photograph with its ground truth."""
 
     picture: Picture
     rim: Rim | None
@@ -48,7 +48,7 @@ class Photograph:
 
 @cache
 def environments(folder: Path | None) -> tuple[Picture, ...]:
-    """Equirectangular pictures: photographed ones from a folder, or those of the project's own scenes."""
+    """Return equirectangular images: photographs in a folder, or scenes of the project."""
     if folder is not None:
         return tuple(_tamed(read_image(folder / name)) for name in ENVIRONMENTS)
     pan, tilt = np.meshgrid(np.linspace(np.pi, -np.pi, 512), np.linspace(np.pi / 2, -np.pi / 2, 256))
@@ -57,7 +57,7 @@ def environments(folder: Path | None) -> tuple[Picture, ...]:
 
 
 def compose(seed: int, folder: Path | None, *, mirror: bool = True) -> Photograph:
-    """The photograph of a seed; without a mirror, only what would be behind it."""
+    """Compose the photograph of a seed; without a mirror, only its background."""
     rng = np.random.default_rng(seed)
     width, height = SIZES[rng.integers(len(SIZES))]
     world = environments(folder)[rng.integers(len(environments(folder)))]
@@ -74,17 +74,18 @@ def compose(seed: int, folder: Path | None, *, mirror: bool = True) -> Photograp
 
 
 def error_of(rim: om.FoundRim, true: Rim) -> float:
-    """Largest error of both semi-axes and of the centre, in radii."""
+    """Return the largest error of both semi-axes and of the centre, relative to the radius."""
     (a, b), (c, d) = rim.semi_axes_px, true.semi_axes_px
     away = np.hypot(*np.subtract(rim.centre_px, true.centre_px)) / np.sqrt(c * d)
     return float(max(abs(a / c - 1), abs(b / d - 1), away))
 
 
-# -- the parts -----------------------------------------------------------------------------
+# -- components ---------------------------------------------------------------------------
 
 
 def _place(rng: np.random.Generator, width: int, height: int) -> Rim:
-    """An ellipse of ratio .95 to 1, of which at least two thirds of the rim are in the picture."""
+    """Draw an ellipse with an axis ratio of 0.95 to 1 and at least 67 % of its outline inside the
+    image."""
     while True:
         radius = height * rng.uniform(0.24, 0.62)
         ratio = rng.uniform(0.95, 1.0) if rng.random() < 0.6 else 1.0
@@ -124,7 +125,7 @@ def _background(rng: np.random.Generator, width: int, height: int, world: Pictur
 
 
 def _view(rng: np.random.Generator, world: Picture, width: int, height: int) -> Floats:
-    """A perspective view of the environment in some direction."""
+    """Render a perspective view of the environment in a random direction."""
     rows, columns, _ = world.shape
     half = np.tan(np.radians(rng.uniform(25, 50)))
     u, v = np.meshgrid(np.linspace(-half, half, width), np.linspace(-half, half, height) * height / width)
@@ -165,7 +166,7 @@ def _with_mirror(
 
 
 def _reflected(rng: np.random.Generator, rim: Rim, world: Picture, width: int, height: int) -> Floats:
-    """What a bundled sensor sees of the environment, stretched so that its rim is the given one."""
+    """Render the environment with a bundled sensor, stretched to the given outline."""
     names = om.bundled_sensors()
     sensor = om.load_sensor(names[rng.integers(len(names))])
     side = int(min(2 * rim.semi_axes_px[0], 700))
@@ -177,16 +178,16 @@ def _reflected(rng: np.random.Generator, rim: Rim, world: Picture, width: int, h
     seen = om.take_picture(small, scene, samples=2).astype(float)
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     along, across = _on_axes(rim, u, v)
-    scale = small.rim_radius_px * 0.994  # no pixel at the very rim, which is part black
+    scale = small.rim_radius_px * 0.994  # excludes pixels at the rim, which are partly black
     middle = (side - 1) / 2
-    turn = np.radians(rim.angle_deg)  # back, so that what is up stays up
+    turn = np.radians(rim.angle_deg)  # inverse rotation, keeps the image upright
     x, y = along * np.cos(turn) - across * np.sin(turn), along * np.sin(turn) + across * np.cos(turn)
     x, y = (middle + scale * x).astype(np.float32), (middle + scale * y).astype(np.float32)
     return cv2.remap(seen, x, y, cv2.INTER_LINEAR) * rng.uniform(0.5, 1.2)
 
 
 def _on_axes(rim: Rim, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Pixels along both axes of the ellipse, in their halves: the rim lies at distance 1."""
+    """Return pixels in coordinates of the ellipse axes, normalised to distance 1 on the outline."""
     turn = np.radians(rim.angle_deg)
     x, y = u - rim.centre_px[0], v - rim.centre_px[1]
     a, b = rim.semi_axes_px
@@ -194,7 +195,7 @@ def _on_axes(rim: Rim, u: Floats, v: Floats) -> tuple[Floats, Floats]:
 
 
 def coverage(rim: Rim, share: float, width: int, height: int) -> Floats:
-    """How much of each pixel lies inside the ellipse, enlarged by a share."""
+    """Return the coverage of each pixel by the ellipse, enlarged by a factor."""
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     along, across = _on_axes(rim, u, v)
     distance = (share - np.hypot(along, across)) * np.mean(rim.semi_axes_px)
@@ -202,7 +203,7 @@ def coverage(rim: Rim, share: float, width: int, height: int) -> Floats:
 
 
 def _plain(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
-    """A frame of one colour, lit from one side, with a shine on it."""
+    """Render a frame of one colour with illumination from one side and a highlight."""
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
     colour = rng.uniform(0, 50, 3) if rng.random() < 0.6 else rng.uniform(40, 220, 3)
@@ -212,7 +213,7 @@ def _plain(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
 
 
 def _lit(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
-    """Glare, mostly at the rim where mirrors have it, and light that falls off to one side."""
+    """Add glare, mostly at the rim, and illumination that decreases towards one side."""
     height, width, _ = picture.shape
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     radius = rim.semi_axes_px[0]
@@ -230,7 +231,7 @@ def _lit(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
 
 
 def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
-    """Blurred, noisy, clipped, and through JPEG."""
+    """Apply blur, noise, clipping and JPEG compression."""
     if (blur := rng.uniform(0, 1.4)) > 0.3:
         picture = cv2.GaussianBlur(picture, (0, 0), blur)
     noisy = picture + rng.normal(0, rng.uniform(0, 6), picture.shape)
@@ -239,7 +240,7 @@ def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
 
 
 def _tamed(picture: NDArray) -> Picture:
-    """An environment at 8 bits, as photographs hold it."""
+    """Convert an environment to 8 bits with the tone range of photographs."""
     if picture.dtype == np.uint8:
         return cv2.resize(picture, (2048, 1024), interpolation=cv2.INTER_AREA)
     light = np.clip(picture / np.percentile(picture, 97), 0, 1)

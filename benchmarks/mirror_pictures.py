@@ -34,7 +34,7 @@ WHITE = np.ones((8, 16, 3), np.float32)
 
 
 def taken(seed: int, folder: Path | None) -> Photograph:
-    """A picture that a sensor took by itself."""
+    """Render an image with a sensor only."""
     rng = np.random.default_rng([1, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     sensor, words = _mounted(rng, width, height)
@@ -55,7 +55,8 @@ def taken(seed: int, folder: Path | None) -> Photograph:
 
 
 def housed(seed: int, folder: Path | None) -> Photograph:
-    """What a sensor took, its mirror in one frame or two, before what is out of focus; lenses may end in a circle."""
+    """Render a mirror in one or two frames with a defocused background; lens images may be
+    circular."""
     rng = np.random.default_rng([5, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     sensor, words = _mounted(rng, width, height)
@@ -82,7 +83,8 @@ def housed(seed: int, folder: Path | None) -> Photograph:
 
 
 def pasted(seed: int, folder: Path | None) -> Photograph:
-    """A sensor's square picture, turned and stretched, before clutter: with its black surround, a round one or none."""
+    """Rotate and stretch a square sensor image and paste it on clutter, with black, round or no
+    surroundings."""
     rng = np.random.default_rng([2, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height)
@@ -114,7 +116,7 @@ def pasted(seed: int, folder: Path | None) -> Photograph:
 
 
 def drawn(seed: int, folder: Path | None) -> Photograph:
-    """A disc into which a panorama of blocks and lines is wound."""
+    """Wrap a panorama of blocks and lines to a disc."""
     rng = np.random.default_rng([3, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height)
@@ -135,7 +137,7 @@ def drawn(seed: int, folder: Path | None) -> Photograph:
 
 
 def nothing(seed: int, folder: Path | None) -> Photograph:
-    """A picture without a mirror: the clutter that would be behind one."""
+    """Return an image without a mirror: the clutter background only."""
     if seed % 2:
         return compose(100_000 + seed, folder, mirror=False)
     rng = np.random.default_rng([9, seed])
@@ -147,14 +149,14 @@ def nothing(seed: int, folder: Path | None) -> Photograph:
 WAYS: dict[str, Callable[[int, Path | None], Photograph]] = {
     "composed": compose, "taken": taken, "housed": housed, "pasted": pasted, "drawn": drawn,
 }  # fmt: skip
-"""Of making pictures with mirrors, by their names."""
+"""Generators of mirror images by name."""
 
 
 # -- mirrors -------------------------------------------------------------------------------
 
 
 def _mounted(rng: np.random.Generator, width: int, height: int) -> tuple[om.Sensor, str]:
-    """A sensor whose mirror is off its place, on an imager of which its picture is off the middle."""
+    """Return a sensor with a misaligned mirror and a decentred imager."""
     name = STANDING[rng.integers(len(STANDING))]
     sensor = om.load_sensor(name)
     seen = 0.0
@@ -177,7 +179,8 @@ def _mounted(rng: np.random.Generator, width: int, height: int) -> tuple[om.Sens
 
 
 def _frame(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
-    """A frame, mostly dark, lit from one side, with a shine or two, and with screws perhaps."""
+    """Render a mostly dark frame with illumination from one side, one or two highlights, and
+    optional screws."""
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
     light = 1 + rng.uniform(0, 0.7) * np.cos(turn - rng.uniform(0, 2 * np.pi))
@@ -189,7 +192,8 @@ def _frame(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
 
 
 def _mask(sensor: om.Sensor) -> tuple[Floats, Rim]:
-    """How much of each pixel shows the mirror, and the ellipse through where that is a half: found in a white world."""
+    """Return the mirror coverage of each pixel, and the ellipse at coverage 0.5, from the image of
+    a white world."""
     white = om.expose(replace(sensor, housing=Housing()), om.Environment(WHITE), samples=4)[..., 1]
     cover = np.clip(white, 0, 1).astype(float)
     height, width = cover.shape
@@ -198,7 +202,7 @@ def _mask(sensor: om.Sensor) -> tuple[Floats, Rim]:
     points = (max(contours, key=len)[:, 0] + 0.5) / 4 - 0.5
     free = ((points > 1.5) & (points < np.array([width, height]) - 2.5)).all(axis=1)
     (u, v), (a, b), angle = cv2.fitEllipseDirect(points[free].astype(np.float32))
-    a, b = (a + 0.125) / 2, (b + 0.125) / 2  # the contour runs through the outermost pixels' middles
+    a, b = (a + 0.125) / 2, (b + 0.125) / 2  # the contour passes through the centres of the outermost pixels
     if a < b:
         a, b, angle = b, a, angle + 90
     return cover, Rim((u, v), (a, b), angle % 180)
@@ -206,7 +210,7 @@ def _mask(sensor: om.Sensor) -> tuple[Floats, Rim]:
 
 @cache
 def _square(number: int, folder: Path | None) -> tuple[Picture, float]:
-    """One of the finished pictures of sensors, and the radius of its rim."""
+    """Return one of the square sensor images, and the radius of its outline."""
     rng = np.random.default_rng([4, number])
     names = om.bundled_sensors()
     sensor = om.load_sensor(names[number % len(names)])
@@ -232,7 +236,7 @@ def _known(name: str) -> om.Scene:
 
 
 def _wound(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
-    """A panorama wound about the rim's centre, its top outside."""
+    """Wrap a panorama around the outline centre, with its top outside."""
     panorama = np.zeros((360, 1440, 3), np.uint8)
     panorama[:140] = rng.uniform(60, 255, 3)
     panorama[140:] = rng.uniform(20, 200, 3)
@@ -241,7 +245,7 @@ def _wound(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
         w, h = int(rng.uniform(4, 160)), int(rng.uniform(4, 160))
         cv2.rectangle(panorama, (x, y), (x + w, y + h), tuple(rng.uniform(0, 255, 3)), int(rng.choice([-1, -1, 2])))
     if rng.random() < 0.3:
-        panorama[:140] = panorama[:140] // 4 + np.uint8(180)  # a bright sky in which little is seen
+        panorama[:140] = panorama[:140] // 4 + np.uint8(180)  # bright, low-contrast sky
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     lean = np.radians(rim.angle_deg)
     x, y = u - rim.centre_px[0], v - rim.centre_px[1]
@@ -255,11 +259,12 @@ def _wound(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
     )
 
 
-# -- what is round them --------------------------------------------------------------------
+# -- surroundings --------------------------------------------------------------------------
 
 
 def _placed(rng: np.random.Generator, width: int, height: int) -> Rim:
-    """An ellipse in the picture, or cut by it on one or two sides, of which a good half is seen."""
+    """Draw an ellipse inside the image, or cut on one or two sides, with more than half of its
+    outline visible."""
     while True:
         radius = height * rng.uniform(0.25, 0.6)
         ratio = 1.0 if rng.random() < 0.5 else rng.uniform(0.93, 1.0)
@@ -269,14 +274,14 @@ def _placed(rng: np.random.Generator, width: int, height: int) -> Rim:
 
 
 def _seen(width: int, height: int, centre: tuple[float, float], radius: float) -> float:
-    """Share of a circle that is in the picture."""
+    """Return the fraction of a circle inside the image."""
     turn = np.linspace(0, 2 * np.pi, 360)
     x, y = centre[0] + radius * np.cos(turn), centre[1] + radius * np.sin(turn)
     return float(np.mean((x > 0) & (x < width) & (y > 0) & (y < height)))
 
 
 def _clutter(rng: np.random.Generator, width: int, height: int, folder: Path | None) -> Floats:
-    """A crop of an environment, clouds of noise, tiles, or blocks and rings."""
+    """Return a crop of an environment, noise clouds, tiles, or blocks and rings."""
     kind = rng.integers(4)
     if kind == 0:
         world = environments(folder)[rng.integers(len(environments(folder)))]
@@ -313,7 +318,7 @@ def _clutter(rng: np.random.Generator, width: int, height: int, folder: Path | N
 
 
 def _glared(rng: np.random.Generator, picture: NDArray, rim: Rim) -> Floats:
-    """Discs of saturated light, hard or with a halo, in the mirror and at its rim."""
+    """Add saturated discs, hard or with a halo, in the mirror and at its rim."""
     height, width, _ = picture.shape
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     radius = rim.semi_axes_px[0]

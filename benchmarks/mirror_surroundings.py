@@ -23,7 +23,7 @@ SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (800, 80
 
 
 def bare(seed: int, folder: Path | None) -> Photograph:
-    """A plain mirror, or spokes, on black, mostly as large as the picture."""
+    """Return a plain mirror, or spokes, on black, mostly as large as the image."""
     rng = np.random.default_rng([21, seed])
     side = int(rng.integers(240, 1100))
     width = side if rng.random() < 0.6 else int(side * rng.uniform(1.0, 1.5))
@@ -46,7 +46,7 @@ def bare(seed: int, folder: Path | None) -> Photograph:
 
 
 def ball(seed: int, folder: Path | None) -> Photograph:
-    """A mirror ball on a table or a wall, perhaps in a thin double frame of its own."""
+    """Return a mirror ball on a table or a wall, optionally in a thin double frame."""
     rng = np.random.default_rng([22, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height, 0.28, 0.55)
@@ -58,7 +58,7 @@ def ball(seed: int, folder: Path | None) -> Photograph:
     shares = 1 + np.cumsum(rng.uniform(0.008, 0.05, rng.choice([0, 2, 3], p=[0.5, 0.3, 0.2])))
     picture = _in_frames(rng, picture, rim, shares)
     shown = _shown(rng, rim, width, height, folder, widest=(115.0, 175.0))
-    if rng.random() < 0.3:  # a clear or grey band next to the rim, in which little is seen
+    if rng.random() < 0.3:  # transparent or grey low-contrast band along the rim
         share = rng.uniform(0.8, 0.95)
         inner = cv2.GaussianBlur(coverage(rim, share, width, height), (0, 0), rng.uniform(1, 12))[..., None]
         shown = shown * inner + (rng.uniform(30, 200, 3) + rng.uniform(0, 0.5) * (shown - 120)) * (1 - inner)
@@ -69,7 +69,7 @@ def ball(seed: int, folder: Path | None) -> Photograph:
 
 
 def ridged(seed: int, folder: Path | None) -> Photograph:
-    """A mirror in a turned frame of several ridges, its outer part mostly dark."""
+    """Return a mirror in a turned frame with several ridges and a mostly dark outer part."""
     rng = np.random.default_rng([28, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height, 0.3, 0.5)
@@ -94,7 +94,8 @@ def ridged(seed: int, folder: Path | None) -> Photograph:
 
 
 def enclosed(seed: int, folder: Path | None) -> Photograph:
-    """A mirror in a dark ring, the ring in a bright housing that is out of focus, all in the circle of a lens."""
+    """Return a mirror in a dark ring, in a bright defocused housing, within the image circle of a
+    lens."""
     rng = np.random.default_rng([23, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height, 0.3, 0.5)
@@ -114,7 +115,8 @@ def enclosed(seed: int, folder: Path | None) -> Photograph:
 
 
 def cut(seed: int, folder: Path | None) -> Photograph:
-    """A grey picture of a mirror that is larger than the picture is high, dark around it, lit unevenly."""
+    """Return a grey image of a mirror larger than the image height, with dark, unevenly lit
+    surroundings."""
     rng = np.random.default_rng([24, seed])
     width, height = SIZES[rng.choice([0, 2, 3])]
     radius = height * rng.uniform(0.5, 0.66)
@@ -139,7 +141,7 @@ def cut(seed: int, folder: Path | None) -> Photograph:
 
 
 def outdoors(seed: int, folder: Path | None) -> Photograph:
-    """Little contrast, a bright sky in the mirror's outer part and behind the mirror too."""
+    """Return a low-contrast image with a bright sky in the outer part of the mirror and behind it."""
     rng = np.random.default_rng([25, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height, 0.25, 0.6)
@@ -167,7 +169,8 @@ def outdoors(seed: int, folder: Path | None) -> Photograph:
 
 
 def rings(seed: int, folder: Path | None) -> Photograph:
-    """No mirror: plates, rings about one centre, a plain ball or a wheel, before a wall or on a table."""
+    """Return an image without a mirror: plates, concentric rings, a plain ball or a wheel, on a
+    wall or a table."""
     rng = np.random.default_rng([26, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height, 0.2, 0.55)
@@ -182,14 +185,14 @@ def rings(seed: int, folder: Path | None) -> Photograph:
 SURROUNDINGS: dict[str, Callable[[int, Path | None], Photograph]] = {
     "bare": bare, "ball": ball, "ridged": ridged, "enclosed": enclosed, "cut": cut, "outdoors": outdoors,
 }  # fmt: skip
-"""Of making pictures with mirrors, by their names."""
+"""Generators of mirror images by name."""
 
 
-# -- what the mirror shows -----------------------------------------------------------------
+# -- mirror content ------------------------------------------------------------------------
 
 
 def _away(rim: Rim, width: int, height: int) -> Floats:
-    """Distance of each pixel from the centre, 1 on the rim."""
+    """Return the distance of each pixel from the centre, 1 on the outline."""
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.radians(rim.angle_deg)
     x, y = u - rim.centre_px[0], v - rim.centre_px[1]
@@ -201,13 +204,13 @@ def _shown(
     rng: np.random.Generator, rim: Rim, width: int, height: int, folder: Path | None,
     widest: tuple[float, float] = (65.0, 160.0),
 ) -> Floats:  # fmt: skip
-    """An environment under a law from radius to field angle, its axis turned anyhow."""
+    """Render an environment with a random orientation under a mapping from radius to field angle."""
     world = _world(rng, folder)
     away = np.clip(_away(rim, width, height), 0, 1.02)
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
     most = np.radians(rng.uniform(*widest))
-    if rng.random() < 0.5:  # as a ball: ever faster towards the rim
+    if rng.random() < 0.5:  # as for a ball: with a slope that increases towards the rim
         most = min(most, np.radians(175))
         field = 2 * np.arcsin(np.clip(away * np.sin(most / 2), 0, 1))
     else:
@@ -223,7 +226,7 @@ def _shown(
 
 
 def _axes(rng: np.random.Generator) -> NDArray:
-    """A rotation: the mirror looks down, up, or anywhere."""
+    """Draw a rotation: optical axis down, up, or arbitrary."""
     if rng.random() < 0.6:
         return np.diag([1.0, rng.choice([-1.0, 1.0]), rng.choice([-1.0, 1.0])])
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -231,7 +234,7 @@ def _axes(rng: np.random.Generator) -> NDArray:
 
 
 def _world(rng: np.random.Generator, folder: Path | None) -> Picture:
-    """A photographed environment, one of the project's own scenes, or blocks and checks."""
+    """Return a photographed environment, a scene of the project, or blocks and checks."""
     kind = rng.integers(4)
     if kind == 0:
         return environments(None)[rng.integers(2)]
@@ -242,7 +245,7 @@ def _world(rng: np.random.Generator, folder: Path | None) -> Picture:
 
 @cache
 def _blocks(number: int) -> Picture:
-    """A world of plain walls, blocks, lines and checks."""
+    """Return a world of plain walls, blocks, lines and checks."""
     rng = np.random.default_rng([27, number])
     world = np.zeros((512, 1024, 3), np.uint8)
     top = int(rng.uniform(100, 300))
@@ -261,7 +264,8 @@ def _blocks(number: int) -> Picture:
 
 
 def _with_camera(rng: np.random.Generator, shown: Floats, rim: Rim) -> tuple[Floats, float]:
-    """The camera's own image in the middle, mostly; and its share of the rim's radius, 0 for none."""
+    """Add, in most cases, the camera reflection in the centre; return its radius relative to the
+    outline, 0 without."""
     if rng.random() < 0.35:
         return shown, 0.0
     height, width, _ = shown.shape
@@ -269,17 +273,17 @@ def _with_camera(rng: np.random.Generator, shown: Floats, rim: Rim) -> tuple[Flo
     cover = coverage(rim, share, width, height)[..., None]
     dark = rng.uniform(0, 60, 3)
     shown = shown * (1 - cover) + dark * cover
-    if rng.random() < 0.5:  # its lens
+    if rng.random() < 0.5:  # lens of the camera
         cover = coverage(rim, share * rng.uniform(0.2, 0.7), width, height)[..., None]
         shown = shown * (1 - cover) + rng.uniform(0, 120, 3) * cover
     return shown, share
 
 
-# -- what is round it ----------------------------------------------------------------------
+# -- surroundings --------------------------------------------------------------------------
 
 
 def _placed(rng: np.random.Generator, width: int, height: int, least: float, most: float) -> Rim:
-    """An ellipse that is mostly in the picture, mostly in its middle."""
+    """Draw an ellipse that is mostly inside the image and near its centre."""
     while True:
         radius = height * rng.uniform(least, most)
         ratio = 1.0 if rng.random() < 0.6 else rng.uniform(0.94, 1.0)
@@ -292,7 +296,7 @@ def _placed(rng: np.random.Generator, width: int, height: int, least: float, mos
 
 
 def _wall(rng: np.random.Generator, width: int, height: int, folder: Path | None) -> Floats:
-    """A crop of an environment, a plain wall lit from one side, bars, or checks."""
+    """Return a crop of an environment, a plain wall lit from one side, bars, or checks."""
     kind = rng.integers(4)
     if kind == 0:
         world = environments(folder)[rng.integers(len(environments(folder)))]
@@ -319,7 +323,7 @@ def _wall(rng: np.random.Generator, width: int, height: int, folder: Path | None
 
 
 def _with_table(rng: np.random.Generator, picture: Floats) -> Floats:
-    """A straight edge, of one or two colours beyond it."""
+    """Add a straight edge with one or two colours beyond it."""
     height, width, _ = picture.shape
     u, v = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     lean = rng.normal(0, 0.4)
@@ -330,14 +334,15 @@ def _with_table(rng: np.random.Generator, picture: Floats) -> Floats:
 
 
 def _shadow(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
-    """A soft shadow beside the mirror."""
+    """Return a soft shadow next to the mirror."""
     shift = rng.uniform(-0.3, 0.3, 2) * rim.semi_axes_px[0]
     other = Rim((rim.centre_px[0] + shift[0], rim.centre_px[1] + shift[1]), rim.semi_axes_px, rim.angle_deg)
     return cv2.GaussianBlur(coverage(other, rng.uniform(0.95, 1.2), width, height), (0, 0), rng.uniform(2, 30))
 
 
 def _in_frames(rng: np.random.Generator, picture: Floats, rim: Rim, shares: NDArray) -> Floats:
-    """Frames of one colour each, the outermost first; lit from one side, with a shine or two."""
+    """Add frames of one colour each, outermost first, lit from one side, with one or two
+    highlights."""
     height, width, _ = picture.shape
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
@@ -354,7 +359,7 @@ def _in_frames(rng: np.random.Generator, picture: Floats, rim: Rim, shares: NDAr
 
 
 def _shone(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
-    """Glare here and there, and mostly at the rim."""
+    """Add glare, mostly at the rim."""
     height, width, _ = picture.shape
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     for _ in range(rng.integers(0, 5)):
@@ -368,7 +373,7 @@ def _shone(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
 
 
 def _recorded(rng: np.random.Generator, picture: Floats, noise: float) -> Picture:
-    """Blurred, noisy, clipped; through JPEG mostly."""
+    """Apply blur, noise, clipping and, mostly, JPEG compression."""
     picture = np.clip(picture, 0, 400)
     if rng.random() < 0.6:
         picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.6))

@@ -24,7 +24,7 @@ POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)
 
 
 def sensors() -> dict[str, om.Sensor]:
-    """Of the kinds that differ in what they take."""
+    """Return sensors of the kinds with different costs."""
     sphere, hyperboloid, equidistant = (
         om.load_sensor(f"paper-{name}") for name in ("spherical", "hyperboloidal", "equidistant")
     )
@@ -43,7 +43,7 @@ def sensors() -> dict[str, om.Sensor]:
 
 
 def seconds(sensor: om.Sensor, runs: int) -> float:
-    """Median of the processor time, all caches empty."""
+    """Return the median processor time with empty caches."""
     times = []
     for _ in range(runs):
         camera_tables.cache_clear()

@@ -28,7 +28,7 @@ from omnimirror.dewarp.maps.coordinates import lattice_map_of, polar_map_of
 from omnimirror.optics.image_sensor import Imager
 
 RUNS = 7
-FRAMES = 24  # in a row: after a second of something else the first ones find caches and memory cold
+FRAMES = 24  # consecutive frames; after 1 s of other work the first ones find caches and memory cold
 SIDE, SIZE, HFOV_DEG, TILT_DEG = 1000, (1280, 720), 90.0, -20.0
 PANORAMA = (1440, 360)
 LARGE, LARGE_VIEW = (3840, 2160), (1920, 1080)
@@ -42,7 +42,7 @@ def sensor() -> om.Sensor:
 
 
 class TableMap:
-    """Maps of distant views, some 10 passes over float32 arrays each."""
+    """Maps of distant views, about 10 passes over float32 arrays each."""
 
     def __init__(self, camera: om.Sensor) -> None:
         s = camera.symmetry
@@ -58,7 +58,7 @@ class TableMap:
 
     @staticmethod
     def _radius_over_sine(symmetry: om.cameras.camera.AxialSymmetry) -> np.ndarray:
-        """Over sin(Omega/2), up to 1; far outside the picture beyond the field."""
+        """Return the radius over sin(Omega/2), up to 1; far outside the image beyond the field."""
         half_sine = (np.arange(ENTRIES) + 0.5) / ENTRIES
         omega = 2 * np.arcsin(half_sine)
         inside = omega <= symmetry.omega_max
@@ -85,7 +85,7 @@ class TableMap:
 
 
 def numpy_map(camera: om.Sensor, omegas: np.ndarray, radii: np.ndarray, pan_deg: float) -> Maps:
-    """A map as one would write it first: unit vectors, turned, their angles, and back."""
+    """Return a map by a straightforward implementation: unit vectors, rotation, angles, pixels."""
     s, (width, height) = camera.symmetry, SIZE
     focal = width / 2 / np.tan(np.radians(HFOV_DEG / 2))
     x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2)
@@ -110,7 +110,7 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
 
     def view(distance_mm: float) -> om.screens.Plane:
         here = pan()
-        distance_mm += 0.1 * here  # infinite stays so
+        distance_mm += 0.1 * here  # infinity is unchanged
         return om.screens.Plane(SIZE, here, TILT_DEG, hfov_deg=HFOV_DEG, distance_mm=distance_mm)
 
     def panorama(distance_mm: float) -> om.screens.Cylinder:
@@ -132,7 +132,7 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
         return om.Dewarper(camera, screen, "linear")(picture, out=out[screen.size])
 
     still = om.Dewarper(camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG), "linear", keep_map=True)
-    still(picture, out=out[SIZE])  # the second picture is the first to use the packed map
+    still(picture, out=out[SIZE])  # the packed map is used from the second image on
     check(camera, table_map, numpy_map(camera, omegas, radii, 30.0))
     return {
         "NumPy map + cv2.remap": lambda: remap(numpy_map(camera, omegas, radii, pan())),
@@ -150,7 +150,7 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
 
 
 def planes_of(picture: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, ...]:
-    """A picture of that size in YUV 4:2:0."""
+    """Return an image of the given size in YUV 4:2:0."""
     width, height = size
     whole = cv2.cvtColor(cv2.resize(picture, size), cv2.COLOR_RGB2YUV_I420)
     quarter = width * height // 4
@@ -159,7 +159,7 @@ def planes_of(picture: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, .
 
 
 def check(camera: om.Sensor, table_map: TableMap, plain: Maps) -> None:
-    """All maps are the same view."""
+    """Check that all maps yield the same view."""
     ours = om.Dewarper(camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG)).coordinates()
     for maps in (table_map(30.0), plain):
         assert np.abs(np.stack(maps, axis=-1) - ours).max() < 0.05

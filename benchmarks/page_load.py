@@ -42,7 +42,7 @@ WATCH = """() => {
 
 
 def row(what: str, values: list[float], unit: str, target: str) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     worst = f"{np.percentile(values, 95):.0f}" if len(values) > 1 else ""
     line = f"| {what} | {np.median(values):.0f} | {worst} | {unit} | {target} |"
     print(line, flush=True)
@@ -50,14 +50,14 @@ def row(what: str, values: list[float], unit: str, target: str) -> str:
 
 
 def weight() -> Iterator[str]:
-    """Of every file of the page, compressed as web servers do."""
+    """Yield the size of each file of the page, compressed as by web servers."""
     for path in sorted(PAGE.parent.iterdir(), reverse=True):
         what = "the page" if path == PAGE else f"`{path.name}`, fetched when it is wanted"
         yield row(f"{what}, compressed", [len(gzip.compress(path.read_bytes(), 9)) / 1000], "kB", "300 in all")
 
 
 def first_paint(browser: Browser, address: str, runs: int) -> Iterator[str]:
-    """From asking for the page to seeing it, each time by a browser that has never been there."""
+    """Yield the time from the request to the first paint, with an empty browser cache."""
     times = []
     for _ in range(runs):
         page = opened(browser, address)
@@ -68,7 +68,7 @@ def first_paint(browser: Browser, address: str, runs: int) -> Iterator[str]:
 
 
 def drag_to_frame(browser: Browser, address: str) -> Iterator[str]:
-    """From the movement of the pointer to the view that has followed it."""
+    """Yield the delay from the pointer movement to the updated view."""
     for name, state in VIEWS.items():
         page = opened(browser, f"{address}#source=room&{state}")
         page.wait_for_function("window.omnimirror.look.feed")
@@ -88,7 +88,7 @@ def drag_to_frame(browser: Browser, address: str) -> Iterator[str]:
 
 
 def opened(browser: Browser, address: str) -> Page:
-    """A page that has fetched its first camera."""
+    """Return a page that has loaded its first camera."""
     page = browser.new_context(viewport=SIZE, bypass_csp=True, reduced_motion="reduce").new_page()
     page.goto(address)
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
@@ -97,7 +97,7 @@ def opened(browser: Browser, address: str) -> Page:
 
 @contextmanager
 def served(*words: str | Path) -> Iterator[str]:
-    """The address of a studio of its own, by a command; an empty one without."""
+    """Yield the address of a studio started by a command; an empty studio by default."""
     command = [sys.executable, "-m", "omnimirror", *(words or ("studio",)), "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:

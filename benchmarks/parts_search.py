@@ -25,7 +25,7 @@ LENSES, IMAGERS = 200, 50
 
 
 def catalogue() -> Catalogue:
-    """Lenses and imagers, drawn."""
+    """Return random lenses and imagers."""
     rng = np.random.default_rng(1)
 
     def lens(i: int) -> LensComponent:
@@ -57,7 +57,7 @@ def catalogue() -> Catalogue:
 
 
 def asked(blur_deg: float) -> om.Requirements:
-    """A sphere of 60 mm that looks to 120 deg, with a limit of blur."""
+    """Return requirements for a sphere of 60 mm with a field of 120 deg and a blur limit."""
     return om.Requirements(
         field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=15),
         mirror=om.MirrorRequirements(rim_radius_mm=30, family="sphere"),
@@ -68,7 +68,7 @@ def asked(blur_deg: float) -> om.Requirements:
 
 
 def row(parts: Catalogue, blur_deg: float, what: str, processes: int, **options: Any) -> str:
-    """One search, measured."""
+    """Measure one search."""
     start = time.perf_counter()
     found = om.design_from_parts(asked(blur_deg), parts, processes=processes, **options)
     seconds = time.perf_counter() - start

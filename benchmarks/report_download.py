@@ -24,7 +24,7 @@ SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 
 
 def once(name: str) -> tuple[float, float, int]:
-    """Seconds, core seconds and bytes of a sensor's report."""
+    """Return wall-clock seconds, core seconds and bytes of a report."""
     asked = Download(tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None)
     wall, cores = time.perf_counter(), time.process_time()
     made = downloaded(asked)

@@ -40,7 +40,7 @@ from omnimirror.simulation.scenes.worlds.hall import Hall
 from omnimirror.simulation.scenes.worlds.street import Street
 
 NOISE = 0.01
-RUNS = 3  # of which the median is told: the first waits for memory that the system gives
+RUNS = 3  # of which the median is reported; the first includes memory allocation by the system
 SENSORS = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal")
 TOLD = (0.5, 0.7, 1.4, 2.0)
 CROPS = (
@@ -52,7 +52,8 @@ COLUMNS = ("sensor", "scene", "blur alone, dB", "given, dB", "gain, dB", "worst 
 
 
 def dead_leaves(width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.53, seed: int = 3) -> om.Environment:
-    """Disks of every size and colour that hide each other, as edges do in nature, and lettering."""
+    """Return occluding disks of all sizes and colours, with edge statistics of natural scenes, and
+    lettering."""
     rng = np.random.default_rng(seed)
     height = width // 2
     picture = np.full((height, width, 3), 128, np.uint8)
@@ -73,7 +74,7 @@ def dead_leaves(width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.
 
 
 def clouds(width: int = 4096, seed: int = 11) -> om.Environment:
-    """Noise of colours that mostly agree, whose amplitudes fall as the frequency."""
+    """Return noise with correlated colours and 1/f amplitudes."""
     rng = np.random.default_rng(seed)
     height = width // 2
     frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None])
@@ -85,26 +86,26 @@ def clouds(width: int = 4096, seed: int = 11) -> om.Environment:
 
 
 def exposed(path: Path, saturated: float = 0.005) -> om.Environment:
-    """An environment exposed so that no more than a share of it saturates the picture."""
+    """Return an environment with an exposure that saturates at most a given fraction of the image."""
     bright = np.quantile(om.Environment.load(path).light.max(axis=2), 1 - saturated)
     return om.Environment.load(path, gain=min(1.0, 1 / float(bright)))
 
 
 class Gains(NamedTuple):
-    """Of one picture."""
+    """Result for one image."""
 
     blurred_db: NDArray[np.float64]
-    """PSNR (2,) of the blurred picture: the inner two thirds of the radius, the outer third."""
+    """PSNR (2,) of the blurred image: inner 2/3 of the radius, outer 1/3."""
     given_db: NDArray[np.float64]
-    """With noise."""
+    """PSNR (2,) with noise."""
     gain_db: NDArray[np.float64]
     best_db: NDArray[np.float64]
-    """The gain (2,), had the best noise been told."""
+    """Gain (2,) for the best noise value."""
     tenths_db: NDArray[np.float64]
-    """(10,) gains by tenths of the radius."""
+    """Gains (10,) by radial zone."""
     seconds: float
     pictures: tuple[Any, Any, Any]
-    """Without blur, as given, and restored."""
+    """Images without blur, degraded, and restored."""
 
 
 def gains(
@@ -115,9 +116,10 @@ def gains(
     told: Sequence[float] = (),
     quality: int | None = None,
 ) -> Gains:
-    """Take the picture with and without blur, add noise, restore, and compare; also where shares of it are told.
+    """Render images with and without blur, add noise, restore and compare; also for scaled noise
+    values.
 
-    With a ``quality`` it is coded as JPEG, and what is told of its noise is nothing.
+    With a ``quality``, the image is JPEG-coded and its noise is estimated.
     """
     sensor = restorer.camera
     sharp = srgb_from_linear(om.expose(sensor, scene, samples=16))
@@ -149,13 +151,13 @@ def gains(
 
 
 def coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Coded as JPEG, and decoded."""
+    """Encode as JPEG and decode."""
     data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1])
 
 
 def faster(sensor: om.Sensor, pixels: int, f_number: float) -> om.Sensor:
-    """The sensor with fewer and larger pixels, and a lens that blurs as many of them."""
+    """Return the sensor with fewer, larger pixels and a lens with the same blur in pixels."""
     imager = type(sensor.imager)(pixels, pixels, sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels)
     return replace(sensor, imager=imager, lens=replace(sensor.lens, f_number=f_number))
 
@@ -169,7 +171,7 @@ def table(
     wrong: Sequence[float],
     qualities: Sequence[int],
 ) -> Iterator[str]:
-    """Lines of the table; the pictures are written."""
+    """Yield the lines of the table; write the images."""
     columns = [
         *COLUMNS,
         *["best gain, dB"][: len(told)],
@@ -199,7 +201,7 @@ def table(
 
 
 def crops(out: Path) -> NDArray[np.uint8]:
-    """Parts of pictures that the table wrote, twice as large: without blur, as given, restored."""
+    """Return crops of the written images at twice their size: without blur, degraded, restored."""
     rows = []
     for name, scene, (top, left) in CROPS:
         kinds = [om.read_image(out / f"{name}-{scene}-{kind}.png") for kind in ("sharp", "given", "restored")]
@@ -209,7 +211,7 @@ def crops(out: Path) -> NDArray[np.uint8]:
 
 
 def circumstances(pixels: int) -> str:
-    """What seconds were measured on."""
+    """Describe the machine of the timings."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     kernels = backend.name if backend.is_compiled else "no compiled"
     return (
@@ -225,16 +227,20 @@ def circumstances(pixels: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--environment", type=Path, nargs="*", default=[], help="equirectangular pictures")
+    parser.add_argument("--environment", type=Path, nargs="*", default=[], help="equirectangular images")
     parser.add_argument("--sensor", nargs="*", default=SENSORS)
-    parser.add_argument("--tuning", action="store_true", help="the scenes that weights were tuned on")
+    parser.add_argument("--tuning", action="store_true", help="scenes used for tuning")
+    parser.add_argument("--best", action="store_true", help="also use other noise values (5 x slower)")
+    parser.add_argument("--pixels", type=int, default=1024, help="fewer, larger pixels, same blur in pixels")
+    parser.add_argument("--blur-told", type=float, nargs="*", default=[], help="scale factors of the specified blur")
     parser.add_argument(
-        "--best", action="store_true", help="also with other noises told, which takes five times as long"
+        "--jpeg",
+        type=int,
+        nargs="*",
+        default=[],
+        help="also JPEG-code with these qualities",
     )
-    parser.add_argument("--pixels", type=int, default=1024, help="fewer and larger pixels, the blur as many of them")
-    parser.add_argument("--blur-told", type=float, nargs="*", default=[], help="shares of the blur told wrongly")
-    parser.add_argument("--jpeg", type=int, nargs="*", default=[], help="also coded in these qualities, unknown noise")
-    parser.add_argument("--crops", type=Path, help="write parts of the pictures, side by side")
+    parser.add_argument("--crops", type=Path, help="write crops of the images side by side")
     arguments = parser.parse_args()
     if arguments.tuning:
         name, scenes = "restoration_gain_tuning", {"room": om.Room(), "street": Street(), "clouds": clouds()}

@@ -28,12 +28,12 @@ from omnimirror.calibration.rim import SURE
 from omnimirror.calibration.rim.choice import COMMITTEE
 
 FIRST, MIRRORS = 9100, 200
-RIGHT = 0.01  # of the radius
+RIGHT = 0.01  # relative to the radius
 MIRRORLESS = {"no mirror": nothing, "rings": rings}
 
 
 class Found(NamedTuple):
-    """What became of one photograph."""
+    """Result for one photograph."""
 
     seed: int
     error: float
@@ -43,7 +43,7 @@ class Found(NamedTuple):
 
 
 def looked_at(seed: int, photograph: Photograph) -> Found:
-    """Find the rim of a photograph."""
+    """Detect the mirror outline in a photograph."""
     begun = time.perf_counter()
     rim = om.find_rim(photograph.picture)
     seconds = time.perf_counter() - begun
@@ -52,7 +52,7 @@ def looked_at(seed: int, photograph: Photograph) -> Found:
 
 
 def table_of(found: dict[str, list[Found]]) -> str:
-    """The table, way by way, and what went wrong."""
+    """Return the table by generator, and the failures."""
     head = ("pictures", "count", "within 1 %", "of these sure", "wrong, but sure", "median error, %", "median seconds")
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     for way, every in found.items():
@@ -72,12 +72,12 @@ def table_of(found: dict[str, list[Found]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--environments", type=Path, help="folder of the equirectangular pictures; else own scenes")
-    parser.add_argument("--count", type=int, default=MIRRORS, help="pictures of mirrors, of all ways together")
-    parser.add_argument("--first", type=int, default=FIRST, help="the first seed")
-    parser.add_argument("--ways", help="of making pictures, with commas between; all where it is not given")
-    parser.add_argument("--learn", type=int, help="learn to choose from so many seeds, and keep what was learned")
-    parser.add_argument("--jobs", type=int, default=1, help="processes that learning may use")
+    parser.add_argument("--environments", type=Path, help="folder of equirectangular images")
+    parser.add_argument("--count", type=int, default=MIRRORS, help="total number of mirror images")
+    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser.add_argument("--ways", help="comma-separated generators; all by default")
+    parser.add_argument("--learn", type=int, help="train the classifier on N seeds and save it")
+    parser.add_argument("--jobs", type=int, default=1, help="number of training processes")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     folder = arguments.environments

@@ -32,29 +32,29 @@ from omnimirror.calibration.rim.placing import placed
 
 Array = NDArray[np.float64]
 
-RIGHT = 0.01  # of the radius
-NEARLY = 0.04  # at working size, up to which a ring may be the rim once it is placed
+RIGHT = 0.01  # relative to the radius
+NEARLY = 0.04  # largest error at working size at which a candidate can be the outline after refinement
 MEMBERS, BENDS = 7, 16
 RIDGE, START = 4.0, 0.15
 STEPS = 150
 FOLDS = 4
-FIRST_SHARE = 0.15  # of the first look's odds; photographs of a mirror in a housing are sure with it
+FIRST_SHARE = 0.15  # weight of the initial odds; gives confident results for photographs of mirrors in housings
 WORDS = "numbers of rings to log odds; learned from pictures made by seed: "
 
 
 class Example(NamedTuple):
-    """What is learned from one picture."""
+    """Training example of one image."""
 
     way: str
     seed: int
     rows: Array
-    """(n, count)"""
+    """Features (n, count)."""
     right: NDArray[np.bool_]
-    """Which of the rings (n,) are the rim."""
+    """Labels of the candidates (n,)."""
 
 
 def example(way: str, seed: int, photograph: Photograph) -> Example | None:
-    """Of a photograph; None where it has no ring."""
+    """Return the example of a photograph; None without candidates."""
     working = at_working_size(photograph.picture)
     rings = rings_of(photograph.picture, working, edges_of(working))
     if not rings:
@@ -80,7 +80,7 @@ def _of_seed(seed: int, ways: dict[str, Any], folder: Path | None) -> list[Examp
 
 
 def learned(ways: dict[str, Any], folder: Path | None, seeds: Sequence[int], jobs: int) -> str:
-    """The file of the committee, from pictures of all ways and seeds."""
+    """Train the classifier on all generators and seeds; return its file."""
     with ProcessPoolExecutor(jobs) as pool:
         examples = [one for many in pool.map(partial(_of_seed, ways=ways, folder=folder), seeds) for one in many]
     told = f"{WORDS}{', '.join(ways)}; seeds {seeds[0]} to {seeds[-1]}; benchmarks/rim_learning.py"
@@ -88,7 +88,7 @@ def learned(ways: dict[str, Any], folder: Path | None, seeds: Sequence[int], job
 
 
 def as_json(committee: Committee, told: str) -> str:
-    """As its file holds it, to four digits."""
+    """Serialise a classifier with four digits."""
 
     def short(values: Array) -> Any:
         return [short(v) for v in values] if values.ndim else float(f"{values:.4g}")
@@ -103,7 +103,7 @@ def as_json(committee: Committee, told: str) -> str:
 
 
 def with_trust(examples: list[Example]) -> Committee:
-    """The committee of all examples, its trust from those whose seeds were left out, part by part."""
+    """Train the classifier on all examples, with its calibration from cross-validation."""
     judged: list[tuple[Example, Array]] = []
     for part in range(FOLDS):
         others = trained([one for one in examples if one.seed % FOLDS != part])
@@ -121,14 +121,14 @@ def with_trust(examples: list[Example]) -> Committee:
 
 
 def _probability(odds: Array, right: NDArray[np.bool_]) -> float:
-    """Of what is right, a ring or none of them."""
+    """Return the likelihood of the labels, including those without an outline."""
     every = np.append(odds, 0.0)
     weights = np.exp(every - every.max())
     return max(float(weights[np.append(right, not right.any())].sum() / weights.sum()), 1e-12)
 
 
 def trained(examples: list[Example]) -> Committee:
-    """A committee that is believed as it is."""
+    """Train a classifier without calibration."""
     rows = np.concatenate([one.rows for one in examples])
     middle = np.nan_to_num(np.nanmedian(rows, axis=0))
     low, high = np.nanpercentile(rows, [10, 90], axis=0)
@@ -139,7 +139,7 @@ def trained(examples: list[Example]) -> Committee:
 
 
 def _member(examples: list[Example], seed: int) -> Member:
-    """One that makes what is right most probable: odds of rings against none, as a conditional logit."""
+    """Train one member by maximum likelihood: a conditional logit of the candidates and none."""
     rng = np.random.default_rng(seed)
     chosen = [one for one in examples if rng.random() > 0.2]
     rows = np.concatenate([one.rows for one in chosen])
@@ -168,7 +168,7 @@ def _member(examples: list[Example], seed: int) -> Member:
         back = slope[:, None] * out * (1 - bends**2)
         gradient = [rows.T @ slope, [slope.sum()], (rows.T @ back).ravel(), back.sum(axis=0), bends.T @ slope]
         held = numbers.copy()
-        held[width] = 0.0  # the bias is free
+        held[width] = 0.0  # no penalty on the bias
         return RIDGE * float(held @ held) - float(np.log(good).sum()), np.concatenate(gradient) + 2 * RIDGE * held
 
     start = np.zeros(sum(sizes))

@@ -33,7 +33,7 @@ from omnimirror.simulation.scenes.triangles import facets
 from omnimirror.simulation.scenes.worlds.hall import Hall
 from omnimirror.simulation.scenes.worlds.street import Street
 
-RINGS = (36, 143, 570)  # of balls of 5 000, 82 000 and 1.3 million triangles
+RINGS = (36, 143, 570)  # balls of 5,000, 82,000 and 1.3 million triangles
 TRACED, PIXELS, RAYS = 512, 1000, 16
 
 
@@ -44,7 +44,7 @@ def sensor_of(pixels: int) -> om.Sensor:
 
 
 def ball(rings: int) -> np.ndarray:
-    """Triangles (n, 3, 3) around the origin, mm."""
+    """Return triangles (n, 3, 3) around the origin, mm."""
     polar, turn = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
     radius = 3000 * (1 + 0.05 * np.sin(9 * turn) * np.sin(7 * polar) * np.sin(polar))
     across, up = radius * np.sin(polar), radius * np.cos(polar)
@@ -54,7 +54,7 @@ def ball(rings: int) -> np.ndarray:
 
 
 def rays_of(samples: int, blur: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and directions (n, 3) of the rays that the mirror reflects, pixel by pixel."""
+    """Return origins and directions (n, 3) of the reflected rays by pixel."""
     bundle = trace(sensor_of(TRACED), spread(samples, blur), Radiometry(), slice(0, TRACED), slice(0, TRACED))
     seeing = bundle.fate == REFLECTED
     return bundle.origins[seeing], bundle.directions[seeing]
@@ -67,7 +67,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 
 def resident() -> int:
-    """Bytes of memory that the process holds; 0 where the system does not tell."""
+    """Return the resident memory of the process in bytes; 0 if unavailable."""
     gc.collect()
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4096
@@ -76,7 +76,7 @@ def resident() -> int:
 
 
 def held_each(rings: int) -> float:
-    """Bytes that a process of its own, where no memory is used again, holds for each triangle."""
+    """Return the memory per triangle in bytes, measured in a new process without memory reuse."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
         return alone.submit(_held_each, rings).result()
 
@@ -84,7 +84,7 @@ def held_each(rings: int) -> float:
 def _held_each(rings: int) -> float:
     triangles = ball(rings)
     colours = np.ones((len(triangles), 3, 3), np.float32)
-    facets(triangles[:100], colours[:100]).seen(np.zeros((1, 3)), np.ones((1, 3)))  # what is loaded at first use
+    facets(triangles[:100], colours[:100]).seen(np.zeros((1, 3)), np.ones((1, 3)))  # loads the modules of the first use
     before = resident()
     scene = facets(triangles, colours)
     assert scene.native

@@ -37,7 +37,7 @@ from omnimirror.optics.sensor_files import tables_of
 
 KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PICTURES = (224, 1), (640, 2)  # pixels and rays each, as the page asks for them
+PICTURES = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
 MOVE = """async (count) => {
   const { bench } = window.omnimirror.tabs;
@@ -73,7 +73,7 @@ TURN = f"""async (count) => {{
 
 @contextmanager
 def serving() -> Iterator[str]:
-    """The address of a studio that runs."""
+    """Yield the address of a running studio."""
     server, listening = Server(server_config(create_app(Studio()), "error")), listen("127.0.0.1", 0)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
@@ -87,7 +87,7 @@ def serving() -> Iterator[str]:
 
 
 def server_ms(sensor: BenchSensor, runs: int) -> float:
-    """Median processor time of an answer in the server."""
+    """Return the median processor time of a response in the server, ms."""
     ask = Ask(
         slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
         squares=True, requirements=None,
@@ -101,7 +101,7 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
 
 
 def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
-    """Median time of the answer with a picture of a room."""
+    """Return the median time of a response with an image of a room, ms."""
     ask = PictureAsk(tables=sensor.tables, width_px=width_px, samples=samples)
     times = []
     for _ in range(runs):
@@ -112,7 +112,7 @@ def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> f
 
 
 def turned(page: Any, count: int) -> str:
-    """What the view in space takes for a frame while it turns."""
+    """Return the frame time of the 3-D view during rotation."""
     page.locator(".groups label").filter(has_text="In space").click()
     page.wait_for_function(f"{SPACE}?.frames > 0 && {SPACE}.rays.length > 0")
     page.evaluate(TURN, 10)
@@ -125,7 +125,8 @@ def turned(page: Any, count: int) -> str:
 
 
 def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray, float]:
-    """From each change of the mirror's first slider to the plots drawn, (count,), and the page's processor time."""
+    """Return the times (count,) from a change of the first mirror slider to the drawn plots, and
+    the processor time of the page."""
     choice = page.get_by_label("Kind of mirror")
     if choice.input_value() != kind:
         choice.select_option(kind)
@@ -138,7 +139,7 @@ def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray,
 
 
 def busy_s(metrics: Any) -> float:
-    """Processor time of the page's own thread so far."""
+    """Return the processor time of the main thread of the page."""
     told = metrics.send("Performance.getMetrics")["metrics"]
     return float(next(m["value"] for m in told if m["name"] == "TaskDuration"))
 

@@ -27,7 +27,7 @@ from omnimirror.dewarp.sampling.samplers import remap
 from omnimirror.dewarp.screens import Cylinder, Plane
 
 RUNS = 15
-FRAMES = 5  # in a row, as in a video
+FRAMES = 5  # consecutive frames, as in a video
 CASES = [
     (1000, (1440, 360), "panorama"),
     (1000, (2880, 720), "panorama"),
@@ -48,7 +48,7 @@ def screen_of(kind: str, size: tuple[int, int], pan_deg: float = 30.0) -> Cylind
 
 
 def bytes_moved(coordinates: np.ndarray, side: int, out: np.ndarray) -> int:
-    """Of a bilinear frame from a packed map of 6 bytes a pixel."""
+    """Return the bytes of a bilinear frame from a packed map of 6 bytes per pixel."""
     corner = coordinates[~np.isnan(coordinates[..., 0])].astype(int).clip(0, side - 2)
     first = (corner[:, 1] * side + corner[:, 0]) * 3
     lines = np.unique(np.concatenate([(first + row * side * 3 + end) // 64 for row in (0, 1) for end in (0, 5)]))
@@ -56,7 +56,7 @@ def bytes_moved(coordinates: np.ndarray, side: int, out: np.ndarray) -> int:
 
 
 def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
-    """Maps that stay: packed against fixed-point, and panoramas without a map."""
+    """Return rows of fixed maps: packed and fixed-point, and panoramas without a map."""
     rows = []
     for side, size, kind in CASES:
         picture = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
@@ -65,7 +65,7 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
         fixed_point = cv2.convertMaps(*np.moveaxis(coordinates.astype(np.float32), -1, 0).copy(), cv2.CV_16SC2)
         clock = clock_of(threads)
         out, other = np.empty((*size[::-1], 3), np.uint8), np.empty((*size[::-1], 3), np.uint8)
-        moved = np.zeros((2, bytes_moved(coordinates, side, out) // 2), np.uint8)  # half is read and half written
+        moved = np.zeros((2, bytes_moved(coordinates, side, out) // 2), np.uint8)  # half is read, half is written
         for interpolation, flag in CV.items():
             packed = PixelMap(coordinates.astype(np.float32), (side, side))
             functions: dict[str, Callable[[], object]] = {
@@ -77,7 +77,7 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
                 near = PixelMap((coordinates % IN_CACHE[0]).clip(2, IN_CACHE[0] - 4).astype(np.float32), IN_CACHE)
                 small = picture[: IN_CACHE[1], : IN_CACHE[0]].copy()
                 functions["in cache"] = lambda p=small, m=near, i=interpolation, o=other: remap(p, m, i, o)
-            remap(picture, packed, interpolation, out)  # the second picture is the first to use the packed map
+            remap(picture, packed, interpolation, out)  # the packed map is used from the second image on
             if kind == "panorama":
                 centre = np.array(camera.centre_px)
                 radii = np.nanmean(np.linalg.norm(coordinates - centre, axis=-1), axis=1)

@@ -38,11 +38,11 @@ HANDSHAKE = (
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
     "Sec-WebSocket-Extensions: permessage-deflate\r\n\r\n"
 )
-ASK = bytes([0x81, 0x84, 0, 0, 0, 0]) + b"next"  # a masked text
+ASK = bytes([0x81, 0x84, 0, 0, 0, 0]) + b"next"  # masked text frame
 
 
 def make_clip(path: Path) -> None:
-    """What the bundled sphere sees of its room, turning."""
+    """Render the bundled room with the bundled sphere during a rotation."""
     sensor = om.load_sensor("paper-spherical")
     picture = cv2.resize(om.take_picture(sensor, om.Room(), blur=False), (SIDE, SIDE), interpolation=cv2.INTER_AREA)
     middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
@@ -53,7 +53,7 @@ def make_clip(path: Path) -> None:
 
 
 class Watcher:
-    """A page that only takes frames."""
+    """Page that only receives frames."""
 
     def __init__(self, host: str) -> None:
         name, port = host.split(":")
@@ -66,7 +66,7 @@ class Watcher:
         self.socket.sendall(ASK)
 
     def take(self) -> None:
-        """Whatever has come; at the end of a picture another one is asked for."""
+        """Read available data; request the next frame at the end of an image."""
         if not self.left:
             self._begin()
             return
@@ -76,7 +76,8 @@ class Watcher:
             self.socket.sendall(ASK)
 
     def _begin(self) -> None:
-        """The head of a message, byte by byte as it comes: its kind, and its length in one, three or nine bytes."""
+        """Parse the head of a message byte by byte: its type, and its length of one, three or nine
+        bytes."""
         needed = 2 if len(self.head) < 2 else 2 + {126: 2, 127: 8}.get(self.head[1], 0)
         self.head += self.socket.recv(needed - len(self.head))
         if len(self.head) < 2 or len(self.head) < 2 + {126: 2, 127: 8}.get(self.head[1], 0):
@@ -87,7 +88,7 @@ class Watcher:
 
 
 def watch(host: str, count: int, seconds: float, told: multiprocessing.connection.Connection) -> None:
-    """Take frames by so many pages for a while: how many each of them got."""
+    """Receive frames with several pages for a given time; send their counts."""
     pages = [Watcher(host) for _ in range(count)]
     waiting = selectors.DefaultSelector()
     for page in pages:
@@ -98,7 +99,7 @@ def watch(host: str, count: int, seconds: float, told: multiprocessing.connectio
             for key, _ in waiting.select(0.1):
                 key.data.take()
 
-    until(time.monotonic() + 2)  # the beginning does not count
+    until(time.monotonic() + 2)  # skips the start
     before = [(page.frames, page.bytes) for page in pages]
     told.send("begun")
     until(time.monotonic() + seconds)
@@ -108,13 +109,13 @@ def watch(host: str, count: int, seconds: float, told: multiprocessing.connectio
 
 
 def processor_s(pid: int) -> float:
-    """Processor time of a process so far, as Linux tells it."""
+    """Return the processor time of a process (Linux)."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def row(server: subprocess.Popen[str], host: str, count: int, seconds: float) -> str:
-    """What so many pages get."""
+    """Return the row for a number of pages."""
     here, there = multiprocessing.Pipe()
     pages = multiprocessing.Process(target=watch, args=(host, count, seconds, there))
     pages.start()

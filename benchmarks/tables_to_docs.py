@@ -17,7 +17,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def filled(page: str, tables: Path) -> str:
-    """The page with every table that there is; the heading of a table is the page's."""
+    """Return the page with all available tables; table headings belong to the page."""
 
     def table(mark: re.Match[str]) -> str:
         path = tables / f"{mark['name']}.md"

@@ -13,7 +13,8 @@ def interleaved(
     in_a_row: int = 1,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
-    """Median milliseconds of a call of each function, so many calls of each in turn, after one to warm up."""
+    """Return the median time per call of each function in ms, interleaved in groups of calls after
+    a warm-up."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for function in functions.values():
         function()
@@ -27,7 +28,7 @@ def interleaved(
 
 
 def measured(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, tuple[float, float]]:
-    """Median milliseconds of a call of each, in turn: by the clock, and of the processors."""
+    """Return the median wall-clock and processor time per call of each function in ms, interleaved."""
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in functions}
     for function in functions.values():
         function()

@@ -26,9 +26,9 @@ from omnimirror.base.files import write_text
 from omnimirror.manufacturing.tolerancing.sweep import SHARD_TRIALS
 
 IDLE_S = 20.0
-SHARDS, WORKERS = 20, os.cpu_count() or 1  # ten million sensors
+SHARDS, WORKERS = 20, os.cpu_count() or 1  # 10 million sensors
 MANY = 64
-# Dask looks a hundred times a second at what a worker is doing, for a dashboard that nobody opens here.
+# Disables the worker profiler, which samples 100 times per second for the unused dashboard.
 UNWATCHED = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 TICK = os.sysconf("SC_CLK_TCK")
 RUN = """
@@ -44,13 +44,13 @@ print(found.statistics.trials, found.statistics.passed, time.process_time())
 
 
 def spent(pid: int) -> float:
-    """Processor time of a process so far, s."""
+    """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICK
 
 
 def swept(folder: Path, name: str, address: str = "") -> tuple[str, float]:
-    """What a sweep found, and processor time of the process that asked for it."""
+    """Return the result of a sweep and the processor time of its client."""
     words = [folder / "tolerances.toml", folder / name, SHARDS * SHARD_TRIALS, address]
     run = subprocess.run([sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, check=True)
     trials, passed, seconds = run.stdout.split()
@@ -67,7 +67,7 @@ def started(stack: ExitStack, *words: str) -> subprocess.Popen[bytes]:
 
 
 def cluster(stack: ExitStack, folder: Path) -> tuple[str, dict[str, list[int]]]:
-    """Address, and the processes by what they are."""
+    """Start a cluster; return its address, and its processes by role."""
     from distributed import Client
 
     file = folder / "scheduler.json"
@@ -95,7 +95,7 @@ def main() -> None:
             [sys.executable, "-m", "omnimirror", "tolerance", "init", "paper-spherical"], cwd=folder, check=True
         )
         of_threads, single = swept(folder, "threads")
-        of_both, again = swept(folder, "threads")  # nothing to make: reading and summing up
+        of_both, again = swept(folder, "threads")  # no trials remain: reading and aggregation only
         address, processes = cluster(stack, folder)
         idle, _ = during(processes, lambda: time.sleep(IDLE_S))
         found: list[tuple[str, float]] = []
@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def during(processes: dict[str, list[int]], act: Callable[[], object]) -> tuple[dict[str, float], float]:
-    """Processor time of processes while something is done, and how long it took by the clock, s."""
+    """Return the processor time of processes during an action, and its wall-clock time, s."""
     before = {what: sum(map(spent, pids)) for what, pids in processes.items()}
     begin = time.perf_counter()
     act()

@@ -39,7 +39,7 @@ SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))
 
 
 def optiland_system(sensor: om.Sensor) -> Any:
-    """A point in the lens, and the mirror."""
+    """Return a system of a point in the lens and the mirror."""
     from optiland.optic import Optic
 
     system = Optic()
@@ -54,14 +54,15 @@ def optiland_system(sensor: om.Sensor) -> Any:
 
 
 def perturb(system: Any, values: dict[str, float]) -> None:
-    """The mirror of the system where a trial has it: Optiland turns about X first, and then about Y, as we do."""
+    """Perturb the mirror of a system as in a trial; Optiland rotates about X, then Y, as omnimirror
+    does."""
     place = system.surface_group.surfaces[1].geometry.cs
     place.x, place.y, place.z = (values[name] for name in POSE[:3])
     place.rx, place.ry = np.radians(values[POSE[3]]), np.radians(values[POSE[4]])
 
 
 def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
-    """Rays from the lens with these tangents."""
+    """Launch rays from the lens with given tangents."""
     from optiland.rays import RealRays
 
     n = len(tangents)
@@ -71,7 +72,8 @@ def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
 
 
 def largest_angle_rad(sensor: om.Sensor, evaluator: TrialEvaluator, values: dict[str, float]) -> float:
-    """Between where our trial looks and where Optiland's rays go, launched as our trial shows the objects."""
+    """Return the largest angle between the directions of the trial and the corresponding Optiland
+    rays."""
     field = evaluator.field
     states = states_of(field.sensor, {name: np.array([v]) for name, v in values.items()})
     tangents = trace_objects(states, field.targets, field.distant, field.start).tangents[0]
@@ -83,7 +85,7 @@ def largest_angle_rad(sensor: om.Sensor, evaluator: TrialEvaluator, values: dict
 
 
 def tolerancing(system: Any, operands: int) -> Any:
-    """Optiland's Monte Carlo with so many rays, each an operand."""
+    """Return Optiland's Monte Carlo analysis with a number of rays, each an operand."""
     from optiland.tolerancing.core import Tolerancing
     from optiland.tolerancing.monte_carlo import MonteCarlo
     from optiland.tolerancing.perturbation import DistributionSampler

@@ -32,7 +32,7 @@ ERRORS |= {f"mirror.zernike_{j}_um": om.Tolerance(1.0) for j in range(4, 16)}
 
 
 def functions_of(name: str) -> dict[str, Callable[[], object]]:
-    """Judging trials of a sensor: compiled by threads, and in NumPy."""
+    """Return evaluations of trials of a sensor: compiled by number of threads, and in NumPy."""
     sensor = om.load_sensor(name)
     evaluator, tolerances = TrialEvaluator.of(sensor, "rms"), om.Tolerances(sensor, ERRORS)
 

@@ -45,7 +45,7 @@ def asked(device: str, dtype: torch.dtype) -> dict[str, torch.Tensor]:
 
 
 def seconds_of(function: Callable[[], object], device: str) -> float:
-    """Processor time of one core, or the card's time."""
+    """Return the processor time of one core, or the time of the card."""
     if device == "cpu":
         start = time.process_time()
         function()
@@ -59,7 +59,7 @@ def seconds_of(function: Callable[[], object], device: str) -> float:
 
 
 def nanoseconds(function: Callable[[], object], what: torch.Tensor, runs: int) -> float:
-    """Of a ray, the median."""
+    """Return the median time per ray, ns."""
     function()
     times = [seconds_of(function, what.device.type) for _ in range(runs)]
     return statistics.median(times) / len(what) * 1e9
@@ -75,7 +75,7 @@ def measured(camera: TorchCamera, method: str, what: torch.Tensor, runs: int) ->
 
 
 def rows(device: str, dtype: torch.dtype, runs: int) -> Iterator[str]:
-    """The table's, by what is asked, where the mirror sits and what is learned."""
+    """Yield rows of the table by operation, alignment and learnable parameters."""
     digits = 0 if device == "cpu" else 2
     for method, what in asked(device, dtype).items():
         for place, pose in POSES.items():

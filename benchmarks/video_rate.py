@@ -49,7 +49,7 @@ CODECS: dict[str, tuple[str, dict[str, str], str]] = {
 
 
 def make_source(path: Path, photograph: np.ndarray, frames: int, codec: str, options: dict[str, str]) -> Path:
-    """The photograph, turning about its centre."""
+    """Encode a photograph that rotates about its centre."""
     middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
     with VideoWriter(path, (SIDE, SIDE), 60, codec=codec, options=options) as video:
         for i in range(frames):
@@ -59,7 +59,7 @@ def make_source(path: Path, photograph: np.ndarray, frames: int, codec: str, opt
 
 
 class Filter:
-    """v360 in a graph of its own."""
+    """v360 in its own filter graph."""
 
     def __init__(self, frame: av.VideoFrame, threads: int) -> None:
         self.graph = Graph()
@@ -78,14 +78,14 @@ class Filter:
 
 
 def convert(source: Path, output: Path, codec: str, options: dict[str, str], function: Callable[..., Any]) -> None:
-    """From file to file through a function of frames."""
+    """Convert a video file with a function of frames."""
     with VideoReader(source) as reader:
         sink = VideoWriter.like(reader, output, SIZE, codec=codec, options=options)
         process(reader.items(), sink, function, "frame")
 
 
 def with_program(source: Path, output: Path, codec: str, options: dict[str, str], threads: int, program: str) -> None:
-    """The same by the ffmpeg program."""
+    """Convert with the ffmpeg program."""
     settings = [word for name, value in options.items() for word in (f"-{name}:v", value)]
     command = [program, "-v", "error", "-y", "-threads", str(threads), "-filter_threads", str(threads), "-i", source]
     command += ["-vf", "v360=" + V360, "-c:v", codec, *settings, "-threads", str(threads), output]
@@ -117,7 +117,7 @@ def from_file_to_file(photograph: np.ndarray, folder: Path, frames: int, runs: i
 
 
 def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
-    """One frame again and again, in memory."""
+    """Measure the repeated conversion of one frame in memory."""
     rows = []
     frame = frame_of_image(photograph).reformat(format="yuv420p")
     frame.pts, frame.time_base = 0, Fraction(1, 60)
@@ -132,7 +132,7 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
             view = om.screens.Plane((1280, 720), float(next(moving)) % 360, -20.0)
             return dewarp_frame(om.Dewarper(CAMERA, view, "linear"), frame)
 
-        dewarp_frame(dewarp, frame), dewarp_frame(dewarp, frame)  # the second one makes the map
+        dewarp_frame(dewarp, frame), dewarp_frame(dewarp, frame)  # the second one builds the map
         ms = interleaved(
             {
                 "planes": lambda: dewarp_frame(dewarp, frame),  # noqa: B023
@@ -156,11 +156,11 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="a photograph; a drawn one without it")
+    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--threads", type=int, default=4)
-    parser.add_argument("--ffmpeg", default=shutil.which("ffmpeg"), help="the program, to be compared with too")
+    parser.add_argument("--ffmpeg", default=shutil.which("ffmpeg"), help="ffmpeg program for the comparison")
     arguments = parser.parse_args()
     if arguments.picture:
         photograph = om.read_image(arguments.picture)

@@ -51,7 +51,7 @@ with ThreadPoolExecutor(int(threads)) as pool:
 
 
 def costs(commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int) -> dict[str, tuple[float, float]]:
-    """Medians of the seconds by the clock and of all processors, each command in turn."""
+    """Return the medians of wall-clock and processor seconds, interleaved."""
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
     for _ in range(runs):
         for name, words in commands.items():
@@ -67,7 +67,7 @@ def costs(commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int) ->
 
 
 def one_picture(folder: Path, runs: int) -> list[str]:
-    """Rows of a table: each program on one large picture."""
+    """Return table rows for each program on one large image."""
     picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True)
     large = np.zeros((SIDE, WIDE, 3), np.uint8)
     large[:, (WIDE - SIDE) // 2 : (WIDE + SIDE) // 2] = cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_CUBIC)
@@ -100,7 +100,7 @@ def one_picture(folder: Path, runs: int) -> list[str]:
 
 
 def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
-    """Rows of a table: a folder, by each interpolation, and its codecs alone."""
+    """Return table rows for a folder: each interpolation, and its codecs alone."""
     source, target, view = folder / "in", folder / "out", folder / "view.jpg"
     source.mkdir()
     picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True)
@@ -136,7 +136,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=7)
-    parser.add_argument("--count", type=int, default=1000, help="pictures in the folder")
+    parser.add_argument("--count", type=int, default=1000, help="number of images in the folder")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         large, many = one_picture(Path(folder), arguments.runs), many_pictures(Path(folder), arguments.count, 3)

@@ -1,9 +1,10 @@
-"""What the docs show of the code, made from the code: two drawings of the house, and the glossary's quantities.
+"""Generate documentation from the code: two package diagrams, and the quantities of the glossary.
 
     python docs/from_code.py
 
-Floors are those of the import rules in pyproject.toml, what is written in a room is the first line of its docstring,
-and a dot stands where a module of the room on the left imports one of the room above.
+Layers are those of the import rules in pyproject.toml. Each package is labelled with the first line
+of its docstring. In
+the matrix, a dot marks an import of the package above by the package on the left.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from omnimirror.base.quantities import QUANTITIES
 ROOT = Path(__file__).parents[1]
 PACKAGE = "omnimirror"
 WIDTH, MARGIN, GAP = 1180, 16, 10
-LINE, TITLE, LETTER = 14, 20, 6.0  # heights of lines, and how wide a small letter is (px)
-CELL = 24  # of the matrix
+LINE, TITLE, LETTER = 14, 20, 6.0  # line heights and mean width of a small letter, px
+CELL = 24  # cell size of the matrix
 INK, SMALL, PAPER, DOT = "#22303c", "#4a5b68", "#eef3f6", "#2b6cb0"
 
 
 def floors() -> list[list[str]]:
-    """The rooms of each floor, from the top."""
+    """Return the packages of each layer, from the top."""
     rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     layers = next(rule["layers"] for rule in rules if rule["type"] == "layers")
     rows = [[name.strip().removeprefix(f"{PACKAGE}.") for name in layer.split("|")] for layer in layers]
@@ -36,7 +37,7 @@ def floors() -> list[list[str]]:
 
 
 def purpose(room: str) -> str:
-    """The first line of a room's docstring."""
+    """Return the first line of the docstring of a package."""
     path = ROOT / "src" / PACKAGE / room
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     doc = ast.get_docstring(ast.parse(file.read_text())) or ""
@@ -44,7 +45,7 @@ def purpose(room: str) -> str:
 
 
 def imports() -> set[tuple[str, str]]:
-    """Pairs of rooms of which the first reaches to the second."""
+    """Return pairs of packages; the first imports the second."""
     graph = grimp.build_graph(PACKAGE, cache_dir=None)
     pairs = set()
     for module in graph.modules:
@@ -67,7 +68,7 @@ def text(x: float, y: float, words: str, size: int, colour: str, more: str = "")
 
 
 def floor_plan() -> str:
-    """Every floor a row; each room with what it is for."""
+    """Return the layer diagram: one row per layer, with the purpose of each package."""
     parts, top = [], float(MARGIN)
     for row in floors():
         width = (WIDTH - 2 * MARGIN - GAP * (len(row) - 1)) / len(row)
@@ -87,7 +88,8 @@ def floor_plan() -> str:
 
 
 def matrix() -> str:
-    """Who imports whom: rooms from the top floor down, both ways; all dots lie right of the diagonal."""
+    """Return the import matrix with packages from the top layer down on both axes; all dots are
+    right of the diagonal."""
     rooms = [room for row in floors() for room in row]
     reached, left, top = imports(), 110, 100
     parts = []
@@ -107,7 +109,7 @@ def matrix() -> str:
 
 
 def quantities() -> str:
-    """The glossary with its table of quantities."""
+    """Return the glossary with its table of quantities."""
     page = (ROOT / "docs" / "glossary.md").read_text()
     rows = [
         re.sub(r"\|\s+(?=\|)", "| ", f"| `{q.name}` | {q.symbol} | {q.unit} | {q.meaning} | {q.equation} |")
@@ -118,7 +120,7 @@ def quantities() -> str:
 
 
 MADE = {"images/floors.svg": floor_plan, "images/imports.svg": matrix, "glossary.md": quantities}
-"""Files of this folder, and what makes each."""
+"""Generated files of this folder with their generators."""
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
     python docs/gallery.py [NAME ...]
 
-Each example is a program of fewer than thirty lines that writes an image with its own name to the working directory.
-Images are generated for the given names, or for all examples; the page is always generated.
+Each example is a program of fewer than 30 lines that writes an image with its own name to the
+working directory. Images
+are generated for the given names, or for all examples; the page is always generated.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""The pages of the documentation's site, put together in out/site-pages for `make docs`.
+"""Assemble the pages of the documentation site in out/site-pages for `make docs`.
 
     python docs/site_pages.py
 
-The pages of docs/ as they are, the README as the first one, CONTRIBUTING and CHANGELOG beside them, and a reference
-made from the code: of every public name its signature and docstring, of every command its help. Their order stands in
-mkdocs.yml.
+The site consists of the pages of docs/, the README as its index, CONTRIBUTING and CHANGELOG, and a
+generated reference:
+signature and docstring of each public name, and the help of each command. mkdocs.yml defines their
+order.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ OUTSIDE = {
     "web/README.md": "web.md",
     "release/README.md": "releases.md",
 }
-"""Pages that live beside docs/, and the names that they have on the site."""
+"""Pages outside docs/ with their names on the site."""
 SECTION = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
 ROLE = re.compile(r":(?:class|func|meth|attr|data|mod|exc):`~?\.?([^`]+)`")
 
 
 def copied() -> None:
-    """The pages as they stand, with links that lead where they are on the site."""
+    """Copy the pages with links adapted to the site."""
     shutil.rmtree(PAGES, ignore_errors=True)
     shutil.copytree(ROOT / "docs", PAGES, ignore=shutil.ignore_patterns("*.py", "*.txt", "__pycache__"))
     for page in PAGES.glob("*.md"):
@@ -54,7 +55,7 @@ def copied() -> None:
 
 
 def relinked(text: str, folder: Path) -> str:
-    """Links to files relative to ``folder``, as links between pages of the site."""
+    """Convert links to files relative to ``folder`` to links between pages of the site."""
 
     def target(match: re.Match[str]) -> str:
         path, anchor = match.group(1), match.group(2) or ""
@@ -72,7 +73,7 @@ def relinked(text: str, folder: Path) -> str:
 
 
 def rooms() -> dict[str, list[str]]:
-    """The public names by the room that they come from."""
+    """Return the public names by package."""
     found = defaultdict(list)
     for name in sorted(om.__all__):
         module = getattr(om, name) if inspect.ismodule(getattr(om, name)) else inspect.getmodule(getattr(om, name))
@@ -82,7 +83,7 @@ def rooms() -> dict[str, list[str]]:
 
 
 def reference() -> None:
-    """One page a room, with each of its public names."""
+    """Write one reference page per package."""
     folder = PAGES / "reference"
     folder.mkdir()
     lines = ["# Reference", "", "Every public name, from its docstring. `import omnimirror as om` opens them all.", ""]
@@ -94,7 +95,7 @@ def reference() -> None:
 
 
 def entry(title: str, thing: Any, level: int) -> Iterator[str]:
-    """The documentation of one name: heading, signature, docstring, and of a class its methods."""
+    """Yield the documentation of one name: heading, signature, docstring, and methods of a class."""
     anchor = re.sub(r"\W", "", title.lower())
     yield f"{'#' * level} {title} {{ #{anchor} }}\n"
     if callable(thing):
@@ -113,7 +114,7 @@ def entry(title: str, thing: Any, level: int) -> Iterator[str]:
 
 
 class Bare(str):
-    """An annotation that prints without quotes."""
+    """Annotation without quotes."""
 
     __slots__ = ()
 
@@ -122,7 +123,7 @@ class Bare(str):
 
 
 def signature(title: str, thing: Any) -> str:
-    """The call as one writes it, a parameter a line where it is long."""
+    """Return the call signature, one parameter per line if long."""
     try:
         found = inspect.signature(getattr(thing, "__func__", thing))
     except (TypeError, ValueError):
@@ -137,7 +138,7 @@ def signature(title: str, thing: Any) -> str:
 
 
 def markdown(doc: str) -> str:
-    """A NumPy docstring as Markdown: sections as bold lines, parameters as a list, examples as code."""
+    """Convert a NumPy docstring to Markdown: bold section titles, parameter lists, code examples."""
     doc = ROLE.sub(r"`\1`", doc).replace("``", "`")
     pieces = SECTION.split(doc)
     parts = [prose(pieces[0])]
@@ -147,7 +148,7 @@ def markdown(doc: str) -> str:
 
 
 def prose(text: str) -> str:
-    """Paragraphs; what stands at a prompt or is indented after a double colon becomes code."""
+    """Convert paragraphs; prompts and indented blocks after a double colon become code."""
     blocks = []
     for block in re.split(r"\n\s*\n", text.strip("\n")):
         if block.lstrip().startswith(">>>"):
@@ -158,12 +159,12 @@ def prose(text: str) -> str:
 
 
 def items(body: str) -> str:
-    """`name : type` with an indented description each."""
+    """Convert `name : type` entries with indented descriptions to a list."""
     lines: list[str] = []
     for block in re.split(r"\n(?=\S)", body.strip("\n")):
         head, _, description = block.partition("\n")
         name, _, kind = head.partition(" : ")
-        if not description and " : " not in head and " " in head:  # words after the list
+        if not description and " : " not in head and " " in head:  # text after the list
             lines += ["", block, ""]
             continue
         told = " ".join(textwrap.dedent(description).split())
@@ -175,7 +176,7 @@ def items(body: str) -> str:
 
 
 def commands(group: click.Command, words: tuple[str, ...]) -> Iterator[tuple[str, click.Command]]:
-    """Every command below this one, by the words that call it."""
+    """Yield all subcommands with the words of their call."""
     context = click.Context(group, info_name=words[-1])
     if isinstance(group, click.Group):
         for name in group.list_commands(context):
@@ -186,7 +187,7 @@ def commands(group: click.Command, words: tuple[str, ...]) -> Iterator[tuple[str
 
 
 def command_line() -> None:
-    """The help of every command, as it prints it."""
+    """Write the help of each command as printed."""
     lines = ["# Commands", "", "What `--help` says of each.", ""]
     for words, command in commands(program, ("omnimirror",)):
         context = click.Context(command, info_name=words, max_content_width=100, terminal_width=100)
@@ -195,7 +196,7 @@ def command_line() -> None:
 
 
 def page_alone() -> None:
-    """The studio without a server, which pages embed."""
+    """Write the studio without a server, embedded in pages."""
     (PAGES / "straighten.html").write_text(studio.page_alone(), encoding="utf-8")
 
 

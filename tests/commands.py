@@ -1,9 +1,12 @@
-"""The command line as its users run it: a process of its own for every command, with its streams and its exit code.
+"""Command line in separate processes, with their streams and exit codes.
 
-Where the system can fork, these processes are split off one that has imported everything already: starting Python and
-importing NumPy, SciPy and Matplotlib takes ten times as long as most commands do. That process computes nothing and has
-no threads, so a command finds what it would find in a fresh one. Tests of what a start from nothing does (what is
-imported when, odd streams and signals) start the program by themselves.
+On systems with fork, these processes are forked from one with preloaded modules: the start of
+Python and the import of
+NumPy, SciPy and Matplotlib take ten times as long as most commands. That process computes no
+results and has no threads;
+a command therefore runs as in a new process. Tests of the program start (deferred imports, unusual
+streams, signals) run
+the program directly.
 """
 
 from __future__ import annotations
@@ -31,19 +34,19 @@ matplotlib.figure matplotlib.backends.backend_agg matplotlib.backends.backend_sv
 scipy.integrate scipy.interpolate scipy.ndimage scipy.optimize scipy.spatial scipy.special
 omnimirror.base._native omnimirror.dewarp.pipelines.video omnimirror.analysis.figures.aperture
 """.split()  # noqa: SIM905
-"""What commands import when they come to need it."""
+"""Deferred imports of the commands."""
 
 
 def omnimirror(*args: object, cwd: Path | None = None, text: bool = True) -> subprocess.CompletedProcess[Any]:
-    """Run a command to its end; what it wrote to its streams, and its exit code."""
+    """Run a command; return its exit code and output streams."""
     words = [str(arg) for arg in args]
-    if sys.platform != "linux":  # elsewhere graphics libraries do not live through a fork
+    if sys.platform != "linux":  # graphics libraries of other systems do not survive a fork
         return subprocess.run([PROGRAM, *words], capture_output=True, text=text, cwd=cwd)
     return _forks().command(words, cwd or Path.cwd(), text)
 
 
 def fails(*args: object, cwd: Path | None = None) -> str:
-    """Run, expect failure, and return the one sentence."""
+    """Run a command, expect failure, and return the error message."""
     run = omnimirror(*args, cwd=cwd)
     assert run.returncode != 0
     assert "Traceback" not in run.stderr
@@ -53,7 +56,7 @@ def fails(*args: object, cwd: Path | None = None) -> str:
 
 
 class Forks:
-    """A process that has imported everything in an environment, and a line to it on which commands are asked for."""
+    """Process with preloaded modules in an environment, and a connection for its commands."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         self._environment = environment
@@ -68,14 +71,14 @@ class Forks:
         atexit.register(self.kill)
 
     def command(self, words: list[str], cwd: Path, text: bool = True) -> subprocess.CompletedProcess[Any]:
-        """A command run to its end."""
+        """Run a command and return its result."""
         code, *streams = self._run(words, cwd)
         if text:
             streams = [stream.decode().replace("\r\n", "\n") for stream in streams]
         return subprocess.CompletedProcess(words, code, *streams)
 
     def _run(self, words: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
-        """Its exit code, and what it wrote to its two streams."""
+        """Return exit code, standard output and standard error."""
         asked = json.dumps({"words": words, "cwd": str(cwd), "environment": dict(self._environment)}).encode()
         (out, its_out), (err, its_err) = os.pipe(), os.pipe()
         try:
@@ -85,13 +88,13 @@ class Forks:
             os.close(its_err)
             said = _all_of(out, err)
             code = _exactly(self._line, 8)
-        except BaseException:  # a test that was ended before its command leaves no answer to the next
+        except BaseException:  # an interrupted test must not leave its response to the next
             self.kill()
             raise
         return int.from_bytes(code, "big", signed=True), *said  # type: ignore[return-value]
 
     def kill(self) -> None:
-        """End it with all that it has split off."""
+        """Terminate the process and all its forks."""
         if _forks.cache_info().currsize and _forks() is self:
             _forks.cache_clear()
         with suppress(ProcessLookupError):
@@ -105,7 +108,7 @@ def _forks() -> Forks:
 
 
 def _all_of(*ends: int) -> list[bytes]:
-    """What comes through several pipes at the same time, until all of them are closed."""
+    """Read several pipes simultaneously until all are closed."""
     said = dict.fromkeys(ends, b"")
     with selectors.DefaultSelector() as waiting:
         for end in ends:
@@ -129,17 +132,18 @@ def _exactly(line: socket.socket, size: int) -> bytes:
     return read
 
 
-# -- in the process that has imported everything -------------------------------------------------------------
+# -- in the preloaded process
+# -------------------------------------------------------------------------------
 
 
 def serve(line_number: int) -> None:
-    """Split off one process for each command, until nobody asks any more."""
+    """Fork one process per command until the connection is closed."""
     from omnimirror.apps import cli
 
     for name in cli.COMMANDS:
         cli.app.get_command(None, name)  # type: ignore[arg-type]
     for name in LATER:
-        with suppress(ImportError):  # of an extra that is not here
+        with suppress(ImportError):  # of an extra that is not installed
             import_module(name)
     gc.collect()
     gc.freeze()
@@ -160,7 +164,7 @@ def serve(line_number: int) -> None:
 
 
 def _run(asked: dict[str, Any], streams: list[int]) -> None:
-    """The command, with the streams, folder and environment of who asked; its process ends here."""
+    """Run the command with streams, folder and environment of the client, and end the process."""
     from omnimirror.apps.cli import main
 
     for number, stream in enumerate(streams, 1):
@@ -180,7 +184,7 @@ def _run(asked: dict[str, Any], streams: list[int]) -> None:
     except BaseException:
         sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
         code = 1
-    threading._shutdown()  # what the end of an interpreter does, but for taking its modules to pieces
+    threading._shutdown()  # interpreter shutdown without the teardown of modules
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):

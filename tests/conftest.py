@@ -1,4 +1,4 @@
-"""Shared by all tests: one sensor per kind of mirror, and where the real photographs are."""
+"""Shared fixtures: one sensor per kind of mirror, and the folder of real photographs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import os
 import shutil
 import subprocess
 
-# As in commands, and before NumPy reads it: processes share the cores already, and threads that wait for each other at
-# every small product would take three times as long for a calibration.
+# As in commands, and before NumPy is imported: test processes already share the cores, and BLAS
+# threads that synchronise
+# for each small product would triple the time of a calibration.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from collections.abc import Callable
@@ -47,12 +48,13 @@ from omnimirror.optics.mirrors import (
 from omnimirror.optics.mirrors.generated import Mapped
 from omnimirror.optics.sensor_files import bundled_sensors
 
-# A shared machine stalls now and then, and a run must not fail for a case that the next run will not see.
+# Shared machines stall occasionally, and a run must not fail for a case that the next run does not
+# include.
 settings.register_profile("omnimirror", deadline=None, derandomize=True)
 settings.load_profile("omnimirror")
 
-# Collecting ten thousand tests makes objects by the million that all stay; looking through them again and again takes a
-# quarter of that time.
+# Collection of 10,000 tests creates millions of permanent objects; scanning them repeatedly takes
+# 25 % of that time.
 gc.disable()
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
@@ -101,7 +103,7 @@ MIRRORS: dict[str, tuple[Mirror, float]] = {
     "slope-spline": (_sloped_sphere(), 4.110 * M),
     **{kind: (mirror, mirror.design_distance) for kind, mirror in GENERATED.items()},
 }
-"""Every kind of mirror (mm), with a lens distance at which it can be used."""
+"""All kinds of mirrors (mm), with a usable lens distance."""
 
 SURFACES_OF_LENS_FILES = {
     "sphere",
@@ -112,7 +114,7 @@ SURFACES_OF_LENS_FILES = {
     "even-polynomial",
     "conic-asphere",
 }
-"""Kinds that a conic with even terms is exactly; the others are fitted."""
+"""Kinds that equal a conic with even terms; the others are fitted."""
 
 
 def sensor_of(kind: str, lens: str = "perspective") -> om.Sensor:
@@ -131,7 +133,7 @@ def any_mirror(request: pytest.FixtureRequest) -> Mirror:
     params=[f"{k}/perspective" for k in sorted(MIRRORS)] + ["sphere/orthographic", "paraboloid/orthographic"]
 )
 def any_sensor(request: pytest.FixtureRequest) -> om.Sensor:
-    """Every mirror under a perspective lens, two under an orthographic one."""
+    """All mirrors with a perspective lens, two with an orthographic one."""
     return sensor_of(*request.param.split("/"))
 
 
@@ -142,13 +144,13 @@ def bundled(request: pytest.FixtureRequest) -> om.Sensor:
 
 @pytest.fixture
 def uncompiled(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Call this to go on without what is compiled."""
+    """Return a function that disables the compiled module."""
     return lambda: monkeypatch.setattr(backend, "module", None)
 
 
 @pytest.fixture
 def shared_data() -> Path:
-    """The folder of real photographs, or a skip that says so."""
+    """Return the folder of real photographs; skip if missing."""
     if not SHARED.is_dir():
         pytest.skip(f"real photographs are not here: {SHARED}")
     return SHARED
@@ -156,23 +158,24 @@ def shared_data() -> Path:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
-    """From here on what was collected is left alone, and what tests leave is found as ever."""
+    """Exclude collected objects from garbage collection; objects of tests are collected as usual."""
     gc.collect()
     gc.freeze()
     gc.enable()
 
 
 def is_long(item: pytest.Item) -> bool:
-    """Whether a test takes some seconds, as all do that drive the browser."""
+    """Check if a test takes several seconds, as all browser tests do."""
     return item.get_closest_marker("long") is not None or "browser" in getattr(item, "fixturenames", ())
 
 
-@pytest.hookimpl(trylast=True)  # after those that are not wanted have been taken out
+@pytest.hookimpl(trylast=True)  # after deselection
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Each process begins with its share of the long tests, so that none is left with one at the end.
+    """Give each process its share of the long tests first, so none remains at the end.
 
-    At first ``--dist worksteal`` gives each process an equal piece of the list; later, those that are done take from
-    the ends of others' pieces.
+    Initially, ``--dist worksteal`` gives each process an equal part of the list; later, idle
+    processes take tests from the
+    ends of other parts.
     """
     processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
     long, short = [i for i in items if is_long(i)], [i for i in items if not is_long(i)]
@@ -186,7 +189,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def launched():
-    """Starts a browser with some flags; one Playwright for all tests in a process, which holds no two."""
+    """Launch a browser with given flags; one Playwright instance for all tests of a process, which
+    supports no second."""
     from tests.apps.studio.browser import FAKE_CAMERA, chromium
 
     sync_api = pytest.importorskip("playwright.sync_api", reason="pages are driven by Playwright, which is not here")
@@ -199,7 +203,7 @@ def launched():
 
 @pytest.fixture
 def display(monkeypatch):
-    """An X server without a screen that anybody sees."""
+    """A virtual X server."""
     program = shutil.which("Xvfb")
     if program is None or find_spec("_tkinter") is None:
         pytest.skip("there is no Xvfb to show a window, or no Tk to draw it")

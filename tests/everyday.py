@@ -1,4 +1,4 @@
-"""Which cases of a test run every day; ``make test-full`` runs all."""
+"""Selection of the daily cases of a test; ``make test-full`` runs all."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 
 FEW_MIRRORS = ("cone", "conic-asphere", "cylinder", "sampled")
-"""Mirrors unlike each other: with a pointed tip, by a formula, generated for a mapping, and through points."""
+"""Mirrors of different types: with a pointed tip, analytic, with a prescribed mapping, and through
+points."""
 
 
 def few(cases: Iterable[Any], *everyday: object) -> list[Any]:
-    """All cases for a parametrised test, tuples of several values; those not named run in the long run alone."""
+    """Return all cases of a parametrised test, with tuples for several values; only the named ones
+    run daily."""
     found = list(cases)
     assert set(everyday) <= set(found), f"there is no case {set(everyday) - set(found)}"
     return [case if case in everyday else _in_the_long_run(case) for case in found]

@@ -1,4 +1,5 @@
-"""What tests of samplers share: every set of instructions that there is, and pictures sampled at places once."""
+"""Common code of sampler tests: available instruction sets, and one-time sampling at given
+positions."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from omnimirror.dewarp.sampling.samplers import remap
 
 
 def instructions() -> list[str]:
-    """Every set of instructions that this machine has; none where nothing is compiled."""
+    """Return all instruction sets of this machine; empty without the compiled module."""
     if not backend.is_compiled:
         return []
     known, before = [], backend.name
@@ -25,5 +26,5 @@ def instructions() -> list[str]:
 
 
 def remap_at(picture, places, interpolation="linear", out=None, border=0) -> np.ndarray:
-    """The picture's values at places (rows, columns, 2), by a map that is used once."""
+    """Return image values at positions (rows, columns, 2), by a temporary map."""
     return remap(picture, PixelMap(places, picture.shape[1::-1]), interpolation, out, border)

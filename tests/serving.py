@@ -1,4 +1,4 @@
-"""A server that runs in a thread for as long as a test asks it something, and loops for who asks."""
+"""Servers in threads for the duration of a test, and event loops for its clients."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ Result = TypeVar("Result")
 
 
 def in_a_loop(coroutine: Coroutine[Any, Any, Result]) -> Result:
-    """What a coroutine gives, in a thread of its own: a browser that runs has a loop in this one."""
+    """Return the result of a coroutine, run in a separate thread: a running browser has an event
+    loop in this one."""
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(asyncio.run, coroutine).result()
 
 
 @contextmanager
 def served(app: ASGIApp, port: int = 0) -> Iterator[str]:
-    """The address of a running server."""
+    """Yield the address of a running server."""
     server, listening = Server(server_config(app, "error")), listen("127.0.0.1", port)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()

@@ -1,6 +1,8 @@
-"""What CONTRIBUTING.md says of adding a command, a tab and a compiled kernel, done in copies of the sources.
+"""Instructions of CONTRIBUTING.md to add a command, a tab and a compiled kernel, applied to copies
+of the sources.
 
-Mirrors, cameras, screens, quantities and formats are added from outside the package: ``test_extensions.py``.
+Mirrors, cameras, screens, quantities and formats are added by other packages:
+``test_extensions.py``.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ CHECKOUT = Path(__file__).parents[1]
 WEB, NATIVE = CHECKOUT / "web", CHECKOUT / "native"
 
 
-# An editable installation finds the package by a hook that goes before any path.
+# An editable installation locates the package through a finder that precedes every path.
 OF_THE_COPY = """
 import sys
 sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
@@ -39,7 +41,7 @@ UNDER = ("", "native", "web", "src", "src/omnimirror")
 
 
 def ignored(files: list[Path]) -> set[str]:
-    """Which of the files git leaves out of a clone; none where the checkout is not under git."""
+    """Return the files excluded from a clone by git; empty outside a git checkout."""
     words = ["git", "check-ignore", "--stdin"]
     found = subprocess.run(words, input="\n".join(map(str, files)), cwd=CHECKOUT, capture_output=True, text=True)
     return set(found.stdout.split())
@@ -47,7 +49,7 @@ def ignored(files: list[Path]) -> set[str]:
 
 @pytest.mark.parametrize("page", NAMED_IN)
 def test_programs_that_are_named_are_there(page):
-    """There, and in a clone too."""
+    """Present here and in a clone."""
     named = {name for name in PROGRAM.findall((CHECKOUT / page).read_text()) if not re.search("[A-Z]{3}|^build/", name)}
     assert named
     there = {name: CHECKOUT / under / name for name in named for under in UNDER if (CHECKOUT / under / name).is_file()}
@@ -65,7 +67,7 @@ def test_the_table_of_mutation_testing_names_modules_and_tests_that_exist():
 
 
 def edit(file: Path, *changes: tuple[str, str]) -> None:
-    """Put words in the place of others, each of which is there once."""
+    """Replace texts that occur exactly once."""
     text = file.read_text()
     for old, new in changes:
         assert text.count(old) == 1, f"{file.name}: {old}"
@@ -81,13 +83,13 @@ def run(words, folder, **environment) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def copy(tmp_path) -> Path:
-    """The package in a folder of its own."""
+    """The package in a separate folder."""
     left_out = shutil.ignore_patterns("__pycache__", "_native*", "page")
     shutil.copytree(Path(om.__file__).parent, tmp_path / "src" / "omnimirror", ignore=left_out)
     return tmp_path
 
 
-# -- a command -------------------------------------------------------------------------------------
+# -- command ---------------------------------------------------------------------------------------
 
 COMMAND = '''"""``omnimirror rim``: how wide a mirror is."""
 
@@ -133,7 +135,7 @@ def test_a_command_is_a_module_and_its_name(copy):
     assert run([*program, "girth", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
 
 
-# -- a tab of the page -----------------------------------------------------------------------------
+# -- tab of the page -------------------------------------------------------------------------------
 
 BEGIN = """import { h } from "../shared/dom";
 import type { Store } from "../shared/store";
@@ -184,7 +186,7 @@ def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
     assert "notes/begin imports look/look" in refused.stdout + refused.stderr
 
 
-# -- a compiled kernel -----------------------------------------------------------------------------
+# -- compiled kernel -------------------------------------------------------------------------------
 
 HEADER = """// out[i] = 2 values[i].
 #pragma once

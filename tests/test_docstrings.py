@@ -1,4 +1,4 @@
-"""Every name of the front door is explained: parameters with shapes, what comes back, what is raised, an example."""
+"""Documentation of all public names: parameters with shapes, return values, exceptions, an example."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from omnimirror.base import arguments
 
 SECTIONS = ("Parameters", "Attributes", "Returns", "Yields", "Raises", "Notes", "Examples", "References", "See Also")
 CHECKS = {name for name, f in vars(arguments).items() if inspect.isfunction(f) and not name.startswith("_")} - {"shown"}
-"""Functions that raise what is wrong with an argument."""
+"""Functions that raise errors of arguments."""
 ARRAYS = re.compile(r"\b(Array|ArrayLike|NDArray|Image|Picture|Light|Mask|Planes)\b")
 SHAPE = re.compile(r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\., \w)\)|\bscalar\b|\bshape\b")
 
 
 def sections(doc: str) -> dict[str, str]:
-    """The text of each NumPy section, the summary under an empty name."""
+    """Return the text of each NumPy section, the summary under an empty name."""
     parts = re.split(rf"(?m)^({'|'.join(SECTIONS)})\n-+\n", doc)
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 
 def entries(text: str) -> dict[str, str]:
-    """What a section says of each name: ``a, b : (n,)`` and the lines below it."""
+    """Return the description of each name in a section: ``a, b : (n,)`` and the following lines."""
     found: dict[str, str] = {}
     for block in re.split(r"(?m)^(?=\S)", text):
         head, _, body = block.partition("\n")
@@ -40,7 +40,7 @@ def entries(text: str) -> dict[str, str]:
 
 
 def fields_explained(cls: type) -> dict[str, str]:
-    """Fields of a class with the string that stands below each."""
+    """Return the fields of a class with their attribute docstrings."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(tree, ast.ClassDef)
     found = {}
@@ -52,14 +52,14 @@ def fields_explained(cls: type) -> dict[str, str]:
 
 
 def raises(function: Any) -> bool:
-    """Whether a function raises by itself, or has an argument checked."""
+    """Check if a function raises directly, or through an argument check."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     calls = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
     return any(isinstance(n, ast.Raise) and n.exc for n in ast.walk(tree)) or bool(calls & CHECKS)
 
 
 def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
-    """What the docstring of a function, a class or a method lacks."""
+    """Yield the missing parts in the docstring of a function, class or method."""
     doc = inspect.getdoc(thing)
     if not doc:
         yield "a docstring"
@@ -92,7 +92,7 @@ def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
 
 
 def explained_names() -> dict[str, tuple[Any, type | None]]:
-    """Everything that has to be explained, methods with their class."""
+    """Return all names that require documentation, methods with their class."""
     found: dict[str, tuple[Any, type | None]] = {}
     for name in om.__all__:
         thing = getattr(om, name)

@@ -1,4 +1,4 @@
-"""What others add from outside the package: by a call, and by the entry points of an installed package."""
+"""Extensions from outside the package: by a call, and by entry points of an installed package."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ density_px2 = bowls:density
 
 @dataclass(frozen=True)
 class Quartic(Mirror):
-    """z = depth (x / rim)^4, flat at its vertex, so that its curvature there is 0."""
+    """z = depth (x / rim)^4, flat at its vertex with zero curvature."""
 
     depth_mm: float
     rim_radius_mm: float
@@ -126,7 +126,7 @@ def quartic():
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory) -> dict[str, str]:
-    """Of a Python that has the package installed."""
+    """Environment of a Python with the package installed."""
     site = tmp_path_factory.mktemp("site")
     (site / "bowls.py").write_text(PACKAGE)
     (site / "bowls-1.0.dist-info").mkdir()
@@ -138,7 +138,7 @@ def environment(tmp_path_factory) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def installed(environment) -> Iterator[Forks]:
-    """That Python, of which every command is a process of its own."""
+    """That Python, with a separate process for each command."""
     forks = Forks(environment)
     yield forks
     forks.kill()
@@ -158,7 +158,8 @@ def test_a_mirror_of_ones_own_keeps_the_contract(quartic):
 
 
 def test_the_contract_finds_a_wrong_slope(quartic, monkeypatch):
-    """The error 0.001 slope is largest at the outermost place, 0.93 of the rim; there the slope is 2 * 0.93^3."""
+    """The error 0.001 slope is largest at the outermost sample, 0.93 of the rim, with the slope 2 *
+    0.93^3."""
     monkeypatch.setattr(Quartic, "wrong", 1.001)
     with pytest.raises(
         AssertionError, match=r"^slope at x = 37\.2 mm is 1\.6103.*, but its integral changes by 1\.60871"
@@ -169,7 +170,8 @@ def test_the_contract_finds_a_wrong_slope(quartic, monkeypatch):
 
 
 def with_profile(change):
-    """A profile of a quartic mirror, changed by a function of x / rim, sag, slope and curvature."""
+    """Return a quartic mirror with its profile changed by a function of x / rim, sag, slope and
+    curvature."""
 
     def profile(self, x_mm, own=Quartic.profile):
         return change(np.asarray(x_mm, dtype=float) / self.rim_radius_mm, *own(self, x_mm))
@@ -178,7 +180,8 @@ def with_profile(change):
 
 
 def with_check(high, names_it=True):
-    """A mirror that checks less: its depth up to ``high`` alone, or without a name in the message."""
+    """Return a mirror with weaker checks: depth up to ``high`` only, or without the name in the
+    message."""
 
     def post_init(self):
         if not self.depth_mm <= high:
@@ -188,12 +191,12 @@ def with_check(high, names_it=True):
 
 
 def with_parameters(**changes):
-    """Other descriptions of parameters: None leaves one out."""
+    """Return other parameter descriptions; None removes one."""
     return {"PARAMETERS": {n: p for n, p in (Quartic.PARAMETERS | changes).items() if p is not None}}
 
 
 def within(low, high):
-    """A slope that is wrong by 0.01 between two shares of the rim radius."""
+    """Return a slope error of 0.01 between two fractions of the rim radius."""
     return with_profile(lambda u, z, s, c: (z, s + 0.01 * ((low < u) & (u < high)), c))
 
 
@@ -280,7 +283,8 @@ def test_the_contract_names_what_a_mirror_breaks(members, sentence, quartic, mon
 
 
 def test_the_contract_allows_a_mirror_that_is_lowest_between_vertex_and_rim(quartic, monkeypatch):
-    """z = 20 (u^4 - u^2) mm, lowest at u = 0.71; bounds are those of the sag at 513 places."""
+    """z = 20 (u^4 - u^2) mm with its minimum at u = 0.71; bounds are those of the sag at 513
+    points."""
     members = with_profile(
         lambda u, z, s, c: (20 * (u**4 - u**2), 20 / 40 * (4 * u**3 - 2 * u), 20 / 1600 * (12 * u**2 - 2))
     )
@@ -386,7 +390,7 @@ def lens_distance():
 
 
 def test_a_quantity_of_ones_own_is_judged_and_kept_by_designs(lens_distance):
-    """How far the lens stands, by the sensor's own distance; the optimiser's sphere would need 172 mm."""
+    """Lens distance, by the attribute of the sensor; the optimiser's sphere would need 172 mm."""
     sphere = load_sensor("paper-spherical")
     like = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
     for limit, is_met in ((sphere.mirror_distance_mm + 1, True), (sphere.mirror_distance_mm - 1, False)):
@@ -414,7 +418,8 @@ def test_an_installed_package_brings_a_quantity(installed, tmp_path):
 
 
 class Staircase:
-    """Two pixels a column: the upper looks level, the lower 45 deg down; it derives from nothing of ours."""
+    """Two pixels per column: horizontal in the upper row, 45 deg down in the lower; without a base
+    class of the package."""
 
     size, is_distant = (4, 2), True
 
@@ -427,7 +432,7 @@ class Staircase:
 
 
 def test_a_screen_of_ones_own_is_drawn_without_registration():
-    """Its pixels show what the camera has where it sees these directions."""
+    """Its pixels have the camera values of these directions."""
     camera, screen = load_sensor("paper-spherical"), Staircase()
     v, u = np.mgrid[:1024, :1024]
     picture = np.stack([u / 4, v / 4, np.full_like(u, 77)], axis=-1).astype(np.uint8)
@@ -439,7 +444,7 @@ def test_a_screen_of_ones_own_is_drawn_without_registration():
 
 
 class Pinhole:
-    """A camera that looks up, f px to a tangent of 1: it derives from nothing of ours."""
+    """Upward camera with f px per unit tangent, without a base class of the package."""
 
     image_size, symmetry, focal_px = (101, 101), None, 50.0
 
@@ -465,8 +470,8 @@ def test_a_camera_of_ones_own_is_straightened_without_registration():
     v, u = np.mgrid[:101, :101]
     picture = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
     straight = om.Dewarper(camera, om.screens.Dome((41, 41), 30.0, "zenith"), "linear")(picture)
-    assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the picture's centre
-    away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), ten pixels from the middle
+    assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the image centre
+    away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), 10 px from the centre
     assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)
 
 

@@ -29,7 +29,7 @@ LONG = {
     "restoration",
     "spot_diagrams",
 }
-"""Examples of more than one second, which run in ``make test-full``."""
+"""Examples that take more than 1 s and run in ``make test-full``."""
 
 
 @pytest.mark.parametrize(

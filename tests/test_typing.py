@@ -1,4 +1,4 @@
-"""The public names as a type checker sees them."""
+"""Types of the public names by a type checker."""
 
 from __future__ import annotations
 

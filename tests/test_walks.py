@@ -1,4 +1,4 @@
-"""The walks of docs/architecture.md lead where it says: through these files in this order, and through few rooms."""
+"""Code walks of docs/architecture.md: the listed files in this order, in few packages."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ pixel_pitch_um = 5.2
 
 
 def walks() -> dict[str, list[str]]:
-    """Modules by walk, as the page lists their files."""
+    """Return the modules of each walk, as listed on the page."""
     part = PAGE.read_text().split("<!-- walks -->")[1].split("<!-- end -->")[0]
     rows = re.findall(r"^\| ([a-z ]+) \| (`.*`) \|$", part, flags=re.M)
     return {
@@ -94,7 +94,7 @@ WAYS: dict[str, Callable[[], None]] = {
 
 
 def forget() -> None:
-    """What the package keeps of earlier calls: of other tests, which would shorten the walk."""
+    """Clear caches of earlier calls in other tests, which would shorten the walk."""
     for name, module in list(sys.modules.items()):
         if name.startswith("omnimirror."):
             for member in vars(module).values():
@@ -103,7 +103,7 @@ def forget() -> None:
 
 
 def entered(way: Callable[[], None]) -> list[str]:
-    """Modules of the package in the order in which their functions are called, none twice running."""
+    """Return the modules of the package in the order of their calls, without immediate repetitions."""
     forget()
     order: list[str] = []
 
@@ -125,7 +125,7 @@ def entered(way: Callable[[], None]) -> list[str]:
 
 
 def led(order: list[str], files: list[str]) -> list[str]:
-    """As many of the files as are met one after the other."""
+    """Return the listed files that are visited in this order."""
     calls = iter(order)
     return [module for module in files if module in calls]
 
@@ -139,7 +139,7 @@ def test_a_walk_leads_through_its_files(name):
     files = walks()[name]
     for module in files:
         import_module(f"omnimirror.{module}")
-    WAYS[name]()  # as another test may have before
+    WAYS[name]()  # as a preceding test may do
     assert led(entered(WAYS[name]), files) == files
 
 

@@ -1,4 +1,5 @@
-"""What calls cost, counted: evaluations, mirrors, bytes. Times differ from machine to machine; these do not."""
+"""Cost of calls in counted evaluations, mirrors and bytes, which are independent of the machine,
+unlike times."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ from omnimirror.simulation.rendering.readout import Readout
 
 @pytest.fixture
 def counted(monkeypatch):
-    """Counts calls of methods, by their names."""
+    """Count calls of methods by name."""
     counts: Counter[str] = Counter()
 
     def count(owner: type, name: str) -> None:
@@ -48,7 +49,7 @@ def counted(monkeypatch):
 
 @contextmanager
 def most_bytes(allowed: float):
-    """Fails where more than so many bytes are held at once, beyond those before."""
+    """Fail if the allocated memory grows by more than the given bytes."""
     tracemalloc.start()
     try:
         yield
@@ -60,9 +61,9 @@ def most_bytes(allowed: float):
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paper-equidistant"])
 def test_a_best_focus_traces_its_rays_twice_and_looks_at_few_focuses(counted, name):
-    """Once to find the mirror points, from where one step of Newton's rule is enough, and once there."""
+    """Once to find the mirror points, close enough for one Newton step, and once at these points."""
     sensor = om.load_sensor(name)
-    om.best_focus(sensor)  # tables are kept
+    om.best_focus(sensor)  # fills the table cache
     counted.calls_of(Meridian, "_rays")
     counted.calls_of(FocusFunction, "__call__")
     om.best_focus(sensor)
@@ -99,7 +100,7 @@ def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
     sensor = om.load_sensor("paper-spherical")
     dewarp = om.Dewarper(sensor, om.screens.Plane((1280, 960), tilt_deg=40.0, hfov_deg=100.0))
     inside = np.isfinite(dewarp.coordinates()[..., 0])
-    dewarp(np.zeros((1024, 1024), np.uint8))  # what it prepares for pictures
+    dewarp(np.zeros((1024, 1024), np.uint8))  # prepares the map
     with most_bytes(1024 * 1024 + 1.1 * inside.nbytes):
         found = dewarp.valid
     np.testing.assert_array_equal(found, inside)
@@ -110,7 +111,8 @@ def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
     ("detector", "allowed"), [(om.Detector(), 0.5), (om.Detector(full_well_e=1e4, read_noise_e=4.0), 1.0)]
 )
 def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed):
-    """Of light: a quarter is the picture itself, and a half the electrons, which become numbers where they are."""
+    """Relative to the light: the image is 25 %, and the electrons 50 %, converted to digital
+    numbers in place."""
     light = np.full((1000, 1000, 3), 0.3, np.float32)
     detector.read(light[:2])
     with most_bytes(allowed * light.nbytes):
@@ -125,15 +127,16 @@ def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed
 def test_a_picture_never_holds_its_light_as_a_whole(world):
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
-    om.take_picture(sensor, world, samples=1)  # what is prepared once
+    om.take_picture(sensor, world, samples=1)  # one-time preparation
     with most_bytes(2 * 3 * 2048**2):
         om.take_picture(replace(sensor, imager=imager), world, samples=1, workers=2)
 
 
 def test_a_noisy_picture_never_holds_its_light_as_a_whole():
-    """Two bytes for the electrons of a value, in which its number stands in the end, and what is under way.
+    """2 bytes per value for electrons, replaced in place by digital numbers, and temporary data.
 
-    That is up to six rows of parts and what the kernels need for them, as threads come to it; light alone is 4 bytes.
+    These are up to six rows of tiles and the buffers of the kernels, depending on threads; light
+    alone is 4 bytes.
     """
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
@@ -143,13 +146,14 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
         readout = Readout(detector, seed=1)
         return readout.numbers(exposed(camera, om.Room(texel_mm=40.0), readout.medium, samples=1, workers=2))
 
-    taken(sensor)  # what is prepared once
+    taken(sensor)  # one-time preparation
     with most_bytes(3.5 * 3 * 2048**2):
         taken(replace(sensor, imager=imager))
 
 
 def test_edges_of_a_picture_are_found_without_its_slopes_as_a_whole():
-    """Two bytes of each slope for a pixel, one that tells edges, and a band of the rest; as a whole it was 41."""
+    """2 bytes per pixel and gradient, 1 byte of flags, and a band of temporary data, instead of 41
+    bytes for the whole image."""
     picture = np.zeros((6000, 2000), np.uint8)
     picture[:, 700:] = 200
     with most_bytes(14 * picture.size):
@@ -157,7 +161,7 @@ def test_edges_of_a_picture_are_found_without_its_slopes_as_a_whole():
 
 
 def test_a_mirror_behind_a_dome_is_looked_at_to_the_rim_only_once_it_is_found(counted):
-    """Of those on the way to it the surface is not checked: that took most of the time."""
+    """The surface is not checked for intermediate iterates, which took most of the time."""
     rim = RimRay(120.0, 12.0, 30.0)
     exact = TabulatedMapping.from_function(lambda omega: omega, 120.0, 12.0, 30.0)
     around = LensAndCover(Perspective(1.0, 1.0, 10.0), Housing(shell=Dome(material="acrylic")))

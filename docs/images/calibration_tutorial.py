@@ -1,8 +1,9 @@
-"""Make the pictures of docs/tutorial-calibration.md: its own commands, sharper, and its cameras beside the truth.
+"""Generate the images of docs/tutorial-calibration.md with its own commands at higher sampling, and
+maps of true errors.
 
 python docs/images/calibration_tutorial.py [FOLDER]
 
-A folder that is named is kept, and a set of pictures or a camera that is in it already is not made again.
+A named folder is kept, and its existing image sets and cameras are reused.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ ROWS = {
     "tutorial-straight.jpg": (("straight.png", "uncalibrated.png"), ("panorama.png",)),
     "tutorial-truth.webp": (("truth.png",),),
 }
-"""Each picture of the page by its rows."""
+"""Images of the page by rows."""
 WIDTHS = {"tutorial-report.webp": 1100, "tutorial-truth.webp": 1100}
 WIDTH = 1000
 QUALITY = 72
@@ -41,7 +42,7 @@ FAR_MM = 1e9
 
 
 def make(folder: Path) -> None:
-    """Everything, from the page's own words."""
+    """Run all commands of the page and compose its images."""
     text = PAGE.read_text(encoding="utf-8")
     (folder / "bought.toml").write_text(re.findall(r"^```toml\n(# bought\.toml\n.*?)^```", text, flags=re.M | re.S)[0])
     for line in re.findall(r"^\$ omnimirror (.*)", text, flags=re.M):
@@ -71,7 +72,7 @@ def _run(line: str, folder: Path) -> None:
 
 
 def _calibrate(folder: Path) -> None:
-    """The page's calibrations: the mirror itself, and a camera of one viewpoint."""
+    """Run the calibrations of the page: the mirror model, and a single-viewpoint camera."""
     if (folder / "central.toml").exists():
         return
     board = om.Board("chessboard", 11, 7, 100.0)
@@ -83,7 +84,7 @@ def _calibrate(folder: Path) -> None:
 
 
 def _draw_truth(folder: Path) -> None:
-    """Maps of the error of directions: the two cameras, for what is near and for what is far."""
+    """Draw maps of the direction error of both cameras, for near and far objects."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 

@@ -1,4 +1,5 @@
-"""The picture of docs/measured.md: a hyperboloid with astigmatism, rings and noise, measured off the machine's axis.
+"""Generate the image of docs/measured.md: a hyperboloid with astigmatism, rings and noise, measured
+off the machine axis.
 
 python docs/images/form.py
 """

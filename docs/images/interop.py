@@ -1,4 +1,5 @@
-"""Create the images of docs/interoperability.md: results of other programs next to ours.
+"""Generate the images of docs/interoperability.md: results of other programs next to those of
+omnimirror.
 
 python docs/images/interop.py --blender .venv/blender/bin/python --newton .venv/newton/bin/python
 python docs/images/interop.py --only vlc
@@ -25,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 
 def blender(python: Path, pixels: int = 480) -> None:
-    """The box of the tests by the paper's sensor out of line: ours, and Blender's."""
+    """Render the test box with the misaligned sensor of the paper, in omnimirror and in Blender."""
     from tests.interop.ray_tables.box import Box
     from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
 
@@ -42,7 +43,7 @@ def blender(python: Path, pixels: int = 480) -> None:
 
 
 def newton(python: Path, pixels: int = 480) -> None:
-    """Depths in the same box by the table: as they are, and as Newton finds them."""
+    """Draw depths in the same box from the ray table: exact values, and those of Newton."""
     from tests.interop.ray_tables.box import first_hits
     from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
 
@@ -64,7 +65,8 @@ def newton(python: Path, pixels: int = 480) -> None:
 
 
 def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), times: int = 3) -> None:
-    """A corner of a view: ours, bicubic and linear, then in C, by the shader, by GStreamer, OBS, OpenCV and ffmpeg."""
+    """Draw a corner of a view: omnimirror, bicubic and bilinear, then C, shader, GStreamer, OBS,
+    OpenCV and ffmpeg."""
     from tests.interop.view_maps import consumers
 
     sensor = om.load_sensor("paper-spherical")
@@ -79,7 +81,8 @@ def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), time
 
 
 def compositor() -> None:
-    """A view by OpenImageIO's st_warp, a word written on its wall, and that view bent back into the raw picture."""
+    """Draw a view by st_warp of OpenImageIO with a word painted on its wall, and its inverse warp
+    to the raw image."""
     import cv2
     import OpenImageIO as oiio
 
@@ -95,13 +98,14 @@ def compositor() -> None:
         cv2.putText(painted, "painted", (150, 110), cv2.FONT_HERSHEY_DUPLEX, 2.6, (200, 30, 30), 8, cv2.LINE_AA)
         back = warped(oiio, painted, done.paths[1])[..., :3]
         seen = oiio.ImageBuf(str(done.paths[1])).get_pixels("float")[..., 3]
-    on = cv2.erode(seen, np.ones((5, 5)))[..., None] > 0  # its filter mixes in what lies beyond the edge
+    on = cv2.erode(seen, np.ones((5, 5)))[..., None] > 0  # the filter blends pixels outside the boundary
     raw = np.where(on, back, picture)[:512, 60:700].clip(0, 255).astype(np.uint8)
     om.write_image(HERE / "interop-compositor.jpg", np.hstack([painted, np.full((512, 16, 3), 255, np.uint8), raw]))
 
 
 def panorama(pixels: int = 360, width: int = 1440) -> None:
-    """The test's room as a panorama of any renderer, that bent by OpenImageIO, and ours."""
+    """Draw the test room as a panorama of a generic renderer, its warp by OpenImageIO, and the
+    image of omnimirror."""
     import cv2
     import OpenImageIO as oiio
 
@@ -125,7 +129,7 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
 
 
 def mitsuba(pixels: int = 240) -> None:
-    """The same box by Mitsuba's plug-in, beside ours."""
+    """Render the same box with the Mitsuba plug-in and with omnimirror."""
     import mitsuba as mi
 
     from tests.interop.ray_tables.box import Box
@@ -143,7 +147,7 @@ def mitsuba(pixels: int = 240) -> None:
 
 
 def colmap() -> None:
-    """The room from above, as COLMAP found it: points, and the path beside the true one."""
+    """Draw the COLMAP reconstruction of the room from above: points, and estimated and true path."""
     import matplotlib.pyplot as plt
     import pycolmap
 
@@ -164,7 +168,7 @@ def colmap() -> None:
 
 
 def vlc(side: int = 1024) -> None:
-    """A view of a served film, ours and as VLC shows it."""
+    """Draw a view of a served video in omnimirror and in VLC."""
     from omnimirror.interop.gateway.live_views import Gateway
     from omnimirror.interop.gateway.routes import create_app
     from omnimirror.io.video.frames import frame_of_image

@@ -1,4 +1,4 @@
-"""Make the moving picture of README.md: a mirror's picture, and a view in it that turns all around.
+"""Generate the animation of README.md: a mirror image, and a view that turns by 360 deg.
 
 python docs/images/looking.py
 """
@@ -21,7 +21,7 @@ COLOUR = (255, 200, 60)
 
 
 def main() -> None:
-    """Draw the frames, and write them as one WebP that goes round for ever."""
+    """Draw the frames and write them as one looping WebP."""
     sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(900, 900, 5.9))
     circle = om.take_picture(sensor, om.load_scene("street"), samples=16)
     small = cv2.resize(circle, (TALL, TALL), interpolation=cv2.INTER_AREA)
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def frame(sensor: om.Sensor, circle: np.ndarray, small: np.ndarray, pan_deg: float) -> np.ndarray:
-    """The circle with the outline of the view in it, and the view."""
+    """Return the image circle with the outline of the view, and the view."""
     dewarper = om.Dewarper(sensor, om.screens.Plane((500, TALL), pan_deg=pan_deg, tilt_deg=-4, hfov_deg=75))
     at = dewarper.coordinates()
     edge = np.concatenate([at[0], at[1:, -1], at[-1, -2::-1], at[-2:0:-1, 0]]) * TALL / len(circle)

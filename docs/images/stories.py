@@ -1,4 +1,5 @@
-"""Make the pictures of docs/stories.md, by its own commands with more rays to a pixel, and that of docs/bought.md.
+"""Generate the images of docs/stories.md with its own commands at more rays per pixel, and that of
+docs/bought.md.
 
 python docs/images/stories.py
 """
@@ -24,12 +25,12 @@ PICTURES = {
     "ceiling.jpg": (("ceiling.jpg", "ceiling-drawing.png"), ("ceiling-panorama.jpg",)),
     "panorama.jpg": (("panorama.jpg", "panorama-drawing.png"), ("panorama-straight.jpg",)),
 }
-"""Each picture of the page by its rows."""
+"""Images of the page by rows."""
 WIDTH, GAP = 1200, 10
 
 
 def _files_of(page: Path, folder: Path) -> str:
-    """Write the files that a page shows; its text."""
+    """Write the files listed on a page; return its text."""
     text = page.read_text(encoding="utf-8")
     for name, file in re.findall(r"^```toml\n# ([\w-]+\.toml)\n(.*?)^```", text, flags=re.M | re.S):
         (folder / name).write_text(file, encoding="utf-8")
@@ -37,7 +38,7 @@ def _files_of(page: Path, folder: Path) -> str:
 
 
 def make_bought(folder: Path) -> None:
-    """Run the designs and the pictures of docs/bought.md."""
+    """Run the designs and renderings of docs/bought.md."""
     text, program = _files_of(BOUGHT, folder), Path(sys.executable).with_name("omnimirror")
     for line in re.findall(r"^\$ omnimirror ((?:design \w+\.toml|simulate|dewarp) .*)", text, flags=re.M):
         subprocess.run([program, *shlex.split(line)], cwd=folder, check=True)
@@ -48,14 +49,14 @@ def make_bought(folder: Path) -> None:
 
 
 def _square(picture: np.ndarray) -> np.ndarray:
-    """The middle of a picture that is wider than high."""
+    """Crop a landscape image to its central square."""
     side = picture.shape[0]
     left = (picture.shape[1] - side) // 2
     return picture[:, left : left + side]
 
 
 def make(folder: Path) -> None:
-    """Run the commands in a folder, and put what they draw side by side."""
+    """Run the commands in a folder and compose their output side by side."""
     text, program = _files_of(PAGE, folder), Path(sys.executable).with_name("omnimirror")
     for block in re.findall(r"^```console\n(.*?)^```", text, flags=re.M | re.S):
         for line in re.findall(r"^\$ omnimirror (.*)", block, flags=re.M):
@@ -71,7 +72,7 @@ def make(folder: Path) -> None:
 
 
 def _row(parts: list[np.ndarray]) -> np.ndarray:
-    """Pictures of one height side by side, all of them as wide as the page."""
+    """Scale images to a common height and the total width of the page."""
     widths = [part.shape[1] / part.shape[0] for part in parts]
     height = (WIDTH - GAP * (len(parts) - 1)) / sum(widths)
     scaled = [_scaled(part, height / part.shape[0]) for part in parts]

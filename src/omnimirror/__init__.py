@@ -1,6 +1,6 @@
-"""Omnidirectional mirror sensors: evaluated, simulated, and their pictures straightened.
+"""Omnidirectional mirror sensors: design, evaluation, simulation, calibration and image dewarping.
 
-The public names below are imported when first used, so that ``import omnimirror`` stays light.
+Public names are imported on first use to keep ``import omnimirror`` fast.
 """
 
 from importlib import import_module
@@ -355,7 +355,7 @@ _MODULES = {"mirrors": "optics.mirrors"}
 __all__ = ["__version__", *_HOMES]
 
 
-if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all others
+if not TYPE_CHECKING:  # type checkers see the names above and must reject all others
 
     def __getattr__(name: str) -> Any:
         if name in _MODULES:

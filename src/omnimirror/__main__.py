@@ -1,26 +1,29 @@
-"""The program ``omnimirror``, also as ``python -m omnimirror``."""
+"""Program ``omnimirror``, also available as ``python -m omnimirror``."""
 
 import os
 import sys
 
 
 def run() -> None:
-    """Run the command line as a program of its own.
+    """Run the command line as a separate program.
 
-    Unlike :func:`omnimirror.apps.cli.main`, which restores the process for its caller, it may configure the process.
+    Unlike :func:`omnimirror.apps.cli.main`, which restores the process state for its caller, it may
+    configure the process.
     """
-    # Before NumPy reads it; see omnimirror.cameras.frames.turned. Commands have threads of their own.
+    # Must be set before NumPy is imported; see omnimirror.cameras.frames.turned. Commands use their
+    # own threads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from .apps.cli import main
 
         main()
-    except KeyboardInterrupt:  # while modules are imported, or at the very end
+    except KeyboardInterrupt:  # during imports, or at exit
         sys.stderr.write("omnimirror: stopped\n")
         sys.exit(130)
     finally:
-        # `python -m` ends itself by SIGINT, without the exit code, if Ctrl-C came while text was executed, as for every
-        # dataclass that is defined, although the exception was handled. Executing text once more resets this.
+        # If Ctrl-C arrives while text is executed, as for each dataclass definition, `python -m`
+        # ends with SIGINT instead of the
+        # exit code although the exception was handled. Another execution of text resets this state.
         exec("")
 
 

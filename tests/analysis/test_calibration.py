@@ -1,4 +1,4 @@
-"""The table of a calibrated camera, against differences of its own projection."""
+"""Table of a calibrated camera against differences of its own projection."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ STEP = 1e-5
 
 @pytest.mark.parametrize("camera", MODELS.values(), ids=MODELS)
 def test_resolution_is_that_of_the_projection(camera):
-    """Of a degree along and around, as pixels of directions have it, undistorted to one side."""
+    """Of 1 deg radially and tangentially, from pixels of directions, undistorted to one side."""
     table = om.evaluate_camera(camera)
     assert table.omega_deg[0] == 0.0
     assert np.radians(table.omega_deg[-1]) == pytest.approx(camera.omega_max)
@@ -48,7 +48,7 @@ def test_viewpoints_are_where_rays_meet_the_axis():
     directions = np.radians(table.omega_deg)
     d = np.stack([0 * directions, np.sin(directions), -np.cos(directions)], axis=-1)
     rays = camera.backproject(camera.image(d, distant=True).pixels)
-    across, up = np.hypot(*rays.directions[:, :2].T), rays.directions[:, 2]  # it looks up: Z is the world's
+    across, up = np.hypot(*rays.directions[:, :2].T), rays.directions[:, 2]  # it faces up: Z is that of the world
     heights = rays.origins[:, 2] - np.hypot(*rays.origins[:, :2].T) / across * up
     np.testing.assert_allclose(table.viewpoint_z_mm, heights, atol=1e-9)
 
@@ -67,13 +67,14 @@ def test_a_sensor_in_space_is_the_same_as_in_its_meridian():
     truth = om.evaluate(sensor, [20.0, 60.0, 100.0])
     for column in ("h_px", "dh_domega_px_per_deg", "width_px_per_deg"):
         np.testing.assert_allclose(getattr(table, column), getattr(truth, column), rtol=1e-6)
-    assert np.ptp(table.viewpoint_z_mm) < 1e-6  # a hyperboloid's focus
+    assert np.ptp(table.viewpoint_z_mm) < 1e-6  # focus of a hyperboloid
     assert table.varies_percent < 1e-4
     assert table.field_deg == pytest.approx(sensor.field_deg[1], abs=1e-4)
 
 
 def test_what_was_estimated_of_a_sensor_is_free_in_its_model():
-    """More than is usual, or less: the error of a direction is that of the uncertainty in its file."""
+    """More or fewer parameters than usual: the direction error is that of the uncertainty in the
+    file."""
     usual = om.SensorModel(om.load_sensor("paper-spherical")).parameters
     sensor = misaligned()
     names = (*sensor.uncertainty.names, "mirror.radius_mm")
@@ -87,7 +88,7 @@ def test_what_was_estimated_of_a_sensor_is_free_in_its_model():
 
 
 def misaligned():
-    """Known as well as a calibration would know it."""
+    """With uncertainties of a typical calibration."""
     pose = MirrorPose(0.4, -0.3, tilt_x_deg=0.5, tilt_y_deg=-0.6)
     sensor = replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
     names = ("lens.focal_length_mm", "mirror_pose.decentre_x_mm")

@@ -1,4 +1,5 @@
-"""The table of a comparison against the evaluation of each sensor, closed forms and what is known of the paper's."""
+"""Comparison table against the evaluation of each sensor, closed forms and known values of the
+paper."""
 
 from __future__ import annotations
 
@@ -29,9 +30,9 @@ def table():
 @pytest.mark.parametrize(
     ("key", "known"),
     [
-        ("nonlinearity_percent", {"paper-equidistant": pytest.approx(0.49, abs=0.005)}),  # erratum 3's polynomial
+        ("nonlinearity_percent", {"paper-equidistant": pytest.approx(0.49, abs=0.005)}),  # polynomial of erratum 3
         ("share_of_sphere_percent", {"paper-spherical": pytest.approx(85.36, abs=0.01)}),  # erratum 9
-        ("area_ratio", {"paper-spherical": pytest.approx(0.691, abs=0.001)}),  # the paper's "70 %"
+        ("area_ratio", {"paper-spherical": pytest.approx(0.691, abs=0.001)}),  # "70 %" in the paper
         ("viewpoint_spread_mm", {"paper-hyperboloidal": pytest.approx(0, abs=1e-10)}),
         ("worst_aspect", {"paraboloid-telecentric": pytest.approx(1, abs=1e-12)}),
         ("one_viewpoint_error_px", {"paraboloid-telecentric": pytest.approx(0, abs=1e-9)}),
@@ -55,8 +56,14 @@ def test_the_worst_is_no_better_than_any_angle_of_the_evaluation(table):
 
 
 def test_the_best_of_a_row_is_marked_and_nothing_where_none_is_better(table):
-    assert table["field_to_deg"].best == [True, True, True, True, False]  # they read 135.0, and one 105.0
-    assert table["length_mm"].best == [False, False, False, True, False]  # a telecentric lens stands anywhere
+    assert table["field_to_deg"].best == [True, True, True, True, False]  # displayed as 135.0, and one as 105.0
+    assert table["length_mm"].best == [
+        False,
+        False,
+        False,
+        True,
+        False,
+    ]  # the distance of a telecentric lens is arbitrary
     assert table["length_mm"].texts[-1] == "–"
     assert table["dh_domega_ratio"].best == [False, True, False, False, False]
     assert not any(table["focus_mm"].best)
@@ -101,7 +108,7 @@ def test_sensors_of_one_name_are_told_apart():
     ],
 )
 def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
-    """Of a mirror that is out of place by a nanometre: rays in space against the closed formulas of one meridian."""
+    """A mirror misaligned by 1 nm: rays in space against the closed formulas of one meridian."""
     drawn = om.load_sensor(name)
     table = om.compare([drawn, replace(drawn, mirror_pose=MirrorPose(decentre_x_mm=1e-6))])
     absolute = {"viewpoint_spread_mm": 1e-3, "one_viewpoint_error_px": 2e-2, "nonlinearity_percent": 1e-3}
@@ -114,7 +121,7 @@ def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
 
 @pytest.mark.full
 def test_what_was_built_askew_is_compared_over_its_whole_picture():
-    """Against directions by chance through the projection, and against spots of the whole aperture."""
+    """Compared with random directions through the projection, and with spots of the whole aperture."""
     drawn = SENSORS[0]
     built = replace(
         drawn, name="built", mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2),
@@ -133,8 +140,10 @@ def test_what_was_built_askew_is_compared_over_its_whole_picture():
     assert value["share_of_sphere_percent"] == pytest.approx(100 * seen.mean(), abs=0.5)
     omega = np.degrees(np.arccos(ways[seen] @ built.axis))
     assert omega.max() <= value["field_to_deg"] <= omega.max() + 0.5
-    assert value["field_to_deg"] > drawn.field_deg[1] + 0.5  # to one side it sees farther than drawn
-    # the image of a small step any way is no longer than the largest, and no shorter than the least
+    assert (
+        value["field_to_deg"] > drawn.field_deg[1] + 0.5
+    )  # the field is larger to one side than for the aligned sensor
+    # the image of a small step in any direction is between the smallest and the largest one
     some = ways[seen][:3000]
     step = np.cross(some, chance.normal(size=some.shape))
     step *= 1e-4 / np.linalg.norm(step, axis=1)[:, None]
@@ -183,7 +192,7 @@ def test_what_is_on_the_axis_still_has_no_note():
     assert om.compare([replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))]).notes == ()
 
 
-@pytest.mark.full  # rays in space over a mirror with a form error; the notes above and below are made the same way
+@pytest.mark.full  # rays in space over a mirror with a form error; the other notes are created in the same code
 def test_a_note_says_what_is_out_of_order_and_nothing_else():
     bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
     assert om.compare([bent]).notes == (

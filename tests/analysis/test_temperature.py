@@ -1,4 +1,4 @@
-"""Sensors that get warm: beside lengths worked out by hand and rays through the parts as they then stand."""
+"""Thermal analysis against lengths calculated by hand and rays through the expanded parts."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_an_acrylic_ball_before_an_aluminium_spacer_moves_the_picture_by_three_q
 
 
 def test_a_mirror_of_the_spacers_material_under_an_imager_of_it_moves_nothing():
-    """All lengths grow alike: every ray keeps its direction, and the pixels grow with the picture."""
+    """All lengths scale equally: rays keep their directions, and pixels scale with the image."""
     names = ("mirror_ppm_per_k", "spacer_ppm_per_k", "mount_ppm_per_k", "imager_ppm_per_k", "focal_ppm_per_k")
     alike = replace(BALL, thermal=om.Thermal(**dict.fromkeys(names, 23.6)))
     assert om.thermal_motion_px(alike, 80.0) < 1e-9
@@ -161,10 +161,13 @@ def test_the_command_line_says_how_far_the_picture_moves(tmp_path):
     assert "needs a table [thermal]" in refused.stderr
 
 
-# Expansion near room temperature, 1e-6/K, and density, g/cm^3; a second entry of the table, so that a typing error in
-# either is detected. Aluminium 6061, titanium grade 2, nickel 200, copper: ASM Handbook, volume 2; Carpenter Invar 36;
-# Schott N-BK7; Corning 7980; silicon: CRC Handbook; Plexiglas GS. Of other alloys and plastics, which differ by some
-# per cent, the middle of what data sheets list.
+# Expansion near room temperature, 1e-6/K, and density, g/cm^3; a second copy of the table, which
+# detects typing errors.
+# Aluminium 6061, titanium grade 2, nickel 200, copper: ASM Handbook, volume 2; Carpenter Invar 36;
+# Schott N-BK7; Corning
+# 7980; silicon: CRC Handbook; Plexiglas GS. Other alloys and plastics, which vary by several per
+# cent: mean values of
+# data sheets.
 HANDBOOK = {
     "abs": (90.0, 1.05),
     "acrylic": (70.0, 1.19),

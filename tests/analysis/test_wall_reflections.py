@@ -1,4 +1,4 @@
-"""Ghosts, against what a simulated picture is made of, and in closed form."""
+"""Ghost reflections against the components of a rendered image, and in closed form."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPH = om.load_sensor("paper-spherical")
 
 
 class Asked:
-    """A black scene that keeps the rays that it is asked for."""
+    """Black scene that records the requested rays."""
 
     def __init__(self):
         self.directions = []
@@ -49,7 +49,8 @@ def test_ghosts_come_from_where_pictures_take_them(shell):
 
 
 def test_a_tube_throws_back_by_fresnel_what_lies_across_it():
-    """At 90 deg on the wall ((n - 1)/(n + 1))^2 of each side, all reflections between them summed."""
+    """At normal incidence on the wall: ((n - 1)/(n + 1))^2 per side, with the sum of all internal
+    reflections."""
     n = 1.5
     side = ((n - 1) / (n + 1)) ** 2
     thrown = 1 - (1 - side) / (1 + side)

@@ -1,4 +1,4 @@
-"""Statements of the paper receive the known verdicts."""
+"""Verdicts of the statements of the paper."""
 
 from __future__ import annotations
 
@@ -121,8 +121,8 @@ def test_nan_agrees_with_nothing():
 
 
 def test_viewpoint_error_by_exhaustive_search():
-    """Largest |eps| of Eq. 23 at 7 M, minimised over V0 on a fine grid with the sag in closed form."""
-    A, m = 1.1378931, 4.1096948  # sphere of Table 1 by its closed form
+    """Largest |eps| of Eq. 23 at 7 M, minimised over V0 on a fine grid with the analytic sag."""
+    A, m = 1.1378931, 4.1096948  # sphere of Table 1 in closed form
     x = np.linspace(1e-6, 1.0, 2001)
     beta, theta = np.arcsin(x / A), np.arctan2(x, m + A - np.sqrt(A**2 - x**2))
     omega, z = 2 * beta + theta, A - np.sqrt(A**2 - x**2)

@@ -1,4 +1,4 @@
-"""Hostile names in every file that is written: what real interpreters and parsers make of it."""
+"""Hostile names in all written files, checked by real interpreters and parsers."""
 
 from __future__ import annotations
 
@@ -83,11 +83,12 @@ SMALL = replace(SENSOR, imager=replace(SENSOR.imager, width_px=160, height_px=14
 VIEW = om.screens.Plane((64, 48), hfov_deg=60.0)
 
 
-# -- functions, one language each --------------------------------------------------------------------
+# -- escaping functions by language
+# -----------------------------------------------------------------
 
 
 def readable(name: str) -> str:
-    """The name with its ordinary letters alone."""
+    """Return the name reduced to its ordinary letters."""
     return "".join(re.findall(r"[A-Za-z0-9ößا-ي日本]", name))
 
 
@@ -108,7 +109,8 @@ def test_python_source_holds_the_name_and_nothing_else(name):
 
 
 def test_c_source_holds_all_names(tmp_path):
-    """Comments end where they should, and strings have the bytes of the name, by a compiler of C99 with trigraphs."""
+    """Comments are closed and strings contain the bytes of the name, by a C99 compiler with
+    trigraphs."""
     lines = ["#include <stdio.h>", "int main(void) {", "int n = 0;"]
     for text in NAMES.values():
         lines += [f"// {escaping.c_comment(text)}", "++n;", f"/*{escaping.c_comment(text)}*/ ++n;"]
@@ -219,7 +221,8 @@ def test_names_of_files_are_plain_and_short(name):
     assert unquote(whole[2] or whole[1]) == f"{escaping.visible(NAMES[name])}.csv"
 
 
-# -- every registered writer -------------------------------------------------------------------------
+# -- registered writers
+# ------------------------------------------------------------------------------
 
 STUBS = """
 import json, runpy, sys
@@ -235,11 +238,12 @@ if "set_up" in found:
 """
 C_LIKE = (".c", ".h", ".frag", ".hlsl", ".effect", ".osl", ".note")
 PLAIN_DATA = (".npy", ".bin", ".dat", ".stl", ".tsv", ".pgm")
-"""Files in which a name stands nowhere, or in a comment alone: those of any two names differ in nothing else."""
+"""Formats that contain a name in a comment or not at all: files of two names are otherwise equal."""
 
 
 def checked(path: Path, plain: Path, name: str) -> None:
-    """What a file holds besides the name, by the program or parser of its kind, beside one of a plain name."""
+    """Check the content of a file apart from the name, by the program or parser of its format,
+    against a plain name."""
     kind = path.suffix
     if kind in C_LIKE:
         assert code_of(path) == code_of(plain)
@@ -309,14 +313,14 @@ def checked(path: Path, plain: Path, name: str) -> None:
 
 
 def code_of(path: Path) -> str:
-    """What a preprocessor of C leaves: comments are gone, lines that end in a backslash are joined."""
+    """Return preprocessed C code: without comments, with continued lines joined."""
     text = re.sub(rb"(?m)^#(version|include).*", b"", path.read_bytes())
     ran = subprocess.run(["gcc", "-std=c99", "-x", "c", "-E", "-P", "-"], input=text, capture_output=True, check=True)
     return ran.stdout.decode().replace(path.stem, "")
 
 
 def launched(script: Path) -> list[str]:
-    """The words that the script gives to GStreamer."""
+    """Return the arguments that the script passes to GStreamer."""
     tool = script.parent / "gst-launch-1.0"
     tool.write_text("#!/bin/sh\nprintf '%s\\0' \"$@\"\n")
     tool.chmod(0o755)
@@ -328,12 +332,12 @@ def launched(script: Path) -> list[str]:
 
 
 def name_of(tree: Any) -> list[str]:
-    """The names of all elements of a picture, those of letters alone left out."""
+    """Return the names of all elements of an image, except those of letters only."""
     return sorted(e.tag for e in tree.iter() if not e.tag.endswith(("}tspan", "}use", "}path", "}text")))
 
 
 def product_of(path: Path) -> str:
-    """The name of a product, as OpenCASCADE reads it."""
+    """Return the product name as read by OpenCASCADE."""
     from OCP.STEPControl import STEPControl_Reader
 
     reader = STEPControl_Reader()
@@ -370,7 +374,7 @@ EVERYDAY_WRITERS = [(write, kind) for write, kind in ALL if write != figure or k
 
 @cache
 def plain_files(write: Any, kind: str) -> list[Path]:
-    """Files of a plain name."""
+    """Return files of a plain name."""
     return write(kind, PLAIN, Path(mkdtemp(dir=FOLDER.name)))
 
 
@@ -378,7 +382,7 @@ FOLDER = TemporaryDirectory()
 
 
 def checks(write: Any, kind: str, name: str, folder: Path) -> None:
-    """Write files of a name and of a plain one, and see what their readers make of them."""
+    """Write files of a hostile and a plain name, and compare them with their readers."""
     ours, theirs = write(kind, name, folder), plain_files(write, kind)
     assert len(ours) == len(theirs)
     for path, plain in zip(ours, theirs, strict=True):
@@ -401,7 +405,8 @@ def test_every_writer_takes_every_name(write, kind, name, tmp_path):
     checks(write, kind, NAMES[name], tmp_path)
 
 
-# -- writers of other packages, file names, names of mirrors -----------------------------------------
+# -- writers of other packages, file names, mirror names
+# ---------------------------------------------
 
 
 def note_of(thing: Any, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
@@ -416,7 +421,7 @@ def export_note(plan: Any, part: Any, path: Path) -> Content:
 
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_writers_of_other_packages_are_checked_alike(name, tmp_path):
-    """A format that another package registers is among those that the tests above go through."""
+    """Formats registered by other packages are covered by the preceding tests."""
     plugin = ExportFormat(note_of, (".py",), "Python")
     for write, known, kind in (
         (rays, RAY_FORMATS, plugin),
@@ -481,7 +486,7 @@ def test_the_kind_of_a_mirror_of_another_package_is_escaped(kind, tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", list(CAMERA_FORMATS))
 def test_camera_files_are_read_back_with_the_name(kind, name, tmp_path):
-    """Every model that a format holds, under the name of a camera of another file."""
+    """Every model of a format, under the name of a camera of another file."""
     for layout in CAMERA_FORMATS[kind].layouts.values():
         camera = next((c for c in CAMERAS if isinstance(c, layout.kind) and not layout.lacks(c)), None)
         if camera is None:
@@ -493,7 +498,7 @@ def test_camera_files_are_read_back_with_the_name(kind, name, tmp_path):
             assert ours.count("\n") == theirs.count("\n")
             assert escaping.visible(ours, keep="\n\t") == ours
         if kind in ("ros", "camodocal"):
-            ours = ours.removeprefix("%YAML:1.0\n")  # the directive of OpenCV
+            ours = ours.removeprefix("%YAML:1.0\n")  # directive of OpenCV
             assert yaml.safe_load(ours)["camera_name"] == escaping.visible(NAMES[name])
 
 
@@ -506,7 +511,7 @@ CAMERAS = (
 
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
-    """Reports, cards and the page of a picture: no element, attribute or script comes from a name."""
+    """Reports, cards and the page of an image: names create no elements, attributes or scripts."""
     from omnimirror.apps.studio.look.viewer import viewer_of
     from omnimirror.optics.notebook_card import sensor_card
 
@@ -543,7 +548,8 @@ def test_the_terminal_obeys_no_name(name, tmp_path):
 
 
 def test_the_name_of_a_sensor_file_is_never_executed(tmp_path):
-    """As found in a review: ``rays`` and ``maps`` with a name that is Python code, and the scripts run."""
+    """Regression test: ``rays`` and ``maps`` with a name that is Python code, and execution of the
+    scripts."""
     (tmp_path / "a.toml").write_text(tomli_w.dumps(om.optics.sensor_files.tables_of(SMALL) | {"name": NAMES["python"]}))
     view = ("--view", "perspective", "--hfov-deg", 60, "--size", "64x48")
     for words in (
@@ -579,5 +585,6 @@ def test_labels_of_figures_have_40_characters():
     [(27, r"\X4\0001F6000001F600\X0\..."), (26, r"\X4\0001F600\X0\..."), (19, r"\X4\0001F600\X0\...")],
 )
 def test_names_in_step_files_are_cut_between_encoded_characters(longest, expected):
-    """ISO 10303-21, 6.4.3.3: eight hexadecimal digits a character in 16 of frame; a label has a character at least."""
+    """ISO 10303-21, 6.4.3.3: eight hexadecimal digits per character in a frame of 16; a label has
+    at least one character."""
     assert escaping.step_string("\U0001f600" * 9, longest) == expected

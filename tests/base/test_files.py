@@ -1,4 +1,4 @@
-"""Outputs are written whole or not at all, also when the disk refuses."""
+"""Atomic output files, also on disk errors."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
 
 
 class _Stop:
-    """Raises at the so many-th line that is run in the room of files, as a signal's handler may."""
+    """Tracer that raises at the n-th line executed in the files package, like a signal handler."""
 
     def __init__(self, moment: int) -> None:
         self.left = moment
@@ -81,7 +81,7 @@ def test_a_signal_at_any_moment_leaves_one_whole_file_and_nothing_beside_it(tmp_
             break
     assert path.read_text() == "second"
     assert len(moments) > 30
-    assert set(moments) == {"first", "second"}  # before the new one took its place, and after that
+    assert set(moments) == {"first", "second"}  # before and after the replacement
 
 
 def test_permissions_are_those_of_any_new_file(tmp_path):
@@ -105,7 +105,7 @@ def test_json_is_written_in_utf_8_as_people_read_it(tmp_path):
 
 @pytest.mark.parametrize("digits", [str(2**63), str(-(2**63) - 1), "9" * 4400])
 def test_whole_numbers_of_toml_have_64_bits(digits):
-    """Refuse also thousands of digits, which Python does not convert."""
+    """Also reject thousands of digits, which Python does not convert."""
     with pytest.raises(SpecError, match=r"^a.toml holds a whole number of more than 64 bits"):
         files.parse_toml(f"a = [{{b = {digits}}}]", "a.toml")
     for valid in (2**63 - 1, -(2**63)):
@@ -128,7 +128,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(args, tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be cut off too
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be truncated too
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
     )
     assert run.returncode != 0
@@ -139,7 +139,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(args, tmp_path):
 
 
 def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
-    """A pipe would keep the reader waiting, a device never ends, and a hole can be larger than the memory."""
+    """A pipe blocks the reader, a device is endless, and a sparse file can exceed the memory."""
     os.mkfifo(tmp_path / "pipe")
     with open(tmp_path / "huge", "wb") as file:
         file.truncate(1 << 40)
@@ -222,7 +222,7 @@ NESTED = {
     "flow.yaml": lambda n: "[" * n + "]" * n,
     "block.yaml": lambda n: "- " * n + "1",
 }
-"""Texts of n tables and lists within each other, the whole document counted."""
+"""Texts with n nested tables and lists, including the document itself."""
 PARSERS = {
     "toml": lambda text: parse_toml(text, "a"),
     "json": parse_json,
@@ -293,7 +293,7 @@ def test_no_command_waits_for_a_pipe_or_reads_without_end(kind, tmp_path):
         os.mkfifo(endless)
 
     def named(suffix: str) -> str:
-        """The same under a name that tells a format."""
+        """Return a link to the file with a suffix of a format."""
         link = tmp_path / f"endless{suffix}"
         if not link.is_symlink():
             link.symlink_to(endless)
@@ -356,7 +356,7 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
     assert second.is_symlink()
     assert first.is_symlink()
     assert target.read_text() == "new"
-    assert target.stat().st_ino != before  # replaced at once, never half written
+    assert target.stat().st_ino != before  # replaced atomically, never partially written
     assert stat.S_IMODE(target.stat().st_mode) == 0o640
     dangling = tmp_path / "dangling"
     dangling.symlink_to(tmp_path / "far" / "made.csv")
@@ -423,7 +423,7 @@ def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_pat
         (tmp_path / name).write_text("precious")
     with replacing(output) as living:
         living.write_text("mine")
-        write_text(output, "theirs")  # another run of the same output
+        write_text(output, "theirs")  # another run with the same output
         assert living.read_text() == "mine"
     assert output.read_text() == "mine"
     others = {name for name in left if name.startswith(".other.")}

@@ -1,4 +1,5 @@
-"""The door to what is compiled: what the environment chooses, what is said of what is missing, threads."""
+"""Loader of the compiled module: selection by the environment, messages for a missing module,
+threads."""
 
 from __future__ import annotations
 
@@ -71,7 +72,8 @@ def test_the_number_of_threads_is_checked():
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here")
 def test_as_many_threads_as_the_process_may_use_cores():
-    """Kept to one core, as by taskset, a process starts no second thread that would wait for the first."""
+    """With affinity to one core, as by taskset, a process starts no second thread that would wait
+    for the first."""
     script = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
         "from omnimirror.base.native import backend, usable_cores; print(usable_cores(), backend.threads)"
@@ -86,12 +88,13 @@ def test_as_many_threads_as_the_process_may_use_cores():
 )
 def test_no_more_than_the_container_may_use(monkeypatch, tmp_path, said, least):
     monkeypatch.setattr(native, "QUOTA", tmp_path / "cpu.max")
-    without = usable_cores()  # there is no such file
+    without = usable_cores()  # the file does not exist
     (tmp_path / "cpu.max").write_text(said, encoding="ascii")
     assert usable_cores() == max(1, min(without, least))
 
 
-# -- arguments, and memory ---------------------------------------------------------------------------
+# -- arguments and memory
+# ----------------------------------------------------------------------------
 
 needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 
@@ -102,13 +105,15 @@ def test_hostile_arguments_crash_nothing(seed):
     command = [sys.executable, "-m", "tests.fuzz.native_arguments", "--calls", "1500", "--seed", str(seed)]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert all(" 0 answered" not in line for line in run.stdout.splitlines())  # every function got beyond its checks
+    assert all(
+        " 0 answered" not in line for line in run.stdout.splitlines()
+    )  # every function passed its argument checks
 
 
 @needs_compiled
 @pytest.mark.parametrize("name", sorted(dict(functions_of(backend.module))) if backend.is_compiled else [])
 def test_every_array_is_checked(name):
-    """Whatever binding takes it: an array that is not aligned is refused, and so is one of another number of axes."""
+    """All bindings reject misaligned arrays and arrays with another number of axes."""
     function = dict(functions_of(backend.module))[name]
     recipes = Recipes(Buffers(np.random.default_rng(0)), backend.module)
 
@@ -132,7 +137,7 @@ def test_every_array_is_checked(name):
                     continue
                 put = changed if place is None else (*value[:place], changed, *value[place + 1 :])
                 call = {**arguments, argument: put}
-                said = f"{words}|incompatible function arguments"  # of arrays whose type has a number of axes
+                said = f"{words}|incompatible function arguments"  # for array types with a fixed number of axes
                 with pytest.raises((ValueError, TypeError), match=said) as refusal:
                     function(**call) if bound is None else function(bound, **call)
                 assert "aligned" not in words or refusal.type is ValueError
@@ -176,7 +181,8 @@ print(errors, np.array_equal(evaluated(), before, equal_nan=True))
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are those of Linux")
 @pytest.mark.parametrize(("first", "threads"), [(4, 4), (1, 4), (1, 1)])
 def test_tasks_without_memory_raise(first, threads):
-    """On threads that run already, that cannot be started, and without any; afterwards all is as before."""
+    """In running threads, in threads that cannot be started, and without threads; the state is
+    restored afterwards."""
     script = SCARCE.replace("{first}", str(first)).replace("{threads}", str(threads))
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280)
     assert (run.returncode, run.stdout.split()) == (0, ["5", "True"]), run.stderr

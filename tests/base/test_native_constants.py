@@ -1,4 +1,4 @@
-"""Constants that Python and the compiled part both state: read in the C++ sources, and equal to ours."""
+"""Constants defined in both Python and the compiled module: parsed from the C++ sources, and equal."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SHARED = {
 
 
 def constants_of(text: str) -> dict[str, float]:
-    """The constants of a source that are numbers, or sums and quotients of numbers."""
+    """Return the constants of a source that are numbers, or sums and quotients of numbers."""
     found = {}
     for names in re.findall(r"constexpr (?:int|float|double|int64_t) ([^;{}()]*);", text):
         for one in names.split(","):

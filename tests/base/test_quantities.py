@@ -1,4 +1,4 @@
-"""The vocabulary: one name for one thing, with its unit, and every table speaks it."""
+"""Vocabulary: one name with its unit per quantity, used by all tables."""
 
 from __future__ import annotations
 
@@ -66,7 +66,8 @@ def test_every_table_takes_its_words_from_here():
 
 
 def test_one_thing_has_one_value_wherever_it_is_asked_for():
-    """A focus merit, a design merit, a row of the comparison and a limit of the same name are the same number."""
+    """A focus merit, a design merit, a row of the comparison and a limit of the same name are
+    equal."""
     import omnimirror as om
 
     sensor = om.load_sensor("paper-equidistant")
@@ -79,7 +80,7 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
         assert DESIGN_MERITS[name].value(field) == pytest.approx(table[name].values[0], rel=1e-9), name
     for name in set(LIMITABLE) & set(COMPARED):
         low, high = (LIMITABLE[name].extreme(field, largest)[0] for largest in (False, True))
-        assert low == pytest.approx(high), name  # one number of a whole field
+        assert low == pytest.approx(high), name  # one number for the whole field
         assert low == pytest.approx(table[name].values[0], rel=1e-9), name
     for name in set(FOCUS_MERITS) & set(DESIGN_MERITS) - {"mean_floored_area_deg2"}:
         best = om.best_focus(sensor, name, omega_deg=angles)

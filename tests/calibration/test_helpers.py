@@ -1,4 +1,4 @@
-"""Processes that share jobs: what comes back, what they raise, and that none outlives what asked."""
+"""Worker processes: results, exceptions, and termination with their client."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _three_cores(monkeypatch):
 
 
 def where(number: int, seconds: float) -> tuple[int, int]:
-    """Of a job, in which process it was done."""
+    """Return a job number and the process that ran it."""
     time.sleep(seconds)
     return number, os.getpid()
 
@@ -36,7 +36,7 @@ def refusing(number: int) -> int:
 
 
 def dying_once(number: int, path: str) -> int:
-    """The first process but one that gets here dies of it."""
+    """End the first process that calls this, except the main one."""
     if os.getpid() != number:
         try:
             os.close(os.open(path, os.O_CREAT | os.O_EXCL))
@@ -53,7 +53,7 @@ def test_jobs_come_back_in_their_order_from_several_processes():
         processes = {process for _, process in found}
         assert len(processes) > 1
         assert os.getpid() in processes
-        again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same are asked again
+        again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
         assert {process for _, process in again} <= processes
     for process in processes - {os.getpid()}:
         with pytest.raises(ProcessLookupError, match="No such process"):
@@ -104,7 +104,7 @@ def test_without_other_processes_this_one_does_all(monkeypatch):
 
 
 def chessboards(count: int) -> list[np.ndarray]:
-    """Boards of 5 x 4 corners, each a little larger, and one picture of nothing."""
+    """Return boards of 5 x 4 corners of increasing size, and one empty image."""
     boards = [np.full((200, 240), 230, np.uint8) for _ in range(count - 1)]
     for side, picture in enumerate(boards, 24):
         v, u = np.mgrid[: 5 * side, : 6 * side]
@@ -147,7 +147,7 @@ def test_a_search_that_is_stopped_keeps_what_was_found(long_s, monkeypatch):
 
 
 def test_a_script_without_a_guard_may_ask(tmp_path):
-    """What multiprocessing would begin again, in each of its processes."""
+    """A script that multiprocessing would restart in each of its processes."""
     script = tmp_path / "script.py"
     script.write_text(
         "import omnimirror.calibration.helpers as h\n"

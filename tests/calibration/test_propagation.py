@@ -1,4 +1,4 @@
-"""Errors of directions and floor points: what parameters drawn from the covariance really do."""
+"""Errors of directions and floor points against samples of parameters from the covariance."""
 
 import json
 from dataclasses import replace
@@ -30,7 +30,7 @@ HEIGHT = 1200.0
 
 
 def some_covariance(model, size_px=0.2, seed=1):
-    """Of parameters that move the picture by fractions of a pixel, correlated."""
+    """Return the covariance of correlated parameters that move the image by fractions of a pixel."""
     rng = np.random.default_rng(seed)
     mixed = rng.normal(size=(len(model.parameters), len(model.parameters)))
     mixed *= size_px * np.array([p.scale for p in model.parameters])[:, None] / np.sqrt(len(mixed))
@@ -122,7 +122,7 @@ def test_the_command_says_it_and_draws_it(tmp_path):
 
 
 def test_every_door_says_the_same_error_of_a_direction():
-    """Of a calibration, of its camera's pixels, and of the covariance itself."""
+    """From a calibration, from pixels of its camera, and from the covariance itself."""
     board = om.Board("chessboard", 11, 7, 30.0)
     truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
     found = om.calibrate_camera(om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified")
@@ -146,13 +146,13 @@ MODELS = [
 
 
 def field_angles_deg(camera, pixels):
-    """Angles between what pixels see and the camera's axis, from the Camera contract alone."""
+    """Return angles between pixel rays and the camera axis, from the Camera contract only."""
     return np.degrees(np.arccos(np.clip(camera.backproject(pixels).directions @ camera.axis, -1, 1)))
 
 
 @pytest.mark.parametrize("camera", MODELS, ids=lambda c: f"{c.KIND}-{c.optics}")
 def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
-    """Of every model: through its file, for directions, floors, maps, tables and figures."""
+    """For all models: via files, for directions, floors, maps, tables and figures."""
     known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 80.0)
     om.save_camera(replace(camera, uncertainty=known), tmp_path / "camera.toml")
     read = om.load_camera(tmp_path / "camera.toml")
@@ -179,7 +179,7 @@ def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
 
 
 def test_the_command_reports_the_calibrated_field(tmp_path):
-    """Of a calibration whose boards reach 95 deg, of a camera that sees 137: the outermost corner ends the field."""
+    """Boards reach 95 deg and the camera 137 deg: the outermost corner limits the field."""
     truth, board = MODELS[0], om.Board("chessboard", 11, 7, 30.0)
     detections = om.simulate_detections(truth, board, 60, noise_px=0.1, seed=4)
     farthest = [field_angles_deg(truth, d.corners_px).max() for d in detections]
@@ -203,7 +203,8 @@ def test_the_command_reports_the_calibrated_field(tmp_path):
 
 @pytest.mark.parametrize("to", ["opencv-omnidir", "kalibr-ds", "py-ocamcalib", "camodocal"])
 def test_conversion_is_restricted_to_the_calibrated_field(to, tmp_path):
-    """Of a camera whose k3 no other program holds, and which turns away from any such model beyond its corners."""
+    """A camera with a k3 that no other program supports, and that deviates from other models beyond
+    its corners."""
     camera = Unified(0.9, FOCAL, CENTRE, SIZE, k1=-0.01, k2=1e-3, k3=2e-4, optics="mirror")
     known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 95.0)
     known = replace(camera, uncertainty=known)

@@ -1,4 +1,4 @@
-"""What is straight in the world is straight in a perspective view of a calibrated camera: the lines of boards."""
+"""Straightness of board lines in perspective views of a calibrated camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ PHOTOGRAPHS = sorted((SHARED / "kaidan_omni").glob("*.jpg"))
 
 
 def straightened(camera, corners_px):
-    """Corners (n, 2) px of a board in a perspective view that looks at its middle, as fine as the picture is there."""
+    """Return corners (n, 2) px of a board in a perspective view centred on it, at the resolution of
+    the image there."""
     rays = camera.backproject(corners_px).directions
     ahead = rays.mean(axis=0)
     ahead /= np.linalg.norm(ahead)
@@ -33,7 +34,7 @@ def straightened(camera, corners_px):
 
 
 def off_straight_px(camera, detection):
-    """How far (k,) px each corner lies from the line that fits its row best, and so for its column."""
+    """Return distances (k,) px of each corner from the best-fit lines of its row and column."""
     view = straightened(camera, detection.corners_px)
     rows, columns = np.divmod(np.asarray(detection.ids), BOARD.columns)
     off = []
@@ -47,8 +48,9 @@ def off_straight_px(camera, detection):
 @pytest.mark.full
 @pytest.mark.long
 def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
-    """Calibrated from corners with noise; the boards that are looked at are others, without. As it was drawn, the
-    sensor bends them four times as much."""
+    """Calibrated from noisy corners and evaluated with other, noise-free boards. Without the
+    calibrated misalignment, the lines
+    are bent four times as much."""
     drawn = om.load_sensor("paper-spherical")
     built = replace(drawn, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, 0.0))
     seen = om.simulate_detections(built, BOARD, 8, noise_px=0.1, seed=1)
@@ -63,7 +65,7 @@ def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
 @pytest.mark.long
 @pytest.mark.skipif(not PHOTOGRAPHS, reason=f"the photographs are not in {SHARED}")
 def test_lines_of_photographed_boards_are_straight():
-    """Boards that took no part in the calibration too."""
+    """Including boards that are held out of the calibration."""
     detections = om.find_boards(PHOTOGRAPHS[::2], BOARD)
     camera = om.calibrate_camera(detections[::2] + detections[1:4:2], BOARD, model="radial-spline").camera
     off = [off_straight_px(camera, d).max() for d in detections]
@@ -100,18 +102,19 @@ EVERY_DAY = ("viewpoint-spline", "a fisheye")
     "name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in CALIBRATED]
 )
 def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
-    """Its picture of far things, straightened, beside the scene itself in each direction of the view, one in nine."""
+    """Dewarped image of distant objects against the scene itself in each direction, every ninth
+    pixel."""
     camera, room = CALIBRATED[name], Distant(ROOM)
     sizes = {"ground": (200, 200), "perspective": (320, 180)}
     taken = om.take_picture(camera, room, samples=4)
-    for kind in sorted({*om.views.VIEWS} - {"cube", "mosaic"}):  # which are made of the others
+    for kind in sorted({*om.views.VIEWS} - {"cube", "mosaic"}):  # which are composed of the others
         options = {"height_mm": 800.0} if kind == "ground" else {}
         options |= {"size": sizes[kind]} if kind in sizes else {}
         screen = om.views.VIEWS[kind](camera, **options)
         shown = om.Dewarper(camera, screen, "linear")(taken, transparent=True)[::3, ::3]
         u, v = np.meshgrid(*(np.arange(0.0, n, 3.0) for n in screen.size))
         seen = np.isfinite(camera.project_directions(screen.targets_at(u, v).reshape(-1, 3)).pixels[:, 0])
-        if kind == "ground" and not screen.is_distant:  # points, which a mirror of several viewpoints sees elsewhere
+        if kind == "ground" and not screen.is_distant:  # near points, displaced for a mirror without a single viewpoint
             seen &= name not in ("viewpoint-spline", "sensor")
         seen = seen.reshape(u.shape) & (shown[..., 3] == 255)
         true = pinhole_picture(room, screen.targets_at(u, v))

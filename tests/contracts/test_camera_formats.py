@@ -1,4 +1,4 @@
-"""What every format of camera files must satisfy: what it holds comes back, and what is wrong is one sentence."""
+"""Contract of all formats of camera files: round trip, and one-sentence errors."""
 
 import re
 from dataclasses import replace
@@ -93,7 +93,7 @@ def test_what_is_held_comes_back_to_the_pixel(layout, name, mount):
 
 
 def refusal(layout, data, camera):
-    """What a file is refused with; None if it is read."""
+    """Return the error message of a file; None if it is read."""
     try:
         read(layout, data, camera)
     except SpecError as e:
@@ -103,7 +103,7 @@ def refusal(layout, data, camera):
 
 @pytest.mark.parametrize(("layout", "name"), HELD)
 def test_a_file_that_is_cut_off_or_lacks_a_part_is_refused_in_one_sentence(layout, name):
-    """Or read, as where a comment is missing; anything else would end the test."""
+    """Or read, for example with a missing comment; any other exception fails the test."""
     camera = CAMERAS[name]
     data = written(layout, camera)
     for i in range(10):

@@ -1,4 +1,5 @@
-"""What every calibrated model must satisfy beside being a camera: its parameters, derivatives and ends."""
+"""Contract of all calibrated models in addition to that of cameras: parameters, derivatives and
+field limits."""
 
 import pickle
 from dataclasses import replace
@@ -57,7 +58,8 @@ NEAR_AXIS = np.array([[0.0, 0.0], [1e-7, 0.0], [-3e-6, 4e-6]])
 
 
 def points_of(model, count=300, seed=3, inside=0.98):
-    """Points (n, 3) in mm in the model's field, between 30 and 3000 mm from it, next to its axis and on it too."""
+    """Return points (n, 3) in mm in the field of the model at 30 to 3000 mm, including points on
+    and near its axis."""
     rng = np.random.default_rng(seed)
     omega = rng.uniform(0.0, inside * model.model_end, count)
     phi = rng.uniform(-np.pi, np.pi, count)
@@ -69,7 +71,7 @@ def points_of(model, count=300, seed=3, inside=0.98):
 
 
 def differences(function, step):
-    """Central differences of fourth order, whose error is that of rounding."""
+    """Return central differences of fourth order; the rounding error dominates."""
     one, two = (function(k * step) - function(-k * step) for k in (1, 2))
     return (8 * one - two) / (12 * step)
 
@@ -100,7 +102,7 @@ def test_derivatives_to_parameters(model):
             return model.with_parameters(values + h * (np.arange(len(values)) == i)).image(points).pixels
 
         step = 1e-5 * parameter.scale
-        if parameter.name == "xi" and values[i] == 0:  # a pinhole: it has one side only
+        if parameter.name == "xi" and values[i] == 0:  # a pinhole: one-sided only
             expected = (4 * moved(step) - moved(2 * step) - 3 * moved(0.0)) / (2 * step)
             tolerance = 1e-2
         else:
@@ -127,7 +129,7 @@ def test_parameters_have_names_of_their_own_and_come_back(model):
 
 @pytest.mark.parametrize("model", CASES)
 def test_the_image_is_what_the_camera_projects(model):
-    """In the picture; the world is the camera frame, turned by the mount."""
+    """In image coordinates; the world frame is the camera frame rotated by the mount."""
     points = points_of(model)
     turn = model.mount.rotation()
     for distant, project in ((False, model.project), (True, model.project_directions)):
@@ -141,7 +143,7 @@ def test_past_the_end_of_the_model_there_is_nothing(model):
     ahead = -1.0 if model.optics == "mirror" else 1.0
     for factor, seen in ((1 - 1e-6, True), (1 + 1e-6, False)):
         if not seen and model.model_end > 3.14159:
-            continue  # it sees everything
+            continue  # full sphere
         omega = factor * model.model_end
         direction = [[np.sin(omega), 0.0, ahead * np.cos(omega)]]
         found = model.image(direction, distant=True)
@@ -155,7 +157,7 @@ def test_past_the_end_of_the_model_there_is_nothing(model):
 
 @pytest.mark.parametrize("model", CASES)
 def test_the_image_grows_up_to_the_end(model):
-    """No pixel is that of two field angles."""
+    """No pixel corresponds to two field angles."""
     omega = np.linspace(0.0, model.model_end, 4001)
     radius = model.radius_from_omega(omega[:-1])
     assert (np.diff(radius) > 0).all()
@@ -170,7 +172,7 @@ def test_far_points_are_seen_like_their_directions(model):
     scaled = np.abs(distant.d_points).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(1e9 * far.d_points / scaled, distant.d_points / scaled, atol=1e-5)
     along = np.einsum("nij,nj->ni", distant.d_points, points)
-    np.testing.assert_allclose(along / scaled[:, :, 0], 0.0, atol=1e-6)  # the length of a direction does not matter
+    np.testing.assert_allclose(along / scaled[:, :, 0], 0.0, atol=1e-6)  # independent of the length of a direction
 
 
 @pytest.mark.parametrize("model", CASES)
@@ -178,7 +180,7 @@ def test_it_is_pickled_and_read_back_from_its_own_words(model):
     assert pickle.loads(pickle.dumps(model)) == model
     assert hash(model) == hash(pickle.loads(pickle.dumps(model)))
     assert eval(repr(model)) == model
-    model.image(points_of(model, 5))  # and what it has worked out since changes nothing
+    model.image(points_of(model, 5))  # and cached values do not change the result
     assert pickle.loads(pickle.dumps(model)) == model
 
 

@@ -1,4 +1,4 @@
-"""What every camera must satisfy, whatever it is made of and however it stands."""
+"""Contract of all cameras, for any model and mount."""
 
 from dataclasses import replace
 
@@ -83,10 +83,10 @@ CASES = [
 
 
 def some_pixels(camera, count=400):
-    """Pixels all over the picture, all but its very corners, and some of its centre."""
+    """Return pixels over the whole image except the outermost corners, with some at its centre."""
     width, height = camera.image_size
     rng = np.random.default_rng(7)
-    edge = 0.5 - 1e-9  # at the edge itself rounding decides
+    edge = 0.5 - 1e-9  # at the border itself, rounding decides
     corners = [[u, v] for u in (-edge, width - 1 + edge) for v in (-edge, height - 1 + edge)]
     near = np.add([[0.0, 0.0], [1e-9, 0.0], [1e-3, -1e-3]], (width / 2, height / 2))
     return np.concatenate([rng.uniform(-0.5, [width - 0.5, height - 0.5], (count, 2)), corners, near])
@@ -180,7 +180,7 @@ def test_far_points_are_seen_like_their_directions(camera):
 
 @pytest.mark.parametrize("camera", CASES)
 def test_the_symmetry_it_claims_is_there(camera):
-    """Directions built here about the claimed axis land at the claimed radius, equally far apart."""
+    """Directions about the claimed axis are imaged at the claimed radius and equidistant azimuths."""
     symmetry = camera.symmetry
     if symmetry is None:
         assert any(camera == replace(MODELS[name], mount=camera.mount) for name in LOPSIDED)
@@ -217,7 +217,7 @@ def test_right_and_down_are_where_it_says(camera):
 
 @pytest.mark.parametrize("camera", CASES)
 def test_rays_start_where_the_symmetry_says(camera):
-    """Anywhere on the ray: its line is meant."""
+    """Any point of the ray is accepted: the line counts."""
     symmetry = camera.symmetry
     if symmetry is None:
         return
@@ -235,7 +235,7 @@ def test_rays_start_where_the_symmetry_says(camera):
 
 @pytest.fixture(params=["compiled", "not compiled"])
 def table_of(request, uncompiled):
-    """What makes the radial table of a camera."""
+    """Implementation of the radial table of a camera."""
     if request.param == "not compiled":
         uncompiled()
     elif not backend.is_compiled:
@@ -247,16 +247,16 @@ TABLES = [
     pytest.param(*case.values, id=case.id, marks=() if (n + n // len(MOUNTS)) % len(MOUNTS) == 0 else pytest.mark.full)
     for n, case in enumerate(CASES)
 ]
-"""Every day each model stands in one way, another one than the model before it."""
+"""Daily cases: each model with one mount, another than that of the preceding model."""
 
 
 @pytest.mark.parametrize("camera", TABLES)
 def test_the_radial_table_is_the_projection(camera, table_of):
-    """Interpolated once, against the camera itself; the same directions are seen but for the very edge."""
+    """Interpolated table against the camera; visibility agrees except at the very boundary."""
     if camera.symmetry is None:
         return
     axis, right, down = camera.symmetry.axis, camera.symmetry.right, camera.symmetry.down
-    near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (0.6 * right - 0.8 * down)  # next to the axis
+    near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (0.6 * right - 0.8 * down)  # near the axis
     nothing = [[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]]
     directions = np.concatenate([some_directions() * 7.5, near, [axis], nothing])
     pixels, excess = table_of(camera).pixels_and_excess(directions)
@@ -268,7 +268,7 @@ def test_the_radial_table_is_the_projection(camera, table_of):
 
 @pytest.mark.parametrize("camera", TABLES)
 def test_the_radial_table_is_the_projection_of_near_points(camera, table_of):
-    """Down to points at, behind and inside the mirror, and in its shadow."""
+    """Including points at, behind and inside the mirror, and in its shadow."""
     if camera.symmetry is None:
         return
     rng = np.random.default_rng(5)
@@ -298,8 +298,8 @@ LENSES = {
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 @pytest.mark.parametrize("lens", LENSES)
 def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens):
-    """A ray that a pixel is said to look along leads back to this pixel, whatever the tilt; so no tilt, however small,
-    makes a camera of a sensor that is none when it is aligned.
+    """The ray of a pixel projects back to this pixel for any tilt; a small tilt cannot turn an
+    invalid sensor into a camera.
     """
     mirror, m = MIRRORS[kind]
     aligned = om.Sensor(mirror, LENSES[lens], om.load_sensor("paper-spherical").imager, mirror_distance_mm=m)
@@ -328,17 +328,19 @@ def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens
 @pytest.mark.parametrize("flipped", [False, True])
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(model, flipped):
-    """Three directions that turn clockwise for somebody who looks at them, and how they turn in the picture."""
+    """Three directions, clockwise as seen by an observer, and their sense of rotation in the image."""
     model = replace(model, mount=replace(model.mount, image_flipped=flipped))
     axis = model.symmetry.axis if model.symmetry else getattr(model, "axis", np.array([0.0, 0.0, -1.0]))
     e1 = np.cross(axis, [0.36, 0.48, 0.8])
     e2 = np.cross(axis, e1)  # looking along the axis, from e1 to e2 is clockwise
     around = [e1, e2 - e1 / 2, -e2 - e1 / 2]
-    aside = 0.3 + 2 * np.tan(model.symmetry.omega_min if model.symmetry else 0.0)  # past what a second mirror hides
+    aside = 0.3 + 2 * np.tan(
+        model.symmetry.omega_min if model.symmetry else 0.0
+    )  # outside the obscuration of a second mirror
     pixels, valid = model.project_directions([axis + aside * e for e in around])
     assert valid.all()
     (du1, dv1), (du2, dv2) = pixels[1] - pixels[0], pixels[2] - pixels[0]
-    is_clockwise_in_picture = du1 * dv2 - dv1 * du2 > 0  # rows grow downwards
+    is_clockwise_in_picture = du1 * dv2 - dv1 * du2 > 0  # rows increase downwards
     is_mirror = getattr(model, "optics", "mirror") == "mirror" and getattr(model, "secondary", None) is None
     assert is_clockwise_in_picture == (is_mirror == flipped)
     assert model.is_picture_reversed == (not is_clockwise_in_picture)
@@ -346,7 +348,8 @@ def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(mo
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_a_flipped_picture_is_the_picture_reversed(model):
-    """A sensor's centre is the camera's own; a calibration's is that of the picture as delivered."""
+    """The centre of a sensor is that of the camera; the centre of a calibration is that of the
+    delivered image."""
     flipped = replace(model, mount=replace(model.mount, image_flipped=True))
     last_column = model.image_size[0] - 1
     if not isinstance(model, om.Sensor):

@@ -1,4 +1,4 @@
-"""What every mirror must satisfy, whatever its formula."""
+"""Contract of all mirrors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.everyday import few
 
 
 def exact_sag(mirror: Mirror):
-    """The sag in 30 digits from the textbook equation of each shape; None where there is none."""
+    """Return the sag in 30 digits from the textbook equation of each shape; None if unavailable."""
     match mirror:
         case Sphere(A, _):
             return lambda x: A - mp.sqrt(A**2 - x**2)
@@ -54,7 +54,7 @@ def exact_sag(mirror: Mirror):
 
 
 def exact_mapping(mirror: Mapped):
-    """Omega(theta) of mappings of directions, in the words that define them."""
+    """Return Omega(theta) of direction mappings by their definition."""
     Theta = mp.radians(mirror.theta_max_deg)
     unit, top = mp.tan(Theta), mp.radians(getattr(mirror, "omega_max_deg", 122))
     return {
@@ -69,7 +69,7 @@ def exact_mapping(mirror: Mapped):
 
 
 def exact_points(mirror: Mapped):
-    """x, sag, slope and curvature in 30 digits: ln(rho/m) by quadrature, scaled by the rim."""
+    """Return x, sag, slope and curvature in 30 digits: ln(rho/m) by quadrature, scaled by the rim."""
     omega, Theta = exact_mapping(mirror), mp.radians(mirror.theta_max_deg)
 
     def rho(theta):
@@ -86,7 +86,8 @@ def exact_points(mirror: Mapped):
 
 
 def exact_finite_points(mirror: Mapped):
-    """The same from the law of reflection z' = tan((Omega - theta)/2) in x and z, by Taylor series."""
+    """Return the same from the law of reflection z' = tan((Omega - theta)/2) in x and z, by Taylor
+    series."""
     unit, m, M = mp.tan(mp.radians(mirror.theta_max_deg)), mp.mpf(mirror.design_distance), mirror.rim_radius_mm
     top, rim_z = mp.radians(mirror.omega_max_deg), M / unit - m
 
@@ -113,7 +114,9 @@ def exact_finite_points(mirror: Mapped):
 )
 def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
-    mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # integrated, which takes seconds with 30
+    mp.mp.dps = (
+        15 if kind in ("ground-plane", "cylinder") else 30
+    )  # numerical integration, which takes seconds with 30 digits
     if kind in ("ground-plane", "cylinder"):
         points = exact_finite_points(mirror)
     elif isinstance(mirror, Mapped):
@@ -121,7 +124,8 @@ def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     else:
         sag, xs = exact_sag(mirror), map(mp.mpf, np.linspace(0.05, 0.99, 8) * mirror.rim_radius_mm)
         points = ((x, sag(x), mp.diff(sag, x), mp.diff(sag, x, 2)) for x in xs)
-    # quintic splines: some 120 points of a sphere's sag or slope, and 62 of a mapping, which loses one derivative less
+    # quintic splines: about 120 points of the sag or slope of a sphere, and 62 of a mapping, which
+    # loses one derivative less
     of_points = (1e-9, 5e-8, 5e-6)
     tolerances = {"sampled": of_points, "slope-spline": of_points, "tabulated-mapping": (1e-9, 2e-8, 1e-6)}
     tolerance = tolerances.get(kind, (1e-13, 1e-13, 1e-12))
@@ -149,7 +153,7 @@ def test_the_vertex_is_the_origin(any_mirror):
 
 
 def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
-    """R_s: where the normal meets the axis. R_t: where normals a little to each side meet."""
+    """R_s: intersection of the normal with the axis. R_t: intersection of neighbouring normals."""
     for x in np.linspace(0.2, 0.9, 5) * any_mirror.rim_radius_mm:
         z, slope = float(any_mirror.sag(x)), float(any_mirror.slope(x))
         assert float(any_mirror.radius_s(x)) == pytest.approx(np.hypot(x, x / slope), rel=1e-12)

@@ -1,7 +1,9 @@
-"""What every sampler makes of every map and every layout of pictures, against the rule in plain NumPy and float64.
+"""Contract of all samplers, maps and image layouts, against the definition in plain NumPy and
+float64.
 
-The rule is told in :mod:`omnimirror.dewarp.sampling`. Each map is made of a formula that gives the place of any pixel
-of its view, and of any point between; the truth asks the formula, never the map.
+The definition is documented in :mod:`omnimirror.dewarp.sampling`. Each map is created from a
+formula for the position of
+any view pixel and intermediate point; the reference evaluates the formula and never the map.
 """
 
 from __future__ import annotations
@@ -34,12 +36,13 @@ KINDS = [(depth, channels) for depth in FULL for channels in (1, 2, 3, 4)]
 SINGLE = ("nearest", "linear", "cubic")
 AVERAGED = ("auto", "area")
 UNDECIDED_PX = 2e-3
-"""So near to the picture's end, or for nearest to the middle between pixels, rounding decides."""
+"""Distance from the image border, or for nearest from the midpoint between pixels, within which
+rounding decides."""
 
 
 @pytest.fixture(params=["opencv", *instructions()])
 def sampler(request, uncompiled):
-    """Every sampler."""
+    """All samplers."""
     if request.param == "opencv":
         uncompiled()
         yield request.param
@@ -50,13 +53,14 @@ def sampler(request, uncompiled):
         backend.kernels.use_instructions(before)
 
 
-# -- maps, and their formulas ------------------------------------------------------------------------
+# -- maps and their formulas
+# -------------------------------------------------------------------------
 
 Formula = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class Case(NamedTuple):
-    """A map of a view, and where its point (x, y) lies in the picture: (.., 2), NaN where nothing is seen."""
+    """Map of a view, and the image position of its point (x, y): (..., 2), NaN outside the field."""
 
     map: Map
     at: Formula
@@ -67,7 +71,8 @@ class Case(NamedTuple):
 
 
 def bent(across: float, down: float) -> Formula:
-    """A map that bends as a parabola, which cubics meet; about so many source pixels from one pixel to the next."""
+    """Return a parabolic map, reproduced exactly by cubics, with the given source pixels per output
+    pixel."""
 
     def at(x, y):
         u = 24.0137 + across * x - 0.21 * down * y + 1.2e-3 * down * y * y
@@ -77,7 +82,7 @@ def bent(across: float, down: float) -> Formula:
 
 
 def with_holes(at: Formula) -> Formula:
-    """Sees nothing in two stripes, of which a whole pixel's width is out of the way of all fractions."""
+    """Add two stripes outside the field, with a margin of one pixel to all fractional positions."""
 
     def holed(x, y):
         pixels = at(x, y)
@@ -93,7 +98,8 @@ def pixel_map(at: Formula, size: tuple[int, int], dtype=np.float32, **more) -> P
 
 
 def lattice(at: Formula, size: tuple[int, int], step: int, shift=(0.0, 0.0), patched=False) -> Case:
-    """Nodes of a formula; some cells pixel by pixel, of which one sees nothing."""
+    """Return nodes of a formula, with some cells refined to pixels; one of these is outside the
+    field."""
     across, down = (-(-n // step) for n in size)
     x, y = np.meshgrid((np.arange(across + 3) - 1.0) * step, (np.arange(down + 3) - 1.0) * step)
     nodes = np.ascontiguousarray(np.moveaxis(at(x, y), -1, 0), np.float32)
@@ -129,7 +135,7 @@ def polar(centre: tuple[float, float], radii: tuple[float, float], size: tuple[i
 
 
 def refined(size: tuple[int, int]) -> Case:
-    """As of a camera whose field ends within the view."""
+    """As for a camera whose field boundary crosses the view."""
 
     def at(x, y):
         x, y = np.broadcast_arrays(x, y)
@@ -141,7 +147,7 @@ def refined(size: tuple[int, int]) -> Case:
 
 
 def two_views(size: tuple[int, int]) -> Case:
-    """Side by side, and far apart in the picture."""
+    """Two adjacent views of distant parts of the image."""
     middle = size[0] // 2
 
     def at(x, y):
@@ -175,16 +181,17 @@ def all_pixels(case: Case) -> Case:
 
 @pytest.fixture(params=MAKERS)
 def case(request) -> Case:
-    """Every map, made anew: what it packs for one test is not there for the next."""
+    """A newly created map of each kind: packed data of one test are not available to the next."""
     return MAKERS[request.param]()
 
 
-# -- pictures, and the truth -------------------------------------------------------------------------
+# -- images and reference values
+# ---------------------------------------------------------------------
 
 
 @cache
 def picture(depth: str, channels: int, size: tuple[int, int] = SOURCE, noise: float = 0.01) -> np.ndarray:
-    """Structure of many scales."""
+    """Return an image with structure of many scales."""
     rng = np.random.default_rng(5)
     levels = [cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC) for n in (3, 9, 31)]
     values = sum(np.reshape(level, (size[1], size[0], channels)) / (k + 1) for k, level in enumerate(levels))
@@ -194,7 +201,7 @@ def picture(depth: str, channels: int, size: tuple[int, int] = SOURCE, noise: fl
 
 
 def keys(t: np.ndarray) -> np.ndarray:
-    """The four weights of the cubic kernel with a = -0.75, from its definition; (4, n)."""
+    """Return the four weights of the cubic kernel with a = -0.75 by its definition; (4, n)."""
     a, d = -0.75, np.abs(np.array([-1, 0, 1, 2])[:, None] - t)
     return np.where(d <= 1, (a + 2) * d**3 - (a + 3) * d**2 + 1, a * (d**3 - 5 * d**2 + 8 * d - 4))
 
@@ -206,7 +213,7 @@ def is_on(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def sampled(image: np.ndarray, pixels: np.ndarray, kernel: str) -> np.ndarray:
-    """Values (n, channels) at places (n, 2) on the picture, not rounded; what is outside has no meaning."""
+    """Return unrounded values (n, channels) at positions (n, 2) in the image; undefined outside."""
     height, width = image.shape[:2]
     u, v = np.nan_to_num(pixels).T
     u, v = u.clip(0, width - 1), v.clip(0, height - 1)
@@ -230,13 +237,13 @@ def in_range(image: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def truth(image: np.ndarray, pixels: np.ndarray, kernel: str, border: object) -> np.ndarray:
-    """One sample for each place (rows, columns, 2)."""
+    """Return one sample for each position (rows, columns, 2)."""
     values = in_range(image, sampled(image, pixels.reshape(-1, 2), kernel)).reshape(*pixels.shape[:2], -1)
     return np.where(is_on(image, pixels)[..., None], values, border)
 
 
 def decided(image: np.ndarray, pixels: np.ndarray, kernel: str) -> np.ndarray:
-    """Where rounding a place does not decide what is seen."""
+    """Return the mask of positions whose visibility does not depend on rounding."""
     height, width = image.shape[:2]
     ends = np.abs(pixels[..., None] - np.array([[-0.5, width - 0.5], [-0.5, height - 0.5]])).min(axis=(-2, -1))
     near = ends < UNDECIDED_PX
@@ -245,14 +252,15 @@ def decided(image: np.ndarray, pixels: np.ndarray, kernel: str) -> np.ndarray:
     return ~near
 
 
-# -- single samples ----------------------------------------------------------------------------------
+# -- single samples
+# ----------------------------------------------------------------------------------
 
 TOLERANCE = {"uint8": 1.5, "uint16": 6.0, "float32": 9e-5}
 
 
 @cache
 def single_samples(name: str, depth: str, channels: int, interpolation: str) -> tuple[np.ndarray, np.ndarray]:
-    """Values of a picture at the pixels of a map, and where rounding does not decide them."""
+    """Return image values at the pixels of a map, and the mask independent of rounding."""
     image, pixels = picture(depth, channels), MAKERS[name]().pixels()
     expected = truth(image, pixels, interpolation, border_of(depth, channels))
     return expected, decided(image, pixels, interpolation)
@@ -264,7 +272,7 @@ def border_of(depth: str, channels: int) -> list[float]:
 
 @pytest.mark.parametrize(("depth", "channels"), few(KINDS, ("uint8", 3), ("float32", 1)))
 def test_single_samples_are_the_formulas(depth, channels, request, case, sampler):
-    """Of the first picture, and of the second, for which a map may have been packed."""
+    """For the first image, and for the second, after which a map may have been packed."""
     image, name = picture(depth, channels), request.node.callspec.params["case"]
     border = border_of(depth, channels)
     for interpolation in SINGLE:
@@ -278,7 +286,8 @@ def test_single_samples_are_the_formulas(depth, channels, request, case, sampler
 
 
 def test_every_way_to_give_border_and_target(case, sampler):
-    """A grey picture without an axis for channels; a target with gaps between rows and pixels, returned as given."""
+    """A grey image without a channel axis; a target with gaps between rows and pixels, returned
+    unchanged."""
     grey, colours = picture("uint8", 1)[..., 0], picture("uint8", 3)
     for interpolation in INTERPOLATIONS:
         plain = remap(grey, case.map, interpolation, border=9)
@@ -292,7 +301,7 @@ def test_every_way_to_give_border_and_target(case, sampler):
 
 
 def test_a_plain_surface_stays_as_it_is(case, sampler):
-    """Nothing of the border gets in, nor of what lies beyond the picture's edge."""
+    """Neither the border value nor pixels outside the image contribute."""
     pixels = case.pixels()
     for value in (0, 1, 127, 254, 255):
         image = np.full((SOURCE[1], SOURCE[0], 3), value, np.uint8)
@@ -303,16 +312,19 @@ def test_a_plain_surface_stays_as_it_is(case, sampler):
             assert (taken[~inside & sure] == 99).all()
 
 
-# -- averages ----------------------------------------------------------------------------------------
+# -- averages
+# ----------------------------------------------------------------------------------------
 
-TAPS = 10  # of the truth along a side, whatever the sampler takes
+TAPS = 10  # reference taps per side, independent of the sampler
 LOOKED_AT = 400  # pixels of a view
 
 
 def footprint_means(image: np.ndarray, case: Case, x: np.ndarray, y: np.ndarray, interpolation: str) -> np.ndarray:
-    """Means (n, c) over footprints of pixels (n,): from half way to one neighbour to half way to the one opposite.
+    """Return means (n, c) over pixel footprints (n,), from the midpoint to one neighbour to that of
+    the opposite one.
 
-    For ``auto`` a side of s px is shortened by 1 - (1.2 / s)^8. Near the end of what is seen it has no meaning.
+    For ``auto``, a side of s px is shortened by the factor 1 - (1.2 / s)^8. Undefined near the
+    field boundary.
     """
     here = case.at(x, y)
 
@@ -335,7 +347,8 @@ def footprint_means(image: np.ndarray, case: Case, x: np.ndarray, y: np.ndarray,
 
 
 def well_inside(image: np.ndarray, case: Case) -> np.ndarray:
-    """Pixels whose neighbours all lie on the picture, some pixels from its end, and in the same view."""
+    """Return the pixels with all neighbours in the image, several pixels inside its border, and in
+    the same view."""
     pixels = case.pixels()
     height, width = image.shape[:2]
     with np.errstate(invalid="ignore"):
@@ -349,14 +362,14 @@ def well_inside(image: np.ndarray, case: Case) -> np.ndarray:
 
 @cache
 def smooth(depth: str, channels: int) -> np.ndarray:
-    """Without structure finer than some pixels, so that any dense taps have the same mean."""
+    """Return an image without fine structure, for which all dense taps have the same mean."""
     values = cv2.GaussianBlur(picture("float32", channels, noise=0.15), (0, 0), 1.6).reshape(SOURCE[1], SOURCE[0], -1)
     return values if depth == "float32" else np.rint(values * FULL[depth]).astype(depth)
 
 
 @cache
 def some_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows and columns (n,) of some pixels, and their means (n, 4) of the smooth picture."""
+    """Return rows and columns (n,) of some pixels, and their means (n, 4) in the smooth image."""
     case, image = MAKERS[name](), smooth("float32", 4)
     rows, columns = np.nonzero(well_inside(image, case))
     some = np.random.default_rng(3).permutation(len(rows))[:LOOKED_AT]
@@ -366,7 +379,7 @@ def some_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, n
 
 @pytest.mark.parametrize("depth", few(FULL, "uint8"))
 def test_averages_are_means_over_footprints(depth, request, case, sampler):
-    """And the second picture is as the first to the bit."""
+    """The second image equals the first bit by bit."""
     image, name = smooth(depth, 4), request.node.callspec.params["case"]
     for interpolation in AVERAGED:
         rows, columns, expected = some_means(name, interpolation)
@@ -379,7 +392,8 @@ def test_averages_are_means_over_footprints(depth, request, case, sampler):
 
 
 def test_stripes_tell_averages_from_single_samples(sampler):
-    """What the smooth picture cannot: where a view shrinks stripes of single pixels, their mean is grey."""
+    """Not detectable with the smooth image: if a view minifies single-pixel stripes, their mean is
+    grey."""
     stripes = np.zeros((SOURCE[1], SOURCE[0], 3), np.uint8)
     stripes[:, ::2] = 200
     for name in ("pixels", "lattice of 16", "refined"):
@@ -393,7 +407,7 @@ def test_stripes_tell_averages_from_single_samples(sampler):
 
 
 def test_beyond_the_annulus_nothing_counts(sampler):
-    """A picture that is grey where something is seen, and glaring beyond: nothing of that gets in."""
+    """An image that is grey inside the field and bright outside: the outside does not contribute."""
     v, u = np.mgrid[: SOURCE[1], : SOURCE[0]]
     centre, seen = (114.3, 84.1), 70.0
     image = np.where(np.hypot(u - centre[0], v - centre[1]) < seen + 3, 80, 255).astype(np.uint8)
@@ -403,13 +417,14 @@ def test_beyond_the_annulus_nothing_counts(sampler):
         assert (remap(image, where, "area") == 80).all()
 
 
-# -- planar YUV, 4:2:0 -------------------------------------------------------------------------------
+# -- planar YUV, 4:2:0
+# -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sitings", [("left", "left"), ("center", "center"), ("topleft", "left")], ids="-".join)
 @pytest.mark.parametrize("is_paired", [False, True], ids=["three planes", "NV12"])
 def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler):
-    """A colour sample at (x, y) among its four pixels shows what the formula says of that very point."""
+    """A chroma sample at (x, y) between its four pixels has the value of the formula at that point."""
     site, of_view = (np.array(SITINGS[s]) for s in sitings)
     across, down = (SOURCE[0] + 1) // 2, (SOURCE[1] + 1) // 2
     luma, colours = picture("uint8", 1)[..., 0], picture("uint8", 2, (across, down), noise=0.0)
@@ -424,7 +439,7 @@ def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler
     pixels = (case.at(x, y) - site) / 2
     whole = [is_on(luma, case.at(np.floor(x) + i, np.floor(y) + j)) for i in (0, 1) for j in (0, 1)]
     seen, unseen = np.all(whole, axis=0), ~np.any(whole, axis=0)
-    if len(getattr(case.map, "_views", ())):  # across the seam, the first pixel is shown
+    if len(getattr(case.map, "_views", ())):  # across the seam, the first pixel is used
         seen[:, (case.map.size[0] // 2) // 2] = False
     inner = seen & (pixels > 0).all(axis=-1) & (pixels < [across - 1, down - 1]).all(axis=-1)
     assert inner.mean() > 0.15
@@ -435,7 +450,8 @@ def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler
     np.testing.assert_array_equal(taken[0], remap(luma, case.map, "linear", border=16))
 
 
-# -- what a map says of itself, and what is refused --------------------------------------------------
+# -- properties of maps, and invalid arguments
+# -------------------------------------------------------
 
 
 def test_maps_know_their_places_and_sizes(case):
@@ -470,13 +486,14 @@ def test_what_does_not_fit_is_refused(case, sampler):
             call()
 
 
-# -- samplers beside each other ----------------------------------------------------------------------
+# -- comparison of samplers
+# --------------------------------------------------------------------------
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 @pytest.mark.parametrize("interpolation", few(INTERPOLATIONS, "nearest", "cubic"))
 def test_a_real_photograph_is_the_same_by_all(interpolation, shared_data, uncompiled):
-    """As cameras and screens make the maps: a panorama, a view, and a mosaic."""
+    """With maps created from cameras and screens: a panorama, a view, and a mosaic."""
     image = om.read_image(shared_data / "mirrorball" / "store.jpg")
     image = cv2.resize(image, (1024, 1024), interpolation=cv2.INTER_AREA)
     ball, screens = om.MirrorBall((511.5, 509.5), 480.0, 270.0, (1024, 1024)), om.screens

@@ -1,7 +1,8 @@
-"""What every screen must satisfy, before every camera: a point of the world lands on the pixel that it should.
+"""Contract of all screens with all cameras: world points are imaged at the expected pixel.
 
-Where a pixel looks is written here once more, in plain numbers from the conventions; where a camera sees
-that is asked the other way round, by the ray that leaves its pixel.
+Pixel directions are written explicitly from the conventions; the position in a camera image is
+checked in reverse, by the
+ray of its pixel.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ MOVED = (40.0, -60.0, 25.0)
 
 
 def world(pan, tilt):
-    """Pan to the right and tilt up, both in degrees: x forward, y left, z up."""
+    """Return the direction for pan to the right and tilt up, both in degrees: x forward, y left, z
+    up."""
     a, t = math.radians(pan), math.radians(tilt)
     return np.array([math.cos(t) * math.cos(a), -math.cos(t) * math.sin(a), math.sin(t)])
 
@@ -56,17 +58,19 @@ def perspective(W, H, pan, tilt, roll, hfov, u, v):
 
 
 def about_a_pole(omega, pan, up):
-    """Omega from the pole, at a pan."""
+    """Return the direction at omega from the pole, at a pan."""
     return world(pan, omega - 90.0 if not up else 90.0 - omega)
 
 
 def pan_in_circle(W, H, u, v, top, up):
-    """What is at the top is at the pan ``top``; clockwise is to the right below, to the left above."""
+    """Return the pan: ``top`` at the top; clockwise is to the right for views downwards, to the
+    left for views upwards."""
     clockwise = math.degrees(math.atan2(u - (W - 1) / 2, (H - 1) / 2 - v))
     return top - clockwise if up else top + clockwise
 
 
-# -- every shape: how it is made, and what its pixels look at in units of its distance ------------------
+# -- shapes: construction, and pixel targets in units of the distance
+# ----------------------------------
 
 
 def cylinder(u, v):
@@ -75,7 +79,7 @@ def cylinder(u, v):
 
 
 def tall_cylinder(u, v):
-    """Rows linear in height, between -1 and .75 radii."""
+    """Rows linear in height, between -1 and 0.75 radii."""
     x, y, _ = world(-20 + ((u + 0.5) / 21 - 0.5) * 360, 0)
     return np.array([x, y, 0.75 - (v + 0.5) / 13 * 1.75])
 
@@ -120,7 +124,7 @@ PLACES = {"distant": (inf, (0.0, 0.0, 0.0)), "near": (300.0, (0.0, 0.0, 0.0)), "
 
 
 def placed(shape, distance, offset):
-    """A screen of a shape at a place, and the target of each of its pixels."""
+    """Return a screen of a shape with offset, and the target of each of its pixels."""
     screen, looks = SHAPES[shape]
 
     def target(u, v):
@@ -133,7 +137,7 @@ def placed(shape, distance, offset):
 
 
 def ground(u, v):
-    """Pixels 50 mm apart, forward at the top turned 30 deg to the right."""
+    """Pixels 50 mm apart; forward at the top, rotated by 30 deg to the right."""
     forward, right = world(30, 0), world(120, 0)
     return (7 - v) * 50 * forward + (u - 6.5) * 50 * right + [100, -50, -600 + 20]
 
@@ -159,7 +163,7 @@ STANDING = [
     for n, (name, camera) in enumerate(CAMERAS.items())
     for m, mount in enumerate(MOUNTS)
 ]
-"""Every day each camera stands in one way, another one than the camera before it."""
+"""Daily cases: each camera with one mount, another than that of the preceding camera."""
 
 
 def whole(screen):
@@ -188,10 +192,11 @@ def test_pixels_look_where_the_conventions_say(name):
 
 @pytest.mark.parametrize("camera", STANDING)
 def test_points_land_on_the_pixels_that_look_at_them(camera):
-    """The ray of every source pixel goes through the point, and what has no pixel is far from every ray."""
+    """The ray of every source pixel passes through the point, and points without a pixel are far
+    from all rays."""
     width, height = camera.image_size
     grid = np.stack(np.meshgrid(np.arange(0, width, 12.0), np.arange(0, height, 12.0)), -1).reshape(-1, 2)
-    margin = 22  # px: before a cone, which shows no more degrees in a pixel than its lens sees, .56 deg
+    margin = 22  # px: for a cone, whose angular resolution is at most that of its lens, 0.56 deg
     steps = margin * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
     inside = np.all([camera.backproject(grid + s).valid for s in steps], 0)
     far_inside = camera.backproject(grid[inside])
@@ -220,7 +225,7 @@ def sees(camera, screen):
 @pytest.mark.parametrize("looks", ["up", "down"])
 @pytest.mark.parametrize("name", [n for n in SCREENS if "near" in n or "moved" in n or n == "ground"])
 def test_points_are_seen_along_the_shortest_path(name, looks):
-    """Against Fermat's principle over a sphere, without any of the package's optics."""
+    """Compared with Fermat's principle for a sphere, without the optics of the package."""
     screen, target = SCREENS[name]
     sensor = sensor_with(looks, -90.0)
     pixels = source_pixels(sensor, screen, exact=True)
@@ -233,7 +238,8 @@ def test_points_are_seen_along_the_shortest_path(name, looks):
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_right_and_down_are_as_seen_from_inside(name):
-    """Right x down points away from who looks; of a plan of the ceiling, seen from above, towards him."""
+    """Right x down points away from the observer; for a ceiling plan, seen from above, towards the
+    observer."""
     screen, _ = SCREENS[name]
     targets = whole(screen) - (0.0 if screen.is_distant else screen.offset_mm)
     here, right, down = targets[:-1, :-1], targets[:-1, 1:], targets[1:, :-1]
@@ -264,7 +270,7 @@ def test_one_pixel_is_a_picture(name):
     screen = replace(SCREENS[name][0], size=(1, 1))
     targets = whole(screen)
     assert targets.shape == (1, 1, 3)
-    if "dome" not in name or "zenith" in name:  # a dome may leave out its pole
+    if "dome" not in name or "zenith" in name:  # a dome can exclude its pole
         assert np.isfinite(targets).all()
     camera = om.OCam((-200.0, 0.0, 1e-4), (320.0, 240.0), (640, 480), optics="fisheye")
     assert exact_pixels(camera, screen).shape == (1, 1, 2)
@@ -293,7 +299,8 @@ def test_far_screens_are_distant_ones(shape):
     np.testing.assert_allclose(far[both], distant[both], atol=1e-5, rtol=0)
 
 
-# -- zoom and pan ----------------------------------------------------------------------------------------
+# -- zoom and pan
+# ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SCREENS)
@@ -301,7 +308,7 @@ def test_far_screens_are_distant_ones(shape):
 def test_zoom_enlarges_about_the_middle(name, factor):
     screen, _ = SCREENS[name]
     if factor < 1 and (isinstance(screen, Sphere) or screen.size == (21, 13)):
-        return  # these show all around already, and end where the shape does
+        return  # these already cover all azimuths and end at the boundary of the shape
     zoomed = screen.zoomed(factor)
     assert zoomed.size == screen.size
     width, height = screen.size
@@ -348,7 +355,8 @@ def test_a_zoom_that_is_none_is_refused(factor):
         CubeMap((4, 3)).zoomed(2.0)
 
 
-# -- several views in one picture ------------------------------------------------------------------------
+# -- mosaics of several views
+# ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -373,7 +381,7 @@ def test_faces_of_a_cube_are_views_at_right_angles(layout, place):
 
 
 def test_faces_of_a_cross_join():
-    """The last pixel of one face and the first of the next look half a pixel to each side of their edge."""
+    """The last pixel of one face and the first of the next are 0.5 px to either side of their edge."""
     faces = {name: whole(CubeMap((400, 300)).face(name)) for name in ("front", "right", "up", "down")}
     f = faces["front"]
     for edge, neighbour in (
@@ -387,7 +395,7 @@ def test_faces_of_a_cross_join():
 
 
 def test_a_mosaic_is_its_views():
-    """Near and distant ones, one of several views itself; later ones over earlier ones."""
+    """Near and distant views, one of them a mosaic itself; later views cover earlier ones."""
     sensor = CAMERAS["paper-spherical"]
     near, far = Plane((8, 6), 20.0, -20.0, distance_mm=200.0), Plane((8, 6), 20.0, -20.0)
     cube = CubeMap((12, 2), "strip", distance_mm=500.0)
@@ -426,7 +434,8 @@ def test_stacked_views_stand_in_the_middle():
     assert [p.view for p in zoomed.parts] == [p.view.zoomed(2.0).panned(10.0) for p in mosaic.parts]
 
 
-# -- what cannot be ----------------------------------------------------------------------------------------
+# -- invalid arguments
+# -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -1,4 +1,4 @@
-"""What designs say of themselves, and what evaluation says of them."""
+"""Results reported by designs, and the corresponding evaluations."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from omnimirror.design.solve.range_search import RangeSearch
 
 
 def row(design: Design | Verdict, name: str) -> Judgement:
-    """The line of a design's table that bears a name."""
+    """Return a row of a design table by name."""
     return next(r for r in design.rows if r.name == name)
 
 
 def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[str, float]:
-    """The merits of a sensor by om.evaluate on equal steps of the field angle, which the optimiser never saw."""
+    """Return the merits of a sensor by om.evaluate at equidistant field angles, other than those of
+    the optimiser."""
     r = om.evaluate(sensor, np.linspace(*sensor.field_deg, angles), **options)
     sine = np.sin(np.radians(r.omega_deg))
 
@@ -37,5 +38,5 @@ def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[st
 
 
 def best(wanted: Requirements) -> Verdict:
-    """The verdict of the best sensor with a mirror of a mapping or family, without asking what would have to give."""
+    """Return the verdict of the best sensor with a mapping or family mirror, without relaxations."""
     return RangeSearch(wanted).best().verdict

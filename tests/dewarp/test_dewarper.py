@@ -1,4 +1,4 @@
-"""The dewarper: separable against general, what it samples, what it leaves empty, what it refuses."""
+"""Dewarper: separable against general maps, sampled positions, empty pixels, invalid arguments."""
 
 import copy
 import multiprocessing
@@ -58,7 +58,7 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
     "camera", [BALL, FISHEYE, replace(BALL, centre_px=(90.0, 500.0))], ids=["within", "cut", "off"]
 )
 def test_panoramas_are_sampled_without_a_map(camera):
-    """As at their coordinates, up to one grey level; and with one where it was asked for."""
+    """Equal to sampling at their coordinates up to one grey level, and with a map on request."""
     width, height = camera.image_size
     picture = cv2.resize(np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height))
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
@@ -68,7 +68,7 @@ def test_panoramas_are_sampled_without_a_map(camera):
     kept = replace(dewarp, keep_map=True)
     for later in (straight, kept(picture), kept(picture)):
         off = np.abs(later.astype(int) - mapped).max(axis=-1) > 1
-        assert off.mean() < 1e-3  # at the edge of the picture float32 may decide otherwise
+        assert off.mean() < 1e-3  # at the image border float32 can decide differently
     assert "_pixel_map" in kept.__dict__
 
 
@@ -81,7 +81,8 @@ def test_only_panoramas_about_a_vertical_axis_are_separable():
 
 
 def test_a_camera_cut_by_its_picture_is_separable_too():
-    """The centre near a corner: only some pixels around it can tell which way round the picture is."""
+    """With the centre near a corner, only some pixels around it determine the handedness of the
+    image."""
     camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
     view = om.screens.Cylinder((300, 100), -90.0, 0.0)
     separable, general = polar_map_of(camera, view).pixels(), exact_pixels(camera, view)
@@ -91,7 +92,7 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
 
 @pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
-    monkeypatch.setattr(coordinates, "STRIP_PX", 1000)  # several strips, the last one short
+    monkeypatch.setattr(coordinates, "STRIP_PX", 1000)  # several strips, the last one incomplete
     targets = view.targets(0, view.size[1])
     pixels = om.Dewarper(BALL, view).coordinates(exact=True)
     expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(pixels.shape)
@@ -100,7 +101,7 @@ def test_coordinates_are_the_cameras_own(view, monkeypatch):
 
 @dataclass(frozen=True)
 class Wall:
-    """A screen at a finite distance, as a later one will be."""
+    """Screen at a finite distance."""
 
     size = (12, 8)
     is_distant = False
@@ -119,9 +120,9 @@ def test_screens_at_a_finite_distance_use_the_true_reflection():
 
 
 def test_sampling_is_at_the_coordinates():
-    """Of a picture whose values are its coordinates, sampling gives these back.
+    """For an image whose values are its coordinates, sampling returns these.
 
-    OpenCV's cubic kernel (a = -.75) bends a ramp by up to .047.
+    OpenCV's cubic kernel (a = -0.75) bends a ramp by up to 0.047.
     """
     width, height = BALL.image_size
     v, u = np.mgrid[:height, :width].astype(np.float32)
@@ -161,7 +162,7 @@ def test_every_kind_of_picture_keeps_its_kind(dtype, channels, interpolation):
     straight = dewarp(picture)
     assert straight.dtype == picture.dtype
     assert straight.shape == (90, 60, *channels)
-    above = np.arange(90) < 22  # 45 deg and higher, row 22 is cut by the rim
+    above = np.arange(90) < 22  # above 45 deg; row 22 is cut by the rim
     np.testing.assert_array_equal(straight[above], 0)
     np.testing.assert_allclose(straight[23:], full, rtol=1e-6)
     np.testing.assert_array_equal(dewarp.valid[:, 0], np.isfinite(dewarp.coordinates()[:, 0, 0]))
@@ -182,7 +183,7 @@ def test_transparent_keeps_the_colours():
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 def test_the_edge_of_the_picture_is_not_smeared(interpolation):
-    """A fisheye sees beyond its picture: its white border ends there, and does not turn dark before."""
+    """A fisheye field extends beyond the image: its white border remains white up to the end."""
     picture = np.full((480, 640), 200, np.uint8)
     dewarp = om.Dewarper(
         replace(FISHEYE, mount=Mount("forward")), om.screens.Plane((400, 300), hfov_deg=150.0), interpolation
@@ -245,9 +246,9 @@ def test_a_view_of_nothing_is_refused(view, message):
         om.Dewarper(BALL, view).coordinates()
 
 
-# -- the border ------------------------------------------------------------------------------------
+# -- border value ---------------------------------------------------------------------------------
 
-ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is seen above 45 deg
+ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is visible above 45 deg
 
 
 @pytest.mark.parametrize("interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "nearest"))

@@ -1,7 +1,8 @@
-"""Which way round the straightened picture is: against rays reflected in three dimensions by brute force.
+"""Handedness of dewarped images against rays reflected in 3-D by brute force.
 
-Nothing of the package's optics is used on the brute-force side: points of the world are imaged by the
-shortest path over a sphere (Fermat), with the camera's axes written down by hand for every mount.
+The brute-force side is independent of the optics of the package: world points are imaged by the
+shortest path over a
+sphere (Fermat), with manually written camera axes for each mount.
 """
 
 import numpy as np
@@ -27,7 +28,8 @@ IMAGE_TOP_IS_FORWARD = {
 
 
 def shortest_path_pixel(point_mm, axes):
-    """Where a world point appears: the path point - sphere - lens is shortest over the sphere's front."""
+    """Return the pixel of a world point: the path point - sphere - lens is shortest over the front
+    of the sphere."""
     right, down, ahead = np.array(axes, dtype=float)
     centre, lens = SPHERE_MM * ahead, -LENS_MM * ahead
 
@@ -84,7 +86,8 @@ def test_points_project_where_the_shortest_path_puts_them(looks):
             np.testing.assert_allclose(sensor.project([point]).pixels[0], expected, atol=2e-3)
 
 
-# -- a sign that can be read: an L of three lamps on a wall, forward right of the middle ---------------
+# -- a readable sign: an L of three lamps on a wall, forward and right of the centre
+# ----------------
 
 LAMPS = {"corner": (3000.0, -400.0, -300.0), "top": (3000.0, -400.0, 500.0), "right": (3000.0, -900.0, -300.0)}
 VALUES = {"corner": 250, "top": 180, "right": 110}
@@ -99,7 +102,7 @@ def picture_of_the_sign(axes, flipped):
 
 
 def find(picture, name):
-    """Centre (column, row) of a lamp, by its brightness."""
+    """Return the centre (column, row) of a lamp by its brightness."""
     rows, columns = np.nonzero(np.abs(picture.astype(int) - VALUES[name]) < 3)
     assert len(rows) > 0, f"the lamp {name!r} is not in the picture"
     return columns.mean(), rows.mean()
@@ -121,11 +124,11 @@ def test_an_l_reads_as_an_l(looks, azimuth, flipped, view):
     straight = om.Dewarper(sensor, screen, "nearest")(raw)
     (cu, cv), (tu, tv), (ru, rv) = (find(straight, name) for name in ("corner", "top", "right"))
     if view == "dome":
-        up = looks == "down"  # then the dome is drawn about the zenith, and right is left
+        up = looks == "down"  # then the dome is centred at the zenith, and right is left
         assert cv < 500
         assert (ru < cu < 500) if up else (ru > cu > 500)
         farther = np.hypot(tu - 499.5, tv - 499.5) > np.hypot(cu - 499.5, cv - 499.5)
-        assert farther != up  # what is higher lies farther from the nadir
+        assert farther != up  # higher points are farther from the nadir
     else:
         width, height = screen.size
         assert cu > width / 2  # right of forward

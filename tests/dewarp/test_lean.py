@@ -1,4 +1,4 @@
-"""Sensors that are out of plumb: the world stays level, and every view of it."""
+"""Tilted sensors: a level world in all views."""
 
 from dataclasses import replace
 
@@ -22,8 +22,9 @@ PITCH, ROLL = 24.0, -7.0
 
 
 def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
-    """From the sensor's own frame (forward, left, up) to the plumb one: turned about forward so that the right side
-    sinks, and then about left so that forward rises. Written out."""
+    """Return the rotation from the sensor frame (forward, left, up) to the levelled one, written
+    out: about forward, which lowers
+    the right side, then about left, which raises forward."""
     (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in np.radians([pitch_deg, roll_deg]))
     rises = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
     right_sinks = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
@@ -90,7 +91,7 @@ VIEWS = {
 @pytest.mark.parametrize("view", few(VIEWS, "panorama", "wall", "perspective near", "dome"))
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, view):
-    """Both ways of a dewarper, without a map and with one, against the projection of single points."""
+    """Both paths of a dewarper, with and without a map, against the projection of single points."""
     upright, screen = CAMERAS[camera], VIEWS[view]
     leaning = replace(upright, mount=replace(upright.mount, pitch_deg=PITCH, roll_deg=ROLL))
     found = om.Dewarper(leaning, screen).coordinates()
@@ -108,7 +109,7 @@ def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, v
 
 
 def test_only_a_plumb_camera_draws_panoramas_without_a_map():
-    """The rows of a level panorama are circles before an upright camera, and no circles before one that leans."""
+    """Rows of a level panorama are circles for an upright camera only."""
     camera, view = CAMERAS["sphere"], VIEWS["panorama"]
     leaning = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
     assert is_separable(camera, view)
@@ -120,13 +121,14 @@ def test_only_a_plumb_camera_draws_panoramas_without_a_map():
 
 
 def test_elevations_are_those_of_the_level_world():
-    """Of a field from -90 to 45 deg: forward rises by 20, so that ahead 65 deg are seen, and the nadir still is."""
+    """For a field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir
+    is still included."""
     sensor = om.load_sensor("paper-spherical")
     seen = om.views.panorama(replace(sensor, mount=replace(sensor.mount, pitch_deg=20.0)))
     assert (seen.tilt_min_deg, seen.tilt_max_deg) == pytest.approx((-90.0, 65.0), abs=0.05)
 
 
-# -- pictures --------------------------------------------------------------------------------------
+# -- images ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +155,8 @@ def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
 
 
 def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
-    """Its panorama of far things is that of the plumb sensor; told of no lean it is another."""
+    """Its panorama of distant objects equals that of the levelled sensor; without the tilt it
+    differs."""
     view = om.screens.Cylinder((240, 70), -50.0, 20.0)
     plumb = om.Dewarper(small, view)(om.take_picture(small, world, samples=4)).astype(float)
     taken = om.take_picture(leaning_of(small), world, samples=4)
@@ -163,18 +166,19 @@ def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
     assert np.abs(om.Dewarper(small, view)(taken) - plumb)[both].mean() > 10
 
 
-# -- what panoramas say ----------------------------------------------------------------------------
+# -- panorama metadata -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("pan", [0.0, 70.0, -135.0])
 @pytest.mark.parametrize("angles", [(PITCH, ROLL), (-80.0, 150.0)])
 def test_the_pose_of_a_panorama_that_was_not_levelled_levels_it(pan, angles):
-    """GPano: the pitch of the middle over the horizon, and a roll that turns the horizon counter-clockwise."""
+    """GPano: pitch of the centre above the horizon, and a roll that rotates the horizon
+    counter-clockwise."""
     pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).lean_of_view(pan)
-    panned = om.screens.Sphere((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)  # what its pixels see, as it leans
-    as_if_ahead = om.screens.Sphere((36, 18)).targets(0, 18).reshape(-1, 3)  # .. counted from its middle
+    panned = om.screens.Sphere((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)  # directions of its tilted pixels
+    as_if_ahead = om.screens.Sphere((36, 18)).targets(0, 18).reshape(-1, 3)  # ... relative to its centre
     truth, told = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
-    np.testing.assert_allclose(told[:, 2], truth[:, 2], atol=1e-12)  # level; the heading is for a compass to say
+    np.testing.assert_allclose(told[:, 2], truth[:, 2], atol=1e-12)  # level; the heading requires a compass
     np.testing.assert_allclose(told @ told[40], truth @ truth[40], atol=1e-12)
 
 

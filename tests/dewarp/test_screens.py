@@ -51,7 +51,7 @@ def test_panorama_columns_and_rows():
 def test_right_in_a_panorama_is_right_of_forward():
     targets = whole(om.screens.Cylinder((360, 2), -1.0, 1.0))
     assert targets[0, 181, 1] < 0 < targets[0, 178, 1]  # y is left
-    assert targets[0, 0, 2] > 0 > targets[1, 0, 2]  # the upper row looks up
+    assert targets[0, 0, 2] > 0 > targets[1, 0, 2]  # the upper row is directed upwards
 
 
 def test_perspective_pixels():
@@ -79,7 +79,7 @@ def test_hfov_reaches_from_edge_to_edge():
 
 @pytest.mark.parametrize(("pole", "side"), [("nadir", 1.0), ("zenith", -1.0)])
 def test_a_dome_shows_forward_at_the_top(pole, side):
-    """Looking down, right is right; looking up, right is left (a star chart)."""
+    """Downwards, right is right; upwards, right is left (a star chart)."""
     dome = Dome((101, 101), 120.0, pole)
     targets = whole(dome)
     up = -1.0 if pole == "nadir" else 1.0
@@ -98,7 +98,7 @@ def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
     np.testing.assert_allclose(omega[shown], radius[shown] * 130 / 32, rtol=1e-9)
     np.testing.assert_array_equal(shown, (radius <= 32) & (radius * 130 / 32 >= 20))
     top = targets[2, 32]
-    assert top[1] < -0.9 * np.hypot(*top[:2])  # the top looks right
+    assert top[1] < -0.9 * np.hypot(*top[:2])  # the top is to the right
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,8 @@ def test_a_screen_that_cannot_be_is_refused(make, message):
 
 @pytest.mark.parametrize(("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))])
 def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
-    """Its v360 filter turns a cube map of ours into the sphere of ours, and not into its mirror image."""
+    """The v360 filter of FFmpeg converts a cube map to the correct sphere and not to its mirror
+    image."""
     av = pytest.importorskip("av")
     camera = om.MirrorBall((300.0, 300.0), 290.0, 300.0, (601, 601))
     v, u = np.mgrid[:601, :601]

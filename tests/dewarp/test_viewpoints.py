@@ -1,4 +1,4 @@
-"""Near screens by the true reflection and from the paper's single viewpoint (its Fig. 15)."""
+"""Near screens by the true reflection and from the single viewpoint of the paper (Fig. 15)."""
 
 from dataclasses import dataclass, replace
 
@@ -13,14 +13,15 @@ from omnimirror.dewarp.maps.coordinates import source_pixels
 from omnimirror.dewarp.viewpoints import middle_distance, place_on_axis, single_viewpoint
 
 SPHERE = om.load_sensor("paper-spherical")
-M = 43.9  # mm, the mirror's radius
-RIM_500 = 500 / SPHERE.rim_radius_px  # the paper's picture has its rim at 500 px
-HEIGHT_MM = 1200.0  # of the sensor over the floor of the bundled room
+M = 43.9  # mm, radius of the mirror
+RIM_500 = 500 / SPHERE.rim_radius_px  # the image in the paper has its rim at 500 px
+HEIGHT_MM = 1200.0  # of the sensor above the floor of the bundled room
 
 
 @dataclass(frozen=True)
 class Around:
-    """Points at one distance from where each is reflected, along one meridian, as in the paper's Fig. 14."""
+    """Points at one distance from their reflection points, along one meridian, as in Fig. 14 of the
+    paper."""
 
     distance_mm: float
     sensor: om.Sensor = SPHERE
@@ -28,7 +29,7 @@ class Around:
     is_distant = False
 
     def pixels(self, v):
-        """The pixels (..., 2) in which they are seen, from the centre (v = 0) to the rim (v = 1000)."""
+        """Return their pixels (..., 2), from the centre (v = 0) to the rim (v = 1000)."""
         r = v / 1000 * self.sensor.rim_radius_px * (1 - 1e-12)
         centre_u, centre_v = self.sensor.imager.centre
         return np.stack([np.full_like(r, centre_u), centre_v - r], axis=-1)
@@ -39,7 +40,7 @@ class Around:
 
 
 def error_px(screen, viewpoint):
-    """Signed error (1001,) of a screen around, in the paper's pixels."""
+    """Return the signed error (1001,) of a screen around, in pixels of the paper."""
     found = om.Dewarper(screen.sensor, screen, viewpoint=viewpoint).coordinates(exact=True)[:, 0]
     return (screen.pixels(np.arange(1001.0)) - found)[:, 1] * RIM_500
 
@@ -48,7 +49,8 @@ def error_px(screen, viewpoint):
     ("n", "linear_px", "paper_v0", "real_px"), [(7, 4.75, 0.2623, 4.93), (40, 0.91, 0.2541, 0.917)]
 )
 def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
-    """The paper multiplies the angle with dh/dOmega at the point; over 3 deg at the rim that is 5 % too little."""
+    """The paper multiplies the angle by dh/dOmega at the point; over 3 deg at the rim this is 5 %
+    too small."""
     screen = Around(n * M)
     np.testing.assert_allclose(error_px(screen, "exact"), 0.0, atol=1e-8)
     single = error_px(screen, "single")
@@ -66,7 +68,7 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
 
 @pytest.mark.parametrize("mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)])
 def test_the_viewpoint_stands_on_the_axis(mount):
-    """From V0 a point is seen in the direction from V0: written out with the mount's rotation."""
+    """A point is observed in its direction from V0, written out with the rotation of the mount."""
     sensor = replace(SPHERE, mount=mount)
     view = om.screens.Sphere((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
     eye = mount.rotation() @ [0.0, 0.0, 12.5]
@@ -78,7 +80,8 @@ def test_the_viewpoint_stands_on_the_axis(mount):
 
 @pytest.mark.parametrize("distance", [200.0, 1000.0])
 def test_no_other_viewpoint_is_better(distance):
-    """The error over the field, with the viewpoints so near to the best one that nothing leaves the field."""
+    """The error over the field, with viewpoints close enough to the best one to keep all points in
+    the field."""
     best = single_viewpoint(SPHERE, distance)
 
     def worst(height):
@@ -144,11 +147,13 @@ def test_viewpoints_that_cannot_be_are_refused():
         om.Dewarper(SPHERE, sky, viewpoint="single").coordinates()
 
 
-# -- the floor of the bundled room ---------------------------------------------------------------------
+# -- floor of the bundled room
+# -------------------------------------------------------------------------
 
 
 def floor_corners():
-    """World x and y (n, 2) mm of the corners of the floor's squares in sight: not under rug or furniture."""
+    """Return world x and y (n, 2) mm of the visible corners of the floor squares, outside rug and
+    furniture."""
     x, y = np.meshgrid(400 + 500 * np.arange(-3, 4), -200 + 500 * np.arange(-3, 4))
     corners = np.stack([x.ravel(), y.ravel()], axis=-1)
     clear = (abs(corners[:, 0]) > 1600) | (abs(corners[:, 1]) > 1200)
@@ -157,7 +162,8 @@ def floor_corners():
 
 
 def test_the_floor_is_a_plan_to_scale():
-    """Corners found in the straightened picture stand where the room has them, and from one viewpoint they do not."""
+    """Corners detected in the dewarped image have their true positions, unlike with a single
+    viewpoint."""
     picture = om.take_picture(SPHERE, om.Room(), samples=9)
     view = om.screens.Ground((1000, 1000), HEIGHT_MM, mm_per_px=4.0)
     corners = floor_corners()
@@ -172,6 +178,6 @@ def test_the_floor_is_a_plan_to_scale():
         miss[viewpoint] = np.linalg.norm(found - expected, axis=1)
     assert len(corners) == 19
     assert np.median(miss["exact"]) < 0.15
-    assert miss["exact"].max() < 0.5  # of 4 mm, where one pixel of the picture shows 17 mm
+    assert miss["exact"].max() < 0.5  # of 4 mm, with 17 mm per image pixel
     for viewpoint in ("single", paper):
         assert np.median(miss[viewpoint]) > 2.0

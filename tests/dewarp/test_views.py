@@ -1,4 +1,4 @@
-"""The screens chosen for a camera."""
+"""Default screens of cameras."""
 
 from dataclasses import replace
 
@@ -25,7 +25,8 @@ def test_elevations_of_a_ball(looks, field):
 
 
 def test_elevations_of_a_level_fisheye_are_those_of_its_picture():
-    """The highest pixels seen are in the corners or the middle of the upper edge: both computed here."""
+    """The highest visible pixels are at the corners or the centre of the upper edge; both are
+    computed here."""
     seen = field_of(replace(FISHEYE, mount=Mount("forward")))
     du = np.linspace(-320, 320, 641)
     rho = np.hypot(du, 240.0)
@@ -44,7 +45,7 @@ def test_the_field_of_a_stretched_camera_is_sampled():
 
 
 class Unsymmetric:
-    """A camera that does not tell that it is symmetric."""
+    """Camera without a known symmetry."""
 
     symmetry = None
 
@@ -66,7 +67,7 @@ def test_a_field_that_the_picture_holds_is_counted_as_rays_would(kind, looks):
 
 
 def test_resolution_is_the_mean_one():
-    """A ball is exactly equal in area: pi 480^2 pixels for 2 pi (1 - cos 130 deg)."""
+    """A ball is exactly equal-area: pi 480^2 pixels for 2 pi (1 - cos 130 deg)."""
     expected = np.sqrt(480**2 / (2 * (1 - np.cos(np.radians(130))))) * np.pi / 180
     for mount in (Mount("up"), Mount("forward")):
         assert field_of(replace(BALL, mount=mount)).pixels_per_degree == pytest.approx(expected, rel=0.01)
@@ -144,7 +145,7 @@ def test_a_mosaic_is_a_panorama_over_the_views_of_its_quarters():
 
 
 def test_presets_are_one_screen_in_three_places():
-    """Edges of the screen as seen from the projector, from widths of the screen."""
+    """Edges of the screen from the projector, in screen widths."""
     for name, away in (("distant", 2.0), ("wide", 0.5)):
         plane = views.preset(
             name, (640, 360), pan_deg=30.0, tilt_deg=-10.0, distance_mm=700.0, offset_mm=(1.0, 2.0, 3.0)
@@ -163,7 +164,7 @@ def test_presets_are_one_screen_in_three_places():
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
 def test_resolution_is_that_of_the_picture(factor):
-    """Straight down a ball shows A/2 px per radian, sideways as much as any area: sin(Omega/2) = r/A."""
+    """Straight down, a ball has A/2 px per radian, and sideways equal area: sin(Omega/2) = r/A."""
     ball_px = 480 / np.sin(np.radians(65))
     plan = om.screens.Ground((101, 101), 1000.0, 1.0 / factor)
     assert views.resolution(BALL, plan) == pytest.approx(ball_px / 2 / 1000 / factor, rel=1e-3)

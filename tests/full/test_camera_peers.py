@@ -1,4 +1,4 @@
-"""Our camera files, read and projected by other programs: OpenCV's omnidir and COLMAP."""
+"""Written camera files, read and projected by other programs: OpenCV omnidir and COLMAP."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ np.save(sys.argv[3], pixels[0])
 
 
 def omnidir(folder, points):
-    """What OpenCV's omnidir makes of points with our file; in a process of its own, with another OpenCV."""
+    """Project points with a written file by OpenCV omnidir, in a separate process with another
+    OpenCV."""
     if not CONTRIB.is_dir():
         pytest.skip(f"OpenCV with omnidir is put into {CONTRIB} by `make test-full` only")
     np.save(folder / "points.npy", points)
@@ -84,7 +85,7 @@ def test_colmap_reads_our_cameras_and_projects_the_same_points(tmp_path, to, nam
 
 
 def colmap_camera(pycolmap, folder, name):
-    """The camera of a file of ours, beside an empty reconstruction in the same form."""
+    """Return the camera of a written file, with an empty reconstruction in the same form."""
     end = Path(name).suffix
     reconstruction = pycolmap.Reconstruction()
     content = (folder / name).read_bytes()
@@ -96,7 +97,7 @@ def colmap_camera(pycolmap, folder, name):
 
 
 def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path, beside):
-    """Each model of COLMAP that has a formula of ours."""
+    """All COLMAP models with a formula in omnimirror."""
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
     rng = np.random.default_rng(2)
     points = rng.uniform(-1, 1, (200, 3)) * [900, 700, 0] + [0, 0, 1500]

@@ -64,7 +64,7 @@ def in_the_room(model, poses, project):
 
 
 def reconstructed(pycolmap, folder):
-    """By COLMAP's own steps, with the cameras and the rig as they are."""
+    """Run the steps of COLMAP with fixed cameras and rig."""
     database = folder / "database.db"
     shutil.copy(database, folder / "before.db")
     extraction, matching = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
@@ -89,7 +89,7 @@ def reconstructed(pycolmap, folder):
 
 
 def aligned(found, truth):
-    """Scale, rotation and shift that bring points nearest to others (Umeyama, 1991)."""
+    """Return the least-squares similarity transformation between two point sets (Umeyama, 1991)."""
     a, b = found - found.mean(axis=0), truth - truth.mean(axis=0)
     u, s, vt = np.linalg.svd(b.T @ a)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])

@@ -1,4 +1,5 @@
-"""Against Optiland, with rays launched by hand from the lens (its own field definition stops at 90 deg)."""
+"""Comparison with Optiland, with rays launched from the lens (its own field definition ends at 90
+deg)."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ def optiland():
 
 
 def surface_of(sensor):
-    """The mirror in Optiland's terms."""
+    """Return the mirror as an Optiland surface."""
     mirror = sensor.mirror
     if mirror.KIND == "even-polynomial":
         N = mirror.normalization_radius_mm
@@ -51,7 +52,7 @@ def test_rays_from_the_lens_leave_the_mirror_at_the_field_angle(sensor, optiland
     fan = rays.RealRays(zero, zero, z, zero, np.sin(theta), np.cos(theta), one, one * 0.55)
     system.surface_group.surfaces[1].trace(fan)
     np.testing.assert_allclose(fan.y, result.x_mm, rtol=1e-7)
-    np.testing.assert_allclose(fan.z, result.z_mm, atol=1e-6)  # its iteration stops at 1e-6 mm for aspheres
+    np.testing.assert_allclose(fan.z, result.z_mm, atol=1e-6)  # its iteration ends at 1e-6 mm for aspheres
     omega = np.degrees(np.arctan2(np.asarray(fan.M), -np.asarray(fan.N)))
     off = np.abs(omega - result.omega_deg).max()
     beside("Optiland", "field angles at which rays from the lens leave the mirror, 15 to 135 deg", off, 1e-6, "deg")

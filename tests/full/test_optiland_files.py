@@ -1,6 +1,7 @@
-"""OpticStudio files read by Optiland: the surface it builds, and the chief rays it traces through the system.
+"""OpticStudio files read by Optiland: surface, and chief rays through the system.
 
-Optiland reads no extended aspheres, but its own take any number of terms: they are given to it here.
+Optiland does not read extended aspheres, but its own surfaces accept any number of terms, which are
+set here.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ def test_the_surface_is_the_mirror(kind, load, tmp_path):
     geometry = load(tmp_path / "s.zmx").surfaces.surfaces[2].geometry
     x = np.linspace(0, sensor.mirror.rim_radius_mm, 301)
     off = 1e3 * np.abs(np.asarray(geometry.sag(0 * x, x)) - sensor.mirror.sag(x))
-    assert off.max() <= 3 * max(stated, EXACT_UM)  # heights, where the file states distances along the normal
+    assert off.max() <= 3 * max(stated, EXACT_UM)  # heights, whereas the file states distances along the normal
     assert stated < 0.005
     assert float(geometry.radius) > 0
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, beside):
-    """From the imager through the lens: its own field points, up to 135 degrees and more."""
+    """From the imager through the lens: its own field points, up to 135 deg and more."""
     sensor = sensor_of(kind)
     write_zmx(tmp_path / "s.zmx", sensor)
     system = load(tmp_path / "s.zmx")
@@ -72,7 +73,8 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, b
 
 
 def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(load, tmp_path):
-    """The lens sends it towards its plane of focus; two rays close to the chief ray meet at the tangential object."""
+    """The lens directs it to its focal plane; two rays close to the chief ray meet at the
+    tangential object."""
     sensor = sensor_of("sphere")
     write_zmx(tmp_path / "s.zmx", sensor)
     system = load(tmp_path / "s.zmx")

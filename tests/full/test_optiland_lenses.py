@@ -1,4 +1,5 @@
-"""Real lenses against Optiland, which reads the same .zmx file and traces it; the mirror is reflected here."""
+"""Real lenses against Optiland, which traces the same .zmx file; the mirror reflection is computed
+here."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def optiland():
 
 
 class Traced:
-    """The lens in Optiland, focused as ours by its own paraxial trace."""
+    """Lens in Optiland, focused like that of omnimirror by its own paraxial trace."""
 
     def __init__(self, optiland, path, focus):
         fileio, self.rays = optiland
@@ -47,7 +48,7 @@ class Traced:
         self.system.set_thickness(float(-y[-2, 0] / u[-2, 0]), len(y) - 2)
 
     def __call__(self, points, directions):
-        """Stop and image points (n, 2), (n, 2) of rays."""
+        """Return stop and image points (n, 2), (n, 2) of rays."""
         one = np.ones(len(points))
         fan = self.rays.RealRays(*points.T, *directions.T, one, one * WAVE)
         group = self.system.surface_group
@@ -56,7 +57,8 @@ class Traced:
 
 
 def off_the_ball(omega, at):
-    """Rays (n, 3), (n, 3) of distant objects at omega (n,), off points (n, 2) of the ball."""
+    """Return rays (n, 3), (n, 3) of distant objects at omega (n,), reflected at points (n, 2) of
+    the ball."""
     centre = np.array([0.0, 0.0, -M - A])
     points = np.concatenate([at, centre[2] + np.sqrt(A**2 - (at**2).sum(1, keepdims=True))], axis=1)
     normals = (points - centre) / A
@@ -65,7 +67,7 @@ def off_the_ball(omega, at):
 
 
 def aimed(traced, omega, stop, theta):
-    """Image points (n, 2) of rays from omega (n,) through points (n, 2) of the stop."""
+    """Return image points (n, 2) of rays from omega (n,) through points (n, 2) of the stop."""
     at = np.stack([0 * omega, A * np.sin((omega - theta) / 2)], axis=-1)
     for _ in range(12):
         found, image = traced(*off_the_ball(omega, at))
@@ -92,7 +94,7 @@ def test_gaussian_numbers(pair):
 
 
 def test_chief_rays_over_the_field(pair, beside):
-    """Within .01 px, as was asked; it is less than a tenth of that."""
+    """Within the requirement of 0.01 px; the difference is less than 10 % of that."""
     sensor, traced = pair
     found = om.evaluate(sensor, OMEGA)
     image = aimed(traced, np.radians(OMEGA), np.zeros((len(OMEGA), 2)), np.radians(found.theta_deg))

@@ -1,4 +1,5 @@
-"""Trials of tolerances against Optiland: rays as a built sensor shows objects on leave its mirror towards them."""
+"""Tolerance trials against Optiland: chief rays of a perturbed sensor leave its mirror towards the
+objects."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Call every function of the compiled module with valid arguments of which some were replaced by hostile ones.
+"""Fuzz test of the compiled module: calls of all functions with partly hostile arguments.
 
     python -m tests.fuzz.native_arguments [--calls 3000] [--seed 0]
 
-Whatever a call is given, it must return or raise an exception of Python, and write nothing beyond its arrays. Run as
-a process of its own, since a fault ends it; `native/sanitize.sh` runs it with the sanitizers.
+Every call must return or raise a Python exception, and write only to its arrays. Run as a separate
+process, since a fault
+ends it; `native/sanitize.sh` runs it with sanitizers.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Arguments = dict[str, Any]
 
 REFUSALS = (ValueError, TypeError, MemoryError, OverflowError)
 FILL, GUARD = 0xA5, 0 if "ASAN_OPTIONS" in os.environ else 64
-"""Bytes beside each array; none where the address sanitizer has its own, which sees reads too."""
+"""Guard bytes of each array; none with the address sanitizer, whose own guards also detect reads."""
 ODD_NUMBERS = (
     np.nan, np.inf, -np.inf, 3e38, -3e38, 1e308, 1e-308, 0.0, -0.0, -1.0, 1e6, 0, 1, 2, 3, -1, 15, 2**15, 2**24 + 1,
     2**31 - 1, -(2**31), 2**40, 2**63, True, None, "x", (), (1, 2),
@@ -34,14 +35,14 @@ TYPES = ("uint8", "uint16", "int32", "int64", "float32", "float64", "complex64",
 
 
 class Buffers:
-    """The arrays of one call, in memory whose surroundings are checked afterwards."""
+    """Arrays of one call with guard bytes that are checked afterwards."""
 
     def __init__(self, random: np.random.Generator) -> None:
         self.random = random
         self._memory: list[np.ndarray] = []
 
     def empty(self, shape: tuple[int, ...], dtype: Any, odd: int = 0) -> np.ndarray:
-        """An array that begins `odd` bytes after an aligned address."""
+        """Return an array that starts `odd` bytes after an aligned address."""
         count = int(np.prod(shape, dtype=object)) * np.dtype(dtype).itemsize
         memory = np.full(count + odd + 2 * GUARD, FILL, np.uint8)
         self._memory.append(memory)
@@ -64,7 +65,7 @@ class Buffers:
 
 
 class Recipes:
-    """Valid arguments of every function, small, from random numbers."""
+    """Small random valid arguments of all functions."""
 
     def __init__(self, buffers: Buffers, module: Any) -> None:
         self.b, self.module = buffers, module
@@ -127,7 +128,7 @@ class Recipes:
         made.pop("averages", None)
         if made["interpolation"] == 2:
             made["averages"] = self.averages(height, width, step)
-        if self.random.random() < 0.5:  # all cells are interpolated within the picture
+        if self.random.random() < 0.5:  # all cells are interpolated within the image
             made["cells"][...], made["src"] = -1, self.b.copy(self.random.integers(0, 255, (70, 80, 3)), "uint8")
             made["dst"] = self.b.empty((height, width, 3), "uint8")
             for name in "xy":
@@ -379,7 +380,8 @@ class Recipes:
 
 
 def functions_of(module: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
-    """Names and functions of a module, constructors and methods included: ``PackedMap``, ``PackedMap.sample``, .."""
+    """Yield names and functions of a module, with constructors and methods: ``PackedMap``,
+    ``PackedMap.sample``, ..."""
     for name, value in vars(module).items():
         if name.startswith("_") or not callable(value):
             continue
@@ -390,11 +392,11 @@ def functions_of(module: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
                     yield f"{name}.{method}", function
 
 
-# -- hostile ones ----------------------------------------------------------------------------------
+# -- hostile arguments ----------------------------------------------------------------------------
 
 
 def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> Any:
-    """An array, changed in one way."""
+    """Return an array with one modification."""
     random = b.random
     way = int(random.integers(0, 11))
     if way == 0:  # some values
@@ -421,7 +423,7 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
         return np.repeat(b.copy(array), 2, axis=-1)[..., ::2] if array.ndim else array
     if way == 6:
         return b.copy(array)[::-1] if array.ndim else array
-    if way == 7:  # the memory of another argument
+    if way == 7:  # memory of another argument
         other = others[int(random.integers(0, len(others)))]
         if other.flags.c_contiguous and other.nbytes >= array.nbytes and array.nbytes:
             return other.reshape(-1).view(np.uint8)[: array.nbytes].view(array.dtype).reshape(array.shape)
@@ -436,7 +438,7 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
 
 
 def hostile(value: Any, others: list[np.ndarray], b: Buffers) -> Any:
-    """An argument, changed in one way."""
+    """Return an argument with one modification."""
     random = b.random
     if isinstance(value, np.ndarray) and random.random() < 0.9:
         return hostile_array(value, others, b)
@@ -453,7 +455,7 @@ def arrays_in(value: Any) -> list[np.ndarray]:
 
 
 def run(calls: int, seed: int) -> dict[str, tuple[int, int]]:
-    """Call functions in turn; return for each how many calls were answered and how many refused."""
+    """Call functions in turn; return the numbers of completed and rejected calls of each."""
     module, instructions = backend.kernels, instructions_of_machine()
     functions = dict(functions_of(module))
     counts = dict.fromkeys(functions, (0, 0))

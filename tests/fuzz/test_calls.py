@@ -1,4 +1,4 @@
-"""Public Python functions given what nobody would give them: the answer, or a sentence of ours."""
+"""Public Python functions with unusual arguments: a result, or an omnimirror error."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ SPLINE = {"radii_px": (5.0, 9.0, 13.0), "field_deg": 200.0, "centre_px": (16.0, 
 
 
 def used(kind: type[RadialModel]) -> Callable[..., None]:
-    """A camera that is made, and looked through."""
+    """Return a function that creates a camera and uses it."""
 
     def use(**words: Any) -> None:
         camera = kind(**words)
@@ -165,8 +165,8 @@ ELSEWHERE = {
     "write_calibration_report",
     "write_demo", "write_video_set",
 }  # fmt: skip
-"""Public names without a call of their own here: too slow to be called by the hundred, or what others give."""
-SLOW = ("calibrate_camera", "write_comparison", "convert")  # of which ``test_any_values..`` asks enough
+"""Public names without a call here: too slow for hundreds of calls, or results of other functions."""
+SLOW = ("calibrate_camera", "write_comparison", "convert")  # covered sufficiently by ``test_any_values...``
 LONG = ("calibrate_camera", "write_calibration_set", "write_comparison", "write_tolerances")
 ODD = (
     None, "", "x", "x" * 5000, "a\0b", b"x", True, 0, -1, 10**400, 1e308, -1e308, float("nan"), float("inf"), 1j, [],
@@ -190,7 +190,7 @@ def _files(tmp_path_factory):
             "lens.theta_max_deg = 12.0\n"
         )
         workflows.write_files(folder)
-        patch.setattr(video, "MOST_FRAMES", 20)  # more are valid too, and take as many hours as are asked for
+        patch.setattr(video, "MOST_FRAMES", 20)  # larger values are valid and take hours
         patch.setattr(samples, "MOST_SAMPLES", 1024)
         yield
 
@@ -205,7 +205,7 @@ def call(name: str, changed: dict[str, Any]) -> None:
             sentence = str(e)
             assert "\n" not in sentence
             assert len(sentence) < 700, sentence
-    assert not [path for path in Path().iterdir() if MARK in path.name]  # nothing half-written is left
+    assert not [path for path in Path().iterdir() if MARK in path.name]  # no partial output remains
 
 
 @pytest.mark.parametrize("name", few(CALLS, *(name for name in CALLS if name not in LONG)))
@@ -213,7 +213,7 @@ def test_the_calls_are_right_as_they_stand(name):
     function, words = CALLS[name]
     found = function(**words)
     if not isinstance(found, str | list):
-        assert len(repr(found)) < 15_000  # what a console shows of a result: its numbers, not its thousand angles
+        assert len(repr(found)) < 15_000  # console output of a result: its numbers, not its thousand angles
 
 
 def test_every_public_name_is_called():
@@ -225,7 +225,7 @@ def test_every_public_name_is_called():
     "name", few((name for name in CALLS if name not in SLOW), *(name for name in CALLS if name not in (*SLOW, *LONG)))
 )
 def test_odd_values_are_refused_with_a_sentence(name):
-    few = range(0, len(ODD), 3)  # every third value of each argument, another third for the next
+    few = range(0, len(ODD), 3)  # every third value of each argument, with another offset for the next
     for i, argument in enumerate(CALLS[name][1]):
         for k in few:
             value = ODD[(k + i) % len(ODD)]

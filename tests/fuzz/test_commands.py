@@ -1,4 +1,4 @@
-"""The command line given what nobody would give it: an answer, or one line and a code that is not 0."""
+"""Command line with unusual arguments: a result, or one line and a nonzero exit code."""
 
 from __future__ import annotations
 
@@ -285,9 +285,9 @@ def _folder(tmp_path, monkeypatch):
 
 
 def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
-    """Run a command in this process; what it says of an error is one line, and nothing half done stays behind.
+    """Run a command in this process and check that errors are one line and leave no partial output.
 
-    Its exit code is returned.
+    Return its exit code.
     """
     before = {path.name for path in Path().iterdir()}
     code = 0
@@ -295,12 +295,12 @@ def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
         main(words)
     except SystemExit as e:
         code = int(e.code or 0)
-    said = capsysbinary.readouterr().err.decode("utf-8", "replace")  # what goes out may be a picture
-    assert code != 70, said  # this should not have happened
+    said = capsysbinary.readouterr().err.decode("utf-8", "replace")  # the output can be an image
+    assert code != 70, said  # internal error
     assert "Traceback" not in said
-    if code not in (0, 3):  # 3: a sensor misses a requirement, which is a table
+    if code not in (0, 3):  # 3: violated requirements, reported as a table
         lines = said.splitlines()
-        if len(words) > 1:  # a group alone shows its help
+        if len(words) > 1:  # a group alone prints its help
             assert len(lines) == 1, said
             assert lines[0].startswith("omnimirror: ")
         assert len(said) < 3000
@@ -340,7 +340,7 @@ def test_extreme_numbers_in_every_entry(sensor, capsysbinary):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_odd_words(command, capsysbinary):
     first = COMMANDS.index(command)
-    for k in range(4):  # some of the words for each command, others for the next
+    for k in range(4):  # some of the values for each command, others for the next
         word = ODD_WORDS[(first + 7 * k) % len(ODD_WORDS)]
         answer([part.replace("{}", word) for part in command.split()], capsysbinary)
 
@@ -363,7 +363,7 @@ def test_any_words(command, word, capsysbinary):
 
 
 def test_files_of_other_commands_that_are_none(capsysbinary):
-    """Points that are all one, brackets within brackets, and no name at all."""
+    """Coincident points, nested brackets, and an empty name."""
     Path("one.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "1,1,1,1,1\n" * 9)
     Path("deep.json").write_text('{"a":' * 3000)
     for command in ("calibrate --points one.csv --image-size 64x64 --model unified", "rim {}",
@@ -399,7 +399,7 @@ def test_the_trace_is_shown_when_it_is_asked_for(capsys):
 
 
 def test_numbers_are_read_in_one_way():
-    """Options of click's own number types would take 1_000 and other scripts' digits."""
+    """Number types of click would accept 1_000 and digits of other scripts."""
     import click
 
     from omnimirror.apps.cli import COMMANDS as NAMES

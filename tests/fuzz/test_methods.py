@@ -1,4 +1,4 @@
-"""Methods of public things given what nobody would give them: the answer, or a sentence of ours."""
+"""Methods of public objects with unusual arguments: a result, or an omnimirror error."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ THINGS: dict[str, Any] = {
     "lens": SENSOR.lens,
     "telecentric lens": om.load_sensor("paraboloid-telecentric").lens,
 } | {f"{kind} mirror": mirror for kind, (mirror, _) in MIRRORS.items()}
-USUAL: dict[str, Any] = {  # by the names of arguments
+USUAL: dict[str, Any] = {  # by argument name
     "pixels": [[3.0, 4.0]], "pupil": [[0.5, 0.0]], "points_mm": [[1.0, 2.0, -3.0]], "directions": [[1.0, 0.0, -0.2]],
     "origins_mm": [[0.0, 0.0, 0.0]], "low_mm": [-1.0] * 3, "high_mm": [1.0] * 3, "u": [3.0], "v": [2.0],
     "omega": [0.5], "radius_px": [5.0], "h_px": [2.0], "pan_deg": 5.0, "tilt_deg": 0.0, "factor": 2.0,
@@ -71,15 +71,15 @@ CANNOT = {
     ("cube", "zoomed"),
     ("sampled mirror", "from_csv"),
 }
-OF_LENSES = {  # the others are steps of a trace, between arrays that it made
+OF_LENSES = {  # the others are steps of a trace, with arrays created by it
     "blur", "focus_coordinate", "distance_of", "depth_of_field", "hyperfocal_distance", "focused_at", "at_wavelength",
     "airy_diameter",
 }  # fmt: skip
-INSIDE = {"from_spec", "sketched"}  # what reads a file that was checked, and what skips the checks
+INSIDE = {"from_spec", "sketched"}  # readers of checked files, and methods that skip the checks
 
 
 def methods_of(thing: Any) -> dict[str, Callable[..., Any]]:
-    """Public methods of a thing that take something."""
+    """Return the public methods of an object that have arguments."""
     names = [n for n in dir(thing) if not n.startswith("_") and n not in INSIDE]
     found = {name: getattr(thing, name) for name in names if callable(getattr(type(thing), name, None))}
     return {
@@ -115,12 +115,12 @@ def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
         usual["values"] = [p.value for p in THINGS[thing].parameters]
     try:
         called(**usual)
-    except OmnimirrorError as e:  # of what things of this kind cannot do at all
+    except OmnimirrorError as e:  # methods not supported by objects of this kind
         assert (thing, method) in CANNOT, e  # noqa: PT017
     for name in (p.name for p in told):
         for odd in ODD:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # what is far beyond the field may overflow, to NaN
+                warnings.simplefilter("ignore", RuntimeWarning)  # values far outside the field may overflow to NaN
                 try:
                     called(**usual | {name: odd})
                 except OmnimirrorError as e:

@@ -1,4 +1,4 @@
-"""Calls of public functions of calibration, design, simulation and media, right as they stand, for the fuzz."""
+"""Valid calls of public functions of calibration, design, simulation and media, for the fuzz tests."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ FORM = om.form_error(SENSOR.mirror, ON_MIRROR)
 
 
 def write_files(folder: Path) -> None:
-    """What some of the calls read."""
+    """Write the input files of the calls."""
     om.write_image(folder / "a.png", PICTURE)
     (folder / "survey.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n1,2,3,4,5\n")
     (folder / "stars.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,3,4\n")

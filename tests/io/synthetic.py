@@ -1,4 +1,4 @@
-"""Videos made for the tests: pictures that tell their number, and a tone."""
+"""Test videos: images that encode their number, and a tone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SOUND_RATE = 48000
 
 
 def grey_of(number: int) -> int:
-    """The luma of a frame, far enough from its neighbours' to be told apart after coding."""
+    """Return the luma of a frame, distinguishable from that of its neighbours after coding."""
     return 20 + 23 * (number % 9)
 
 
@@ -29,7 +29,7 @@ def make_video(
     gop: int = 12,
     **metadata: str,
 ) -> Path:
-    """H.264 at 25 frames a second (or ``times`` in 1/25 s), BT.709, with a sine of 440 Hz in AAC."""
+    """Write H.264 at 25 frames/s (or ``times`` in 1/25 s), BT.709, with a 440 Hz sine in AAC."""
     with av.open(str(path), "w") as container:
         container.metadata.update(metadata)
         video = container.add_stream("libx264", rate=RATE, options={"g": str(gop), "preset": "ultrafast"})
@@ -69,19 +69,19 @@ def tone(first: int, samples: int = 1024) -> av.AudioFrame:
 
 
 def sound_of(path: Path) -> list[tuple[Fraction, bytes]]:
-    """Times (s) and bytes of the sound's packets, by PyAV alone."""
+    """Return times (s) and bytes of the audio packets, by PyAV only."""
     with av.open(str(path)) as container:
         return [(p.pts * p.time_base, bytes(p)) for p in container.demux(audio=0) if p.size]
 
 
 def pictures_of(path: Path) -> list[av.VideoFrame]:
-    """The frames, by PyAV alone."""
+    """Return the frames, by PyAV only."""
     with av.open(str(path)) as container:
         return list(container.decode(video=0))
 
 
 def number_of(frame: av.VideoFrame) -> int:
-    """Which frame it was, modulo 9, from its luma."""
+    """Return the frame number, modulo 9, from the luma."""
     return round((np.frombuffer(frame.planes[0], np.uint8)[0] - 20) / 23)
 
 

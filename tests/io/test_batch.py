@@ -1,4 +1,4 @@
-"""Many files at once."""
+"""Processing of many files."""
 
 import signal
 import subprocess
@@ -44,7 +44,7 @@ def test_names_folders_and_patterns_become_files(folder, patterns, names):
 
 @pytest.mark.parametrize("suffix", [s for s in READABLE if s not in PICTURES])
 def test_pictures_that_are_only_looked_at_may_be_of_more_kinds(tmp_path, suffix):
-    """Calibration sets come as they do: those of OCamCalib are GIFs."""
+    """Calibration sets have various formats: those of OCamCalib are GIFs."""
     picture = np.kron([[10, 200, 10], [200, 10, 200]], np.ones((24, 24))).astype(np.uint8)
     of_kind = {".ppm": "RGB"}.get(suffix, "L")
     Image.fromarray(picture).convert(of_kind).save(tmp_path / f"a{suffix}")

@@ -1,4 +1,4 @@
-"""Views that move over time."""
+"""Keyframed views."""
 
 from itertools import pairwise
 
@@ -60,7 +60,7 @@ MISSING_AT_FIRST = {
 def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
     moves = parse(MISSING_AT_FIRST[parse], names=POSES)
     assert moves.at(0) == moves.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
-    assert moves.at(1.5)["y_mm"] == pytest.approx(450)  # halfway, which smooth and linear interpolation share
+    assert moves.at(1.5)["y_mm"] == pytest.approx(450)  # halfway, where smooth and linear interpolation agree
     assert 900 == moves.at(2)["y_mm"] == moves.at(3)["y_mm"]
     assert 0 < moves.at(2)["pan_deg"] < 40 == moves.at(3)["pan_deg"]
 
@@ -89,7 +89,7 @@ def test_smooth_never_goes_beyond_its_neighbours(levels, share):
 
 
 def test_smooth_is_pchip_between_the_ends():
-    """SciPy's monotone interpolation has the same slopes inside; at the ends ours stand still."""
+    """SciPy's monotone interpolation has the same slopes inside; at the ends, slopes are zero."""
     times, levels = np.array([0, 1, 3, 4, 6, 7.5, 9]), np.array([0, 4, 5, 5, 20, 18, 19.0])
     moves = Keyframes({"tilt_deg": tuple(zip(times, levels, strict=True))})
     reference = PchipInterpolator(times, levels)

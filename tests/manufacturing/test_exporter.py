@@ -87,7 +87,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
 def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, words, tmp_path):
     fitted = replace(SENSORS["paper-spherical"], housing=Housing(shell=Dome(material="polycarbonate")))
     sensor = SENSORS.get(name, fitted)
-    if name == "in-dome":  # the dome has no room for such a flange
+    if name == "in-dome":  # the dome has no space for such a flange
         with pytest.raises(InvalidParameter, match="does not take in the mirror"):
             om.export(sensor, tmp_path / "a.step", **options)
         return
@@ -170,7 +170,8 @@ def test_core_formats_import_no_optional_package():
     assert run.stdout.strip() == "[]", run.stderr
 
 
-# -- the command -----------------------------------------------------------------------------------------
+# -- command
+# ---------------------------------------------------------------------------------------------
 
 
 def test_command_prints_files_and_deviations(tmp_path):
@@ -237,7 +238,7 @@ def test_full_disk_prints_one_message_and_keeps_files(suffix, tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be cut off too
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be truncated too
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
     )
     assert run.returncode == 1

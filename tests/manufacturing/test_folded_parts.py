@@ -49,7 +49,7 @@ def test_single_file_export_writes_both_mirrors(tmp_path):
     primary, secondary = (read(file.path) for file in files)
     assert volume(secondary) == pytest.approx(np.pi * 20.5**2 * 3, rel=1e-9)
     mirror, back = FOLDED.mirror, float(FOLDED.mirror.sag(43.905)) + 5
-    pierced = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), 5.0, 43.905)[0]  # from the bore on
+    pierced = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), 5.0, 43.905)[0]  # from the bore outwards
     body = parts_of(FOLDED, secondary_body=Body(3.0))[0].body
     pierced -= np.pi * ((body.counterbore_diameter_mm / 2) ** 2 - 5.0**2) * body.counterbore_depth_mm
     assert volume(primary) == pytest.approx(pierced, rel=1e-7)
@@ -67,7 +67,7 @@ def test_counterbore_clears_lens_and_rays(name):
     lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
     back = body.back_mm(mirror)
     floor = back - body.counterbore_depth_mm
-    assert floor <= lens - 1.5  # the lens stands in the wide part
+    assert floor <= lens - 1.5  # the lens is in the wide part
     assert body.counterbore_diameter_mm >= 14.0
     r = np.linspace(body.bore_mm / 2, body.counterbore_diameter_mm / 2, 50)
     assert (floor - mirror.sag(r)).min() >= MIN_WALL_MM - 1e-9
@@ -75,7 +75,7 @@ def test_counterbore_clears_lens_and_rays(name):
     x, z = rays.first.x, sensor.secondary.height(rays.first.x)
     for radius, height in corners[corners[:, 0] < 0.9 * mirror.rim_radius_mm]:
         if height < lens:
-            at = x * (lens - height) / (lens - z)  # on the way to the lens's middle
+            at = x * (lens - height) / (lens - z)  # towards the lens centre
             assert (at < radius).all()
 
 
@@ -103,7 +103,7 @@ def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
         assert float(back) == -sensor.secondary.distance_mm
         for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
             h = mp.mpf(height)
-            slope = mp.mpf(0) if telecentric else -h / mp.mpf(surfaces[0]["DISZ"][0])  # undeviated in the lens's middle
+            slope = mp.mpf(0) if telecentric else -h / mp.mpf(surfaces[0]["DISZ"][0])  # undeviated at the lens centre
             y, z = (h if telecentric else mp.mpf(0)), mp.mpf(0)
             dy, dz = slope / mp.hypot(slope, 1), 1 / mp.hypot(slope, 1)
             for vertex, sag, there in ((to_secondary, secondary, to_secondary), (to_secondary + back, primary, back)):
@@ -125,7 +125,7 @@ def test_table_field_angles_match_pixel_rays(kind):
     h = sensor.lens.image_height(x, w) / sensor.imager.pitch_mm
     pixels = np.stack([511.5 + h, np.full_like(h, 511.5)], axis=-1)
     _, directions, valid = sensor.backproject(pixels)
-    inside = h < 511  # and not beside the picture
+    inside = h < 511  # inside the image
     np.testing.assert_array_equal(np.isfinite(table["omega_deg"])[inside], valid[inside])
     assert valid.sum() > 5
     omega = np.degrees(np.arccos(directions[valid] @ sensor.axis))

@@ -80,7 +80,7 @@ def test_tube_obscures_at_its_ends(diameter):
     inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
     rings = sensor.obscurations
 
-    def solid(x, z):  # thin discs inside the tube, the mirror's own back and the lens's place left out
+    def solid(x, z):  # thin discs inside the tube, except the back of the mirror and the position of the lens
         base = (np.abs(z - lens) < 0.06) & (x < inner) & (x > 0.2)
         cap = (np.abs(z - back) < 0.06) & (x < inner) & (x > SPH.mirror.rim_radius_mm)
         return base | cap
@@ -98,7 +98,7 @@ def test_tube_obscures_at_its_ends(diameter):
 def test_default_tube_clears_the_rim_ray():
     sensor = drawn(SPH, Housing(shell=Tube()))
     tube = sensor.obstructions.housing.shell
-    assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), to the next millimetre
+    assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), rounded up to 1 mm
     assert [r.part for r in sensor.obscurations] == ["tube's base"]
     omega = np.radians(SPH.field_deg[1])
     exit_height = float(SPH.mirror.sag(43.905)) - (50.0 - 43.905) / np.tan(omega)
@@ -184,7 +184,8 @@ def test_sheet_states_shift_and_transmission():
     assert float(passed.split()[0]) == pytest.approx(100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06)
 
 
-# -- errors of building --------------------------------------------------------------------------------
+# -- manufacturing errors
+# ------------------------------------------------------------------------------
 
 
 def found(sensor):

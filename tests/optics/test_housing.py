@@ -1,4 +1,4 @@
-"""What a housing hides is one thing: drawing, picture, truth, evaluation and verdict say the same angles."""
+"""Obscurations of a housing: equal angles in drawing, image, ground truth, evaluation and verdict."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ def test_sizes_of_covers_are_refused_outside_their_bounds(name):
 
 
 def test_covers_are_as_wide_as_the_mirror_needs():
-    """The least diameters by Pythagoras, from the mirror's back; the usual ones leave 3 mm to the next millimetre."""
+    """Minimum diameters by Pythagoras, from the back of the mirror; default diameters have a
+    clearance of 3 mm, rounded up to
+    1 mm."""
     envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
     tube, dome = Tube(wall_mm=4.0), Dome(wall_mm=4.0, centre_mm=-50.0)
     assert tube.diameters(45.0) == (98.0, 104.0)
@@ -90,7 +92,7 @@ def test_drawing_evaluation_and_verdict_say_the_same_angles(sensor):
 
 
 def magnified(sensor, omega_deg):
-    """The sensor with a row of pixels a five-hundredth of a degree wide, its middle one at a field angle."""
+    """Return the sensor with a row of pixels of 0.002 deg, centred at a field angle."""
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
     height, rate = sensor.image_height_px(rays)[0], np.radians(sensor.image_height_rate_px(rays)[0])
     pitch = sensor.imager.pixel_pitch_um * rate * 0.002
@@ -99,7 +101,7 @@ def magnified(sensor, omega_deg):
 
 
 def test_the_picture_goes_dark_at_these_angles(sensor):
-    """To a hundredth of a degree, in the compiled kernels and in the truth."""
+    """To 0.01 deg, in the compiled kernels and in the ground truth."""
     white, edges = Environment(np.ones((4, 8, 3), np.float32)), set(sensor.clear_field_deg) - set(sensor.field_deg)
     for edge in edges:
         near = magnified(sensor, edge)
@@ -116,7 +118,7 @@ def test_the_picture_goes_dark_at_these_angles(sensor):
 def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(name):
     rod = replace(SPH, housing=Housing(rod=Rod(0.5, 16.0, gap_mm=160.0)))
     sensor = replace(CASES.get(name, rod), mirror_pose=MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6))
-    if name == "rod in mirror":  # the vertex stands in the rod's end, from where rays pass the rest of it
+    if name == "rod in mirror":  # the vertex is inside the rod end, from which rays pass the rest of it
         sensor = replace(sensor, mirror_pose=replace(sensor.mirror_pose, displacement_mm=-0.7))
     sensor = replace(sensor, imager=Imager(200, 200, 5.2 * 1024 / 200))
     pixels = np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)

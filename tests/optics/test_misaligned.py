@@ -1,4 +1,4 @@
-"""Sensors whose mirror sits off the axis, tilted or displaced, as cameras."""
+"""Sensors with a decentred, tilted or displaced mirror, as cameras."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
 POSES = [MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0), MirrorPose(-6.0, 4.0, -5.0, -5.0, 7.0), MirrorPose(0, 0, 2.0, 0, 1e-9)]
-ALMOST = MirrorPose(decentre_x_mm=1e-300)  # off the axis, and so traced in space, by nothing at all
+ALMOST = MirrorPose(decentre_x_mm=1e-300)  # misaligned by a negligible amount, which selects tracing in space
 
 
 def pixels_all_over(sensor, count=600):
@@ -30,7 +30,8 @@ def pixels_all_over(sensor, count=600):
 
 @pytest.mark.full
 def test_threads_do_not_mix_up_their_rays():
-    """As they did, one call in ten, while OpenBLAS shared products of this size out among threads of its own."""
+    """Regression test: one call in ten failed when OpenBLAS divided products of this size among its
+    threads."""
     sensor = replace(SPH, mirror_pose=POSES[0])
     pixels = np.stack(np.meshgrid(*[np.linspace(0, 1023, 520)] * 2), axis=-1).reshape(-1, 2)
     alone = sensor.backproject(pixels)
@@ -68,7 +69,9 @@ def test_an_aligned_mirror_traced_in_space_is_the_meridian(kind, lens):
 def test_rays_lead_back_to_their_pixels(kind, pose, lens):
     sensor = replace(sensor_of(kind, lens), mirror_pose=pose)
     pixels = pixels_all_over(sensor)
-    if lens == "orthographic" and kind == "cone":  # a line of pixels sees one direction: refused, as aligned
+    if (
+        lens == "orthographic" and kind == "cone"
+    ):  # a line of pixels has one direction: rejected, as for the aligned sensor
         with pytest.raises(NotOneToOne):
             sensor.backproject(pixels)
         return
@@ -85,7 +88,8 @@ def test_rays_lead_back_to_their_pixels(kind, pose, lens):
 
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "conic-asphere", "hyperboloid", "sampled"))
 def test_what_is_seen_is_seen_from_there(kind):
-    """Whatever direction or point gets a pixel is where that pixel looks; what no pixel looks at gets none."""
+    """The pixel of any direction or point projects back to it; directions without a pixel are not
+    observed."""
     sensor = replace(sensor_of(kind), mirror_pose=POSES[0])
     away = np.random.default_rng(2).normal(size=(3000, 3))
     seen = sensor.project_directions(away)
@@ -97,7 +101,7 @@ def test_what_is_seen_is_seen_from_there(kind):
     lattice = np.stack(np.meshgrid(*[np.arange(0, 1024, 8.0)] * 2), axis=-1).reshape(-1, 2)
     looks = sensor.backproject(lattice)
     nearest = (unseen @ looks.directions[looks.valid].T).max(axis=1)
-    assert (nearest < np.cos(np.radians(0.5))).mean() > 0.9  # but for those next to the rim
+    assert (nearest < np.cos(np.radians(0.5))).mean() > 0.9  # except near the rim
     near = sensor.project(150 * away)
     rays = sensor.backproject(near.pixels[near.valid])
     off = 150 * away[near.valid] - rays.origins
@@ -118,7 +122,8 @@ def test_any_small_misalignment_under_any_mount(x, y, z, tip, side, looks, flipp
 
 
 def test_a_sphere_tilted_about_its_vertex_is_a_sphere_moved():
-    """A tilt of a sphere about its vertex only moves its centre; all but the rim looks the same."""
+    """A tilt of a sphere about its vertex only moves its centre; the image is equal except at the
+    rim."""
     A, tip, side = SPH.mirror.radius_mm, np.radians(1.5), np.radians(-2.5)
     centre = A * np.array([np.sin(side) * np.cos(tip), -np.sin(tip), np.cos(side) * np.cos(tip)])
     tilted = replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.5, tilt_y_deg=-2.5))
@@ -152,7 +157,7 @@ def test_a_displaced_mirror_is_one_at_another_distance():
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
 def test_a_mirror_moved_across_moves_its_picture(lens):
-    """To the right in the image by 1 mm: to the right in the picture, by the scale of the lens."""
+    """A shift of 1 mm to the right moves the image to the right, by the scale of the lens."""
     sensor = sensor_of("sphere", lens)
     moved = replace(sensor, mirror_pose=MirrorPose(decentre_x_mm=1.0, decentre_y_mm=-0.5))
     scale = sensor.lens.image_height(np.ones(1), np.full(1, sensor.mirror_distance_mm))[0] / sensor.imager.pitch_mm
@@ -177,7 +182,7 @@ def test_straightening_takes_the_general_path_and_stays_exact(view):
     np.testing.assert_array_equal(np.isnan(quick), np.isnan(exact))
     assert np.nanmax(abs(quick - exact)) < 0.005
     aligned = om.Dewarper(SPH, view).coordinates()
-    assert np.nanmax(abs(quick - aligned)) > 5  # it does matter
+    assert np.nanmax(abs(quick - aligned)) > 5  # a significant effect
 
 
 def test_evaluation_of_a_misaligned_sensor_is_refused_and_of_the_aligned_one_is_not():

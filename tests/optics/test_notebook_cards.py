@@ -1,4 +1,4 @@
-"""Test the contents and the drawings of notebook cards."""
+"""Contents and drawings of notebook cards."""
 
 from __future__ import annotations
 

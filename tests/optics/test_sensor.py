@@ -1,4 +1,4 @@
-"""The sensor as a camera: frames and handedness by brute force, images of points, what is not seen."""
+"""Sensor as a camera: frames and handedness by brute force, images of points, field limits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ SPH = om.load_sensor("paper-spherical")
 
 @pytest.mark.parametrize(("looks", "azimuth"), [("up", 7.595), ("down", -7.595)])
 def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
-    """Section 1a's numeric case: point A at y = +400 mm, left as read, on a wall 3 m ahead."""
+    """Numeric case of section 1a: point A at y = +400 mm, on the left for an observer, on a wall 3
+    m ahead."""
     sensor = replace(SPH, mount=Mount(looks, forward_azimuth_deg=0.0))
     (a, b), valid = sensor.project([[3000, 400, 0], [3000, -400, 0]])
     assert valid.all()
@@ -30,14 +31,15 @@ def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
         assert np.degrees(np.arctan2(v, u)) == pytest.approx(sign * azimuth, abs=5e-4)
     columns = [1799.5 - 10 * np.degrees(np.arctan2(y, 3000)) for y in (400, -400)]
     assert columns == pytest.approx([1723.55, 1875.45], abs=5e-3)
-    # what the sensor sees in those pixels lies in those panorama columns
+    # the observation of those pixels is in those panorama columns
     _, directions, _ = sensor.backproject([a, b])
     pans = np.degrees(np.arctan2(-directions[:, 1], directions[:, 0]))
     assert 1799.5 + 10 * pans == pytest.approx(columns, abs=0.2)  # backproject starts at the mirror, not at the origin
 
 
 def test_a_ray_traced_in_space_by_hand_gives_the_same_pixel():
-    """Brute force, camera frame only: lens at the origin looking up at a sphere; which pixel sees the point?"""
+    """Brute force in the camera frame: lens at the origin, directed upwards at a sphere; find the
+    pixel of the point."""
     A, m, b0, pitch = 1.138 * 43.9, 4.110 * 43.9, SPH.lens.image_distance, 5.2e-3
     target = np.array([900.0, -300.0, m + 250.0])  # X right, Y down, Z up the optical axis
     centre = np.array([0.0, 0.0, m + A])
@@ -54,7 +56,8 @@ def test_a_ray_traced_in_space_by_hand_gives_the_same_pixel():
         J = np.stack([(miss(uv + d) - miss(uv - d)) / 2e-4 for d in np.eye(2) * 1e-4], axis=1)
         uv = uv - np.linalg.lstsq(J, miss(uv), rcond=None)[0]
     assert np.linalg.norm(miss(uv)) < 1e-12
-    # Lying under the mirror with the image top towards x: Y is backwards, Z up, so X = Y x Z is to the left.
+    # Seen from below the mirror with the image top towards x: Y is backwards, Z up, so X = Y x Z is
+    # to the left.
     up = replace(SPH, mount=Mount("up", forward_azimuth_deg=-90.0))
     world = np.array([-target[1], target[0], target[2] - m])
     pixels, valid = up.project([world])
@@ -87,19 +90,19 @@ def test_view_axes_are_right_handed_and_look_where_they_say(pan, tilt, roll):
 
 
 def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
-    """Walk a word written on a wall from left to right: in the raw picture the walk goes the other way round."""
+    """A word on a wall, traversed from left to right, is traversed in reverse in the raw image."""
 
     def turn(sensor):
         word = np.array([[2000.0, y, 100.0] for y in (300, 0, -300)])
         (a, b, c), _ = sensor.project(word)
         up = sensor.project([[2000.0, 0.0, 300.0]]).pixels[0] - b
         right = c - a
-        return np.sign(right[0] * up[1] - right[1] * up[0])  # -1 where up is to the left of right: readable
+        return np.sign(right[0] * up[1] - right[1] * up[0])  # -1 if up is to the left of right: readable
 
     for looks in ("up", "down", "forward"):
         sensor = replace(SPH, mount=Mount(looks))
         flipped = replace(SPH, mount=Mount(looks, image_flipped=True))
-        if looks == "forward":  # the mirror shows what is behind: put the wall there
+        if looks == "forward":  # the mirror images the rear: move the wall there
             continue
         assert sensor.is_picture_reversed
         assert turn(sensor) == 1
@@ -109,7 +112,7 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.3])
 def test_an_off_centre_axis_refers_to_the_image_before_the_flip(tilt_deg):
-    """The delivered image is the reversed array, column by column, wherever the optical axis meets it."""
+    """The delivered image is the array reversed by columns, for any position of the optical axis."""
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0))
     straight = replace(sensor, imager=imager, mirror_pose=MirrorPose(tilt_x_deg=tilt_deg))

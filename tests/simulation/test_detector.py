@@ -1,4 +1,4 @@
-"""The imager's electronics: noise that can be counted, and numbers as they are written."""
+"""Imager electronics: noise statistics, and digital numbers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ GAIN = 4095 / FULL
 
 
 def variance_of(mean_e):
-    """The linear model of EMVA 1288 (release 4, Eq. 12): shot noise, noise of reading and rounding."""
+    """Return the variance of the linear model of EMVA 1288 (release 4, Eq. 12): shot, read and
+    quantisation noise."""
     return GAIN**2 * (mean_e + READ**2) + 1 / 12
 
 
@@ -36,7 +37,7 @@ def test_mean_and_variance_are_those_of_emva_1288(share, changes):
 
 
 def test_oversaturated_light_is_white_with_any_noise():
-    """A pixel that is full twice over stays white however it is read."""
+    """A pixel with twice its full-well capacity is white in any readout."""
     values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear").read(
         np.full((200, 200, 3), 2.0, np.float32)
     )
@@ -91,7 +92,7 @@ def test_exposure_saturates_and_bits_fill_their_range():
 
 @pytest.mark.parametrize("bayer", ["RGGB", "BGGR", "GRBG", "GBRG"])
 def test_a_mosaic_is_what_opencv_reads(bayer):
-    """OpenCV names mosaics by the second row's second and third pixel: BayerBG is RGGB."""
+    """OpenCV names mosaics by the second and third pixel of the second row: BayerBG is RGGB."""
     import cv2
 
     colour = np.float32([0.8, 0.4, 0.1])

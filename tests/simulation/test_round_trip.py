@@ -1,4 +1,5 @@
-"""There and back: what a single viewpoint costs is what Eq. 23 says, and the true reflection costs nothing."""
+"""Round trip: the error of a single viewpoint agrees with Eq. 23, and that of the true reflection
+is zero."""
 
 from __future__ import annotations
 
@@ -16,5 +17,5 @@ def test_straightening_by_the_true_reflection_beats_a_single_viewpoint_by_what_e
     np.testing.assert_allclose(found.single_px, found.predicted_px, atol=0.2)
     assert np.abs(found.exact_px).max() < 0.15
     assert found.exact_db > found.single_db + 8
-    assert found.finer_db > found.exact_db + 2  # what is left is sampling
+    assert found.finer_db > found.exact_db + 2  # the residual is sampling
     assert found.blurred_db < found.exact_db

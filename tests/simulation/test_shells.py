@@ -36,7 +36,8 @@ def test_in_the_meridian_rays_are_shifted_and_keep_their_direction():
 
 
 def test_skew_rays_keep_what_a_cylinder_keeps():
-    """Snell's law at a cylinder keeps the part along the axis; and twice the same moment about it, by symmetry."""
+    """Snell's law at a cylinder conserves the axial component and, by symmetry, the moment about
+    the axis."""
     chance = np.random.default_rng(2)
     points, directions = chance.uniform(-30, 30, (50, 3)), chance.normal(size=(50, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -60,13 +61,14 @@ def test_a_ghost_shows_the_other_side_at_the_strength_of_the_reflection():
 
 @pytest.mark.parametrize("shell", [Tube(120.0), Dome(440.0)], ids=["tube", "dome"])
 def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
-    """What goes out level from a mirror that shows the horizon comes back to it, and goes down to the lens."""
+    """Horizontal rays from a mirror that images the horizon return to it, and continue down to the
+    lens."""
     sensor = om.load_sensor("paper-spherical")
     rays = sensor.backproject(sensor.project_directions([[1.0, 0, 0]]).pixels)
     below = np.zeros((64, 128, 3), np.float32)
-    below[-8:] = 1.0  # only what lies under the sensor is bright
+    below[-8:] = 1.0  # only the region below the sensor is bright
     if isinstance(shell, Dome):
-        shell = replace(shell, centre_mm=float(-rays.origins[0] @ sensor.axis))  # level rays pass its centre
+        shell = replace(shell, centre_mm=float(-rays.origins[0] @ sensor.axis))  # horizontal rays pass its centre
     seen, closed = (
         float(ThroughShell(Environment(below), shell, sensor, lids).radiance(rays.origins, rays.directions)[0, 0])
         for lids in ((), (-sensor.mirror_distance_mm,))
@@ -143,7 +145,7 @@ def test_a_dome_about_the_single_viewpoint_bends_nothing():
     turn = sensor.mount.rotation()
     origins, directions = rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
     passage = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
-    np.testing.assert_allclose(passage.directions, directions, atol=2e-6)  # as far as the file's numbers say
+    np.testing.assert_allclose(passage.directions, directions, atol=2e-6)  # to the precision of the file
     np.testing.assert_allclose(passage.passed, wall_transmission(0.0, 1.49), atol=1e-6)
 
 
@@ -172,7 +174,7 @@ def glass(inside, outside):
 
 @pytest.mark.full
 def test_a_picture_through_a_dome_is_mitsubas_with_its_ghosts(mi):  # noqa: F811
-    """Mitsuba's paths go through two spheres, back from them and off the mirror again as chance has it."""
+    """Mitsuba's paths include random reflections between two spheres and the mirror."""
     sensor, (ours, theirs) = small("paper-spherical", 64, MirrorPose()), maps()
     dome = Dome(236.0, centre_mm=-75.0)
     picture = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)

@@ -1,4 +1,4 @@
-"""Spots, PSF, MTF and illumination: against closed forms, rays traced the other way, and each other."""
+"""Spots, PSF, MTF and illumination against closed forms, reverse ray tracing, and each other."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ OMEGA = np.arange(0, 131, 10.0)
 
 
 def in_focus(sensor, omega):
-    """The distance of the tangential image, to be focused at."""
+    """Return the distance of the tangential image as focus distance."""
     return float(om.evaluate(sensor, [omega]).distance_t_mm[0])
 
 
 def diffraction_mtf(cycles_per_mm, wavelength_mm, f_number):
-    """The textbook MTF of a perfect round aperture."""
+    """Return the textbook MTF of an ideal circular aperture."""
     x = np.clip(cycles_per_mm * wavelength_mm * f_number, 0, 1)
     return 2 / np.pi * (np.arccos(x) - x * np.sqrt(1 - x * x))
 
 
-# -- points of the aperture --------------------------------------------------------------------
+# -- pupil quadrature --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("points", [pupil.hexapolar(9), pupil.fibonacci(400), pupil.gaussian(8)])
@@ -71,7 +71,8 @@ def test_the_gaussian_pupil_integrates_polynomials(i, j):
 @pytest.mark.parametrize("object_distance", [np.inf, 5 * M])
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_bundles_are_light_that_starts_at_the_object(kind, object_distance):
-    """Each ray traced back, from the imager through the lens and off the mirror, meets its object."""
+    """Each ray, traced in reverse from the imager through the lens and the mirror, reaches its
+    object."""
     sensor = replace(sensor_of(kind), mirror_pose=TILTED.mirror_pose)
     low, high = sensor_of(kind).field_deg
     omega = np.linspace(low + 8, high - 8, 4) if high - low > 20 else [(low + high) / 2]
@@ -92,7 +93,8 @@ def test_bundles_are_light_that_starts_at_the_object(kind, object_distance):
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
 @pytest.mark.parametrize("object_distance", few([np.inf, 5 * M], 5 * M))
 def test_real_rays_confirm_the_papers_blur(sensor, object_distance):
-    """Edge rays within .002 px; the whole fan differs by .008 px where the blur vanishes, and for SVP by .04."""
+    """Marginal rays agree within 0.002 px; the whole fan differs by 0.008 px near zero blur, and
+    for SVP by 0.04 px."""
     found = om.check_blur(sensor, [4.0], omega_deg=np.arange(0, 131, 2.5), object_distance_mm=object_distance)
     assert found.worst("edge_t_px")[0] < 0.002
     assert found.worst("edge_s_px")[0] < 0.0025
@@ -101,7 +103,8 @@ def test_real_rays_confirm_the_papers_blur(sensor, object_distance):
 
 
 def test_the_papers_blur_gets_worse_as_the_lens_gets_faster():
-    """Coma grows with the square of the aperture, what edge rays see (spherical aberration) with its cube."""
+    """Coma increases with the square of the aperture, the marginal error (spherical aberration)
+    with its cube."""
     found = om.check_blur(SVP, [8.0, 4.0, 2.0, 1.0])
     for name, power in (("extent_t_px", 2), ("edge_t_px", 3)):
         growth = found.worst(name)[1:] / found.worst(name)[:-1]
@@ -109,7 +112,8 @@ def test_the_papers_blur_gets_worse_as_the_lens_gets_faster():
 
 
 def test_spots_of_defocus_are_disks():
-    """On the axis: rms radius is the blur's over 2 sqrt(2), and energy grows with the square of the radius."""
+    """On the axis, the RMS radius is the blur over 2 sqrt(2), and the encircled energy increases
+    with the squared radius."""
     spot = om.spots(SPH, [0.0], focus_mm=[190.0, 230.0], pupil=pupil.fibonacci(4000))
     for j, focus in enumerate(spot.focus_mm):
         blur = abs(om.evaluate(SPH, [0.0], focus_mm=focus).blur_t_px[0])
@@ -134,7 +138,7 @@ def test_a_spot_next_to_the_rim_is_cut():
 
 
 def test_the_density_of_light_is_that_of_a_beam_of_parallel_rays():
-    """Rays at equal distances across the beam, reflected forwards, are counted where they pass the aperture."""
+    """Equidistant rays across the beam, reflected forwards, are counted in the aperture plane."""
     omega, sensor = 100.0, replace(SVP, lens=replace(SVP.lens, f_number=0.8))
     chief = trace_bundles(sensor, [omega], pupil.hexapolar(1)).chief
     d = chief.to_targets[0]
@@ -152,7 +156,7 @@ def test_the_density_of_light_is_that_of_a_beam_of_parallel_rays():
     fine = trace_bundles(sensor, [omega], pupil.gaussian(8))
     weights, points = fine.density[0] * fine.pupil.weights, fine.pupil.points
     np.testing.assert_allclose(weights @ points, places.mean(axis=0), atol=2e-3)
-    assert abs(weights @ points[:, 0]) > 0.01  # it is not even, and it matters
+    assert abs(weights @ points[:, 0]) > 0.01  # non-uniform, with a significant effect
     np.testing.assert_allclose(weights @ points**2, (places**2).mean(axis=0), rtol=5e-3)
 
 
@@ -162,7 +166,7 @@ def test_the_density_of_light_is_that_of_a_beam_of_parallel_rays():
 @pytest.mark.parametrize("sensor", [SPH, SVP, TELECENTRIC, TILTED], ids=["SPH", "SVP", "telecentric", "tilted"])
 @pytest.mark.parametrize("object_distance", [np.inf, 300.0])
 def test_the_slope_of_the_wave_is_where_its_rays_land(sensor, object_distance):
-    """Path lengths against landing places, which share no formula: dW/d(rho) = -eps / (2 F)."""
+    """Path lengths against ray intercepts, which share no formula: dW/d(rho) = -eps / (2 F)."""
     bundles = trace_bundles(sensor, [0.0, 40.0, 80.0], FITTED, [0.0, 30.0, 200.0], object_distance)
     points, h = 0.9 * pupil.gaussian(5).points, 1e-4
     for wave in wavefronts(bundles, sensor.lens.focus_distance_mm + 6.0):
@@ -170,7 +174,7 @@ def test_the_slope_of_the_wave_is_where_its_rays_land(sensor, object_distance):
         for axis, step in enumerate(h * np.eye(2)):
             slope = (wave.at(points + step)[0] - wave.at(points - step)[0]) / (2 * h)
             expected = -landing[:, axis] / (2 * wave.f_numbers[axis])
-            # the working F-number itself changes a little across the aperture
+            # the working F-number varies slightly across the aperture
             np.testing.assert_allclose(slope, expected, atol=0.02 * abs(expected).max() + 1e-7)
 
 
@@ -211,7 +215,8 @@ def test_diffraction_turns_into_geometry_as_waves_grow_short():
 
 @pytest.mark.parametrize(("sensor", "omega", "azimuth"), [(SPH, 100.0, 0.0), (SVP, 135.0, 0.0), (TILTED, 90.0, 50.0)])
 def test_mtf_is_the_fourier_transform_of_the_psf(sensor, omega, azimuth):
-    """Two ways through the wave: an autocorrelation of the aperture, and a picture; one bundle is cut by the rim."""
+    """Two computations from the wave: autocorrelation of the pupil, and PSF; one bundle is
+    vignetted by the rim."""
     spot = om.psf(sensor, omega, azimuth_deg=azimuth, width_px=60.0, step_px=0.24)
     nu = np.array([0.0, 0.05, 0.1, 0.2, 0.4])
     found = om.mtf(sensor, [omega], cycles_per_px=nu, azimuth_deg=azimuth, pixel=False)
@@ -285,7 +290,7 @@ def test_every_mirror_has_an_mtf_aligned_or_not(kind):
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP, TELECENTRIC], ids=["SPH", "E-DI", "SVP", "telecentric"])
 def test_illumination_is_the_formula_and_not_the_image_area(sensor):
-    """The textbook's, which holds for a narrow aperture."""
+    """Textbook formula, valid for a narrow aperture."""
     narrow = {"working_f_number" if sensor.lens.TELECENTRIC else "f_number": 60.0}
     sensor = replace(sensor, lens=replace(sensor.lens, **narrow))
     omega = np.arange(0, sensor.field_deg[1] - 1, 15.0)
@@ -306,7 +311,8 @@ def test_half_the_light_is_left_at_the_rim():
 
 
 def test_reflectance_of_metals_is_fresnels():
-    """Normal incidence in closed form, grazing incidence total, and a dielectric's Brewster angle."""
+    """Closed form at normal incidence, total reflection at grazing incidence, and Brewster's angle
+    of a dielectric."""
     n = 0.96 + 6.69j
     assert reflectance([0.0], n)[0] == pytest.approx(abs((1 - n) / (1 + n)) ** 2)
     assert reflectance([np.pi / 2 - 1e-6], n)[0] == pytest.approx(1, abs=1e-4)
@@ -314,7 +320,7 @@ def test_reflectance_of_metals_is_fresnels():
     assert s_only == pytest.approx(((1 - 1.5**2) / (1 + 1.5**2)) ** 2 / 2)
 
 
-# -- refusals ----------------------------------------------------------------------------------
+# -- invalid arguments -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

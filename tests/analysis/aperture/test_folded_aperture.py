@@ -1,4 +1,5 @@
-"""The whole aperture by way of two mirrors, against one mirror, Coddington's chain and real reflections."""
+"""Whole aperture of two-mirror sensors against one mirror, Coddington's equations and real
+reflections."""
 
 from __future__ import annotations
 
@@ -41,12 +42,12 @@ def test_mtf_and_psf_of_a_flat_fold_are_those_of_one_mirror():
 
 
 def ends_of(sensor):
-    """The mirror points where the field begins and ends."""
+    """Return the mirror points at the limits of the field."""
     return sensor.meridian.x_min, sensor.mirror.rim_radius_mm
 
 
 def small(sensor):
-    """The sensor with an aperture so small that only curvatures count."""
+    """Return the sensor with an aperture small enough for second-order optics."""
     slower = {"working_f_number": 40.0} if isinstance(sensor.lens, Orthographic) else {"f_number": 40.0}
     return replace(sensor, lens=replace(sensor.lens, **slower))
 
@@ -67,7 +68,8 @@ def test_widths_of_spots_are_the_blur_of_coddingtons_chain(kind, distance):
 
 @pytest.mark.parametrize("kind", SENSORS)
 def test_rays_found_from_objects_are_those_traced_from_pixels(kind):
-    """Stationary paths from an object through points of the aperture, and back by reflection where they land."""
+    """Stationary paths from an object through aperture points, and their reverse by reflection at
+    the intercepts."""
     sensor = SENSORS[kind]
     low, high = sensor.field_deg
     pupil = fibonacci(30)
@@ -88,7 +90,7 @@ def test_rays_found_from_objects_are_those_traced_from_pixels(kind):
 
 @pytest.mark.parametrize("kind", ["flat", "concave", "convex", "aspheric", "two-hyperboloids"])
 def test_rays_through_the_aperture_are_reflected_twice(kind):
-    """Each mirror met and reflected from its sag alone, from points of the aperture towards the plane in focus."""
+    """Intersection and reflection from the sag only, from aperture points towards the focal plane."""
     sensor = SENSORS[kind]
     second, b0, L0 = sensor.secondary, sensor.lens.image_distance, sensor.lens.focus_distance_mm
     to_secondary = sensor.mirror_distance_mm - second.distance_mm
@@ -117,7 +119,8 @@ def test_rays_through_the_aperture_are_reflected_twice(kind):
 @pytest.mark.parametrize("kind", ["concave", "two-hyperboloids", "telecentric"])
 @pytest.mark.parametrize("distant", [True, False])
 def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant):
-    """The area that a small step of the eye covers on the mirror, by central differences."""
+    """Area covered on the mirror by a small displacement of the pupil point, by central
+    differences."""
     sensor, at, step = SENSORS[kind], np.array([[0.3, -0.5]]), 1e-4
     towards = np.array([[0.6, 0.5, -np.cos(1.0)]])
     target = Ends.of(towards if distant else 700.0 * towards, distant)
@@ -139,7 +142,7 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
 
 
 def test_the_aperture_is_cut_where_the_field_begins():
-    """At the edge of the bore the chief ray just passes, and so does about half of the aperture."""
+    """At the edge of the bore, the chief ray and about half of the aperture pass."""
     low, _ = FOLDED.field_deg
     filled = om.spots(FOLDED, [low + 0.01, low + 8.0]).filled
     assert 0.35 < filled[0] < 0.65
@@ -147,7 +150,7 @@ def test_the_aperture_is_cut_where_the_field_begins():
 
 
 def test_the_wave_is_cut_where_rays_are():
-    """At the bore, by the fitted distance from its edge; a few points lie on the edge itself."""
+    """At the bore, by the fitted distance from its edge, with a few points on the edge itself."""
     bundles = trace_bundles(FOLDED, [FOLDED.field_deg[0] + 0.4], FITTED)
     (wave,) = wavefronts(bundles, 212.0)
     _, _, light = wave.at(FITTED.points)

@@ -1,4 +1,4 @@
-"""MTF of folded and vignetted sensors against a Huygens integral over rays that are traced here."""
+"""MTF of folded and vignetted sensors against a Huygens integral over independently traced rays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SOLVED = 1e-11
 
 
 def conic(mirror):
-    """Curvature and conic constant of a sphere, a hyperboloid or a plane."""
+    """Return curvature and conic constant of a sphere, a hyperboloid or a plane."""
     if isinstance(mirror, Sphere):
         return 1 / mirror.radius_mm, 0.0
     if isinstance(mirror, Hyperboloid):
@@ -32,12 +32,13 @@ def conic(mirror):
 
 
 def meet(c, k, p, d):
-    """Points (n, 3) and normals at which rays meet z = sag(r) about the origin, by the quadratic."""
+    """Return the intersections (n, 3) of rays with z = sag(r) about the origin, and normals, by the
+    quadratic equation."""
     a = c * (d[:, 0] ** 2 + d[:, 1] ** 2 + (1 + k) * d[:, 2] ** 2)
     b = c * (p[:, 0] * d[:, 0] + p[:, 1] * d[:, 1] + (1 + k) * p[:, 2] * d[:, 2]) - d[:, 2]
     e = c * (p[:, 0] ** 2 + p[:, 1] ** 2 + (1 + k) * p[:, 2] ** 2) - 2 * p[:, 2]
     root = np.sqrt(b**2 - a * e)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a hyperboloid has another sheet, on which the normal turns
+    with np.errstate(divide="ignore", invalid="ignore"):  # the second sheet of a hyperboloid, with inverted normals
         near, far = e / (root - b), (root - b) / a
         is_front = 1 - c * (1 + k) * (p[:, 2] + near * d[:, 2]) > 0
     q = p + np.where(is_front, near, far)[:, None] * d
@@ -50,9 +51,11 @@ def bounce(d, n):
 
 
 def out_of(sensor, start, d):
-    """Rays from the lens at (.., .., 0) on, z towards the mirror it looks at: path, direction out, and what blocks.
+    """Trace rays from the lens at (..., ..., 0), z towards its mirror: path, exit direction,
+    obscuration.
 
-    The world's z runs from the primary's vertex towards its back; a folded sensor's lens looks against it.
+    The world z axis points from the vertex of the primary to its back, opposite to the lens of a
+    folded sensor.
     """
     m, second = sensor.mirror_distance_mm, sensor.secondary
     path, blocked = np.zeros(len(start)), np.zeros(len(start), bool)
@@ -64,7 +67,7 @@ def out_of(sensor, start, d):
         blocked |= np.hypot(q[:, 0], q[:, 1]) > second.mirror.rim_radius_mm
         path, d2 = np.linalg.norm(q - p, axis=1), bounce(d, n)
         flip = np.array([1.0, 1.0, -1.0])
-        lens_z = m - 2 * second.distance_mm  # of the lens over the primary's vertex
+        lens_z = m - 2 * second.distance_mm  # of the lens above the vertex of the primary
         into_world = lambda a: (a - [0, 0, 0]) * flip + [0, 0, lens_z]  # noqa: E731
         p, q, d0, d = into_world(p), into_world(q), d * flip, d2 * flip
         r = np.hypot
@@ -99,7 +102,8 @@ def pupil_grid(reach=1.0):
 
 
 def towards(hit, target):
-    """Unit vectors (n, 3) from points of the mirror to an object: a direction, or with a distance a point."""
+    """Return unit vectors (n, 3) from mirror points to an object: a direction, or with a distance a
+    point."""
     if isinstance(target, tuple):
         to = target[0] - hit
         return to / np.linalg.norm(to, axis=1)[:, None]
@@ -107,7 +111,8 @@ def towards(hit, target):
 
 
 def slopes_towards(sensor, places, target, guess):
-    """Slopes (n, 2) of the rays from places (n, 2) of the pupil that leave towards an object; Newton's rule."""
+    """Return slopes (n, 2) of the rays from pupil points (n, 2) that leave towards an object, by
+    Newton's method."""
     slopes = np.broadcast_to(guess, places.shape).copy()
     start = np.column_stack([places, np.zeros(len(places))])
 
@@ -132,17 +137,20 @@ def slopes_towards(sensor, places, target, guess):
 
 
 def flux(places_of, disk, step):
-    """Cross-section (n,) of the beam from a distant object per area of pupil, by differences on the square grid."""
+    """Return the beam cross-section (n,) of a distant object per pupil area, by differences on the
+    square grid."""
     p = places_of.reshape(SIDE, SIDE, 3)
     by_u, by_v = np.gradient(p, step, axis=(0, 1))
     return by_u.reshape(-1, 3), by_v.reshape(-1, 3)
 
 
 def line_mtf(light, phase, steps, nu, wave_mm=WAVE):
-    """|OTF| tangentially and sagittally: waves summed at image points, line spread of their intensity, transform.
+    """Return |OTF|, tangential and sagittal: sum of waves at image points, line spread function,
+    Fourier transform.
 
-    Light and phase (side, side) are those of directions ``steps`` apart in cosines at the imager. The image points of
-    the discrete transform span one period of the sampled pupil, so that no light is lost.
+    Light and phase (side, side) are given at direction cosines ``steps`` apart at the imager. The
+    image points of the
+    discrete transform span one period of the sampled pupil, which conserves the light.
     """
     side = len(light)
     wave = np.sqrt(light) * np.exp(2j * np.pi / wave_mm * phase)
@@ -156,7 +164,8 @@ def line_mtf(light, phase, steps, nu, wave_mm=WAVE):
 
 
 def huygens(sensor, omega_deg, nu=NU, distance=np.inf, focus=None):
-    """MTF of an ideal thin lens behind mirrors: path to each pupil point less that from the focus of the chief ray."""
+    """Return the MTF of an ideal thin lens behind mirrors: path to each pupil point minus that from
+    the chief-ray focus."""
     lens, omega = sensor.lens, np.radians(omega_deg)
     focus = lens.focus_distance_mm if focus is None else focus
     target = np.array([np.sin(omega), 0.0, -np.cos(omega)])
@@ -222,7 +231,7 @@ NEAR = {"narrow bore": (2.0, 300.0, 175.87), "wide bore": (5.0, 300.0, 175.87), 
 
 @pytest.mark.parametrize("case", few(NEAR, "narrow bore"))
 def test_mtf_of_near_objects_is_that_of_a_huygens_integral(case):
-    """The bore also cuts waves of near objects, focused where the tangential image of one is sharp."""
+    """The bore also vignettes waves of near objects, focused at the tangential image of one."""
     bore, distance, focus = NEAR[case]
     truth, _ = huygens(folded(2.0, bore), 50.0, distance=distance, focus=focus)
     found = om.mtf(folded(2.0, bore), [50.0], cycles_per_px=NU, object_distance_mm=distance, focus_mm=focus)

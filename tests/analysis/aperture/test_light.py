@@ -1,4 +1,5 @@
-"""Illumination against photons sent one by one, PSF and MTF arguments, and the neighbourhood of the apex."""
+"""Illumination against Monte Carlo photons, arguments of PSF and MTF, and the neighbourhood of the
+apex."""
 
 from __future__ import annotations
 
@@ -16,15 +17,17 @@ SPH = om.load_sensor("paper-spherical")
 
 
 def monte_carlo(sensor, omega_deg, count=60_000):
-    """Irradiance per radiance, sr: directions of even light about a pixel, cosine of those that meet glass and mirror.
+    """Return irradiance per radiance, sr: uniform directions about a pixel, cosine of those that
+    reach glass and mirror.
 
-    The pixel lies at -(X, Y, b0) of the lens, upright image point (X, Y); its rays go on as a thin lens bends them.
+    The pixel is at -(X, Y, b0) of the lens, upright image point (X, Y); its rays are refracted by a
+    thin lens.
     """
     lens, rng = sensor.lens, np.random.default_rng(11)
     height = om.evaluate(sensor, [omega_deg]).h_px[0] * sensor.imager.pitch_mm
     b0, radius = lens.image_distance, lens.aperture_radius
     axis = np.array([height, 0.0, b0]) / np.hypot(height, b0)
-    wide = np.arctan(1.05 * radius / b0)  # a cone of directions that holds the aperture
+    wide = np.arctan(1.05 * radius / b0)  # cone of directions that contains the aperture
     cos, phi = rng.uniform(np.cos(wide), 1.0, count), rng.uniform(0, 2 * np.pi, count)
     sin = np.sqrt(1 - cos**2)
     side = np.cross(axis, [0.0, 1.0, 0.0])
@@ -40,7 +43,7 @@ def monte_carlo(sensor, omega_deg, count=60_000):
 @pytest.mark.parametrize("f_number", [4.0, 2.8, 1.4])
 @pytest.mark.parametrize("omega_deg", [0.0, 90.0, 130.0, 135.0])
 def test_illumination_is_what_photons_bring(f_number, omega_deg):
-    """The flat formula missed by 1.4 % at F/4, 11.4 % at F/1.4, and -3.6 % at the very rim."""
+    """The flat-field formula deviates by 1.4 % at F/4, 11.4 % at F/1.4, and -3.6 % at the very rim."""
     sensor = replace(SPH, lens=replace(SPH.lens, f_number=f_number))
     truth, caught = monte_carlo(sensor, omega_deg)
     found = om.illumination(sensor, [omega_deg]).irradiance_sr[0]
@@ -106,7 +109,8 @@ def test_what_cannot_be_traced_is_refused_in_one_short_sentence(ask):
 
 @pytest.mark.parametrize("name", ["sampled", "slope-spline", "tabulated-mapping", "sphere", "equidistant"])
 def test_columns_run_smoothly_into_the_axis(name):
-    """Splines of slopes and angles round at 1e-18, which at 1e-12 deg was 1e-4 of the sagittal columns."""
+    """Splines of slopes and angles round at 1e-18, which at 1e-12 deg was 1e-4 of the sagittal
+    columns."""
     table = om.evaluate(sensor_of(name), [0.0, 1e-13, 1e-12, 1e-9, 1e-7, 1e-5])
     for column in (
         "width_px_per_deg",
@@ -134,7 +138,8 @@ def test_at_the_tip_of_a_cone_blur_across_is_infinite_whatever_the_focus():
 
 @pytest.mark.parametrize("omega_deg", [40.0, 90.0, 130.0])
 def test_a_cover_takes_what_fresnel_says(omega_deg):
-    """A tube is met at 90 deg - Omega; through a narrow aperture all rays are the chief ray."""
+    """The angle of incidence on a tube is 90 deg - Omega; in a narrow aperture all rays are the
+    chief ray."""
     from omnimirror.optics.housing import Housing, Tube
 
     narrow = replace(SPH, lens=replace(SPH.lens, f_number=200.0))

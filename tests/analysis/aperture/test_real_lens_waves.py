@@ -1,4 +1,5 @@
-"""PSF and MTF of real lenses: against waves added up in the tests, ray by ray through mirror and glass."""
+"""PSF and MTF of real lenses against coherent sums of waves, traced ray by ray through mirror and
+glass."""
 
 from dataclasses import replace
 
@@ -21,11 +22,12 @@ WAVE = 587.5618e-6  # mm
 NU = np.array([0.1, 0.2, 0.4])
 
 
-CLEAR = {1: 1.75, 6: 1.55}  # mm, radii of surfaces that vignette
+CLEAR = {1: 1.75, 6: 1.55}  # mm, radii of vignetting surfaces
 
 
 def sensor_of(folder, clear, key="CLAP", second=None):
-    """A ball and the triplet with clear apertures, as OpticStudio writes those or fixed semi-diameters (DIAM)."""
+    """Return a ball with the triplet and clear apertures, as OpticStudio writes them (CLAP) or as
+    fixed semi-diameters (DIAM)."""
     aperture = "  CLAP 0 {} 0" if key == "CLAP" else '  DIAM {} 1 0 0 1 ""'
     path = folder / "triplet.zmx"
     path.write_text(own.zmx(per_surface={i: [aperture.format(radius)] for i, radius in clear.items()}))
@@ -40,10 +42,12 @@ def sensor(tmp_path_factory):
 
 
 class Rays:
-    """Rays of a distant object by way of points of the ball through the triplet, with the length of their ways."""
+    """Rays of a distant object via ball points through the triplet, with their optical path
+    lengths."""
 
     def __init__(self, omega_deg, places, to_imager):
-        """``places`` (n, 2) are points of the ball across its axis, mm; the lens's frame, s towards the imager."""
+        """``places`` (n, 2) are ball points across its axis, mm; lens frame with s towards the
+        imager."""
         n, omega = own.indices(), np.radians(omega_deg)
         x, y = places.T
         centre = np.array([0.0, 0.0, -M - A])
@@ -75,9 +79,11 @@ class Rays:
 
 
 def blocked_by_fold(rays, distance, radius, bore):
-    """Rays that a flat second mirror and the bore of the ball block, in the unfolded frame.
+    """Return the rays obscured by a flat second mirror and the bore of the ball, in the unfolded
+    frame.
 
-    Heights count from the vertex of the ball to its back: the lens stands at M - 2 distance, and the second mirror at
+    Heights are measured from the vertex of the ball to its back: the lens is at M - 2 distance, the
+    second mirror at
     -distance.
     """
 
@@ -89,7 +95,9 @@ def blocked_by_fold(rays, distance, radius, bore):
     start, way = rays.met * turn - [0, 0, M], rays.towards_lens * turn
     lens, edge = M - 2 * distance, A - np.sqrt(A**2 - bore**2)
     blocked = distance_at(-distance, start, way) > radius
-    blocked |= distance_at(np.minimum(start[:, 2], lens), start, way) < bore  # meets the bore before the second mirror
+    blocked |= (
+        distance_at(np.minimum(start[:, 2], lens), start, way) < bore
+    )  # reaches the bore before the second mirror
     if lens > edge:  # through the bore after the second mirror
         blocked |= distance_at(-2 * distance - edge, start, way) > bore
     out = -rays.incoming * turn
@@ -98,18 +106,19 @@ def blocked_by_fold(rays, distance, radius, bore):
 
 
 def bundle(omega_deg, side, reach=1.15):
-    """Rays (side, side) of a grid on the ball that is wider than the stop, their chief ray, and the stop's radius."""
+    """Return rays (side, side) of a grid on the ball wider than the stop, their chief ray, and the
+    stop radius."""
     to_imager = own.imager_place(own.indices())
     radius = stop_radius(to_imager)
     omega, step = np.radians(omega_deg), 1e-6
 
     def passing(x):
-        """Height in a plane within the lens, as if there were no glass."""
+        """Return the height in a plane within the lens, without the glass."""
         p, d = own.off_sphere(omega, 0.0, (x, 0.0), A, M)
         return (p + (2.5 - p[2]) / d[2] * d)[0]
 
     middle = np.array([brentq(passing, *(A * np.sin(omega / 2 - np.radians([10.0, 0.0])))) if omega else 0.0, 0.0])
-    for _ in range(20):  # the ball's point that the middle of the stop sees
+    for _ in range(20):  # ball point of the stop centre
         three = Rays(omega_deg, middle + np.array([[0, 0], [step, 0], [0, step]]), to_imager).stop
         slopes = ((three[1:] - three[0]) / step).T
         middle = middle - np.linalg.solve(slopes, three[0])
@@ -121,22 +130,24 @@ def bundle(omega_deg, side, reach=1.15):
     assert (np.hypot(*rays.stop.T) <= radius).reshape(side, side)[[0, -1]].sum() == 0
     by_u, by_v = np.gradient(rays.cosines.reshape(side, side, 2), axis=(0, 1))
     rays.solid = np.abs(by_u[..., 0] * by_v[..., 1] - by_u[..., 1] * by_v[..., 0]).ravel()
-    # the path to the chief ray's image point
+    # path to the image point of the chief ray
     rays.path = rays.path - chief.path - (rays.cosines * (rays.image - chief.image)).sum(axis=1)
     return rays, chief, radius
 
 
 def added_waves(omega_deg, side=161, grid=41, width_px=12.0):
-    """Density (grid, grid) per px^2 about the chief ray's image, the sum of plane waves, one for each ray.
+    """Return the density (grid, grid) per px^2 about the chief-ray image, a sum of plane waves, one
+    for each ray.
 
-    A ray of flux w in a solid angle q has the amplitude sqrt(w/q); all of the light is lambda^2 sum(w).
+    A ray of flux w in a solid angle q has the amplitude sqrt(w/q); the total light is lambda^2
+    sum(w).
     """
     rays, chief, radius = bundle(omega_deg, side)
     inside = np.hypot(*rays.stop.T) <= radius
     x = np.linspace(-width_px / 2, width_px / 2, grid)
     k = 2 * np.pi / WAVE
     amplitude = np.sqrt(rays.light * rays.solid) * np.exp(1j * k * rays.path)
-    # the picture is upright: what is outwards in it is the other way on the imager
+    # the image is upright: outward in the image is reversed on the imager
     t, s = (
         np.exp(-1j * k * PITCH * np.outer(c - c0, x)) for c, c0 in zip(rays.cosines.T, chief.cosines[0], strict=True)
     )
@@ -145,7 +156,8 @@ def added_waves(omega_deg, side=161, grid=41, width_px=12.0):
 
 
 def mtf_of_waves(omega_deg, clear, fold=None, nu=NU, side=81, cells=241):
-    """MTF (2, f) and open share of the stop: rays as functions of their cosines at the imager, on an even grid."""
+    """Return MTF (2, f) and clear fraction of the stop: rays as functions of direction cosines at
+    the imager, on an even grid."""
     rays, _, radius = bundle(omega_deg, side)
     index = np.arange(side)
 
@@ -160,7 +172,7 @@ def mtf_of_waves(omega_deg, clear, fold=None, nu=NU, side=81, cells=241):
     axes = [np.linspace(*end, cells) for end in ends]
     wanted = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     i, j = (np.full(len(wanted), (side - 1) / 2) for _ in range(2))
-    for _ in range(6):  # Newton's rule: where on the grid of rays the cosines are
+    for _ in range(6):  # Newton's method: position of the cosines on the ray grid
         miss = np.stack([f.ev(i, j) for f in L], axis=-1) - wanted
         a = np.stack([np.stack([f.ev(i, j, 1, 0), f.ev(i, j, 0, 1)], axis=-1) for f in L], axis=1)
         step = np.linalg.solve(a, miss[..., None])[..., 0]
@@ -180,13 +192,14 @@ def mtf_of_waves(omega_deg, clear, fold=None, nu=NU, side=81, cells=241):
 
 
 def stop_radius(to_imager):
-    """Where a ray from the middle of the object in focus through the edge of the entrance pupil meets the stop."""
+    """Return the stop intercept of a ray from the axial object point in focus through the edge of
+    the entrance pupil."""
     h, focal = 1e-6, 11.6
 
     def at_stop(height):
         return own.through([0, 0, -own.FOCUS], [height, 0, own.FOCUS], own.indices(), to_imager)[0][0]
 
-    # the place of the pupil: rays that go through the middle of the stop aim at it
+    # pupil position: rays through the stop centre aim at it
     a, b = (own.through([y, 0, 0], [u, 0, 1.0], own.indices(), to_imager)[0][0] / h for y, u in ((h, 0.0), (0.0, h)))
     pupil = b / a
     return at_stop(focal / own.F_NUMBER / 2 * own.FOCUS / (own.FOCUS + pupil))
@@ -199,7 +212,7 @@ def test_the_psf_is_that_of_waves_added_up_through_the_glass(sensor, omega):
     found = om.psf(sensor, omega, wavelength_nm=WAVE * 1e6, width_px=12.0, step_px=0.3)
     np.testing.assert_allclose(found.offset_px, x, atol=1e-9)
     np.testing.assert_allclose(found.density, truth, atol=0.005 * truth.max())
-    assert truth.max() < 0.7 * found.ideal_peak  # there is an aberration to be seen
+    assert truth.max() < 0.7 * found.ideal_peak  # significant aberrations
 
 
 VIGNETTED = {
@@ -217,7 +230,8 @@ VIGNETTED = {
 
 @pytest.mark.parametrize("case", few(VIGNETTED, "two rims, off-centre", "behind a bore, vignetted"))
 def test_the_mtf_of_a_vignetting_lens_is_that_of_waves_through_the_glass(case, tmp_path):
-    """By the line spread of waves off the mirror, through bore, glass and clear apertures."""
+    """By the line spread function of waves from the mirror, through bore, glass and clear
+    apertures."""
     clear, key, fold, omega = VIGNETTED[case]
     truth, filled = mtf_of_waves(omega, clear, fold)
     second = None if fold is None else Secondary(Flat(fold[1]), fold[0], fold[2])
@@ -239,14 +253,15 @@ def test_the_mtf_is_the_transform_of_the_psf(sensor):
             np.testing.assert_allclose(transform, mtf, atol=0.02)
 
 
-# -- tables ----------------------------------------------------------------------------------------------------
+# -- tables
+# ----------------------------------------------------------------------------------------------------
 
 
 ANGLES = np.linspace(0, 20, 41)
 
 
 def tabulated(lens, **columns):
-    """A lens as a table, without any fault but those of columns."""
+    """Return a lens as a table, ideal except for the given columns."""
     height = lens.principal_distance * np.tan(np.radians(ANGLES))
     return TabulatedLens(
         lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(ANGLES), tuple(height),
@@ -268,7 +283,7 @@ def test_a_table_without_faults_has_the_waves_of_the_ordinary_lens(pupil):
 
 
 def test_a_bent_field_is_a_lens_focused_elsewhere():
-    """An image that lies a little behind the imager all over the field."""
+    """An image slightly behind the imager over the whole field."""
     sensor = om.load_sensor("paper-spherical")
     behind = 0.03
     bent = tuple(np.full(len(ANGLES), behind))

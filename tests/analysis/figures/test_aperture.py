@@ -1,4 +1,4 @@
-"""Figures of the whole aperture show what the analysis says."""
+"""Figures of the whole aperture against the analysis."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_spots_are_where_rays_land(focuses):
     assert len(cut) < len(t)
     limits = {ax.get_xlim() for ax in figure.axes}
     assert len(limits) == 1  # one scale
-    assert figure.axes[0].get_ylim()[0] > 0  # rows grow downwards, as in the picture
+    assert figure.axes[0].get_ylim()[0] > 0  # rows increase downwards, as in the image
     render(figure)
 
 
@@ -50,7 +50,7 @@ def test_mtf_lines_are_the_mtf():
 
 
 def test_psf_pictures_keep_tangential_to_the_right():
-    """The spot of 120 deg is higher than wide, and coma at a fast lens points along one axis only."""
+    """The spot at 120 deg is taller than wide, and coma of a fast lens extends along one axis only."""
     found = [om.psf(SPH, 120.0, step_px=0.5)]
     figure = psf_pictures(found)
     (image,) = figure.axes[0].get_images()

@@ -1,4 +1,4 @@
-"""Figures draw for every sensor, show what the analysis says, and come out the same twice."""
+"""Figures of all sensors: contents against the analysis, and reproducible files."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ SENSORS = paper_sensors()
 
 @cache
 def drawn(name):
-    """A figure of the three, the paper's way; not to be changed."""
+    """Return a figure of the three sensors with the conventions of the paper; must not be modified."""
     return draw(name, SENSORS, PAPER)
 
 
 def line(figure, gid):
-    """x and y of the line of that gid."""
+    """Return x and y of the line with a gid."""
     found = [a for ax in figure.axes for a in ax.get_lines() if a.get_gid() == gid]
     assert len(found) == 1, f"{gid}: {len(found)} lines"
     return np.asarray(found[0].get_xdata(), float), np.asarray(found[0].get_ydata(), float)
@@ -60,7 +60,7 @@ def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
 
 @pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig8", "fig11"))
 def test_every_figure_draws_a_cone_and_six_sensors(name):
-    """A cone has a pointed tip, a hole in its image and no tangential image of distant objects."""
+    """A cone has a pointed apex, a hole in its image and no tangential image of distant objects."""
     render(draw(name, [sensor_of("cone"), sensor_of("ellipsoid"), *SENSORS, sensor_of("sphere", "orthographic")]))
 
 
@@ -166,7 +166,7 @@ def test_end_labels_do_not_overlap(name):
 def test_the_same_figure_gives_the_same_file(name):
     first, second = (render(draw(name, SENSORS[:1]), "svg") for _ in range(2))
     assert first == second
-    assert b"<text" in first  # text stays text
+    assert b"<text" in first  # text is stored as text
     assert not re.search(rb"<dc:date>", first)
 
 
@@ -214,7 +214,7 @@ def test_spread_keeps_apart_in_order_and_inside(seed):
 
 
 def test_spread_is_the_least_squares_solution():
-    """Against a general solver of the same problem."""
+    """Compared with a general solver of the same problem."""
     rng = np.random.default_rng(3)
     for gap, low, high in ((0.9, 0.0, 10.0), (1.6, -2.0, 7.0), (0.0, 0.0, 10.0)):
         sought = np.sort(rng.uniform(-1, 11, 6))
@@ -245,12 +245,13 @@ def test_spread_is_the_least_squares_solution():
     ],
 )
 def test_spread_of_few_labels(sought, placed):
-    """Alone, in reverse order, at the same place, at the edge, and more than fit."""
+    """Single, in reverse order, at equal positions, at the edge, and more than fit."""
     np.testing.assert_allclose(spread(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
 
 
 def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
-    """Without other labels near, a label is level with its point, in the colour of its line, 7 pt from the axes."""
+    """Without neighbours, a label is level with its point, in the colour of its line, 7 pt from the
+    axes."""
     figure = Figure(dpi=144)
     ax = figure.subplots()
     ax.set(xlim=(4.0, 0.0), ylim=(0.0, 10.0))
@@ -276,7 +277,8 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
         assert (box.y0 + box.y1) / 2 == pytest.approx(level, abs=box.height / 4)
         assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=0.5)
         assert text.get_fontsize() == 6.5
-        # the hairline leaves the middle of the label's left edge, with Matplotlib's 2 pt and 0.5 pt of room, and ends
+        # the leader line starts at the centre of the left edge of the label, with Matplotlib's
+        # padding of 2 pt and 0.5 pt, and ends
         # 1 pt before the point; 1 pt is 2 px
         start, end = text.arrow_patch.get_path().vertices[[0, -1]]
         point, edge = ax.transData.transform(text.xy), np.array([box.x0, (box.y0 + box.y1) / 2])
@@ -291,7 +293,7 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
 
 
 def test_end_labels_follow_axes_that_the_layout_moves():
-    """A limit or a size that changes after the labels were placed moves them with their points."""
+    """A limit or size changed after the placement moves labels with their points."""
     figure = Figure(dpi=72)
     axes = figure.subplots(2, 1)
     labels = EndLabels(figure, size=9.0)
@@ -327,7 +329,7 @@ def test_labels_of_axes_hold_symbols_and_units(label, text):
 
 
 def test_figures_draw_what_was_evaluated():
-    """Every option that changes numbers changes the figure's lines to the same numbers."""
+    """Every option that changes numbers changes the lines of the figure accordingly."""
     asked = {"object_distance_mm": 50.0, "mode": "paper", "image_radius_px": 500, "wavelength_nm": 850.0}
     sensor = om.load_sensor("paper-spherical")
     result = om.evaluate(sensor, [0.0, 90.0], tolerance_px=2.0, **asked)
@@ -353,7 +355,7 @@ def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def obscured():
-    """One of the three whose camera and rod hide the middle."""
+    """One of the three sensors with camera and rod obscuring the centre."""
     return replace(SENSORS[0], housing=Housing(CameraBody(60.0), Rod(4.0)))
 
 

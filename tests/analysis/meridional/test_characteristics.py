@@ -1,4 +1,4 @@
-"""Mapping, aspect and viewpoints against what optics says must hold."""
+"""Mapping, aspect ratio and viewpoints against laws of optics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_hyperboloid_at_its_focus_has_one_viewpoint_and_aspect_cos_theta(a
     scale = M * max(1.0, a, b, rim)
     np.testing.assert_allclose(result.viewpoint_z_mm, focus, atol=1e-12 * scale)
     np.testing.assert_allclose(result.aspect, np.cos(np.radians(result.theta_deg)), rtol=1e-9)
-    np.testing.assert_allclose(result.q_t_mm, result.q_s_mm, rtol=1e-9)  # stigmatic at every distance
+    np.testing.assert_allclose(result.q_t_mm, result.q_s_mm, rtol=1e-9)  # stigmatic at all distances
 
 
 def test_the_paper_hyperboloid_has_one_viewpoint_to_1e_12_of_its_radius():
@@ -64,7 +64,7 @@ def test_exact_equidistant_is_proportional_and_the_polynomial_nearly():
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
 def test_solid_angle_adds_up_to_the_field(sensor):
-    """Image area per square degree, integrated over the image, is the solid angle of the field."""
+    """The image area per square degree, integrated over the image, is the solid angle of the field."""
     r = om.evaluate(sensor, np.linspace(0, 135, 4001))
     per_ring = 2 * np.pi * r.h_px * r.dh_domega_px_per_deg / r.area_px2  # square degrees per degree of Omega
     total = np.trapezoid(per_ring[1:], r.omega_deg[1:])
@@ -73,7 +73,7 @@ def test_solid_angle_adds_up_to_the_field(sensor):
 
 @pytest.mark.parametrize("distance", [np.inf, 300.0, 25.0])
 def test_what_is_seen_along_the_axis_is_imaged_on_the_axis(distance):
-    """At 25 mm a concave mirror of 50 mm images to infinity, which is on the axis too."""
+    """At 25 mm, a concave mirror of 50 mm has its image at infinity, which is on the axis too."""
     for mirror in (Sphere(50.0, 44.0), EvenPolynomial((-0.01,), 5.0)):
         rays = trace_chief_rays(mirror, 180.0, [0.0])
         images = virtual_images(rays, distance)
@@ -87,7 +87,7 @@ def test_viewpoint_is_where_two_points_of_the_ray_line_up_with_the_axis():
 
 
 def test_the_angle_error_is_what_a_point_seen_from_v0_shows():
-    """Place the object on the real ray, look at it from V0, and compare the angles."""
+    """Place the object on the real ray, compute its direction from V0, and compare the angles."""
     rays = SPH.meridian.trace(SPH.meridian.x_from_omega(np.radians([10.0, 60.0, 90.0, 130.0])))
     v0, n = 11.5, 7 * M
     x, z = rays.x + n * np.sin(rays.omega), rays.z - n * np.cos(rays.omega)
@@ -101,7 +101,7 @@ def test_best_viewpoint_of_the_sphere_as_the_paper_reckons(n, worst, v0):
     best = om.best_viewpoint(SPH, n * M, image_radius_px=500, linearised=True)
     assert best.worst_px == pytest.approx(worst, abs=0.005)
     assert best.z_mm / M == pytest.approx(v0, abs=5e-5)
-    assert best.error_px.max() == pytest.approx(-best.error_px.min(), rel=1e-6)  # minimax: both signs alike
+    assert best.error_px.max() == pytest.approx(-best.error_px.min(), rel=1e-6)  # minimax: equal extremes of both signs
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_best_viewpoint_of_the_sphere_as_the_paper_reckons(n, worst, v0):
     ],
 )
 def test_the_true_error_of_one_viewpoint(name, n, worst):
-    """Against the brute force of a scan of viewpoints: objects n M from the mirror, looked for as if from V0."""
+    """Compared with a scan of viewpoints: objects at n M from the mirror, projected as if from V0."""
     sensor = om.load_sensor(f"paper-{name}")
     best = om.best_viewpoint(sensor, n * M, image_radius_px=500)
     assert best.worst_px == pytest.approx(worst, rel=6e-4)
@@ -163,7 +163,7 @@ def test_angles_pixels_heights_and_mirror_points_give_the_same_rows():
 
 @pytest.mark.parametrize("flipped", [False, True])
 def test_a_scaled_image_is_asked_in_the_pixels_it_answers_in(flipped):
-    """Heights and pixels of the image scaled to 500 px at the rim, in and out."""
+    """Heights and pixels of the image scaled to 500 px at the rim, as input and output."""
     lens = replace(SPH.lens, k1=-0.3, p1=0.002)
     mount = replace(SPH.mount, image_flipped=flipped)
     for sensor in (SPH, replace(SPH, lens=lens, mount=mount)):
@@ -222,7 +222,7 @@ def test_what_cannot_be_evaluated_is_named(kwargs, error, message):
 
 
 def test_an_unusable_mirror_says_so_when_first_asked():
-    sensor = replace(SPH, mirror=Sphere(44.0, 43.9))  # nearly a hemisphere: its rim is seen edge-on
+    sensor = replace(SPH, mirror=Sphere(44.0, 43.9))  # nearly a hemisphere with a grazing rim
     with pytest.raises(OmnimirrorError, match="hides itself from the lens"):
         om.evaluate(sensor, [10.0])
     with pytest.raises(InvalidParameter, match="mirror_distance_mm"):
@@ -231,7 +231,7 @@ def test_an_unusable_mirror_says_so_when_first_asked():
 
 @pytest.mark.parametrize("m", [176.0, 5.0])
 def test_rays_of_a_cone_come_from_a_ring_of_virtual_pinholes(m):
-    """Real rays, reflected in three dimensions off planes that touch the cone, and prolonged behind it."""
+    """Real rays, reflected in 3-D from tangent planes of the cone, and extended behind it."""
     cone = Cone(50.0, 43.9)
     sensor = om.Sensor(cone, Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
     radius, height = cone.pinhole_ring(m)
@@ -254,7 +254,7 @@ def test_rays_of_a_cone_come_from_a_ring_of_virtual_pinholes(m):
 
 
 def test_a_cone_has_one_viewpoint_only_with_the_lens_in_its_tip():
-    """The ring shrinks with m, and with it the spread of where rays meet the axis."""
+    """The ring shrinks with m, as does the spread of axis intersections of the rays."""
     spread = []
     for m in (10.0, 1.0, 0.1):
         cone = om.Sensor(Cone(50.0, 43.9), Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)

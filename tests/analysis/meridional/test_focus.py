@@ -26,7 +26,7 @@ LENS = Perspective(11.6, 4.0, 212.0)
 
 @pytest.mark.parametrize("L", [150.0, 205.0, 212.0, 230.0, 4000.0])
 def test_blur_is_the_width_of_the_cone_at_the_imager(L):
-    """Image the point with the lens equation, and cut its cone of light at b0 (Eqs. 25-27)."""
+    """Image the point with the lens equation, and intersect its cone of light at b0 (Eqs. 25-27)."""
     f, D = 11.6, 11.6 / 4
     b0, b = 1 / (1 / f - 1 / 212.0), 1 / (1 / f - 1 / L)
     assert float(LENS.blur(L)) == pytest.approx(D * (b0 - b) / b, rel=1e-12, abs=1e-15)
@@ -56,7 +56,8 @@ def test_airy_disk():
 
 
 def test_exact_blur_on_axis_of_the_sphere():
-    """Erratum 11: -1.036 px at L0 = 212, so not every tangential point is within the depth of field."""
+    """Erratum 11: -1.036 px at L0 = 212, so not every tangential point is within the depth of
+    field."""
     assert om.evaluate(SPH, [0.0]).blur_t_px[0] == pytest.approx(-1.036, abs=5e-4)
 
 
@@ -84,13 +85,13 @@ def test_the_papers_focus_of_svp_follows_from_its_outer_field():
 
 
 def cap_shares(omega):
-    """Weights of field angles (n,): the solid angle nearer to each than to the others."""
+    """Return weights of field angles (n,): the solid angle closest to each."""
     borders = np.concatenate([omega[:1], (omega[1:] + omega[:-1]) / 2, omega[-1:]])
     return -np.diff(np.cos(borders)) / (np.cos(omega[0]) - np.cos(omega[-1]))
 
 
 MEANS = [(SPH, 212.3896, 0.2436625), (EDI, 201.0575, 0.3048491), (SVP, 169.6890, 0.8185778)]
-"""The best focus by the mean, and that mean: integrals of 200 nodes of Gauss over the field."""
+"""Best focus by the mean, with that mean: integrals of 200 Gauss nodes over the field."""
 
 
 def spacings(low, high):
@@ -135,11 +136,12 @@ def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
 
 @pytest.mark.parametrize("merit", FOCUS_MERITS)
 def test_what_is_searched_has_the_blur_of_a_real_lens_in_it(merit):
-    """At the focus where the lens is: elsewhere its field breathes, which the search leaves to its last step."""
+    """At the current focus of the lens: elsewhere focus breathing applies, which only the last step
+    of the search includes."""
     columns = (0.0, 1 / 6.0, 0.0), (0.5, 2.0, 0.0), (1.0, 1.5168, 1.0)
     sensor = replace(SPH, lens=SurfaceLens(4.0, 215.0, *columns, 1, field_max_deg=20.0))
     omega = np.linspace(0.0, 0.99 * sensor.field_deg[1], 60)
-    assert min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5  # so that squares and cubes differ
+    assert min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5  # for a difference between squares and cubes
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), "exact", None, 550.0)
     middle = float(sensor.lens.focus_coordinate(sensor.lens.focus_distance_mm))
@@ -190,13 +192,13 @@ def test_what_cannot_be_focused_by_is_refused(kwargs, message):
     ("coordinates", "expected"),
     [
         ([10.0, 20.0], (9.5, 20.5)),  # 5 % of the range on both sides
-        ([10.0], (9.5, 10.5)),  # 5 % of the value where there is no range
+        ([10.0], (9.5, 10.5)),  # 5 % of the value without a range
         ([3.0, 23.0, np.nan], (2.0, 24.0)),
-        ([2.1, 22.1], (2.0, 23.1)),  # not below the least
-        ([-50.0, 12.0], (2.0, 12.5)),  # what comes before the first counts as the first
-        ([10.0, 29.9], (9.005, 30.0)),  # not above the most
-        ([10.0, 20.0, 30.0, 99.0], (9.5, 20.5)),  # what comes after the last is left out
-        ([40.0, 99.0], (28.5, 30.0)),  # unless there is nothing else
+        ([2.1, 22.1], (2.0, 23.1)),  # not below the minimum
+        ([-50.0, 12.0], (2.0, 12.5)),  # values before the first count as the first
+        ([10.0, 29.9], (9.005, 30.0)),  # not above the maximum
+        ([10.0, 20.0, 30.0, 99.0], (9.5, 20.5)),  # values after the last are excluded
+        ([40.0, 99.0], (28.5, 30.0)),  # unless no others exist
     ],
 )
 def test_focus_is_searched_around_the_images(coordinates, expected):
@@ -250,7 +252,8 @@ def test_no_focus_on_a_fine_grid_is_better_than_the_best(name):
     for merit in FOCUS_MERITS:
         best = om.best_focus(bundled, merit)
         here = values(best.focus_mm)[merit]
-        # the mean over caps counts each angle for all of its surroundings, and so is right to second order only
+        # the mean over caps assigns each angle its whole neighbourhood, and is thus accurate to
+        # second order only
         assert here == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12), merit
         assert here <= min(value[merit] for value in tried) * (1 + 1e-9), merit
 
@@ -266,7 +269,7 @@ def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
 @pytest.mark.parametrize("curvature", [1e-5, 1e-7, 1e-9, 1e-12])
 def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(name, curvature):
-    """z = c x^2 has images of distant objects 1/(4 c) away, at last farther than any lens can be focused."""
+    """z = c x^2 images distant objects at 1/(4 c), finally farther than the maximum focus distance."""
     sensor = replace(om.load_sensor(name), mirror=EvenPolynomial((curvature,), 20.0))
     best = om.best_focus(sensor)
     assert om.evaluate(sensor, focus_mm=best.focus_mm).focus_mm == best.focus_mm
@@ -276,7 +279,8 @@ def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(n
 
 @pytest.mark.full
 def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
-    """The mirror of a far plane to 80 deg has tangential ones behind the lens; no focus on a fine scan is better."""
+    """The far-plane mirror to 80 deg has tangential images behind the lens; no focus of a fine scan
+    is better."""
     placed = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))
     sensor = replace(SPH, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm)
     angles = np.linspace(0, sensor.field_deg[1], 301)
@@ -307,15 +311,16 @@ def test_blur_in_degrees_is_blur_over_resolution():
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
 def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
-    """Section 6: edge rays of the aperture, traced from a distant object over the real mirror, land on the
-    imager within a few hundredths of a pixel of the predicted blur."""
+    """Section 6: marginal rays of the aperture, traced from a distant object over the real mirror,
+    hit the imager within a few
+    0.01 px of the predicted blur."""
     lens, m, mirror = sensor.lens, sensor.mirror_distance_mm, sensor.mirror
     angles = np.array([15.0, 60.0, 105.0, 130.0])
     result = om.evaluate(sensor, angles)
     radius = lens.focal_length_mm / lens.f_number / 2
     for i, omega in enumerate(np.radians(angles)):
         landed = []
-        for side in (-radius, radius):  # the ray through (side, -m) that came from direction omega
+        for side in (-radius, radius):  # the ray through (side, -m) with the incident direction omega
             low, high = result.x_mm[i] - 5.0, min(result.x_mm[i] + 5.0, mirror.rim_radius_mm * 1.02)
 
             def misses(x, side=side, omega=omega):
@@ -326,7 +331,7 @@ def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
                 middle = (low + high) / 2
                 low, high = (low, middle) if misses(middle) > 0 else (middle, high)
             tangent = (low - side) / (m + float(mirror.sag(low)))
-            # a thin lens bends a ray at s by -s/f, and turns the picture upside down
+            # a thin lens deflects a ray at s by -s/f, and inverts the image
             b0 = lens.image_distance
             landed.append(b0 * tangent - side * (1 - b0 / lens.focal_length_mm))
         real_px = abs(landed[1] - landed[0]) / sensor.imager.pitch_mm

@@ -1,4 +1,5 @@
-"""Resolution, blur in angle and length per pixel at a finite object distance, against images of real points."""
+"""Resolution, angular blur and object length per pixel at a finite object distance, against images
+of real points."""
 
 from __future__ import annotations
 
@@ -30,10 +31,11 @@ STEP = 1e-3  # mm
 
 
 def object_of(sensor, omega_deg, distance_mm):
-    """Point in the meridian plane (across, along the sensor's axis) so far from the mirror point along its ray."""
+    """Return a point in the meridian plane (across, along the sensor axis) at a distance from the
+    mirror point along its ray."""
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
     x, z, way = float(rays.x[0]), float(rays.z[0]), distance_mm
-    if rays.outside is not None:  # along the ray that leaves the cover, by light's path
+    if rays.outside is not None:  # along the ray that leaves the cover, by optical path
         x, z = (float(v[0]) for v in rays.last)
         way = distance_mm - float(rays.outside.inside[0])
     omega = np.radians(omega_deg)
@@ -41,7 +43,7 @@ def object_of(sensor, omega_deg, distance_mm):
 
 
 def pixel_of(sensor, point, turn=0.0):
-    """Image of a point of the meridian plane turned about the axis."""
+    """Return the image of a point of the meridian plane rotated about the axis."""
     x, y, z = sensor._axes.T  # image right, image down, towards the mirror
     across = np.cos(turn) * x + np.sin(turn) * y
     (pixel,), (valid,) = sensor.project([point[0] * across + point[1] * z])
@@ -74,7 +76,7 @@ def test_lengths_per_pixel_are_those_of_points_moved_on_the_surfaces(case):
 
 
 def test_a_pipe_wall_is_resolved_as_its_points_are():
-    """The wall at 10 mm from the axis: a degree is smaller in the image than that of a distant object."""
+    """Wall at 10 mm from the axis: 1 deg is smaller in the image than for a distant object."""
     rays = SMALL.meridian.trace(SMALL.meridian.x_from_omega(np.radians([90.0])))
     distance = 10.0 - float(rays.x[0])
     near, far = (om.evaluate(SMALL, [90.0], object_distance_mm=p) for p in (distance, np.inf))
@@ -84,7 +86,8 @@ def test_a_pipe_wall_is_resolved_as_its_points_are():
 
 @pytest.mark.parametrize("case", ["sphere", "small mirror"])
 def test_blur_in_angle_is_the_width_of_the_cone_at_the_object(case):
-    """Rays of one pixel through opposite edges of the aperture, where they pass the object, over its distance."""
+    """Rays of one pixel through opposite edges of the aperture: their separation at the object,
+    over its distance."""
     sensor, distance = CASES[case]
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=60.0))
     omega = 70.0

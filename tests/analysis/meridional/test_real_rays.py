@@ -1,8 +1,10 @@
-"""The evaluation against finite real rays, traced here from sag and the law of reflection alone.
+"""Evaluation against finite real rays, traced here from sag and the law of reflection only.
 
-A fan of rays from the object meets the mirror a little to each side of the chief ray's mirror point, in
-the meridian plane (tangential) and out of it (sagittal). Where the reflected rays cross the chief ray is
-a virtual image for a finite spacing; the spacing goes to zero by Richardson's extrapolation.
+A fan of rays from the object hits the mirror close to both sides of the mirror point of the chief
+ray, in the meridian
+plane (tangential) and perpendicular to it (sagittal). The intersection of the reflected rays with
+the chief ray is a
+virtual image at finite spacing; Richardson extrapolation yields the limit of zero spacing.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central d
 
 
 def normal(mirror, x, y):
-    """Unit normal towards the lens at (x, y), from finite differences of the sag."""
+    """Return the unit normal towards the lens at (x, y), from finite differences of the sag."""
     r, h = np.hypot(x, y), 2e-3 * M
     k = np.arange(1, 5)
     slope = float(WEIGHTS @ (mirror.sag(np.abs(r + k * h)) - mirror.sag(np.abs(r - k * h)))) / h
@@ -28,7 +30,8 @@ def normal(mirror, x, y):
 
 
 def reflect(mirror, point_from, direction, x, y):
-    """The reflected ray (origin, direction) of light from an object (or from a direction) via mirror point (x, y)."""
+    """Return the reflected ray (origin, direction) of light from an object (or direction) via
+    mirror point (x, y)."""
     hit = np.array([x, y, float(mirror.sag(np.hypot(x, y)))])
     travel = -direction if point_from is None else (hit - point_from) / np.linalg.norm(hit - point_from)
     n = normal(mirror, x, y)
@@ -36,7 +39,7 @@ def reflect(mirror, point_from, direction, x, y):
 
 
 def extrapolated(estimate):
-    """Limit of an even function of the spacing, from three spacings."""
+    """Return the limit of an even function of the spacing, from three spacings."""
     a, b, c = (estimate(s) for s in (0.04, 0.02, 0.01))
     ab, bc = (4 * b - a) / 3, (4 * c - b) / 3
     return (16 * bc - ab) / 15
@@ -59,7 +62,7 @@ def sagittal_q(mirror, x, obj, d, hit, back):
     def q(spacing):
         psi = spacing / 2
         p, r = reflect(mirror, obj, d, x * np.cos(psi), x * np.sin(psi))
-        crossing = p - p[1] / r[1] * r  # with its twin from -psi, in the meridian plane
+        crossing = p - p[1] / r[1] * r  # with its counterpart from -psi, in the meridian plane
         return float((crossing - hit) @ back)
 
     return extrapolated(q)
@@ -74,7 +77,7 @@ def test_virtual_images_are_where_real_rays_cross(kind, distance, lens):
     sensor = sensor_of(kind, lens)
     low, high = sensor.field_deg
     omega = np.array([a for a in range(0, 136, 15) if low <= a <= high])
-    if omega.size < 3:  # the cone sees little more than ten degrees
+    if omega.size < 3:  # the cone has a field of little more than 10 deg
         omega = np.linspace(low + 0.5, high - 0.5, 5)
     result = om.evaluate(sensor, omega, object_distance_mm=distance)
     for i, angle in enumerate(np.radians(omega)):
@@ -84,12 +87,12 @@ def test_virtual_images_are_where_real_rays_cross(kind, distance, lens):
         obj = None if np.isinf(distance) else hit + distance * d
         _, to_lens = reflect(sensor.mirror, obj, d, x, 0.0)
         back = -to_lens
-        # the chief ray itself goes through the lens, or along the axis
+        # the chief ray itself passes through the lens, or along the axis
         expected = (
             np.array([x, 0, sensor.mirror_distance_mm + hit[2]]) if lens == "perspective" else np.array([0, 0, 1.0])
         )
         np.testing.assert_allclose(back, expected / np.linalg.norm(expected), atol=1e-9)
-        if not (kind == "cone" and np.isinf(distance)):  # a straight meridian: the image is as far as the object
+        if not (kind == "cone" and np.isinf(distance)):  # a straight meridian: image distance equals object distance
             q_t = tangential_q(sensor.mirror, x, obj, d, hit, back)
             assert result.q_t_mm[i] == pytest.approx(q_t, rel=1e-6), f"tangential at {omega[i]} deg"
             assert result.image_t_x_mm[i] == pytest.approx(x + q_t * back[0], rel=1e-6, abs=1e-9)

@@ -1,4 +1,5 @@
-"""Sensors of two mirrors against finite real rays, traced here from sags and the law of reflection alone."""
+"""Two-mirror sensors against finite real rays, traced here from sags and the law of reflection
+only."""
 
 from __future__ import annotations
 
@@ -47,17 +48,20 @@ SENSORS = {
 }
 
 
-# -- a tracer of its own: surfaces z(r), rays (point, direction) in the frame of the primary ----------
+# -- independent tracer: surfaces z(r), rays (point, direction) in the frame of the primary
+# ----------
 
 
 def surfaces(sensor):
-    """Heights of both surfaces over the primary's vertex, as functions of the distance from the axis."""
+    """Return heights of both surfaces above the vertex of the primary, as functions of the distance
+    from the axis."""
     second = sensor.secondary
     return sensor.mirror.sag, lambda r: -second.distance_mm - second.mirror.sag(r)
 
 
 def bounce(surface, hit, travel):
-    """Direction after reflection in a surface z(r) at a point, its slope from finite differences."""
+    """Return the direction after reflection in a surface z(r) at a point, with its slope from
+    finite differences."""
     r, h = np.hypot(*hit[:2]), 2e-2
     k = np.arange(1, 5)
     slope = float(WEIGHTS @ (surface(np.abs(r + k * h)) - surface(np.abs(r - k * h)))) / h
@@ -67,7 +71,7 @@ def bounce(surface, hit, travel):
 
 
 def meet(surface, start, travel, reach):
-    """First point in which a ray meets a surface."""
+    """Return the first intersection of a ray with a surface."""
 
     def above(t):
         p = start + t * travel
@@ -77,7 +81,7 @@ def meet(surface, start, travel, reach):
 
 
 def to_lens(sensor, obj, d, x, y):
-    """The ray (point, direction) on its way to the lens of light that meets the primary at (x, y)."""
+    """Return the ray (point, direction) towards the lens of light that hits the primary at (x, y)."""
     first, second = surfaces(sensor)
     hit = np.array([x, y, float(first(np.hypot(x, y)))])
     travel = -d if obj is None else (hit - obj) / np.linalg.norm(hit - obj)
@@ -88,14 +92,15 @@ def to_lens(sensor, obj, d, x, y):
 
 
 def extrapolated(estimate):
-    """Limit of an even function of the spacing, from three spacings."""
+    """Return the limit of an even function of the spacing, from three spacings."""
     a, b, c = (estimate(s) for s in (0.4, 0.2, 0.1))
     ab, bc = (4 * b - a) / 3, (4 * c - b) / 3
     return (16 * bc - ab) / 15
 
 
 def crossing_height(chief, ray, axes):
-    """Height z at which a ray crosses the chief ray, both taken in the plane of two axes."""
+    """Return the height z of the intersection of a ray with the chief ray, projected to the plane
+    of two axes."""
     (p, a), (q, b) = chief, ray
     i = list(axes)
     t = np.linalg.solve(np.stack([a[i], -b[i]], axis=1), (q - p)[i])[0]
@@ -119,7 +124,7 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
         if np.isinf(lens_z):
             np.testing.assert_allclose(chief[1], [0, 0, 1], atol=1e-9)
             assert result.h_px[i] == pytest.approx(0.2 * chief[0][0] / 5.2e-3, rel=1e-9)
-        else:  # the chief ray meets the lens, under the viewing angle that is stated
+        else:  # the chief ray reaches the lens at the stated viewing angle
             at_lens = chief[0] + (lens_z - chief[0][2]) / chief[1][2] * chief[1]
             np.testing.assert_allclose(at_lens, [0, 0, lens_z], atol=1e-8)
             assert np.degrees(np.arctan2(-chief[1][0], chief[1][2])) == pytest.approx(result.theta_deg[i], abs=1e-9)
@@ -131,7 +136,9 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
         def sagittal(spacing, obj=obj, d=d, x=x):
             psi = spacing / x
             p, r = to_lens(sensor, obj, d, x * np.cos(psi), x * np.sin(psi))
-            return 1 / (reference - (p - p[1] / r[1] * r)[2])  # crosses its twin from -psi in the meridian plane
+            return 1 / (
+                reference - (p - p[1] / r[1] * r)[2]
+            )  # intersects its counterpart from -psi in the meridian plane
 
         assert 1 / result.distance_t_mm[i] == pytest.approx(extrapolated(tangential), rel=3e-6), omega[i]
         assert 1 / result.distance_s_mm[i] == pytest.approx(extrapolated(sagittal), rel=3e-6), omega[i]
@@ -140,7 +147,7 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("kind", [k for k in SENSORS if k != "telecentric"])
 def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
-    """From the lens by way of both mirrors in the camera's own frame: X right, Y down, Z where it looks."""
+    """From the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
     sensor = SENSORS[kind]
     sensor = replace(sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0))
     rng = np.random.default_rng(3)
@@ -152,7 +159,9 @@ def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
     assert valid.all()
     second = sensor.secondary
     to_secondary = sensor.mirror_distance_mm - second.distance_mm
-    vertex = np.array([0.0, 0.0, to_secondary - second.distance_mm])  # of the primary, behind the camera or before it
+    vertex = np.array(
+        [0.0, 0.0, to_secondary - second.distance_mm]
+    )  # of the primary, behind the camera or in front of it
     for pixel, origin, direction in zip(pixels, origins, directions, strict=True):
         on_imager = (pixel - sensor.imager.centre) * sensor.imager.pitch_mm
         ray = np.array([*on_imager, sensor.lens.image_distance])
@@ -179,7 +188,8 @@ def test_a_flat_fold_changes_nothing_but_what_it_hides(share, fraction, distance
 
 
 def test_two_confocal_hyperboloids_keep_a_single_viewpoint():
-    """Each maps angles so that tan(Omega/2) = K tan(theta/2), and shows no astigmatism at any distance: so do both."""
+    """Each maps angles by tan(Omega/2) = K tan(theta/2), without astigmatism at any distance; so
+    does their combination."""
     for distance in (np.inf, 200.0):
         result = om.evaluate(TWO_HYPERBOLOIDS, np.linspace(25, 135, 50), object_distance_mm=distance)
         assert np.ptp(result.viewpoint_z_mm) < 1e-11
@@ -204,7 +214,8 @@ def test_the_mapping_rate_is_the_slope_of_the_mapping(kind):
     np.testing.assert_allclose(om.evaluate(sensor, omega).dh_domega_px_per_deg, rate, rtol=1e-8)
 
 
-# -- what is hidden ------------------------------------------------------------------------------------
+# -- obscurations
+# ------------------------------------------------------------------------------------
 
 
 def test_the_field_begins_where_rays_just_pass_the_secondary():
@@ -223,12 +234,13 @@ def test_the_field_begins_at_the_bore_where_that_is_wider():
         om.evaluate(FOLDED, [5.0])
     with pytest.raises(OutsideMirror, match="x = 2 mm is not on the mirror, which is seen from 5 to"):
         om.evaluate(FOLDED, x_mm=[2.0])
-    inside = [[511.5 + 60, 511.5], [511.5 + 70, 511.5]]  # the bore's image has a radius of 65 px
+    inside = [[511.5 + 60, 511.5], [511.5 + 70, 511.5]]  # the image of the bore has a radius of 65 px
     assert FOLDED.backproject(inside).valid.tolist() == [False, True]
 
 
 def test_a_camera_before_the_mirror_hides_what_lies_behind_it():
-    """Rays between the mirrors pass the camera's front 20 mm before the vertex, found by a similar triangle."""
+    """Rays between the mirrors pass the front of the camera 20 mm before the vertex, located by a
+    similar triangle."""
     sensor = replace(UNFOLDED, secondary=Secondary(Flat(26.0), 100.0, 7.0))
     lens_z = UNFOLDED.mirror_distance_mm - 200.0
     assert lens_z < -19
@@ -267,10 +279,11 @@ def test_what_cannot_be_used_is_refused(sensor, error, message):
 
 
 def test_a_picture_of_two_mirrors_reads_the_right_way_round():
-    """The same scene, folded and not: one picture is the other reversed, but for what the fold hides."""
+    """The same scene, folded and not: one image is the other reversed, except for the obscuration
+    of the fold."""
     room = om.Room(texel_mm=40.0)
     small = replace(UNFOLDED.imager, width_px=128, height_px=128, pixel_pitch_um=41.6)
-    assert (UNFOLDED.mount.camera_looks, FOLDED.mount.camera_looks) == ("up", "down")  # both mirrors look down
+    assert (UNFOLDED.mount.camera_looks, FOLDED.mount.camera_looks) == ("up", "down")  # both mirrors face down
     one, two = (om.take_picture(replace(s, imager=small), room, samples=1).astype(int) for s in (UNFOLDED, FOLDED))
     seen = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12
     assert np.mean(np.abs(one[:, ::-1] - two)[seen]) < 0.5

@@ -1,4 +1,4 @@
-"""What holds for all commands: numbers as JSON, saying less and more, completion by the shell."""
+"""Common behaviour of all commands: JSON output, verbosity, shell completion."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TABLES = {
     "bracket plan": ["paper-spherical"],
     "simulate roundtrip": ["paper-spherical", "--samples", "1"],
 }
-"""Commands whose only table is written by --json, and arguments that are quick."""
+"""Commands whose only table is written by --json, with fast arguments."""
 NUMBER = re.compile(r"^-?\d+(\.\d+)?$")
 
 
@@ -40,11 +40,11 @@ def run(*words):
 
 @pytest.mark.parametrize("name", few(TABLES, *(TABLES.keys() - {"parts", "simulate roundtrip"})))
 def test_json_holds_every_line_of_the_table(name, tmp_path):
-    """As many records as lines, and of each line its first cell."""
+    """One record per line, with the first cell of each line."""
     file = tmp_path / "table.json"
     shown = run(*name.split(), *TABLES[name], "--json", file)
     records = json.loads(file.read_text())
-    if name == "mtf":  # the terminal has columns of its own choice
+    if name == "mtf":  # the terminal shows a selection of columns
         assert [r["cycles_per_px"] for r in records] == [0.1, 0.2]
         return
     lines = [line for line in shown.stdout.splitlines() if line.strip() and not line.startswith("Wrote")][
@@ -69,7 +69,7 @@ def test_json_of_files_says_what_was_written(tmp_path):
 
 
 def test_every_command_that_prints_a_table_writes_json():
-    """By the source of each command; reproduce writes its numbers as CSV and Markdown."""
+    """Inspection of the source of each command; reproduce writes its numbers as CSV and Markdown."""
     without = {
         name
         for name, command in COMMANDS.items()
@@ -80,7 +80,7 @@ def test_every_command_that_prints_a_table_writes_json():
 
 
 def whole(*words, **environment):
-    """A process of its own: its words, and what it says to be said."""
+    """Run a separate process; return its output and messages."""
     program = [sys.executable, "-m", "omnimirror", *words]
     return subprocess.run(program, capture_output=True, text=True, env={**os.environ, **environment})
 

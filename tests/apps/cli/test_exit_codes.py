@@ -1,4 +1,4 @@
-"""Exit codes: 2 where a command was not used as it can be, 1 for whatever else went wrong."""
+"""Exit codes: 2 for incorrect usage, 1 for all other errors."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def place(tmp_path):
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--view", "cylinder", "--wall-mm", "100:50"),
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--pan-deg", "west"),
         ("calibrate", "a.png"),  # no board
-        ("calibrate", "a.png", "--board", "7x5"),  # of no size
+        ("calibrate", "a.png", "--board", "7x5"),  # no square size
         ("board", "-o", "b.pdf"),
-        ("bracket", "merge", "paper-spherical", "a.png", "-o", "m.png"),  # focused nowhere
+        ("bracket", "merge", "paper-spherical", "a.png", "-o", "m.png"),  # no focus distances
         ("evaluate", "paper-spherical", "--object-distance-mm", "-1"),
         ("psf", "paper-spherical", "--omega-deg", "0:130:1", "-o", "p.png"),
         ("simulate", "paper-spherical", "-o", "p.jpg", "--bits", "12"),
@@ -75,7 +75,7 @@ def test_a_command_that_is_not_used_as_it_can_be(place, words):
         ("simulate", "paper-spherical", "--scene", "missing.hdr", "-o", "p.png"),
         ("simulate", "dataset", "--again", "broken.toml", "-o", "set"),
         ("parts", "paper-spherical", "missing.csv"),
-        ("evaluate", "paper-spherical", "--omega-deg", "170"),  # which this sensor does not see
+        ("evaluate", "paper-spherical", "--omega-deg", "170"),  # outside the field of this sensor
     ],
     ids=" ".join,
 )
@@ -94,7 +94,7 @@ def test_what_is_not_there_or_not_seen(place, words):
     ],
 )
 def test_missing_opencv_raises_with_remedy(statement, place):
-    """The folder cv2 is missing, as after uninstalling one of two OpenCV packages."""
+    """The folder cv2 is missing, as after removal of one of two OpenCV packages."""
     code = f"import sys; sys.modules['cv2'] = None; {statement}"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
     assert run.returncode == 1

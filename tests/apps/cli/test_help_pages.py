@@ -1,4 +1,4 @@
-"""What every command's help shows: options in groups, examples that can be typed, and a page that exists."""
+"""Help of every command: grouped options, valid examples, and existing documentation pages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_every_command_has_a_page_and_an_example_of_its_own(words):
     assert f"More: docs/{command.page}.md" in shown
     assert command.examples
     for example in command.examples:
-        assert f"  {example}\n" in shown  # on one line, so that it can be copied
+        assert f"  {example}\n" in shown  # on one line, for copying
 
 
 @pytest.mark.parametrize("example", [e for c in COMMANDS.values() for e in c.examples])
@@ -50,7 +50,7 @@ def test_examples_are_understood(example, tmp_path, monkeypatch):
 
 
 def understand(line: str) -> None:
-    """Refuse a command line with unknown options or values of a wrong kind; it is not run."""
+    """Reject command lines with unknown options or values of a wrong type, without running them."""
     first, name, *words = shlex.split(line)
     assert first == "omnimirror"
     if name in ("simulate", "bracket", "tolerance") and f"{name} {words[0]}" in COMMANDS:
@@ -64,7 +64,8 @@ SHOWN = {
     for page in [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))]
     for line in re.findall(r"^    (omnimirror .*)$", page.read_text(encoding="utf-8"), flags=re.M)
 }
-"""Commands of the documentation that are shown and not run: they need cameras, films, or half an hour."""
+"""Commands of the documentation that are displayed only: they require cameras, videos, or half an
+hour."""
 
 
 @pytest.mark.parametrize("line", SHOWN.values(), ids=SHOWN)

@@ -1,4 +1,4 @@
-"""Outputs that are no plain files: standard output, devices, pipes, links."""
+"""Outputs other than regular files: standard output, devices, pipes, links."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_table_on_standard_output_is_all_there_is(tmp_path):
     written = run("evaluate", "paper-spherical", *FEW, "--csv", tmp_path / "a.csv")
     piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
     assert piped.stdout == (tmp_path / "a.csv").read_text()
-    assert "best focus" in piped.stderr  # the words are not lost
+    assert "best focus" in piped.stderr  # messages are preserved
     assert "Wrote" in written.stdout
     assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"]["omega_deg"] == [
         0,
@@ -81,7 +81,8 @@ def test_the_reader_may_leave():
 
 
 def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
-    """An option that takes a name of a file takes ``-`` too; folders, sources and videos' paths do not."""
+    """Options that accept a file name accept ``-`` too, except for folders, sources and video
+    paths."""
     from omnimirror.apps.cli.outputs import Output
 
     writes = ("csv_file", "json_file", "output", "out", "figure", "encircled", "panorama")
@@ -128,7 +129,8 @@ def test_two_outputs_may_go_to_one_device():
 
 
 def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
-    """Control sequences of names are not obeyed, brackets are no styles, and numbers get no colours."""
+    """Control sequences in names are escaped, brackets are not interpreted as styles, and numbers
+    have no colours."""
     outputs.notice("a [bold]b[/bold] \x1b[31m")
     outputs.remark("c \x1b]0;d")
     outputs.say("1 of 2 ", ("e.csv", "bold"))
@@ -167,13 +169,13 @@ def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monke
 
 
 def test_numbers_of_a_table_are_never_broken_and_words_are():
-    """The column of words takes what the first column and the numbers leave of 28 characters."""
+    """The text column uses the rest of 28 characters after the first column and the numbers."""
     table = outputs.plain_table("name", "mm", "remark", words=("name", "remark"))
     table.add_row("first part", "1234.5678", "as long as it may be")
     console = Console(file=io.StringIO(), width=28)
     console.print(table)
     lines = console.file.getvalue().splitlines()
-    assert lines[0].index("mm") + 2 == lines[1].index("1234.5678") + 9  # numbers to the right
-    assert lines[0].index("rem") == lines[1].index("as")  # words to the left
+    assert lines[0].index("mm") + 2 == lines[1].index("1234.5678") + 9  # numbers are right-aligned
+    assert lines[0].index("rem") == lines[1].index("as")  # text is left-aligned
     assert lines[1].startswith("first part  1234.5678  as")
     assert " ".join(" ".join(line.split()) for line in lines[2:]) == "long as it may be"

@@ -1,5 +1,6 @@
-"""Signals end every command with one message and its exit code, and leave neither files nor processes; and `main`
-leaves the process that calls it as it was."""
+"""Signals end each command with one message and its exit code, without leftover files or processes;
+`main` restores the
+state of the calling process."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ from tests.everyday import few
 BALL = ("--ball", "31.5,31.5,30,300")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 MARK = "OMNIMIRROR_TEST_RUN"
-"""Variable by which processes that a command started are found."""
+"""Environment variable that identifies the processes of a command."""
 REQUIREMENTS = """
 [field]
 omega_max_deg = 120
@@ -85,7 +86,8 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
         ("simulate", "learning", "paper-spherical", "--path", "path.csv", "--spp", "1", "-o", "set"), "set/*",
     ),
 }  # fmt: skip
-"""Commands at work and what shows it: a file, a line of output, processes, a function called, or a signal handler."""
+"""Running commands and the evidence of their progress: a file, a line of output, processes, a call,
+or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "sensors": (("sensors",), "apps.cli.commands.evaluation.sensors:load_sensor"),
     "init": (("init", "new.toml", "--force"), "apps.cli.commands.design.init:write_text"),
@@ -139,7 +141,7 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.design.apertures:best_apertures"),
 }  # fmt: skip
-"""Commands that end soon, and the function of their module that a test repeats until a signal comes."""
+"""Short commands, and the function of their module that a test repeats until a signal arrives."""
 REPEAT = """
 import functools, importlib, pathlib, sys
 from omnimirror.__main__ import run
@@ -158,7 +160,7 @@ setattr(owner, name, repeated)
 run()
 """
 KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
-"""Commands that first say what was done and kept."""
+"""Commands that first report completed work."""
 EVERYDAY = [
     ("reproduce", signal.SIGTERM), ("tolerance", signal.SIGHUP), ("dewarp a video", signal.SIGHUP),
     ("simulate", signal.SIGTERM), ("studio", signal.SIGHUP), ("serve", signal.SIGTERM), ("evaluate", signal.SIGINT),
@@ -173,25 +175,26 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason=
 
 
 def listens(process: int, number: int) -> bool:
-    """Whether a process has a handler for a signal, other than the interpreter's for Ctrl-C."""
+    """Check if a process has a handler for a signal, other than the interpreter's for Ctrl-C."""
     caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
     return bool(int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1)
 
 
 def processes_of(mark: str) -> list[int]:
-    """Processes that were started with the mark in their environment, and still run."""
+    """Return running processes with the mark in their environment."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes():
                 found.append(int(folder.name))
-        except OSError:  # of others, or gone
+        except OSError:  # owned by others, or ended
             continue
     return found
 
 
 def unignored() -> None:
-    """Give signals their default actions: background jobs and nohup ignore some of them, and children inherit that."""
+    """Reset signals to their default actions: background jobs and nohup ignore some, and children
+    inherit that."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -247,7 +250,7 @@ def noise(side: int) -> np.ndarray:
 
 
 def ride(folder: Path, picture: np.ndarray) -> None:
-    """Write a recording of a robot, with one picture again and again."""
+    """Write a robot recording that repeats one image."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types
     height, width = picture.shape[:2]
@@ -304,7 +307,7 @@ def test_a_signal_ends_a_command_without_leftovers(name, number, place, request)
 
 
 def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Words of every command below one."""
+    """Yield the words of each command below a group."""
     if not isinstance(command, click.Group):
         yield words
         return
@@ -314,14 +317,14 @@ def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tupl
 
 
 class Deaf:
-    """Attribute whose signal the interpreter wraps in RuntimeError."""
+    """Attribute in which the interpreter wraps the signal exception in RuntimeError."""
 
     def __set_name__(self, owner, name):
         signal.raise_signal(signal.SIGTERM)
 
 
 def in_an_import():
-    """Raise the message of a missing package for an extension module whose initialisation was interrupted."""
+    """Raise the missing-package message for an extension module with interrupted initialisation."""
     try:
         try:
             signal.raise_signal(signal.SIGTERM)
@@ -342,12 +345,12 @@ def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, 
 
 def test_signals_are_sent_to_every_command():
     called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
-    called.append(("simulate", "picture"))  # as which "simulate SENSOR" is read
+    called.append(("simulate", "picture"))  # to which "simulate SENSOR" expands
     assert [words for words in leaves(app) if not any(words == those[: len(words)] for those in called)] == []
 
 
 def test_hang_ups_that_are_ignored_stay_so(tmp_path):
-    """As under nohup: the command goes on, and another signal ends it."""
+    """As under nohup: the command continues, and another signal ends it."""
     with subprocess.Popen(
         [sys.executable, "-m", "omnimirror", "studio", "--no-open"], text=True, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
@@ -359,11 +362,12 @@ def test_hang_ups_that_are_ignored_stay_so(tmp_path):
     assert run.returncode == 128 + signal.SIGTERM
 
 
-# -- what a caller finds after main ----------------------------------------------------------------------
+# -- process state after main
+# ----------------------------------------------------------------------------
 
 
 def state() -> dict[str, object]:
-    """The state of this process that a command could change."""
+    """Return the process state that a command could change."""
     return {
         "signals": {n: signal.getsignal(n) for n in signal.valid_signals()},
         "environment": dict(os.environ), "warnings": list(warnings.filters), "showwarning": warnings.showwarning,
@@ -403,7 +407,7 @@ def test_main_leaves_the_process_as_it_was(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatch, capsys):
-    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
+    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by background jobs
     try:
         before = state()
         monkeypatch.setattr(sensors, "bundled_sensors", lambda: signal.raise_signal(number))
@@ -418,7 +422,8 @@ def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatc
 
 
 def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
-    """In a process of its own, where standard error is the descriptor 2: C code of the caller writes to it again."""
+    """In a separate process with standard error at descriptor 2: C code of the caller can write to
+    it again."""
     code = (
         "import os, signal, sys, omnimirror.apps.cli as cli\n"
         "cli.main(['sensors', '--quiet'])\n"
@@ -437,7 +442,8 @@ def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
 
 @pytest.mark.parametrize("where", ["cli.app.invoke", "cli.main"])
 def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
-    """As while modules define dataclasses: the interpreter would end itself by SIGINT, handled or not."""
+    """As during definitions of dataclasses: the interpreter would end with SIGINT even if the
+    exception is handled."""
     (tmp_path / "interrupted.py").write_text(
         "import signal, sys, omnimirror.apps.cli as cli\n"
         "from omnimirror.__main__ import run\n"
@@ -454,7 +460,7 @@ def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
 
 
 def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
-    """An exception in a destructor is lost; the command is ended all the same."""
+    """An exception in a destructor is lost; the command ends regardless."""
     code = (
         "import signal, sys, time, omnimirror.apps.cli as cli\n"
         "class Deaf:\n"

@@ -1,4 +1,4 @@
-"""The page of a calibration: whole, without a word to fetch, with every picture and corner that it names."""
+"""Calibration report: self-contained, with all images and corners that it refers to."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ def test_figures_are_drawn_and_written(found, tmp_path):
 
 @pytest.mark.full
 def test_the_error_of_directions_is_that_of_repeated_pictures(found):
-    """Ten cameras from other noise scatter about the truth as the map of the first says, within a factor of two."""
+    """Ten cameras from other noise samples scatter about the truth as predicted by the first,
+    within a factor of two."""
     directions = np.array([[1.0, 0.2, -0.3], [-0.5, 0.9, 0.1], [0.1, -1.0, -0.8]])
     pixels = TRUTH.image(directions, distant=True).pixels
     rays = []

@@ -1,4 +1,4 @@
-"""The page and the picture of a comparison: everything inside, the curves those of the evaluation."""
+"""Comparison report and image: self-contained, with the curves of the evaluation."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_picture_is_one_sheet(comparison, tmp_path):
 
 
 def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
-    """Pictures of one colour each, on white, in their order; the room is not rendered."""
+    """Uniform images, on white, in their order; the room is not rendered."""
     colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255)], [(255, 255, 0), (0, 255, 255), (255, 0, 255)]
     circles = [np.full((64, 64, 3), colour, np.uint8) for colour in colours[0]]
     panoramas = [np.full((32, 144, 3), colour, np.uint8) for colour in colours[1]]
@@ -83,7 +83,8 @@ def test_other_files_than_pages_and_pictures_are_refused_at_once(comparison, tmp
 
 
 def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
-    """Where all see, the panoramas agree, the folded sensor's too; black where one does not see."""
+    """Panoramas agree in the common field, including that of the folded sensor; black outside the
+    field of a sensor."""
     one, folded, telecentric = (p.astype(int) for p in take_pictures(comparison, ROOM).panoramas)
     assert one.shape == folded.shape == telecentric.shape
     rows = slice(one.shape[0] // 4, one.shape[0] // 2)

@@ -1,4 +1,4 @@
-"""The demo's page: whole, self-contained, and saying what the evaluation says."""
+"""Demo report: complete, self-contained, and consistent with the evaluation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.commands import fails, omnimirror
 
 
 class Page(HTMLParser):
-    """Collects the sources of pictures and every address the page would fetch."""
+    """Parser that collects image sources and all addresses loaded by the page."""
 
     def __init__(self) -> None:
         super().__init__()

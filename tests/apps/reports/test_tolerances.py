@@ -1,4 +1,4 @@
-"""The page for an order: its numbers are those of the report, and everything is inside."""
+"""Report for orders: self-contained, with the numbers of the tolerance analysis."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PLAN = om.TolerancePlan(
 
 def test_a_surface_is_indicated_as_iso_10110_does():
     rows = {name: code for name, code, _ in indications(PLAN.tolerances)}
-    assert rows["surface form"] == "3/- RMSt < 289 nm"  # of .3 and .4 um, evenly spread
+    assert rows["surface form"] == "3/- RMSt < 289 nm"  # of 0.3 and 0.4 um, uniform distribution
     assert rows["centring"] == "4/3' (0.025 mm)"
     assert rows["conic constant"] == "± 0.005"
 

@@ -1,4 +1,4 @@
-"""Photographs of a board, simulated: small ones, all around a mirror."""
+"""Small rendered photographs of a board all around a mirror."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from tests.calibration.targets.rendering import Photograph, photographed, pose
 BOARD = om.Board("chessboard", 7, 5, 40.0)
 ASKED = {"kind": "chessboard", "columns": 7, "rows": 5, "square_mm": 40.0}
 CAMERA = Unified(0.95, (118.0, 118.0), (243.0, 238.0), (480, 480))
-"""That took them: its axis is not in the middle."""
+"""Camera of the photographs, with an eccentric principal point."""
 PLACES = (
     (0, 5, 360, 15, 0, 0), (70, -8, 330, 0, 22, 10), (140, 12, 380, -18, 10, 0), (205, 0, 340, 12, -20, -8),
     (260, -12, 400, 0, 15, 30), (310, 8, 350, -15, -12, 0), (30, 25, 380, 10, 18, -15),
 )  # fmt: skip
 WHOLE = 6
-"""So many photographs, the first, show the whole board; the last shows all but a few corners, and takes long."""
+"""Number of initial photographs that contain the whole board; the last lacks a few corners, and
+takes long to detect."""
 
 
 @cache
 def photograph(number: int) -> Photograph:
-    """One of them, with its true corners."""
+    """Return a photograph with its true corners."""
     return photographed(CAMERA, BOARD, pose(BOARD, *PLACES[number]), seed=number)
 
 
 @cache
 def png(number: int) -> bytes:
-    """One of them, as a file."""
+    """Return a photograph as a file."""
     return cv2.imencode(".png", photograph(number).picture)[1].tobytes()
 
 

@@ -1,4 +1,4 @@
-"""The studio's server in a thread, and a headless browser with software WebGL."""
+"""Studio server in a thread, and a headless browser with software WebGL."""
 
 from __future__ import annotations
 
@@ -15,32 +15,36 @@ from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.studio import Studio
 from tests.serving import served
 
-# Pages are put together without WebGL, which views alone are drawn by: software takes half of the time for most.
+# WebGL is used by the views only and not for compositing, because software rendering takes half of
+# the time of most tests.
 FLAGS = [
     "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",
 ]  # fmt: skip
-BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")  # the first takes half of the others' time
-FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2,fps=5", "--use-fake-ui-for-media-stream"]  # granted
+BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")  # the first is twice as fast as the others
+FAKE_CAMERA = [
+    "--use-fake-device-for-media-stream=device-count=2,fps=5",
+    "--use-fake-ui-for-media-stream",
+]  # permission granted
 REFUSED_CAMERA = [FAKE_CAMERA[0], "--use-fake-ui-for-media-stream=deny"]
-COARSE = {"device_scale_factor": 0.5}  # half as many dots a side: software draws a page in a quarter of the time
-PATIENCE_MS = 300_000  # more than any machine needs
+COARSE = {"device_scale_factor": 0.5}  # half the resolution per side: software rendering takes 25 % of the time
+PATIENCE_MS = 300_000  # sufficient for slow machines
 BASE64 = """(values) => {
   let text = "";
   const bytes = new Uint8Array(values.buffer);
   for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
   return btoa(text);
 }"""
-"""Thousands of numbers as one string: Playwright takes half a second for as many by themselves."""
+"""Large arrays as one base64 string, because Playwright takes 0.5 s for thousands of numbers."""
 
 
 def serving(studio: Studio, port: int = 0) -> AbstractContextManager[str]:
-    """The address of a running server of the studio."""
+    """Return the address of a running studio server."""
     return served(create_app(studio), port)
 
 
 def chromium() -> str:
-    """Where the browser is, or a skip that says so."""
+    """Return the path of the browser; skip the test if it is missing."""
     found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, BROWSERS)), None)
     if not found:
         pytest.skip("there is no chromium here, which the tests of the page drive")
@@ -48,11 +52,13 @@ def chromium() -> str:
 
 
 def open_page(browser, url: str, width: int = 400, height: int = 400, script: str = "", **options):
-    """A page that has drawn something, if its address says what; its errors fail the test that closes it.
+    """Return a page after its first drawing, if its address has content; page errors fail the test
+    that closes it.
 
-    ``script`` runs before those of the page, after every reload too.
+    ``script`` runs before the scripts of the page, also after each reload.
     """
-    # Waiting for functions is eval, which the page's policy forbids; another test keeps the policy.
+    # The page policy forbids eval, which waiting for functions requires; the policy is covered by a
+    # separate test.
     viewport = {"width": width, "height": height}
     context = browser.new_context(viewport=viewport, bypass_csp=True, **COARSE | options)
     context.add_init_script(script)
@@ -66,13 +72,13 @@ def open_page(browser, url: str, width: int = 400, height: int = 400, script: st
 
 
 def drop(page, path: Path) -> None:
-    """Choose a file as a user would."""
+    """Select a file as a user does."""
     page.set_input_files("#file", path)
     page.wait_for_function(f"window.omnimirror.look.feed?.name === {path.name!r}")
 
 
 def coordinates(page, width: int, height: int) -> np.ndarray:
-    """Pixels (h, w, 2) of the picture that the shader takes for the view; NaN outside the field."""
+    """Return source pixels (h, w, 2) computed by the shader for the view; NaN outside the field."""
     script = f"""([w, h]) => {{
       const {{ look }} = window.omnimirror;
       const {{ view }} = look.viewIn(w, h);
@@ -83,7 +89,7 @@ def coordinates(page, width: int, height: int) -> np.ndarray:
 
 
 def drawn(page, width: int, height: int) -> np.ndarray:
-    """The view (h, w, 4) as the shader draws it, RGBA."""
+    """Return the view (h, w, 4) drawn by the shader, RGBA."""
     script = f"""([w, h]) => {{
       const {{ look }} = window.omnimirror;
       const {{ view }} = look.viewIn(w, h);
@@ -97,16 +103,16 @@ def drawn(page, width: int, height: int) -> np.ndarray:
 
 
 def _values(found: dict, kind: type) -> np.ndarray:
-    """What a script of the page gave, (h, w, 4)."""
+    """Return the result of a page script, (h, w, 4)."""
     width, height = found["size"]
     return np.frombuffer(base64.b64decode(found["values"]), kind).reshape(height, width, 4)
 
 
 def command(page, width: int, height: int) -> str:
-    """The command line that the page shows for the view."""
+    """Return the command line displayed for the view."""
     return page.evaluate("([w, h]) => window.omnimirror.look.viewIn(w, h).command", [width, height])
 
 
 def look(page, **state) -> None:
-    """Set what is looked at, by the state that the address holds too."""
+    """Set the state of the view, as stored in the address."""
     page.evaluate("(state) => window.omnimirror.store.set(state)", state)

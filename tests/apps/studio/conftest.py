@@ -1,4 +1,4 @@
-"""A browser or two, and one server, for all tests of the page in a process."""
+"""One or two browsers and one server for all page tests of a process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def browser(launched):
 
 @pytest.fixture
 def browser_without_camera(launched):
-    """Whose user refuses the camera."""
+    """Browser whose user denies access to the camera."""
     browser = launched(FLAGS, REFUSED_CAMERA)
     yield browser
     browser.close()
@@ -32,12 +32,13 @@ def server():
 
 @pytest.fixture(autouse=True)
 def _close_pages(request):
-    """A page that a failing test leaves open would go on drawing, on a core of its own, to the end of the run."""
+    """Close pages left open by a failing test; they would continue to draw on a core until the end
+    of the run."""
     if "browser" not in request.fixturenames:
         yield
         return
     browser = request.getfixturevalue("browser")
-    before = set(browser.contexts)  # those of a whole module among them
+    before = set(browser.contexts)  # including those of module fixtures
     yield
     for context in set(browser.contexts) - before:
         context.close()

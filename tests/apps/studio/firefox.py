@@ -1,4 +1,5 @@
-"""Firefox as Debian has it, driven over WebDriver BiDi: a socket to its remote agent, and a few of its commands."""
+"""Firefox as packaged by Debian, controlled by WebDriver BiDi: a WebSocket to its remote agent, and
+several commands."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 NAMES = ("firefox-esr", "firefox")
-PATIENCE_S = 300.0  # more than any machine needs
+PATIENCE_S = 300.0  # sufficient for slow machines
 PREFERENCES = {
     "webgl.force-enabled": True,
     "gfx.webrender.software": True,
@@ -41,7 +42,7 @@ POLL = """new Promise((done) => {{
 
 
 def firefox() -> str:
-    """Where it is, or a skip that says so."""
+    """Return the path of Firefox; skip the test if it is missing."""
     found = os.environ.get("FIREFOX") or next(filter(None, map(shutil.which, NAMES)), None)
     if not found:
         pytest.skip("there is no firefox here (apt-get install firefox-esr)")
@@ -50,7 +51,7 @@ def firefox() -> str:
 
 @contextmanager
 def running(folder: Path) -> Iterator[Firefox]:
-    """A browser without windows; its profile is in a folder."""
+    """Run a headless browser with its profile in a folder."""
     lines = [f"user_pref({json.dumps(name)}, {json.dumps(value)});" for name, value in PREFERENCES.items()]
     (folder / "user.js").write_text("\n".join(lines))
     command = [firefox(), "--headless", "--no-remote", "--remote-debugging-port=0", "--profile", str(folder)]
@@ -70,7 +71,7 @@ def running(folder: Path) -> Iterator[Firefox]:
 
 
 def _listening(process: subprocess.Popen[bytes], told: Path) -> str:
-    """Where it says it listens."""
+    """Return the address of the remote agent from its output."""
     while process.poll() is None:
         if found := READY.search(told.read_text()):
             return found[1]
@@ -79,7 +80,7 @@ def _listening(process: subprocess.Popen[bytes], told: Path) -> str:
 
 
 class Firefox:
-    """A browser with one page."""
+    """Browser with one page."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self._socket = socket
@@ -90,7 +91,7 @@ class Firefox:
         self.context = self.tell("browsingContext.getTree")["contexts"][0]["context"]
 
     def tell(self, method: str, **parameters: Any) -> Any:
-        """A command, and its result; what the page says in between is kept if it is an error."""
+        """Send a command and return its result; error events in between are recorded."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
@@ -104,16 +105,16 @@ class Firefox:
                 return message["result"]
 
     def go(self, url: str) -> None:
-        """Open an address, to where all of it is loaded."""
+        """Open an address and wait until it is loaded."""
         self.tell("browsingContext.navigate", context=self.context, url=url, wait="complete")
 
     def size(self, width: int, height: int) -> None:
-        """Of the page, px."""
+        """Set the size of the page, px."""
         viewport = {"width": width, "height": height}
         self.tell("browsingContext.setViewport", context=self.context, viewport=viewport)
 
     def evaluate(self, script: str, *given: Any) -> Any:
-        """What a script comes to, as JSON has it; of a function, what it makes of the one thing that it is given."""
+        """Return the JSON result of a script; a function receives the given argument."""
         called = f"({script})({json.dumps(given[0])})" if given else script
         text = f"Promise.resolve({called}).then((value) => JSON.stringify(value ?? null))"
         asked = {"expression": text, "target": {"context": self.context}, "awaitPromise": True}
@@ -122,11 +123,11 @@ class Firefox:
         return json.loads(found["result"]["value"])
 
     def wait(self, condition: str) -> None:
-        """Until a condition holds in the page."""
+        """Wait until a condition is true in the page."""
         self.evaluate(POLL.format(condition=condition))
 
     def press(self, selector: str) -> None:
-        """A click by the mouse in the middle of an element."""
+        """Click at the centre of an element."""
         place = f"document.querySelector({json.dumps(selector)})"
         box = self.evaluate(
             f"(({place}).scrollIntoView({{ block: 'center' }}), ({place}).getBoundingClientRect().toJSON())"
@@ -141,7 +142,8 @@ class Firefox:
         self.tell("input.performActions", context=self.context, actions=[mouse])
 
     def keys(self, *strokes: str) -> None:
-        """Keys, one after the other; in a stroke that begins with a control key all of them are held until U+E000."""
+        """Press keys in sequence; the keys of a stroke with an initial control key are held until
+        U+E000."""
         actions: list[dict[str, Any]] = []
         for stroke in strokes:
             held = []
@@ -158,7 +160,7 @@ class Firefox:
         self.tell("input.performActions", context=self.context, actions=[keyboard])
 
     def choose(self, selector: str, path: Path) -> None:
-        """Give a file to an input."""
+        """Set the file of an input element."""
         asked = {"expression": f"document.querySelector({json.dumps(selector)})", "target": {"context": self.context}}
         found = self.tell("script.evaluate", awaitPromise=False, **asked)["result"]
         element = {"sharedId": found["sharedId"]}

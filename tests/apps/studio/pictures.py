@@ -1,4 +1,4 @@
-"""Pictures and videos to look at, and what Python makes of them."""
+"""Test images and videos, and reference views by the Python dewarper."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from omnimirror.io import read_image
 
 
 def pattern(size: tuple[int, int]) -> np.ndarray:
-    """A smooth picture without two places alike, (h, w, 3)."""
+    """Return a smooth image with unique values at each position, (h, w, 3)."""
     width, height = size
     v, u = np.arange(height)[:, None], np.arange(width)
     waves = np.empty((height, width, 3), np.float32)
@@ -27,7 +27,7 @@ def pattern(size: tuple[int, int]) -> np.ndarray:
 
 
 def video_of(path: Path, frames: int = 40) -> Path:
-    """A video whose frames grow lighter."""
+    """Write a video with increasing brightness."""
     with av.open(str(path), "w") as out:
         stream = out.add_stream("mpeg4", rate=20)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
@@ -39,7 +39,7 @@ def video_of(path: Path, frames: int = 40) -> Path:
 
 
 def python_view(line: str, folder: Path) -> om.Dewarper:
-    """The dewarper that a command line asks for."""
+    """Return the dewarper of a command line."""
     from omnimirror.apps.cli.options.camera import CameraOptions
     from omnimirror.apps.cli.options.view import ViewOptions
 

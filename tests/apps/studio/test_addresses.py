@@ -1,4 +1,5 @@
-"""Addresses: what a link, a reload, Back and a second tab bring back, and what a broken one is answered with."""
+"""Addresses: state restored by links, reload, Back and a second tab, and responses to invalid
+addresses."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def state(page) -> dict:
 
 
 def go(page, part: str) -> None:
-    """Enter another address in the page that is open."""
+    """Change the address of the open page."""
     page.evaluate("(part) => { location.hash = part; }", part)
 
 
@@ -39,7 +40,7 @@ def banner(page) -> str:
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
-    """Two pictures of one size that are not the same."""
+    """Two different images of the same size."""
     folder = tmp_path_factory.mktemp("pictures")
     for name, turned in (("one.png", False), ("two.png", True)):
         picture = pattern((300, 300))
@@ -57,19 +58,20 @@ def page(browser, server):
 
 @pytest.fixture
 def no_rooms(monkeypatch) -> None:
-    """Pictures of rooms are none, at once: which one comes is tried, not what it shows."""
+    """Replace room rendering by an immediate placeholder; tests check the selection, not the
+    content."""
     monkeypatch.setattr(routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
 
 
 @pytest.fixture
 def rooms(no_rooms):
-    """A server of such rooms alone."""
+    """A server with such rooms only."""
     with serving(Studio()) as address:
         yield address
 
 
 def bench_at(browser, address: str, context=None):
-    """The page with the bench at an address, and its errors."""
+    """Return the page with the bench at an address, and its errors."""
     context = context or browser.new_context(viewport={"width": 1000, "height": 700}, bypass_csp=True)
     context.add_init_script(WITHOUT_PICTURES)
     page = context.new_page()
@@ -80,7 +82,8 @@ def bench_at(browser, address: str, context=None):
     return page
 
 
-# -- of the bench ------------------------------------------------------------------------------------
+# -- bench
+# -------------------------------------------------------------------------------------------
 
 GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
 
@@ -111,7 +114,7 @@ def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(design, l
     assert page.get_by_role("button", name="Undo", exact=True).count() == 1
     assert page.locator("#bench > aside").count() == 1
     assert page.evaluate(f"{NOW}.tables.name") == "paper-spherical"
-    page.wait_for_function("location.hash.includes('radius_mm')")  # the address is that of what is shown
+    page.wait_for_function("location.hash.includes('radius_mm')")  # the address corresponds to the displayed design
     assert page.problems == []
     page.context.close()
 
@@ -140,7 +143,7 @@ def test_a_change_and_a_reload_at_once_keep_it_and_what_can_be_undone(browser, s
     assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.5
     page.get_by_role("button", name="Undo", exact=True).click()
     assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == SPHERE.lens.focal_length_mm
-    page.get_by_label("Focal length", exact=True).fill("12.75")  # and nothing pressed
+    page.get_by_label("Focal length", exact=True).fill("12.75")  # without pressing a key
     page.reload()
     page.wait_for_function("() => window.omnimirror?.tabs.bench?.found?.[0]")
     assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.75
@@ -175,7 +178,7 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
       bench.answers.answered = (found) => { answered(found); if (found.trouble) resolve(count); };
       bench.answers.ask(0, { tables: "no tables" });
     })""")
-    assert sent == 1  # the server says that it is no question
+    assert sent == 1  # rejected by the server
     assert "cannot answer about this design" in page.locator(".trouble").inner_text()
     enter(page, "F-number", "5.6")
     page.wait_for_function("document.querySelector('.trouble').hidden")
@@ -183,7 +186,8 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
     page.context.close()
 
 
-# -- of the view -------------------------------------------------------------------------------------
+# -- view
+# --------------------------------------------------------------------------------------------
 
 
 def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
@@ -224,7 +228,7 @@ def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
     assert elsewhere.get_by_text("links hold the view, not the picture").is_visible()
     assert elsewhere.evaluate("window.omnimirror.look.feed") is None
     drop(elsewhere, pictures / "one.png")
-    assert state(elsewhere)["rim"] == [150, 140, 120]  # it is the one, and seen as the link says
+    assert state(elsewhere)["rim"] == [150, 140, 120]  # the same image, with the view of the link
     elsewhere.context.close()
 
     another = open_page(browser, link)
@@ -286,18 +290,18 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
         while not held:
             page.wait_for_timeout(20)
         names = "[document.querySelector('#sensor').value, window.omnimirror.look.sensor.camera.model.id]"
-        assert page.evaluate(names) == ["paper-spherical"] * 2  # its tables have not come
+        assert page.evaluate(names) == ["paper-spherical"] * 2  # its tables have not arrived
         assert "paper-spherical" in page.locator("#sensor-words").inner_text() or "sphere" in page.content()
         held[0].continue_()
         page.unroute("**/api/camera?*")
         page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
         assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
-    page.locator("#sensor").select_option("paper-equidistant")  # which the page has not had
+    page.locator("#sensor").select_option("paper-equidistant")  # not loaded before
     assert "does not answer" in banner(page)
     assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     assert state(page)["sensor"] == "paper-hyperboloidal"
     page.locator("#looks label").filter(has_text="down").click()
-    page.wait_for_function("document.querySelector('#looks input[value=up]').checked")  # it still looks up
+    page.wait_for_function("document.querySelector('#looks input[value=up]').checked")  # still oriented upwards
     page.context.close()
 
 

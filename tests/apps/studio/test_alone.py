@@ -1,4 +1,4 @@
-"""The page that does without a server: what is seen in it is what the command line gives."""
+"""Page without a server: its views equal those of the command line."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_
 )
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_a_sensor_stands_as_asked(opened, sensor, mount):
-    """The page turns it by itself; what it then sees is checked against Python's own camera."""
+    """The page rotates the camera itself; the view is compared with the Python camera."""
     wanted = Cameras().find(sensor).model(mount)
     state = {"sensor": sensor, "looks": mount.camera_looks, "forward": mount.forward_azimuth_deg,
              "flipped": mount.image_flipped, "pitch": mount.pitch_deg, "roll": mount.roll_deg}  # fmt: skip

@@ -1,4 +1,4 @@
-"""The design bench of the page that does without a server: its numbers are those of the evaluation."""
+"""Design bench of the page without a server: its numbers equal those of the evaluation."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def answered(bench, asked: Ask) -> dict:
 
 
 def served(asked: Ask) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
-    """What the server answers, by the evaluation in Python."""
+    """Return the response of the server, computed by the Python evaluation."""
     data = answer(asked)
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
@@ -189,7 +189,7 @@ def test_axe_finds_nothing_serious_on_it(browser, address, width):
 
 
 def test_the_evaluator_has_no_way_out_of_the_page():
-    """It may write to nothing but its own memory: what its library would call for is answered by nobody."""
+    """The evaluator can write to its own memory only: imports of its library are stubs."""
     data = KERNEL.read_bytes()
     assert data[:4] == b"\0asm"
     assert len(data) < 60_000

@@ -1,4 +1,4 @@
-"""Every state of the page by axe: in light and in dark, from telephones to large screens."""
+"""Accessibility check by axe of every state of the page: both themes, from phones to large screens."""
 
 from __future__ import annotations
 

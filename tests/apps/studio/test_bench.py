@@ -1,4 +1,5 @@
-"""The design bench's server: answers against the evaluation, other kinds of mirrors, files, work in processes."""
+"""Server of the design bench: responses against the evaluation, conversion of mirrors, files,
+worker processes."""
 
 from __future__ import annotations
 
@@ -43,7 +44,7 @@ def question(sensor: om.Sensor, **changes) -> dict:
 
 
 def unpacked(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
-    """The header of a binary message, and its blocks by name and column."""
+    """Return the header of a binary message, and its blocks by name and column."""
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
     at, blocks = 4 + length, {}
@@ -70,7 +71,8 @@ def post(client, place: str, **body):
     return client.post(f"/api/bench/{place}", json=body)
 
 
-# -- answers -----------------------------------------------------------------------------------------
+# -- responses
+# ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", bundled_sensors())
@@ -91,7 +93,8 @@ def test_curves_are_those_of_the_evaluation(name, client):
 
 
 def test_rays_of_the_section_obey_the_law_of_reflection(client):
-    """In from Omega, out to the lens: both make the same angle with the normal of the mirror."""
+    """Incident at Omega, reflected to the lens: both directions make the same angle with the mirror
+    normal."""
     sensor = om.load_sensor("paper-spherical")
     (_, blocks), *_ = ask(client, question(sensor, section=True))
     rays = {float(name[4:]): block for name, block in blocks.items() if name.startswith("ray ")}
@@ -110,8 +113,8 @@ def test_what_cannot_be_is_said_beside_its_entry(client):
     tables = tables_of(sensor)
     wrong = [
         ("lens", "f_number", 0.0),
-        ("mirror", "rim_radius_mm", 51.0),  # beyond the sphere
-        ("lens", "focus_distance_mm", 5.0),  # nearer than the focal length
+        ("mirror", "rim_radius_mm", 51.0),  # outside the sphere
+        ("lens", "focus_distance_mm", 5.0),  # shorter than the focal length
         ("mount", "mirror_distance_mm", -1.0),
     ]
     for section, name, value in wrong:
@@ -163,7 +166,8 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
     assert "omega_max_deg" in header["requirements_trouble"]
 
 
-# -- other kinds ---------------------------------------------------------------------------------------
+# -- conversion of parts
+# -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", list(MIRRORS))
@@ -216,7 +220,8 @@ def toml(tables: dict) -> str:
     return tomli_w.dumps(tables)
 
 
-# -- files ---------------------------------------------------------------------------------------------
+# -- files
+# ---------------------------------------------------------------------------------------------
 
 
 def test_a_sensor_file_is_written_and_opened_without_loss(client):
@@ -310,7 +315,8 @@ def test_the_preview_is_the_simulated_picture_made_small(client):
     assert np.abs(cv2.blur(picture.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
 
 
-# -- work ------------------------------------------------------------------------------------------------
+# -- tasks
+# -----------------------------------------------------------------------------------------------
 
 
 def task(**changes) -> dict:

@@ -1,4 +1,4 @@
-"""What a user does at the design bench, and what the page then shows."""
+"""User interaction with the design bench, and the resulting page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
 WITHOUT_PICTURES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
-"""  # they are simulated, which takes all processors
+"""  # rendering them would use all processors
 NOW = "window.omnimirror.tabs.bench.history.now"
 CANCEL_AT_FIRST_STEP = """
 new MutationObserver((_, observer) => {
@@ -37,12 +37,12 @@ new MutationObserver((_, observer) => {
   window.seen = said;
   [...document.querySelectorAll("#bench button")].find((b) => b.textContent === "Cancel").click();
 }).observe(document.querySelector("#bench"), { subtree: true, childList: true, characterData: true });
-"""  # words of a step stand for some milliseconds only: who presses the button must be on the page
+"""  # messages of a step last a few milliseconds only, so the click is made by a page script
 
 
 @pytest.fixture
 def bench(browser, server):
-    """The bench with the paper's sphere on it; errors of the page fail the test."""
+    """The bench with the spherical sensor of the paper; page errors fail the test."""
     viewport = {"width": 1280, "height": 800}
     context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
     context.add_init_script(WITHOUT_PICTURES)
@@ -58,12 +58,12 @@ def bench(browser, server):
 
 
 def drawn(page) -> None:
-    """Wait until something is drawn."""
+    """Wait for the first drawing."""
     page.wait_for_selector("#bench .compare tbody td")
 
 
 def settled(page) -> None:
-    """Wait until the answer to what is on the bench has been drawn."""
+    """Wait until the response to the current design has been drawn."""
     page.wait_for_function("""() => {
       const { bench } = window.omnimirror.tabs;
       return bench.answers.waiting.size === 0 && bench.answers.onItsWay === null;
@@ -75,7 +75,7 @@ def sensor_on(page) -> om.Sensor:
 
 
 def plotted(page, title: str) -> np.ndarray:
-    """What a chart has drawn: field angles, and the values of its series."""
+    """Return field angles and series values of a chart."""
     script = """(title) => {
       const { charts } = window.omnimirror.tabs.bench.desk;
       return charts.find((c) => c.chart.title === title).plot.data.map((column) => Array.from(column));
@@ -84,7 +84,7 @@ def plotted(page, title: str) -> np.ndarray:
 
 
 def slide(page, name: str, place: float) -> None:
-    """Drag a slider to a share of its width, and let it go."""
+    """Drag a slider to a fraction of its width and release it."""
     slider = page.get_by_label(f"{name}, slider", exact=True)
     slider.scroll_into_view_if_needed()
     box = slider.bounding_box()
@@ -128,7 +128,7 @@ def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
         for column, values in zip(columns, series, strict=True):
             np.testing.assert_allclose(values, getattr(expected, column), rtol=1e-5, atol=1e-4)
     if mirror == "equidistant":
-        assert np.ptp(expected.dh_domega_px_per_deg) < 1e-9  # the lens followed the mirror
+        assert np.ptp(expected.dh_domega_px_per_deg) < 1e-9  # the lens is adapted to the mirror
 
 
 def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
@@ -151,7 +151,7 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
     omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
     assert figures.filter(has_text="Cross-section").locator("output").inner_text().startswith(f"{omega:.1f}°")
     read = section.locator(".read circle")
-    assert float(read.get_attribute("cy")) == pytest.approx(70, abs=1.5)  # the mirror point at the pointer's height
+    assert float(read.get_attribute("cy")) == pytest.approx(70, abs=1.5)  # mirror point at the height of the pointer
     chart.focus()
     bench.keyboard.press("ArrowRight")
     assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(omega + 1)
@@ -176,9 +176,9 @@ def test_undo_redo_and_a_reload_lose_nothing(bench):
     bench.reload()
     drawn(bench)
     assert sensor_on(bench) == second
-    bench.get_by_role("button", name=re.compile("^Unpin")).wait_for()  # with the answer for the pinned design
+    bench.get_by_role("button", name=re.compile("^Unpin")).wait_for()  # with the response for the pinned design
     bench.get_by_label("Quantity").wait_for()
-    bench.get_by_role("button", name="Undo", exact=True).click()  # the requirement
+    bench.get_by_role("button", name="Undo", exact=True).click()  # removes the requirement
     bench.get_by_role("button", name="Undo", exact=True).click()
     assert sensor_on(bench) == first
 
@@ -242,7 +242,8 @@ def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
 
 
 def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
-    """The middle of this mirror shows what lies ahead on a ring: a degree about the axis is as wide as one likes."""
+    """The centre of this mirror images the forward direction on a ring: 1 deg about the axis has
+    unbounded width."""
     sphere = om.load_sensor("paper-spherical")
     slopes = sphere.mirror.profile(np.linspace(0, sphere.mirror.rim_radius_mm, 8))[1]
     ring = replace(sphere, name="ring", mirror=SlopeSpline((-1e-3, *slopes[1:]), sphere.mirror.rim_radius_mm))
@@ -261,7 +262,7 @@ def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
 def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path):
     sensor = sensor_on(bench)
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))
-    blur = np.hypot(np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px)  # with the Airy disk
+    blur = np.hypot(np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px)  # including the Airy disk
     worst = blur.max()
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
@@ -284,12 +285,12 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
     )
     bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
     farthest = bench.get_by_label("Farthest object, mm; empty is infinite")
-    # An empty one was there before the file was opened.
+    # An empty one existed before the file was opened.
     bench.wait_for_function("[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')")
     assert farthest.input_value() == "12000"
     size = bench.viewport_size
     bench.set_viewport_size({"width": 1280, "height": 800})
-    assert farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0  # all of the number is read
+    assert farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0  # the number is fully visible
     bench.set_viewport_size(size)
     bench.get_by_role("button", name="Design from requirements").click()
     bench.wait_for_function(f"{NOW}.tables.mirror.kind === 'equiangular'")
@@ -429,7 +430,7 @@ def test_the_bench_keeps_the_policy_of_the_page(browser, server):
     page.on("request", lambda r: fetched.append(r.url))
     page.goto(server)
     page.get_by_text("Field -90").wait_for()
-    assert not any("bench" in url for url in fetched)  # the bench costs the first paint nothing
+    assert not any("bench" in url for url in fetched)  # the bench does not delay the first paint
     page.get_by_role("button", name="Design", exact=True).click()
     drawn(page)
     page.get_by_alt_text("Its panorama").wait_for()

@@ -1,4 +1,4 @@
-"""The bench's plots as files and as differences, its sliders' marks, and what fits on the first screen."""
+"""Plots as files and as differences, slider marks, and content of the first screen."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .test_bench_page import bench, enter, plotted, sensor_on, settled  # noqa: 
 
 
 def saved(page, name: str) -> str:
-    """The text of a file that a plot's button saves."""
+    """Return the text of a file saved by the button of a plot."""
     with page.expect_download() as download:
         page.get_by_role("button", name=name).click()
     return download.value.path().read_text()
@@ -34,8 +34,8 @@ MADE = """() => {
 
 
 def test_a_slider_that_moves_makes_no_elements_anew(bench):  # noqa: F811
-    """Each would be given style and room by the browser, at every step."""
-    enter(bench, "F-number", "4.1")  # a design under its own name, and a mark where the slider was
+    """New elements would require style and layout by the browser at every step."""
+    enter(bench, "F-number", "4.1")  # a pinned design, and a mark at the previous slider position
     before = bench.locator("#bench .strip").first.inner_html()
     bench.evaluate(MADE)
     for number in (4.2, 4.3, 4.4):
@@ -65,7 +65,7 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
     assert "Difference of blur in the image, px" in "".join(drawing.itertext())
     section = ElementTree.fromstring(saved(bench, "Save the cross-section as SVG"))
     strokes = {p.get("stroke") for p in section.iter("{http://www.w3.org/2000/svg}path")}
-    assert "none" not in strokes  # without the page's style sheet too
+    assert "none" not in strokes  # also without the style sheet of the page
     bench.locator(".groups label").filter(has_text="Difference").click()
     assert len(plotted(bench, "Image height")) == 3
 
@@ -73,7 +73,7 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
 @pytest.mark.full
 def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # noqa: F811
     bench.get_by_role("button", name="Pin", exact=True).click()
-    enter(bench, "F-number", "5.6")  # changes blur alone
+    enter(bench, "F-number", "5.6")  # changes blur only
     bench.locator(".compare tbody tr").nth(1).wait_for()
     bench.locator(".groups label").filter(has_text="Difference").click()
 
@@ -169,7 +169,7 @@ MOVED = """async (count) => {
 
 @pytest.mark.full
 def test_the_page_is_laid_out_once_for_a_slider_and_once_for_all_plots(bench):  # noqa: F811
-    """Whoever asks how large something is between two plots has it laid out there and then, five times a change."""
+    """A size query between two plots forces a layout, five times per change."""
     told = bench.context.new_cdp_session(bench)
     told.send("Performance.enable")
 

@@ -1,4 +1,4 @@
-"""A design in space, against what the sensor says of its pixels by other ways."""
+"""3-D view of a design against independent computations for its pixels."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_parts_stand_where_they_are():
     radius, height = found["part mirror"]
     assert len(radius) == PROFILE
     np.testing.assert_allclose(height, SPHERE.mirror.sag(radius))
-    frame = found["frame mirror"].T  # axes and origin, in columns
+    frame = found["frame mirror"].T  # axes and origin, as columns
     there = np.array([radius[-1], 0.0, height[-1]]) @ frame[:, :3].T + frame[:, 3]
     np.testing.assert_allclose(
         there, SPHERE.mount.rotation() @ pose.to_camera([radius[-1], 0.0, height[-1]]), atol=1e-9

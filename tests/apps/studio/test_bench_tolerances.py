@@ -1,4 +1,4 @@
-"""The bench's tolerances: the server's answers against trials, and what a user does with the sliders of errors."""
+"""Tolerances on the bench: server responses against trials, and interaction with the error sliders."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # n
     opened(bench)
     assert bench.evaluate(f"{LAST}.motion_px")[0] < 1e-6
     slider = bench.get_by_role("slider", name="Mirror decentre x")
-    slider.fill("2")  # tolerances, by the slider itself
+    slider.fill("2")  # tolerances, set by the slider
     bench.wait_for_function(f"{LAST}.motion_px[0] > 1")
     bench.wait_for_function(AT_REST)
     assert bench.get_by_label("Mirror decentre x", exact=True).input_value() == "0.1"
@@ -172,7 +172,7 @@ def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
 
 
 def tried(page):
-    """What the panel shows: its choices, numbers and verdict."""
+    """Return the content of the panel: options, numbers and verdict."""
     page.wait_for_function(AT_REST)
     return page.evaluate("""() => {
       const body = document.querySelector(".tolerance-body");

@@ -1,4 +1,4 @@
-"""Mirrors bent and limits moved by hand on the bench's plots, and where sliders say that requirements are met."""
+"""Mirrors and limits edited on the plots of the bench, and feasible ranges of sliders."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
         assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
         moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
         assert abs(moved[0]) < 1e-12
-        assert np.all(np.diff(moved) < 2e-5 * rim)  # as a rod: nothing beside the point goes the other way
+        assert np.all(np.diff(moved) < 2e-5 * rim)  # as a rod: all points move in the same direction
 
 
 @pytest.mark.parametrize("name", STRAIGHT)
@@ -76,7 +76,7 @@ def test_sliders_are_met_where_the_requirements_are_judged_so():
 
 
 def drag(page, handle, right: float, down: float) -> tuple[float, float]:
-    """Take hold of a handle, move it and let it go; how far it stands from where the pointer left it, px."""
+    """Drag a handle and release it; return its distance from the pointer, px."""
     handle.scroll_into_view_if_needed()
     box = handle.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -98,12 +98,12 @@ def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa:
     assert np.hypot(*off) < 1
     after = sensor_on(bench)
     assert after.mirror.KIND == "slope-spline"
-    assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; three pixels are 2
+    assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; 3 px correspond to 2 mm
     omega, height = plotted(bench, "Image height")
     np.testing.assert_allclose(height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2)
     bench.get_by_role("button", name="Undo").click()
     settled(bench)
-    assert sensor_on(bench).mirror == before.mirror  # one step back is all of it
+    assert sensor_on(bench).mirror == before.mirror  # one undo step restores everything
 
 
 @pytest.mark.full

@@ -1,4 +1,5 @@
-"""What the server answers to the tab Calibrate: against the engine, and against the truth of simulated pictures."""
+"""Server responses for the Calibrate tab: against the engine, and against the truth of rendered
+images."""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ def seen() -> list[BoardSeen]:
 
 @pytest.fixture(scope="module")
 def news(client, seen) -> list[dict]:
-    """All that is told of a calibration."""
+    """Return all messages of a calibration."""
     with client.websocket_connect("ws://127.0.0.1/api/calibrate/work") as socket:
         socket.send_text(json.dumps(ASK))
         for picture in seen:
@@ -102,7 +103,7 @@ def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(clie
 
 @pytest.mark.parametrize("kind", ["GIF", "PPM"])
 def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
-    """OCamCalib's sets are GIFs; machine vision writes PGM."""
+    """OCamCalib sets contain GIFs; machine-vision programs write PGM."""
     file = io.BytesIO()
     Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
     assert look(client, file.getvalue(), quick=True).json()["ids"] == list(range(BOARD.corner_count))
@@ -147,12 +148,12 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
         try:
             with pytest.raises(InvalidParameter, match=r"looking at here\.png was cut off"):
                 await lookers.look(ask, png(0), Gone())
-            assert lookers._idle == []  # its process went with it
+            assert lookers._idle == []  # its process has ended too
             return await lookers.look(ask, BLANK, Stays())
         finally:
             lookers.close()
 
-    with ThreadPoolExecutor(1) as apart:  # a thread of its own: tests of pages leave a loop running in theirs
+    with ThreadPoolExecutor(1) as apart:  # a separate thread: page tests leave a running event loop in theirs
         assert apart.submit(asyncio.run, both()).result().reason == "the picture is blank"
 
 
@@ -204,13 +205,13 @@ def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
     assert all(n["state"] == "running" and n["sentence"] for n in news[:-2])
     assert shares == sorted(shares)
     found = news[-2]["found"]
-    detections = compared([taken(s, BOARD) for s in seen], BOARD)  # as of pictures that are found together
+    detections = compared([taken(s, BOARD) for s in seen], BOARD)  # as for jointly detected images
     direct = om.calibrate_camera(detections, BOARD, model="unified", board_shape=False)
     assert found["rms_px"] == pytest.approx(direct.rms_px, rel=1e-6)
     assert found["held_out_rms_px"] == pytest.approx(direct.held_out_rms_px, rel=1e-6)
     assert found["rms_px"] < 0.15
     camera = parse_camera(found["camera_file"])
-    assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5  # px, of the truth
+    assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5  # px, relative to the truth
     residuals = [r for p in found["pictures"] for r in p["residuals"]]
     assert np.sqrt(np.mean(np.sum(np.array(residuals)[:, 2:] ** 2, axis=1))) == pytest.approx(found["rms_px"], rel=1e-3)
     assert {p["name"] for p in found["parameters"]} >= {"xi"}
@@ -224,7 +225,7 @@ def test_the_report_has_everything_inside_and_nothing_of_the_page_gets_out_in_it
 
 @pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
 def test_a_straightened_board_is_a_board_with_square_squares(number, client, news):
-    """Its corners are looked for in the view and lie on a lattice, which they do not in the picture."""
+    """Corners detected in the view form a lattice, unlike those in the image."""
     found = news[-2]["found"]
     place = next(p for p in found["places"] if p["picture"] == f"{number}.png")
     header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
@@ -235,7 +236,9 @@ def test_a_straightened_board_is_a_board_with_square_squares(number, client, new
     assert again.used, again.reason
     scale = place["px_per_mm"]
     lattice = scale * (BOARD.points_mm[again.ids, :2] + place["margin_mm"])
-    turned = scale * (BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"])  # a board may begin at either end
+    turned = scale * (
+        BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"]
+    )  # the origin of a board can be at either end
     off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
     assert off < 1.0
     outcome = found["pictures"][number]
@@ -262,7 +265,7 @@ def test_a_board_without_an_extent_is_refused(client, news):
 
 
 def performed(ask: dict, seen: list[BoardSeen], steps: int = 10**6) -> list:
-    """The news of a calibration that is told to stop after some steps."""
+    """Return the messages of a calibration that is stopped after several steps."""
     said = []
     perform(CalibrationAsk(**ask), seen, said.append, lambda: len(said) > steps)
     return said

@@ -1,4 +1,4 @@
-"""What a user does in the tab Calibrate, and what the page then shows."""
+"""User interaction with the Calibrate tab, and the resulting page."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def files(tmp_path) -> list[Path]:
 
 @pytest.fixture
 def page(browser, server):
-    """The tab, empty; errors of the page fail the test."""
+    """The empty tab; page errors fail the test."""
     viewport = {"width": 1280, "height": 900}
     context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
     page = context.new_page()
@@ -70,12 +70,12 @@ def button(page, name: str):
 
 
 def begin(page):
-    """The button that begins a calibration; the tab is called the same."""
+    """Return the start button of a calibration; the tab has the same name."""
     return page.locator("#calibrate aside").get_by_role("button", name="Calibrate", exact=True)
 
 
 def add(page, paths) -> None:
-    """Hand over pictures, and wait until each was looked at, and all of them together."""
+    """Add images, and wait for their individual and joint analysis."""
     page.set_input_files("#calibrate-files", paths)
     page.wait_for_function(
         f"""(count) => {{ const tab = {TAB};
@@ -105,7 +105,7 @@ def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(pa
     drawn = page.evaluate(f"{TAB}.shots.all[1].seen.corners_px")
     expected = om.find_board(photograph(1).picture, BOARD).corners_px
     np.testing.assert_allclose(drawn, expected, atol=1e-3)
-    assert corners.nth(1).get_attribute("d").count("M") == 2 * len(expected)  # a cross each
+    assert corners.nth(1).get_attribute("d").count("M") == 2 * len(expected)  # one cross each
     found = calibrate(page)
     headline = page.locator("#calibrate .headline").inner_text()
     assert f"{found['rms_px']:.3g}" in headline
@@ -150,7 +150,7 @@ def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(
     page.get_by_text("Drop pictures of a board here").wait_for()
 
 
-SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # it never answers
+SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # never completes
 
 
 @pytest.mark.full
@@ -186,7 +186,7 @@ CHANGED = """() => {
 
 @pytest.mark.full
 def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_it(page, files):
-    """Leaving the field has all pictures looked at anew, between the press and its end."""
+    """Leaving the field starts a new detection in all images, between press and release."""
     add(page, files[:3])
     page.wait_for_function(f"{TAB}.together !== null")
     page.locator("#calibrate .state").wait_for()
@@ -245,11 +245,11 @@ def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
         page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(number)).decode())
         page.wait_for_function(f"{taken} === {count}")
         page.wait_for_function("document.querySelector('#calibrate .live path.corners')?.getAttribute('d')")
-    page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(0)).decode())  # there already
+    page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(0)).decode())  # already present
     page.wait_for_function("document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')")
     assert page.evaluate(taken) == 2
     wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
-    assert wanted.count("Z") > 8  # parts of the field that no board has covered
+    assert wanted.count("Z") > 8  # uncovered parts of the field
     button(page, "Take a picture").click()
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     assert advice.inner_text()
@@ -269,7 +269,7 @@ DRAWN_LATE = """() => {
 
 
 def test_a_video_gives_pictures(page, tmp_path):
-    """Also where the browser has nothing to draw yet just after a seek, as busy ones."""
+    """Also if the browser cannot draw a frame immediately after a seek, as under load."""
     page.evaluate(DRAWN_LATE)
     path = tmp_path / "ride.webm"
     with av.open(str(path), "w") as out:
@@ -304,7 +304,7 @@ def test_the_rim_of_a_photographed_mirror_is_found_and_begun_at(page):
 
 
 def serious(page) -> dict:
-    """What axe finds, in light and in dark."""
+    """Return the findings of axe in both themes."""
     found = {}
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)

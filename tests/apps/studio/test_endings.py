@@ -1,4 +1,4 @@
-"""How a server ends: by Ctrl-C and by SIGTERM, at once, whatever is open."""
+"""Shutdown of a server by Ctrl-C and SIGTERM: immediate, regardless of open connections."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
             stream.send("next")
             assert stream.recv()
             upload.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
-            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # it waits for the rest now
+            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # it now waits for the rest
             upload.sendall(b"abc")
             server.send_signal(signal.SIGINT)
             said = server.communicate()
@@ -67,7 +67,7 @@ def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
 
 
 def children_of(pid: int) -> list[int]:
-    """Processes that any thread of a process has started."""
+    """Return processes started by any thread of a process."""
     lists = Path(f"/proc/{pid}/task").glob("*/children")
     return [int(child) for found in lists for child in found.read_text().split()]
 
@@ -88,7 +88,7 @@ def test_sigterm_ends_the_server_and_its_searches():
     words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-        # the address can be opened once it is printed
+        # the address is reachable once it is printed
         with connect(f"ws://127.0.0.1:{port}/api/bench/work", open_timeout=None) as socket:
             socket.send(json.dumps(task))
             while not (searches := children_of(server.pid)):
@@ -102,7 +102,8 @@ def test_sigterm_ends_the_server_and_its_searches():
 
 @pytest.mark.full
 def test_what_does_not_end_is_cut_off_and_leaves_no_socket_open():
-    """A client that reads nothing of a long answer keeps its connection for longer than a server waits at its end."""
+    """A client that does not read a long response keeps its connection open beyond the shutdown
+    timeout."""
 
     async def endless(scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":

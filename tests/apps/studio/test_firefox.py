@@ -1,4 +1,4 @@
-"""The studio's page in Firefox: what is seen there is what Python computes, and nothing fails on the way."""
+"""Studio page in Firefox: views equal those of Python, without errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def page(tmp_path_factory):
 def test_views_are_those_of_the_command_line(page, server, tmp_path, mode, name):
     sensor = om.load_sensor("paper-spherical")
     write_image(tmp_path / name, pattern(sensor.image_size))
-    page.go("about:blank")  # an address that differs in its # alone loads nothing
+    page.go("about:blank")  # a change of the fragment alone does not load the page
     page.go(f"{server}#sensor=paper-spherical&mode={mode}&pan=40&tilt=10&hfov=70")
     page.wait(f"{LOOK}.sensor.camera")
     page.choose("#file", tmp_path / name)

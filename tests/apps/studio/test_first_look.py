@@ -1,4 +1,4 @@
-"""The first look at a picture: its mirror is found by itself, and what took it is asked once."""
+"""First view of an image: automatic mirror detection, and a single question about the camera."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ CIRCLE = [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.appro
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A mirror off the middle of its picture, the same in other light, and no mirror."""
+    """A mirror off the image centre, the same under other illumination, and an image without a
+    mirror."""
     folder = tmp_path_factory.mktemp("pictures")
     v, u = np.mgrid[:480, :700]
     turn = np.arctan2(v - 215, u - 390)
@@ -39,20 +40,20 @@ def state(page) -> dict:
 
 
 def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
-    """A ball of one's own in two presses: its file, and the answer."""
+    """A user's ball in two clicks: its file, and the answer."""
     drop(page, folder / "ball.png")
     page.get_by_text("The mirror was found in it").wait_for()
     assert state(page)["rim"] == CIRCLE
     page.get_by_role("button", name="A mirror ball").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
     assert state(page)["rim"] == CIRCLE
-    assert (state(page)["looks"], state(page)["pan"]) == ("forward", -180)  # where who took it stands
+    assert (state(page)["looks"], state(page)["pan"]) == ("forward", -180)  # direction of the photographer
     assert page.locator("#ask").is_hidden()
     page.get_by_text("The mirror was found by itself,").wait_for()
     page.wait_for_function("document.querySelector('#command-line').textContent.includes('--ball 39')")
     drop(page, folder / "evening.png")
     page.wait_for_function("Math.abs(window.omnimirror.store.state.rim?.[0] - 390) < 1")
-    assert page.locator("#ask").is_hidden()  # it is known
+    assert page.locator("#ask").is_hidden()  # already known
 
 
 @pytest.mark.full

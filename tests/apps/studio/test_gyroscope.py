@@ -1,4 +1,4 @@
-"""The view turns as a telephone is turned: told by events as a telephone would send them."""
+"""View rotation by the orientation sensor of a phone, with simulated events."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ NAME = "Turn the phone"
 
 
 def turned(page, alpha: float, beta: float, gamma: float) -> list[float]:
-    """Pan and tilt after a phone has told how it stands."""
+    """Return pan and tilt after an orientation event."""
     page.evaluate(TELL, {"alpha": alpha, "beta": beta, "gamma": gamma})
     return page.evaluate(PAN_TILT)
 
 
 def pressed(page, alpha: float, beta: float, gamma: float) -> None:
-    """Press the button, on a phone that stands so: it is waited for its first word for a moment only."""
+    """Press the button on a phone of given orientation; its first event must follow shortly."""
     page.evaluate(PRESS, {"alpha": alpha, "beta": beta, "gamma": gamma})
     assert page.get_by_role("button", name=NAME).get_attribute("aria-pressed") == "true"
 
@@ -54,14 +54,14 @@ def phone(browser, server, folder):  # noqa: F811
 def test_the_view_turns_with_the_phone_until_it_is_pressed_again(phone):
     page = phone()
     button = page.get_by_role("button", name=NAME)
-    assert turned(page, 0, 100, 0) == [30, 0]  # not before it is asked
+    assert turned(page, 0, 100, 0) == [30, 0]  # not before permission
     pressed(page, 350, 90, 0)
-    assert page.evaluate(PAN_TILT) == pytest.approx([30, 0])  # where it begins is where one looks
+    assert page.evaluate(PAN_TILT) == pytest.approx([30, 0])  # starts at the current view
     assert turned(page, 330, 110, 0) == pytest.approx([50, 20])  # 20 deg to the right, and up
-    assert turned(page, 10, 60, 0) == pytest.approx([10, -30])  # over north
-    page.evaluate("window.omnimirror.store.set({ pan: 100 })")  # dragged meanwhile
+    assert turned(page, 10, 60, 0) == pytest.approx([10, -30])  # across north
+    page.evaluate("window.omnimirror.store.set({ pan: 100 })")  # dragged in between
     assert turned(page, 20, 90, 0) == pytest.approx([90, 0])
-    assert turned(page, 200, 0.01, 0)[0] == pytest.approx(90)  # laid down
+    assert turned(page, 200, 0.01, 0)[0] == pytest.approx(90)  # laid flat
     assert turned(page, 200, 90, 0) == pytest.approx([90, 0])
     button.click()
     assert turned(page, 100, 120, 0) == pytest.approx([90, 0])

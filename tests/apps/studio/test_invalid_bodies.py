@@ -1,4 +1,4 @@
-"""Invalid JSON on every route: the answer is 422 or a closed WebSocket, and nothing is logged."""
+"""Invalid JSON on every route: the response is 422 or a closed WebSocket, without log entries."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ BEFORE_FILES: dict[str, Any] = {
     "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},
     "/api/calibrate/straight": {"camera_file": "", "place": PLACE, "name": "a.png"},
 }
-"""Messages that stand before a file in the body."""
+"""Messages that precede a file in the body."""
 FILES = {"/api/sensors", "/api/bench/open", "/api/pictures", "/api/rim", "/api/calibrate/look"}
 """Routes whose body is a file."""
 SOCKETS: dict[str, Any] = {
@@ -93,7 +93,7 @@ NOT_JSON = {
     "5000 digits": "7" * 5000, "65 bits": str(2**64), "deep list": "[" * 99 + "]" * 99, "bottomless": "[" * 100_000,
     "deep table": '{"a":' * 99 + "1" + "}" * 99, "name twice": '{"a": 1, "a": 2}', "comment": "1 // one",
 }  # fmt: skip
-"""Values that make a body invalid wherever they stand."""
+"""Values that make a body invalid at any position."""
 UNEXPECTED = [
     "null", "true", '"x"', '"nan"', '"inf"', '"-Infinity"', '"1e999"', "-1", "0", "1e308", "-1e308", "5e-324", "0.5",
     "9223372036854775807", "[]", "{}", "[[]]", '[{"a": [1]}]', '""', '"\\u0000"', json.dumps("𝒳" * 5000),
@@ -102,7 +102,7 @@ UNEXPECTED = [
 
 
 def paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Paths of all values in JSON data."""
+    """Yield the paths of all values in JSON data."""
     yield path
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, part in parts:
@@ -110,7 +110,7 @@ def paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def with_raw(value: Any, path: tuple[Any, ...], raw: str) -> str:
-    """The JSON text of data with raw text in place of one value."""
+    """Return the JSON text of data with raw text replacing one value."""
 
     def replaced(part: Any, rest: tuple[Any, ...]) -> Any:
         if not rest:
@@ -123,14 +123,14 @@ def with_raw(value: Any, path: tuple[Any, ...], raw: str) -> str:
 
 
 def broken(sample: Any) -> list[bytes]:
-    """Bodies that are not JSON at all: cut off, in another encoding, continued."""
+    """Return bodies that are not JSON: truncated, in another encoding, continued."""
     text = json.dumps(sample).encode()
     cut = [text[:length] for length in (0, 1, len(text) // 2, len(text) - 1)]
     return [*cut, text + b"]", b"\xff" + text, text.replace(b'"', b'"\xc3\x28', 1), text.decode().encode("utf-16")]
 
 
 def everyday_paths(sample: Any) -> list[tuple[Any, ...]]:
-    """The whole, the first entry and the deepest."""
+    """Return the whole, the first entry and the deepest."""
     found = list(paths(sample))
     return [(), found[1], max(found, key=len)]
 
@@ -140,7 +140,7 @@ def framed(text: bytes) -> bytes:
 
 
 def frame(path: str, text: bytes) -> bytes:
-    """The body of a request to a route."""
+    """Return the body of a request to a route."""
     return framed(text) if path in BEFORE_FILES else text
 
 
@@ -149,13 +149,13 @@ ALL = BODIES | BEFORE_FILES
 
 @pytest.fixture(scope="module")
 def client():
-    with TestClient(create_app(), base_url=LOCAL) as client:  # raises what a server would log
+    with TestClient(create_app(), base_url=LOCAL) as client:  # raises exceptions that a server would log
         yield client
 
 
 @pytest.fixture(autouse=True)
 def quiet_log(caplog):
-    """Nothing is logged that a test does not expect."""
+    """Fail on unexpected log entries."""
     caplog.set_level(logging.WARNING)
     yield
     assert not caplog.records
@@ -239,7 +239,8 @@ def test_invalid_messages_close_a_socket(path, client):
             assert 0 < len(closed.value.reason.encode()) <= 123
 
 
-# -- the parser itself -------------------------------------------------------------------------------
+# -- parser
+# -------------------------------------------------------------------------------------------
 
 
 def nested(levels: int) -> str:
@@ -334,7 +335,7 @@ def test_a_message_of_a_socket_is_text_or_the_end():
 
 
 def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_character():
-    """123 bytes: 61 letters of two bytes, and the half of the next left out."""
+    """123 bytes: 61 two-byte letters; half of the next one is omitted."""
     socket = Socket({})
     in_a_loop(request_bodies.close_invalid(socket, request_bodies.InvalidMessage("ö" * 90)))
     assert socket.closed == (1003, "ö" * 61)

@@ -1,4 +1,4 @@
-"""Sensors that lean: their views, and the horizon dragged level."""
+"""Tilted sensors: their views, and levelling by dragging the horizon."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def mount_of(page) -> tuple[float, float]:
 
 
 def settled(page) -> None:
-    """Wait until the server's camera leans as the one that was dragged."""
+    """Wait until the server camera has the tilt of the dragged one."""
     page.wait_for_function("""() => {
       const { look: { sensor }, store: { state } } = window.omnimirror;
       return sensor.camera === sensor.fetched && state.pitch === sensor.camera.model.mount.pitch_deg
@@ -49,7 +49,7 @@ def settled(page) -> None:
 
 
 def place_of(page, pan: float, tilt: float) -> list[float]:
-    """Where a direction lies on the screen, in the panorama that is shown."""
+    """Return the screen position of a direction in the displayed panorama."""
     return page.evaluate(
         """([pan, tilt]) => {
           const { look, store: { state } } = window.omnimirror;
@@ -77,15 +77,16 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
 
 @pytest.mark.long
 def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
-    """What lies on the horizon in a picture taken out of plumb is dragged to the line, twice ahead and to the right."""
+    """Points on the horizon of a tilted image are dragged to the line, twice ahead and to the
+    right."""
     button = page.get_by_role("button", name="Drag the horizon")
     button.click()
     page.wait_for_selector("#horizon:visible")
     truth = leaning(**LEAN)
     for pan in (0.0, 90.0, 0.0, 90.0):
         towards = np.array([np.cos(np.radians(pan)), -np.sin(np.radians(pan)), 0.0])
-        pixel = truth.project_directions(towards[None]).pixels  # the horizon in the picture
-        seen = leaning(*mount_of(page)).backproject(pixel).directions[0]  # and in the view, as it stands now
+        pixel = truth.project_directions(towards[None]).pixels  # horizon in the image
+        seen = leaning(*mount_of(page)).backproject(pixel).directions[0]  # and in the current view
         shown = np.degrees([np.arctan2(-seen[1], seen[0]), np.arcsin(seen[2])])
         start, end = place_of(page, *shown), place_of(page, shown[0], 0.0)
         page.mouse.move(*start)
@@ -123,7 +124,7 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
 
 @pytest.mark.full
 def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
-    """A room taken by a sensor out of plumb: against the lean that it was simulated with."""
+    """Room image of a tilted sensor, compared with the simulated tilt."""
     write_image(tmp_path / "leaned.png", om.take_picture(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1))
     drop(page, tmp_path / "leaned.png")
     page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")

@@ -1,4 +1,4 @@
-"""What moves: videos, webcams, streams and what is recorded of them, and fingers on the view."""
+"""Moving images: videos, webcams, streams and their recordings, and touch gestures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHADES = (20, 235)
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory) -> Path:
-    """A video as browsers play it: dark for a second, then light for a second."""
+    """A video in a browser format: dark for 1 s, then bright for 1 s."""
     path = tmp_path_factory.mktemp("film") / "ride.mp4"
     with av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", rate=10, options={"g": "1"})
@@ -51,7 +51,7 @@ const look = () => {
   requestAnimationFrame(look);
 };
 look();
-"""  # from dark to light and back
+"""  # from dark to bright and back
 
 
 def shows(page, name: str) -> None:
@@ -60,7 +60,7 @@ def shows(page, name: str) -> None:
 
 
 def shade(page) -> float:
-    """How light the middle of the view is."""
+    """Return the brightness of the centre of the view."""
     return float(np.median(drawn(page, 40, 30)[8:22, 10:30, :3]))
 
 
@@ -76,7 +76,7 @@ def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(
             second,
         )
         page.wait_for_function("!window.omnimirror.look.feed.video.seeking")
-        while shade(page) != pytest.approx(expected, abs=6):  # the frame comes after the seeking
+        while shade(page) != pytest.approx(expected, abs=6):  # the frame follows the seek
             page.wait_for_timeout(20)
     assert page.locator("#time-words").inner_text() == "0:01 of 0:02"
     page.locator("#view").focus()
@@ -142,7 +142,7 @@ const asked = MediaDevices.prototype.getUserMedia;
 MediaDevices.prototype.getUserMedia = function ({ video }) {
   return asked.call(this, { video: { ...video, width: 320, height: 240 } });
 };
-"""  # software is slow with pictures of full size
+"""  # software rendering is slow for full-size images
 
 
 def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, server):
@@ -158,7 +158,7 @@ def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, ser
     assert command(page, 40, 30).startswith("omnimirror dewarp 1 ")
     page.wait_for_function("(d) => location.hash.includes(d)", arg=other)
     name = page.evaluate("window.omnimirror.look.feed.name")
-    page.reload()  # after which some browsers call the same camera by another identity
+    page.reload()  # after which some browsers assign another identifier to the same camera
     page.wait_for_function("(n) => window.omnimirror?.look.feed?.name === n", arg=name)
     assert page.problems == []
     page.context.close()
@@ -187,7 +187,7 @@ def test_what_is_recorded_is_a_video_of_the_view(browser, server, film, tmp_path
         page.get_by_role("button", name="Stop recording").click()
     path = tmp_path / saved.value.suggested_filename
     saved.value.save_as(path)
-    assert path.suffix == ".mp4"  # this browser can
+    assert path.suffix == ".mp4"  # supported by this browser
     with av.open(str(path)) as video:
         frames = [f.to_ndarray(format="gray") for f in video.decode(video=0)]
     width, height = page.evaluate("[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]")
@@ -221,10 +221,10 @@ def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
     touch("touchMove", (x - 30, y), (x + 30, y))
     touch("touchMove", (x - 40, y), (x + 40, y))
     touch("touchEnd")
-    half = np.degrees(2 * np.arctan(np.tan(np.radians(45)) / 2))  # twice as large
+    half = np.degrees(2 * np.arctan(np.tan(np.radians(45)) / 2))  # magnified twice
     assert now()["hfov"] == pytest.approx(half, abs=1.5)
     assert now()["pan"] == pytest.approx(0, abs=0.5)
-    assert page.evaluate("visualViewport.scale") == 1  # the view was enlarged, and not the page
+    assert page.evaluate("visualViewport.scale") == 1  # the view is magnified, not the page
     touch("touchStart", (x, y))
     touch("touchMove", (x + 30, y))
     touch("touchEnd")
@@ -243,7 +243,7 @@ def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_pat
         page = open_page(browser, f"{address}#sensor=ball:280")
         shows(page, url)
         page.wait_for_function(f"document.querySelector('#banner').textContent.startsWith('{url} is lost')")
-        page.wait_for_function("document.querySelector('#banner').hidden")  # it plays again
+        page.wait_for_function("document.querySelector('#banner').hidden")  # plays again
         assert page.locator("#view").is_visible()
         assert command(page, 40, 30).startswith(f"omnimirror dewarp {url} ")
         assert page.problems == []

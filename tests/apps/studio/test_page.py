@@ -1,4 +1,4 @@
-"""What a user does in the page, and what the page then shows."""
+"""User interaction with the page, and the resulting display."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ DROP_UNREADABLE = """(name) => {
   });
   document.dispatchEvent(Object.assign(new Event("drop", { cancelable: true }), { dataTransfer: { files: [file] } }));
 }"""
-"""Drop a file that was deleted meanwhile."""
+"""Drop a file that has been deleted in the meantime."""
 
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory) -> Path:
-    """A picture of a room with signs on its walls."""
+    """An image of a room with signs on its walls."""
     path = tmp_path_factory.mktemp("room") / "circle.png"
     write_image(path, om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1))
     return path
@@ -44,7 +44,7 @@ def room(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def coarse_room(monkeypatch) -> None:
-    """The demo room is simulated with one sample a pixel."""
+    """Render the demo room with one sample per pixel."""
     taken = lambda known: om.take_picture(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
     monkeypatch.setattr(routes, "room_picture", lambda known: encoded(taken(known), ".png"))
 
@@ -81,7 +81,7 @@ def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
     page.mouse.move(x + 60, y + 30)
     page.mouse.up()
     after = state(page)
-    assert after["pan"] < -5  # what was in the middle went right with the pointer
+    assert after["pan"] < -5  # the centre moved to the right with the pointer
     assert after["tilt"] > 2
     page.mouse.wheel(0, -300)
     page.wait_for_function(f"window.omnimirror.store.state.hfov < {after['hfov'] - 5}")
@@ -95,7 +95,9 @@ def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
     circle = page.locator("#overlay")
     box = circle.bounding_box()
     circle.scroll_into_view_if_needed()
-    circle.dblclick(position={"x": box["width"] * 0.8, "y": box["height"] * 0.5})  # image right is the left of the room
+    circle.dblclick(
+        position={"x": box["width"] * 0.8, "y": box["height"] * 0.5}
+    )  # the right of the image is the left of the room
     rays = om.load_sensor("paper-spherical").backproject([[1024 * 0.8 - 0.5, 511.5]])
     ahead = rays.directions[0]
     assert state(page)["pan"] == pytest.approx(np.degrees(np.arctan2(-ahead[1], ahead[0])), abs=1)
@@ -111,7 +113,7 @@ def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
 
 
 def in_the_loupe(page, x: int, y: int) -> np.ndarray:
-    """The colour (3,) so many pixels of the screen right of and below the middle of the loupe, four times enlarged."""
+    """Return the colour (3,) at a screen offset from the loupe centre, magnified four times."""
     script = """([x, y]) => {
       const loupe = document.querySelector(".loupe");
       if (loupe.hidden) throw new Error("there is no loupe");
@@ -146,7 +148,7 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
 
 @pytest.mark.full
 def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
-    """In a picture of another size than the sensor's, off its middle."""
+    """In an image of another size than the sensor's, off its centre."""
     v, u = np.mgrid[:480, :700]
     turn = np.arctan2(v - 215, u - 390)
     disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)
@@ -213,7 +215,7 @@ def test_the_files_that_a_command_names_are_there_or_offered(browser, server, co
     drop(page, tmp_path / "--output=x.png")
     words = shlex.split(command(page, 96, 72))
     assert words[2] == "./--output=x.png"
-    page.get_by_role("button", name="Save sensor file").wait_for()  # of the same sensor before a smaller imager
+    page.get_by_role("button", name="Save sensor file").wait_for()  # the same sensor with a smaller imager
     assert page.get_by_role("button", name="Save picture").is_hidden()
     page.context.close()
 
@@ -350,7 +352,7 @@ def test_a_viewer_of_what_is_no_picture_is_refused(tmp_path):
 
 
 def test_the_page_keeps_its_own_policy(browser, server):
-    """With the content security policy in force, nothing that the page does is blocked."""
+    """Under the content security policy, no function of the page is blocked."""
     context = browser.new_context()
     page = context.new_page()
     said = []
@@ -382,7 +384,7 @@ def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
     look(page, tab="look")
     ever = ":is(main, header) [hidden]:not([type=file])"
     page.evaluate("(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever)
-    assert page.evaluate("document.scrollingElement.scrollWidth") == 360  # with all that ever shows
+    assert page.evaluate("document.scrollingElement.scrollWidth") == 360  # with all optional elements
     page.context.close()
 
 

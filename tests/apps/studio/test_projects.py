@@ -1,4 +1,4 @@
-"""Project files: saved in one browser, opened in another, the same pixels."""
+"""Project files: saved in one browser, opened in another, equal pixels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def opened(page, name: str) -> None:
 
 @pytest.fixture(scope="module")
 def project(browser, server, tmp_path_factory):
-    """A project with all that one can hold, the pixels it was saved with, and the state."""
+    """A project with all content types, its pixels when saved, and its state."""
     folder = tmp_path_factory.mktemp("project")
     write_image(folder / "hall.png", pattern((500, 400)))
     save_sensor(om.load_sensor("paper-hyperboloidal"), folder / "mine.toml")
@@ -39,7 +39,7 @@ def project(browser, server, tmp_path_factory):
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_selector("#bench .compare tbody td")
     page.get_by_role("button", name="Pin", exact=True).click()
-    page.locator("#bench").get_by_label("F-number", exact=True).fill("5.5")  # and nothing pressed
+    page.locator("#bench").get_by_label("F-number", exact=True).fill("5.5")  # without pressing a key
     page.locator("#tabs").get_by_role("button", name="Look").click()
     opened(page, "hall.png")
     pixels = drawn(page, 160, 120)
@@ -57,7 +57,7 @@ def project(browser, server, tmp_path_factory):
 def test_a_project_shows_the_same_pixels_elsewhere(project, browser, server):
     path, pixels, state = project
     page = open_page(browser, server, 900, 700)
-    page.set_input_files("#file", path)  # as a picture would be opened, or dropped
+    page.set_input_files("#file", path)  # opened or dropped like an image
     opened(page, "hall.png")
     found = page.evaluate("window.omnimirror.store.state")
     assert {**found, "design": ""} == {**state, "design": ""}

@@ -1,4 +1,4 @@
-"""A picture restored, and beside itself as it was given."""
+"""Restored image, and comparison with the original."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SMALL = replace(
     imager=replace(SENSOR.imager, width_px=192, height_px=192, pixel_pitch_um=27.7),
     lens=replace(SENSOR.lens, f_number=0.3),
 )
-"""Much blurred, at once restored."""
+"""Strong blur, fast restoration."""
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def picture() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def restored(picture) -> np.ndarray:
-    """By the library."""
+    """Restore an image by the library."""
     return om.restore(SMALL, picture)
 
 

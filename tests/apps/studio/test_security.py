@@ -1,4 +1,4 @@
-"""Attacks on the server, each over loopback: what it must not open, hold or answer."""
+"""Attacks on the server over loopback: files, memory and requests that must be refused."""
 
 from __future__ import annotations
 
@@ -64,11 +64,12 @@ def client():
         yield client
 
 
-# -- files that an upload names --------------------------------------------------------------------------
+# -- files named in uploads
+# -----------------------------------------------------------------------------
 
 
 def spies(path: str) -> list[dict]:
-    """Tables of sensors and of requirements that name a file, wherever a table may."""
+    """Return tables of sensors and requirements that name a file, at all possible positions."""
     mirrors = [{"kind": kind, entry: path, "theta_max_deg": 12.0} for kind, entry in FILES]
     folded = tables_of(om.load_sensor("folded-spherical"))
     second = {k: v for k, v in folded["secondary"].items() if k != "radius_mm"}
@@ -81,7 +82,7 @@ def spies(path: str) -> list[dict]:
 
 
 def answers(client: TestClient, tables: dict) -> list[str]:
-    """What the server says to tables, by every way there is to hand them up."""
+    """Return the server responses to tables, by every upload route."""
     wanted = tables if "field" in tables else {}
     on, distance = {"tables": SPHERE if wanted else tables}, {"object_distance_mm": None}
     questions = {
@@ -109,10 +110,11 @@ def test_what_may_name_a_file_is_tried():
 
 @pytest.mark.parametrize("number", range(len(spies(""))))
 def test_the_server_opens_no_file_that_an_upload_names(number, client, tmp_path):
-    """It says the same of a file with columns, one that is none, one that is not there, a folder, and a pipe."""
+    """Responses are equal for a file with columns, an invalid file, a missing file, a folder, and a
+    pipe."""
     (tmp_path / "columns").write_text(f"{SECRET}\n" * 9)
     (tmp_path / "words").write_text("secret words")
-    os.mkfifo(tmp_path / "pipe")  # whoever opens it waits for ever
+    os.mkfifo(tmp_path / "pipe")  # opening it blocks
     places = [str(tmp_path / name) for name in ("columns", "words", "absent", ".", "pipe")]
     said = [answers(client, spies(place)[number]) for place in places]
     same = [[text.replace(place, "PLACE") for text in texts] for place, texts in zip(places, said, strict=True)]
@@ -122,7 +124,7 @@ def test_the_server_opens_no_file_that_an_upload_names(number, client, tmp_path)
 
 
 def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
-    """A profile in a file of its own, read from the folder of the sensor file."""
+    """A profile in a separate file, relative to the folder of the sensor file."""
     profile = [f"{x},{x * x / 100}" for x in range(30)]
     (tmp_path / "profile.csv").write_text("\n".join(profile))
     (tmp_path / "s.toml").write_text(
@@ -131,11 +133,12 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
     assert om.load_sensor(tmp_path / "s.toml").mirror.x_mm[-1] == 29.0
 
 
-# -- how much is taken -----------------------------------------------------------------------------------
+# -- size limits
+# ----------------------------------------------------------------------------------------
 
 
 def test_no_question_is_larger_than_what_is_taken(client):
-    """By the length that is announced."""
+    """By the announced length."""
     huge = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in ("/api/bench/change", "/api/bench/file", "/api/bench/requirements", "/api/sensor-file", "/api/sensors"):
         answer = client.post(path, content=huge, headers={"content-type": "application/json"})
@@ -143,7 +146,7 @@ def test_no_question_is_larger_than_what_is_taken(client):
 
 
 async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> int:
-    """The status of the answer to a request that announces no length."""
+    """Return the response status of a request without an announced length."""
     said: list = []
 
     async def send(message):
@@ -154,7 +157,7 @@ async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> i
 
 
 def test_the_bounds_are_those_of_the_documentation():
-    """Bytes and seconds, written out."""
+    """Bytes and seconds, written explicitly."""
     sizes = (limits.MAX_MESSAGE_BYTES, limits.MAX_IMAGE_BYTES, limits.MAX_DETECTIONS_BYTES, limits.MAX_PENDING_BYTES)
     assert sizes == (1_048_576, 134_217_728, 16_777_216, 536_870_912)
     assert (limits.GRACE_PERIOD_S, limits.MIN_RATE_BYTES_PER_S, limits.MAX_QUEUED_JOBS) == (30.0, 1024.0, 16)
@@ -171,7 +174,8 @@ def test_the_bounds_are_those_of_the_documentation():
     ],
 )
 def test_the_announced_length_is_refused_unread(headers, is_refused):
-    """To the byte, of the header of that name alone; where nothing valid is announced the pieces are counted."""
+    """Exact to the byte, for the header of that name only; without a valid length the chunks are
+    counted."""
     said, reads = [], []
 
     async def receive():
@@ -214,7 +218,7 @@ def test_the_room_of_the_server_is_used_to_the_byte(held, status, monkeypatch):
 
 
 def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
-    """A client that has sent everything waits for its answer, and is not given up."""
+    """A client that has sent everything waits for its response without a timeout."""
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.02)
     messages = [{"type": "http.request", "body": b"x"}, {"type": "http.disconnect"}]
 
@@ -232,7 +236,7 @@ def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
 
 
 def test_what_is_fast_enough_may_take_longer_than_the_grace(monkeypatch):
-    """Bytes prolong the time: 0.05 s and 1 s for each 1024 bytes."""
+    """Received bytes extend the time: 0.05 s and 1 s per 1024 bytes."""
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
     pieces = [4096, 1, 1]
 
@@ -274,7 +278,8 @@ def test_pieces_without_end_are_stopped():
 
 
 def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch):
-    """Two pictures of which each is allowed, but not both at once; the first is taken when the second has gone."""
+    """Two images that are allowed individually but not together; the first is accepted after the
+    second has ended."""
     monkeypatch.setattr(limits, "MAX_PENDING_BYTES", 1500)
 
     async def both():
@@ -315,7 +320,8 @@ def test_what_comes_too_slowly_is_given_up(monkeypatch):
     [(".tif", np.zeros(3, np.uint16)), (".png", np.zeros(4, np.uint16)), (".png", np.zeros(4, "u1"))],
 )
 def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatch):
-    """To the byte: a picture that just fits is read, and one of a row more is refused before it is."""
+    """Exact to the byte: an image of maximum size is read, and one with another row is rejected
+    beforehand."""
     monkeypatch.setattr(uploads, "MOST_UNPACKED", 40 * 30 * pixel.nbytes)
 
     def file(rows: int) -> bytes:
@@ -327,7 +333,7 @@ def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatc
 
 
 def test_a_small_file_of_a_huge_picture_takes_little_memory():
-    """9990 x 9990 x 3 of 16 bits, 600 MB, in a TIFF of a megabyte."""
+    """9990 x 9990 x 3 of 16 bits, 600 MB, in a TIFF of 1 MB."""
     side, row = 9990, zlib.compress(bytes(9990 * 6), 9)
     head = struct.pack("<2sHI", b"II", 42, 8)
     data = 8 + 2 + 9 * 12 + 4
@@ -370,7 +376,8 @@ def test_names_of_uploads_are_harmless(name, safe):
 @pytest.mark.parametrize("kind", list(uploads.KINDS))
 @pytest.mark.parametrize("mode", ["L", "RGB", "P"])
 def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkeypatch):
-    """Files of Pillow: a palette counts as four channels, PPM as 16 bits, all others as they are stored."""
+    """Files written by Pillow: a palette counts as four channels, PPM as 16 bits, all others as
+    stored."""
     if kind in ("JPEG", "WEBP", "PPM") and mode == "P":
         pytest.skip("the format has no palette")
     file = BytesIO()
@@ -393,7 +400,7 @@ def test_what_is_no_picture_is_named_with_the_kinds():
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
 def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
-    """The name of the file in which the server keeps the upload is not given away."""
+    """The internal file name of the upload is not disclosed."""
     data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[1].tobytes()
     with pytest.raises(MediaError, match=r"my picture\.tif (is|cannot be)") as refused:
         uploads.picture_in(data[: len(data) // 2], "my picture.tif")
@@ -426,7 +433,7 @@ def test_a_request_without_a_file_is_refused():
 
 @pytest.mark.parametrize("size", [(40_000, 40_000), (1, 100_000), (100_000, 1)])
 def test_imagers_of_any_size_take_no_more_than_a_picture_of_the_page(size, client):
-    """The room of a camera and its report are refused; the preview is made small whatever the proportion."""
+    """The room of a camera and its report are refused; the preview is reduced for any aspect ratio."""
     width, height = size
     imager = {"width_px": width, "height_px": height, "pixel_pitch_um": 4000 / max(size)}
     tables = {**SPHERE, "imager": imager}
@@ -459,7 +466,7 @@ def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
         await begun.wait()
         with pytest.raises(limits.ServerBusy, match="the server is busy"):
             await queue.run("third", lambda: make("third"))
-        many[0].cancel()  # one page that goes takes it from none of the others
+        many[0].cancel()  # a disconnected page does not affect the others
         go_on.set()
         return await asyncio.gather(*many[1:], other)
 
@@ -500,7 +507,8 @@ def test_a_full_disk_is_a_sentence(client, monkeypatch):
     assert answer.json()["detail"] == "the server cannot write or read what this needs: No space left on device"
 
 
-# -- who asks --------------------------------------------------------------------------------------------
+# -- origin of requests
+# ---------------------------------------------------------------------------------
 
 
 def fetch(client: TestClient, path: str, site: str, mode: str = "no-cors") -> int:
@@ -509,7 +517,7 @@ def fetch(client: TestClient, path: str, site: str, mode: str = "no-cors") -> in
 
 
 def test_what_other_sites_embed_is_refused(client):
-    """A picture, a script or a frame of ours in a page of theirs; a link to our page may be followed."""
+    """An image, script or frame of the studio in a foreign page; links to the page may be followed."""
     for site in ("cross-site", "same-site"):
         assert fetch(client, "/api/room?id=ball:123.4", site) == 403
         assert fetch(client, "/bench.js", site) == 403
@@ -528,12 +536,12 @@ def test_the_token_leaves_the_address_and_has_a_cookie_of_its_port():
         cookie = answer.headers["set-cookie"]
         assert cookie.startswith("omnimirror-token-8080=secret;")
         assert "httponly" in cookie.lower()
-        assert "samesite=lax" in cookie.lower()  # strict is not sent where a link in a mail leads
+        assert "samesite=lax" in cookie.lower()  # strict cookies are not sent after a link in a mail
         page = client.get("/?token=secret")
         assert (page.status_code, str(page.url)) == (200, "http://192.168.1.7:8080/")
         assert "secret" not in page.text
         assert client.get("/api/start").status_code == 200
-        elsewhere = client.get("http://192.168.1.7:9090/api/start")  # another studio of the same machine
+        elsewhere = client.get("http://192.168.1.7:9090/api/start")  # another studio on the same machine
         assert elsewhere.status_code == 403
         assert client.get("/?token=wrong").status_code == 403
 
@@ -561,17 +569,18 @@ def test_a_token_does_not_let_hosts_in_that_are_none(client):
     ],
 )
 def test_loopback_addresses_need_no_token(host, expected):
-    """RFC 1122, 3.2.1.3, and RFC 4291, 2.5.3; other names may lead anywhere."""
+    """RFC 1122, 3.2.1.3, and RFC 4291, 2.5.3; other names may resolve to any address."""
     assert is_loopback(host) is expected
 
 
 def basic(text: str | bytes) -> dict[str, str]:
-    """The header of HTTP's basic authentication (RFC 7617)."""
+    """Return the header of HTTP basic authentication (RFC 7617)."""
     return {"authorization": "Basic " + base64.b64encode(text if isinstance(text, bytes) else text.encode()).decode()}
 
 
 GUARDED = [
-    # path, headers, status without a token, with one, and with one for programs too
+    # path, headers, status without a token, with a token, and with a token that also applies to
+    # programs
     ("/", {}, 200, 403, 401),
     ("/health", {}, 200, 200, 200),
     ("/api", {"host": "127.0.0.1:81"}, 200, 403, 401),
@@ -622,7 +631,7 @@ GUARDED = [
 
 @pytest.mark.parametrize(("path", "headers", "public", "token", "programs"), GUARDED)
 def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
-    """The guard alone, before an application that answers everything."""
+    """The guard alone, in front of an application that accepts everything."""
     for status, secret, for_programs in ((public, None, False), (token, "secret", False), (programs, "secret", True)):
         guard = AccessGuard(Response("inside"), ["door"], secret, "default-src 'none'", for_programs)
         answer = TestClient(guard, base_url="http://door").get(path, headers=headers)
@@ -633,16 +642,16 @@ def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
 
 def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():
     names = server_addresses("0.0.0.0")
-    assert names[-1] == "127.0.0.1"  # for the browser here
+    assert names[-1] == "127.0.0.1"  # for the local browser
     assert all(not is_loopback(name) for name in names[:-1])
     for name in names[:-1]:
         with socket.socket() as probe:
-            probe.bind((name, 0))  # it is this machine's
+            probe.bind((name, 0))  # an address of this machine
     assert server_addresses("door.local") == ["door.local"]
 
 
 def test_a_browser_is_led_to_an_address_without_the_token(browser):
-    """What stands behind # goes along, and page, questions and sockets are answered by the cookie."""
+    """The fragment is preserved, and page, requests and sockets are authorised by the cookie."""
     with serving(Studio(token="secret")) as address:
         page = open_page(browser, f"{address}?token=secret#tab=design", 900, 700, WITHOUT_PICTURES)
         page.wait_for_function("location.search === '' && document.querySelector('canvas')")
@@ -658,7 +667,8 @@ def test_a_browser_is_led_to_an_address_without_the_token(browser):
         page.context.close()
 
 
-# -- how often the page is sent --------------------------------------------------------------------------
+# -- page caching
+# ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("path", ["/", "/bench.js", "/space.js", "/calibrate.js"])
@@ -668,7 +678,7 @@ def test_the_page_is_sent_once_and_squeezed(path, client):
     assert "content-encoding" not in whole.headers
     assert squeezed.headers["content-encoding"] == "gzip"
     assert int(squeezed.headers["content-length"]) < 0.45 * int(whole.headers["content-length"])
-    assert squeezed.content == whole.content  # the client unpacks it
+    assert squeezed.content == whole.content  # decompressed by the client
     assert squeezed.headers["cache-control"] == "no-cache"
     assert squeezed.headers["vary"] == "accept-encoding"
     again = client.get(path, headers={"if-none-match": squeezed.headers["etag"]})
@@ -682,11 +692,12 @@ def test_answers_are_not_kept(client):
         assert client.get(path).headers["cache-control"] == "no-store"
 
 
-# -- connections -----------------------------------------------------------------------------------------
+# -- connections
+# ----------------------------------------------------------------------------------------
 
 
 def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
-    """As many as would fill the server; it answers all the same, and lets the oldest of them go."""
+    """Enough to fill the server; it still responds, and closes the oldest of them."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
     monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 3600)
     with serving(Studio()) as address, ExitStack() as open_ones:
@@ -696,13 +707,13 @@ def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
             with suppress(OSError):
                 half.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
         assert httpx.get(f"{address}health", timeout=300).json()["status"] == "ok"
-        for half in held[:40]:  # all but the newest 20 are let go, and not by the clock
+        for half in held[:40]:  # all but the newest 20 are closed, independent of the clock
             with suppress(ConnectionError):
                 assert half.recv(1) == b""
 
 
 def test_idle_sockets_keep_nobody_out(monkeypatch):
-    """More than the server takes: those that have been idle longest go, and the newest is still served."""
+    """More than the server accepts: those idle for longest are closed, and the newest is served."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
     with serving(Studio()) as address, ExitStack() as open_ones:
         where = address.replace("http", "ws") + "api/bench/ask"
@@ -741,7 +752,7 @@ def test_a_head_that_does_not_end_is_given_up(monkeypatch):
         request = f"GET /health HTTP/1.1\r\nHost: {urlsplit(address).netloc}\r\n".encode()
         slow.sendall(request + b"\r\n")
         assert slow.recv(65536).startswith(b"HTTP/1.1 200")
-        slow.sendall(request)  # a second one, which never ends
+        slow.sendall(request)  # a second, incomplete one
         with suppress(ConnectionError):
             while slow.recv(65536):
                 pass
@@ -755,7 +766,8 @@ def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch)
     assert most + 50 < files or files == resource.RLIM_INFINITY
 
 
-# -- live sources ----------------------------------------------------------------------------------------
+# -- live sources
+# ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("source", ["http://", "rtsp://", "udp://door", "file:///no/such.ts"])
@@ -773,7 +785,7 @@ def test_pages_are_told_no_password_of_a_stream():
 def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
     monkeypatch.setattr(streams, "OPENING_S", 0.3)
     with socket.socket() as nobody:
-        nobody.bind(("127.0.0.1", 0))  # and never listens
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
         address = f"http://127.0.0.1:{nobody.getsockname()[1]}/live.ts"
         studio = Studio(Sources([address], live=[address]))
         with (

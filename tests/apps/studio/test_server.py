@@ -1,4 +1,4 @@
-"""The server: what it tells, what it refuses, and streams for many."""
+"""Server: responses, refusals, and streams for many pages."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def client():
 
 
 def sentence(answer) -> str:
-    """Why something was refused: one sentence, and nothing of the server's insides."""
+    """Return the reason of a refusal: one sentence without internals of the server."""
     detail = answer.json()["detail"]
     assert "Traceback" not in detail
     assert "/src/" not in detail
@@ -87,7 +87,7 @@ def test_health_and_the_page(client):
 
 
 def test_tables_give_the_pixels_of_the_camera(client):
-    """Against the sensor's own projection, interpolated here as the shader does."""
+    """Compared with the projection of the sensor; interpolation here is that of the shader."""
     sensor = om.load_sensor("paper-spherical")
     model = client.get("/api/camera", params={"id": "paper-spherical"}).json()
     values = np.frombuffer(client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4")
@@ -113,7 +113,8 @@ def test_a_camera_stands_as_asked(client):
 
 
 def test_a_camera_leans_as_asked(client):
-    """Its tables are the same, and its axes turned: what is right of forward sinks by the roll."""
+    """The tables are unchanged and the axes rotated: the direction right of forward descends by the
+    roll."""
     asked = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
     model = client.get("/api/camera", params=asked).json()
     assert (model["mount"]["pitch_deg"], model["mount"]["roll_deg"]) == (20, 5)
@@ -122,7 +123,8 @@ def test_a_camera_leans_as_asked(client):
     assert client.get("/api/camera", params=asked | {"pitch_deg": 91}).status_code == 422
 
 
-# -- who may ask ---------------------------------------------------------------------------------------
+# -- access control
+# ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -138,7 +140,7 @@ def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
 
 
 def test_the_policy_of_the_page_names_every_directive(client):
-    """As a browser splits it; a directive that is missing would fall back to anything."""
+    """Parsed as by a browser; a missing directive would default to no restriction."""
     policy = client.get("/").headers["content-security-policy"]
     directives = {name: sources for name, *sources in map(str.split, policy.split(";"))}
     nothing = ["default-src", "base-uri", "form-action", "frame-ancestors"]
@@ -215,11 +217,12 @@ def test_a_text_that_unfolds_inside_a_picture_is_refused(client):
     assert "bomb.png" in sentence(answer)
 
 
-# -- hostile files ---------------------------------------------------------------------------------------
+# -- hostile files
+# ---------------------------------------------------------------------------------------
 
 
 def png_of(width: int, height: int) -> bytes:
-    """A PNG that says it is huge, with hardly anything in it."""
+    """Return a PNG with a huge announced size and almost no data."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -260,7 +263,7 @@ def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
         for _ in range(huge // 4096 + 1):
             yield b"#" * 4096
 
-    answer = client.post("/api/sensors", content=pieces())  # chunked: no length is announced
+    answer = client.post("/api/sensors", content=pieces())  # chunked: no announced length
     assert answer.status_code == 413
     assert sentence(answer).startswith("the body must be at most 1 MB; got ")
 
@@ -287,7 +290,8 @@ def test_deep_pictures_come_as_eight_bits():
     np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
 
 
-# -- what it shows ---------------------------------------------------------------------------------------
+# -- sources
+# ---------------------------------------------------------------------------------------------
 
 
 def test_only_files_of_the_folders_given_are_shown(tmp_path):
@@ -305,7 +309,7 @@ def test_only_files_of_the_folders_given_are_shown(tmp_path):
 
 
 def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, monkeypatch):
-    """Pages that ask all the time, one that asks once, and one that never does."""
+    """Pages that request continuously, one that requests once, and one that never does."""
     shown = Sources([str(video_of(tmp_path / "ride.mp4"))]).given[0]
     coded = []
     monkeypatch.setattr(streams, "encoded", lambda *what: coded.append(1) or encoded(*what))
@@ -330,15 +334,15 @@ def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, m
         async with watched.watch(shown) as stream, watched.watch(shown) as same:
             assert same is stream  # read once
             found = await asyncio.gather(slow(stream), *(eager(stream, 12) for _ in range(19)))
-            assert stream.count <= len(coded) <= stream.count + 2  # of which some may be on their way
+            assert stream.count <= len(coded) <= stream.count + 2  # some may be in transit
         watched.close()
         return found
 
-    with ThreadPoolExecutor() as pool:  # with a loop of its own
+    with ThreadPoolExecutor() as pool:  # with its own event loop
         run = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(), 600)))
         (first, later), *others = run.result()
-    assert all(np.all(np.diff(seen) > 0) for seen in others)  # never an old frame
-    assert later > first + 1  # frames that came meanwhile are never seen
+    assert all(np.all(np.diff(seen) > 0) for seen in others)  # never an older frame
+    assert later > first + 1  # intermediate frames are skipped
 
 
 def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
@@ -371,7 +375,8 @@ def test_a_broken_video_ends_with_a_sentence(tmp_path):
         assert "bad.mp4" in told["sentence"]
 
 
-# -- the whole interface -----------------------------------------------------------------------------------
+# -- OpenAPI interface
+# -----------------------------------------------------------------------------------
 
 
 @pytest.mark.full
@@ -383,19 +388,19 @@ def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phas
         pytest.skip("schemathesis is not here")
     with serving(Studio()) as address:
         words = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
-        files = (
-            "--no-color --exclude-checks positive_data_acceptance"  # no schema tells what a picture or sensor file is
-        )
+        files = "--no-color --exclude-checks positive_data_acceptance"  # not described by any schema
         run = subprocess.run([program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stdout[-3000:]
     assert re.search(r"(\d+) selected / \1 total", run.stdout)
 
 
-# -- over the wire -----------------------------------------------------------------------------------------
+# -- raw connections
+# -------------------------------------------------------------------------------------
 
 
 def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool = False) -> bytes:
-    """What the server says to bytes that no client library would send, before it hangs up."""
+    """Return the response to bytes that no client library would send, up to the end of the
+    connection."""
     host = urlsplit(address).netloc.encode()
     with socket.create_connection(("127.0.0.1", urlsplit(address).port), timeout=300) as raw:
         raw.sendall(start + b" HTTP/1.1\r\nHost: " + host + b"\r\nConnection: close\r\n" + rest)
@@ -421,7 +426,7 @@ def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool
 def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, status, wire):
     answer = answer_to(wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None)
     if status is None:
-        assert b" 200 " not in answer[:20]  # nobody is left to be told
+        assert b" 200 " not in answer[:20]  # no recipient remains
     else:
         assert answer.startswith(b"HTTP/1.1 %d " % status), answer[:200]
     assert b"Traceback" not in answer
@@ -460,7 +465,7 @@ def wire():
 
 
 def busy_video(path: Path) -> Path:
-    """Twelve frames of noise, large as JPEG, each with its number as a shade in the corner."""
+    """Write twelve frames of noise, large as JPEG, each with its number as a shade in the corner."""
     rng = np.random.default_rng(0)
     with av.open(str(path), "w") as out:
         stream = out.add_stream("mjpeg", rate=20, options={"qscale": "2"})
@@ -485,7 +490,7 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
 
     async def eager(url: str, frames: int) -> list[int]:
         async with connect(url, max_queue=1) as socket:
-            assert not socket.protocol.extensions  # compressed again for nobody, though every page offers that
+            assert not socket.protocol.extensions  # not compressed again, although every page offers it
             await socket.send("next")
             seen: list[int] = []
             async for message in socket:
@@ -497,14 +502,14 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
         return seen
 
     async def deaf(url: str) -> None:
-        """Asks and asks, and reads nothing: what is sent to it piles up."""
+        """Client that sends requests and reads no response: output accumulates."""
         async with connect(url, max_queue=1) as socket:
             try:
                 while True:
                     await socket.send("next")
                     await asyncio.sleep(0.01)
             finally:
-                socket.transport.abort()  # it says no goodbye either
+                socket.transport.abort()  # without a close frame
 
     async def all_of_them(url: str) -> list[list[int]]:
         stuck = asyncio.create_task(deaf(url))
@@ -515,8 +520,8 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
 
     with serving(Studio(Sources([str(busy_video(tmp_path / "noise.avi"))]))) as address:
         url = f"{address.replace('http', 'ws')}api/stream?id=source"
-        with ThreadPoolExecutor() as pool:  # with a loop of its own
+        with ThreadPoolExecutor() as pool:  # with its own event loop
             seen = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))).result()
     assert [len(s) for s in seen] == [40] * 19
     again = [np.mean(np.diff(s) == 0) for s in seen]
-    assert max(again) < 0.5  # each frame is another one, or rarely the same one a lap of the video later
+    assert max(again) < 0.5  # frames differ, except rarely for the same one of a later loop of the video

@@ -1,4 +1,4 @@
-"""The page's sources in web/: its types, what it is built into, and its own unit tests."""
+"""Sources of the page in web/: types, build results, and unit tests."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ WEB = Path(__file__).parents[3] / "web"
 PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
 MADE = runpy.run_path(str(WEB / "tests" / "fixtures" / "make.py"))
 LARGEST = {"index.html": 135_000, "bench.js": 180_000, "space.js": 20_000, "calibrate.js": 60_000}
-"""Bytes; what grows past them by more than a feature needs is noticed."""
-COMPRESSED = 150_000  # bytes of everything but the view in space; twice as many are asked for
+"""Sizes in bytes; larger growth than a feature requires fails."""
+COMPRESSED = 150_000  # bytes of everything but the 3-D view; the requirement is twice as large
 
 
 def tool(name: str, *words: object) -> subprocess.CompletedProcess[str]:
-    """Run one of the page's own tools, or skip saying that it is not here."""
+    """Run a tool of the page, or skip if it is not installed."""
     path = WEB / "node_modules" / ".bin" / name
     if not path.exists():
         pytest.skip(f"{name} is not here: `npm ci` in web/, or `make node`, fetches it")
@@ -59,7 +59,7 @@ def test_the_unit_tests_of_the_page_pass():
 
 
 def alike(here: Any, there: Any) -> bool:
-    """Whether two texts of JSON say the same, their numbers to what single precision holds."""
+    """Check if two JSON texts are equal, numbers to single precision."""
     if isinstance(here, dict):
         return here.keys() == there.keys() and all(
             close(here[k], there[k]) if k == "tables" and isinstance(here[k], str) else alike(here[k], there[k])
@@ -73,7 +73,7 @@ def alike(here: Any, there: Any) -> bool:
 
 
 def close(here: str, there: str) -> bool:
-    """Whether two tables of float32 values, in base64, are the same but for rounding."""
+    """Check if two tables of float32 values, in base64, are equal up to rounding."""
     a, b = (np.frombuffer(base64.b64decode(text), "<f4") for text in (here, there))
     return a.shape == b.shape and np.allclose(a, b, rtol=1e-5, atol=1e-3)
 

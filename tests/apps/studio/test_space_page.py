@@ -1,4 +1,4 @@
-"""The 3-D view of the bench: fetched when it is opened, what is drawn, what is read, by mouse, fingers and keys."""
+"""3-D view of the bench: loading, drawing, readings, and control by mouse, touch and keys."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def pixels(page) -> np.ndarray:
 
 
 def place_on(page, node: str) -> tuple[float, float]:
-    """Where a place of a ray lies on the screen, px from the view's corner; `node` is what leads to it."""
+    """Return the screen position of a ray node, px from the corner of the view; `node` is its
+    expression."""
     return page.evaluate(
         f"""() => {{
           const view = {VIEW}, place = {node}, o = view.orbit;
@@ -92,7 +93,7 @@ def test_parts_rays_and_ground_have_their_colours(bench):
     opened(bench)
     light = pixels(bench)
     np.testing.assert_array_equal(light[2, 2], [255, 255, 255])
-    x, y = place_on(bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))")  # over the vertex
+    x, y = place_on(bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))")  # above the vertex
     dots = COARSE["device_scale_factor"]
     mirror = light[round(dots * y), round(dots * x)]
     assert np.ptp(mirror) < 40  # grey
@@ -121,7 +122,7 @@ def test_a_ray_is_clicked_and_read_in_all_plots(bench):
     mx, my, mz, incidence, u, v = (float(text.replace("−", "-")) for text in found.groups())
     assert np.hypot(mx, my) == pytest.approx(e.x_mm[0], abs=0.01)
     assert mz == pytest.approx(e.z_mm[0], abs=0.01)
-    assert incidence == pytest.approx((75 + e.theta_deg[0]) / 2, abs=0.01)  # about the normal, halfway
+    assert incidence == pytest.approx((75 + e.theta_deg[0]) / 2, abs=0.01)  # about the normal, half of the total
     assert np.hypot(u - 511.5, v - 511.5) == pytest.approx(e.h_px[0], abs=0.1)
     assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(75, abs=1e-3)
     bench.locator(".space canvas").click(position={"x": 3, "y": 3})
@@ -144,8 +145,8 @@ def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
     bench.get_by_label("Rays all round").check()
     assert bench.evaluate(f"{VIEW}.rays.length") == 6 * upright
     bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
-    bench.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # by way of the second mirror
-    assert bench.evaluate(ORBIT) != orbit  # it is looked at anew
+    bench.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # via the second mirror
+    assert bench.evaluate(ORBIT) != orbit  # new default camera
 
 
 def test_it_turns_moves_and_enlarges_by_mouse_fingers_and_keys(bench):

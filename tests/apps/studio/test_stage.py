@@ -1,4 +1,4 @@
-"""The stage: views that fill it, the picture beside them, several at once, and telephones."""
+"""Stage: full-size views, the image next to them, several views at once, and phones."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def shared(browser, server, folder):
-    """One page for all."""
+    """One page for all tests."""
     page = open_page(browser, server, 1000, 900, reduced_motion="reduce")
     drop(page, folder / "picture.png")
     page.wait_for_selector("#view:visible")
@@ -49,7 +49,7 @@ def shared(browser, server, folder):
 
 @pytest.fixture
 def page(shared):
-    """As it was at first."""
+    """The page in its initial state."""
     look(shared, all=False, **BEGIN)
     return shared
 
@@ -59,7 +59,7 @@ def state(page) -> dict:
 
 
 def settled(page, states: int = 1) -> None:
-    """Wait until so many views are laid out as large as there is room."""
+    """Wait until the given number of views fill the available space."""
     page.wait_for_function(
         """(states) => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => {
           resolve(window.omnimirror.look.laid?.places.length === states);
@@ -166,7 +166,7 @@ def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
 
 
 def check_cell(page, folder, index: int) -> None:
-    """One of several views looks at what its own command line does."""
+    """Check that one of several views has the coordinates of its command line."""
     script = """(index) => {
       const { look } = window.omnimirror;
       const { left, top, view } = look.laid.places[index];
@@ -204,7 +204,8 @@ def test_where_none_is_kept_all_around_is_shown(page):
 
 @pytest.fixture(scope="module")
 def two(folder):
-    """The address of a server of two pictures, the second of which has another sensor's size and colours."""
+    """The address of a server with two images; the second has the size and colours of another
+    sensor."""
     write_image(folder / "yard.png", 255 - pattern((1024, 1024))[::-1])
     with serving(Studio(Sources([str(folder / "picture.png"), str(folder / "yard.png")]))) as address:
         yield address
@@ -222,7 +223,7 @@ AT = """(index) => {
 
 
 def check_colours(page, folder, index: int) -> None:
-    """One of several views shows what its own command line does, of its own picture."""
+    """Check that one of several views has the colours of its command line, from its own image."""
     told = page.evaluate(AT, index)
     dewarper = python_view(told["line"], folder)
     wanted = dewarper(read_image(folder / shlex.split(told["line"])[2]))
@@ -249,7 +250,7 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-hyperboloidal'")
     look(page, mode="dome", pan=30.0)
     page.wait_for_function("JSON.parse(window.omnimirror.store.state.views)[1].mode === 'dome'")
-    page.get_by_role("button", name="picture.png").click()  # the first is moved again, the other stays as it is
+    page.get_by_role("button", name="picture.png").click()  # the first is moved, the other is unchanged
     page.wait_for_function("window.omnimirror.look.feed.name === 'picture.png'")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-spherical'")
     look(page, pan=-20.0)
@@ -260,13 +261,13 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
     words = ("yard.png", "paper-hyperboloidal", "--view dome")
     assert [[word in line for word in words] for line in lines] == [[False] * 3, [True] * 3]
     write_image(folder / "own.png", pattern((1024, 1024))[:, ::-1])
-    drop(page, folder / "own.png")  # in the place of the first
+    drop(page, folder / "own.png")  # replaces the first
     page.get_by_role("button", name="yard.png").click()
     page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
     page.wait_for_function(seen)
     check_colours(page, folder, 0)
     page.wait_for_function("location.hash.includes('yard.png')")
-    page.reload()  # the link holds all of it
+    page.reload()  # the link contains the complete state
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
     page.wait_for_function(seen)
     check_colours(page, folder, 1)

@@ -1,4 +1,4 @@
-"""Tables of cameras without an axis of symmetry: what they hold, and how few rays they take."""
+"""Tables of cameras without rotational symmetry: values, and number of traced rays."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SENSORS = {
     ),
     "distortion that leans, in place": replace(SPHERE, lens=replace(SPHERE.lens, k1=-0.2, p1=1e-3, p2=-1e-3)),
     "behind a dome": replace(SPHERE, mirror_pose=POSE, housing=Housing(shell=Dome())),
-    "in a tube": replace(SPHERE, mirror_pose=POSE, housing=Housing(shell=Tube(120.0))),  # which some rays pass above
+    "in a tube": replace(SPHERE, mirror_pose=POSE, housing=Housing(shell=Tube(120.0))),  # some rays pass above it
     "in a picture that cuts the field": replace(
         SPHERE, mirror_pose=POSE, imager=replace(SPHERE.imager, width_px=700, height_px=500)
     ),
@@ -41,7 +41,7 @@ def test_every_node_is_right_to_its_rounding_and_few_rays_are_traced(name, monke
     )  # fmt: skip
     layout, values = camera_tables.__wrapped__(sensor)
     part = 2 if "kinks" in name else 3
-    assert sum(traced) < layout.lattice**2 / part  # with all that find the end of the field
+    assert sum(traced) < layout.lattice**2 / part  # including the search of the field boundary
 
     nodes, n = values[: 2 * layout.lattice**2].reshape(-1, 2), layout.lattice
     starts = values[-3 * n**2 :].reshape(-1, 3)
@@ -58,7 +58,7 @@ def test_every_node_is_right_to_its_rounding_and_few_rays_are_traced(name, monke
     rays = sensor.backproject(pixels[seen])
     truth = rays.origins @ np.stack([axis, right, down], axis=-1)
     off, size = np.abs(starts[chosen][inside][seen] - truth)[rays.valid], np.abs(truth[rays.valid]).max()
-    assert off.max() <= 1.5 * np.spacing(np.float32(size))  # a half where they are written, and the polynomial's one
+    assert off.max() <= 1.5 * np.spacing(np.float32(size))  # 0.5 for their storage, 1 for the polynomial
 
 
 @pytest.mark.parametrize("name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field"))
@@ -81,7 +81,7 @@ def test_the_field_ends_where_halving_finds_its_end(name):
 
 
 def test_a_bend_between_two_exact_values_is_found():
-    """Where what is interpolated has a kink, it is taken as it is."""
+    """A kink of the interpolated function is computed exactly."""
     side = np.linspace(-1.0, 1.0, 65)
 
     def bent(at):

@@ -1,4 +1,4 @@
-"""What the page draws against what the Python dewarper draws: the same pixels of the same picture."""
+"""Views of the page against those of the Python dewarper: equal source pixels."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ OCAM = ocamcalib.write(
 
 @pytest.fixture(scope="module")
 def page(browser, server):
-    """One page for all cameras; its own view is small, as software draws it."""
+    """One page for all cameras, with a small view for software rendering."""
     page = open_page(browser, server)
     page.add_style_tag(content="#frame { height: 30px !important; min-height: 0 !important; max-width: 40px }")
     yield page
@@ -53,7 +53,7 @@ def page(browser, server):
 
 
 def choose(page, sensor: str, **state) -> None:
-    """Choose a camera that the server knows, standing as its file says or as asked."""
+    """Select a camera of the server, with its own or a given mount."""
     look(page, **{"rim": None, "looks": None, "forward": None, "flipped": None, "sensor": sensor, **state})
     page.wait_for_function(
         """([sensor, looks]) => {
@@ -65,18 +65,18 @@ def choose(page, sensor: str, **state) -> None:
 
 
 def load(page, path: Path) -> None:
-    """Choose a camera by its calibration file, as a user would."""
+    """Select a camera by its calibration file, as a user does."""
     page.set_input_files("#calibration", path)
     page.wait_for_function("(name) => window.omnimirror.look.sensor.camera.model.options[1] === name", arg=path.name)
 
 
 def some(*names: str):
-    """A case of a few kinds of view; all of them are looked at in the long run."""
+    """Return a case of several kinds of view; the full test covers all of them."""
     return pytest.param(names, id=", ".join(names))
 
 
 def check(page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = tuple(STATES), **more) -> None:
-    """Each of these kinds of view has the coordinates and the colours of the command line shown with it."""
+    """Check that each kind of view has the coordinates and colours of its displayed command line."""
     picture = pattern(size)
     name = f"picture-{size[0]}x{size[1]}.png"
     write_image(folder / name, picture)
@@ -105,7 +105,7 @@ def check(page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = t
 )
 @pytest.mark.parametrize("states", [some("panorama", "near wall"), ALL])
 def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, states, page, tmp_path):
-    """Mirrors of all kinds, one or two of them, under lenses of both kinds."""
+    """Mirrors of all kinds, one or two of them, with lenses of both kinds."""
     choose(page, sensor)
     check(page, tmp_path, om.load_sensor(sensor).image_size, states)
 
@@ -127,7 +127,8 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, sta
     load(page, path)
     page.wait_for_selector("#optics-row:visible")
     if optics == "fisheye":
-        # Not `check`, which reads the state at once: until the other camera is there, the page names the one shown.
+        # Not `check`, which reads the state immediately: the page names the previous camera until
+        # the other is loaded.
         page.get_by_label("a fisheye").click()
         page.wait_for_function("window.omnimirror.look.sensor.camera.model.options.includes('fisheye')")
         choose(page, page.evaluate("window.omnimirror.store.state.sensor"), looks="down")
@@ -218,7 +219,7 @@ def test_a_sensor_fitted_to_a_picture_is_saved_as_a_file_that_gives_the_same_vie
 
 
 def test_fine_detail_is_averaged_where_the_view_shrinks_it(browser, server, tmp_path):
-    """Against Python's view eight times as large, averaged by OpenCV."""
+    """Compared with a Python view of eight times the size, averaged by OpenCV."""
     picture = np.random.default_rng(4).integers(0, 256, (1024, 1024, 3)).astype(np.uint8)
     picture = cv2.GaussianBlur(picture, (0, 0), 0.8)
     write_image(tmp_path / "picture.png", picture)

@@ -1,4 +1,4 @@
-"""Values that are worked out once: threads that need each other's do not wait for each other."""
+"""Cached properties: threads with mutual dependencies do not deadlock."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from omnimirror.base.numerics.lazy import cached_property
 
 
 class Link:
-    """Two values of the same kind of object, each of which needs the other value of the next object."""
+    """Two values of the same kind of object; each depends on the other value of the next object."""
 
     def __init__(self, further: Link | None = None, begun: Barrier | None = None) -> None:
         self.further, self.begun, self.times = further, begun, 0
@@ -23,7 +23,7 @@ class Link:
 
     @cached_property
     def left(self) -> int:
-        """Links to the end."""
+        """Number of links to the end."""
         return self._value(lambda further: further.right)
 
     @cached_property
@@ -32,7 +32,7 @@ class Link:
 
 
 def in_threads(*acts: Callable[[], object]) -> list[object]:
-    """What the acts answer, each in a thread; those that wait for ever answer nothing."""
+    """Return the results of functions, each run in a thread; a deadlock yields no result."""
     found: list[object] = []
     threads = [Thread(target=lambda act=act: found.append(act()), daemon=True) for act in acts]
     for thread in threads:
@@ -49,7 +49,7 @@ def test_a_value_is_worked_out_once_and_documented():
 
 
 def test_threads_that_need_two_values_crosswise_end():
-    """Both have begun before either goes on: with one lock per value of the class, neither would."""
+    """Both start before either continues: one lock per value of the class would deadlock."""
     begun = Barrier(2)
     one, two = Link(Link(), begun), Link(Link(), begun)
     assert in_threads(lambda: one.left, lambda: two.right) == [1, 1]

@@ -1,4 +1,4 @@
-"""The sequence of linear programmes against minimax problems whose answers are known."""
+"""Sequential linear programming on minimax problems with known solutions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def bounds(dim):
 
 @pytest.mark.parametrize("degree", [3, 5, 7])
 def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
-    """x^n minus lower powers deviates least from 0 over [-1, 1] by 2^(1-n)."""
+    """x^n minus lower powers has the minimum deviation 2^(1-n) from 0 over [-1, 1]."""
     x = np.cos(np.linspace(0, np.pi, 421))
     powers = x[:, None] ** np.arange(degree)
 
@@ -32,7 +32,7 @@ def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
 
 
 def test_a_curved_minimax_problem_of_the_textbooks():
-    """Charalambous and Bandler's first: the least of the largest is 1.9522245."""
+    """First problem of Charalambous and Bandler: the minimax value is 1.9522245."""
 
     def values(y):
         a, b = y
@@ -52,7 +52,7 @@ def test_a_curved_minimax_problem_of_the_textbooks():
 
 
 def test_a_spread_counts_from_a_free_level():
-    """The points sin, cos + level: the spread of a - y x is least where the line has the secant's slope."""
+    """Points sin and cos + level: the spread of a - y x is minimal for the slope of the secant."""
     x = np.linspace(0, 1, 201)
     found = solve_minimax(
         lambda y: ObjectiveValues(np.exp(x) - y[0] * x, np.full(1, -1.0)),
@@ -69,7 +69,7 @@ def test_a_spread_counts_from_a_free_level():
 
 @pytest.mark.parametrize("method", [solve_minimax, minimise_mean])
 def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
-    """The nearest point of the disk of radius 1 to (3, 0)."""
+    """The nearest point to (3, 0) of the disk of radius 1."""
 
     def values(y):
         return ObjectiveValues(np.array([(y[0] - 3) ** 2 + y[1] ** 2]), np.array([y @ y - 1]))
@@ -97,7 +97,8 @@ def test_a_mean_is_the_least_where_its_derivative_vanishes():
 
 @pytest.mark.parametrize("is_spread", [False, True])
 def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, monkeypatch):
-    """Against the programme of all rows, written down for itself; the solver is handed a fortieth of them at most."""
+    """Compared with the programme of all rows, written independently; the solver receives at most
+    2.5 % of them."""
     x, rng = np.linspace(-1, 1, 4001), np.random.default_rng(7)
     handed = []
 
@@ -114,7 +115,7 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
         handed.clear()
         step, foretold = _programme(linear, np.zeros(dim), bounds(dim), trust, is_spread)
         assert max(handed) <= len(x) / 40
-        least, largest, broken = (np.tile(unknown, (len(x), 1)) for unknown in np.eye(3))  # beside the step
+        least, largest, broken = (np.tile(unknown, (len(x), 1)) for unknown in np.eye(3))  # inactive next to the step
         A = np.vstack([np.hstack([J, -largest]), np.hstack([-J, least]), np.hstack([K, -broken])])
         keep = np.ones(3 * len(x), dtype=bool)
         keep[len(x) : 2 * len(x)] = is_spread
@@ -127,7 +128,8 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
 
 @pytest.mark.parametrize("most_steps", [0, 1, 2, 200])
 def test_straight_functions_take_one_evaluation_a_step(most_steps):
-    """|y - 3| from 0: the step doubles from 0.1 to 1 at most, each brings what was foretold, and none is repeated."""
+    """|y - 3| from 0: the step doubles from 0.1 to at most 1, each has the predicted gain, and none
+    is repeated."""
     evaluated, told = [], []
 
     def values(y):
@@ -146,7 +148,8 @@ def test_straight_functions_take_one_evaluation_a_step(most_steps):
 
 
 def test_values_that_are_not_finite_are_refused_as_a_step():
-    """-log y falls until y = 2 where it has no number: the trust shrinks until the step ends before."""
+    """-log y decreases up to y = 2, where it is undefined: the trust region shrinks until the step
+    ends before."""
 
     def values(y):
         return ObjectiveValues(-np.log(y) if y[0] < 2 else np.full(1, np.nan), np.full(1, -1.0))

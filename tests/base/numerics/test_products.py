@@ -1,4 +1,4 @@
-"""Products in pieces, against NumPy's own; and that no thread of BLAS is woken for them."""
+"""Blocked products compared with NumPy, without waking BLAS threads."""
 
 import subprocess
 import sys
@@ -51,6 +51,6 @@ print(others() - before)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are told by /proc")
 def test_no_other_thread_works():
-    """As the product itself would have it: hundreds of ticks of threads that wait for more."""
+    """The plain product would cause hundreds of ticks in busy-waiting threads."""
     ran = subprocess.run([sys.executable, "-c", IDLE], capture_output=True, text=True, check=True)
     assert int(ran.stdout) <= 1

@@ -1,4 +1,4 @@
-"""What a conversion costs, when it is refused, and that what it says is so."""
+"""Conversion errors, refused conversions, and accuracy of the reported errors."""
 
 import re
 from dataclasses import replace
@@ -31,7 +31,8 @@ FITTED = [
 
 
 def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=40000):
-    """How far apart two cameras see the same points, px, over random pixels of the first."""
+    """Return the image distance of two cameras for the same points, px, over random pixels of the
+    first."""
     pixels = np.random.default_rng(9).uniform(0, np.array(camera.image_size) - 1, (count, 2))
     origins, directions, valid = camera.backproject(pixels)
     origins, directions = origins[valid], directions[valid]
@@ -64,7 +65,8 @@ def test_ocamcalibs_own_files_come_back_from_every_format_that_holds_them(tmp_pa
 @pytest.mark.parametrize("to", FITTED)
 @pytest.mark.parametrize("camera", few([MIRROR, FISHEYE], MIRROR), ids=["mirror", "fisheye"])
 def test_the_cost_that_is_told_is_the_cost(tmp_path, to, camera):
-    """Over other pixels, from the file as it is read back: at most what was told, and hardly less."""
+    """At other pixels, from the file as read back: at most the reported error, and only slightly
+    less."""
     is_pinhole = to in ("ros-plumb-bob", "ros-rational", "opencv-pinhole", "opencv-rational")
     field = {"field_deg": 60.0} if is_pinhole else {}
     made = convert(camera, tmp_path / "a.txt", to=to, tolerance_px=30.0, **field)
@@ -82,7 +84,7 @@ def test_the_cost_that_is_told_is_the_cost(tmp_path, to, camera):
 
 
 def test_a_model_that_is_another_in_disguise_is_found(tmp_path):
-    """xi = 1 without distortion is a paraboloid: f(rho) = (rho^2/f - f) / 2 of OCamCalib, exactly."""
+    """xi = 1 without distortion is a paraboloid: exactly f(rho) = (rho^2/f - f) / 2 of OCamCalib."""
     camera = Unified(1.0, (200.0, 200.0), (511.5, 383.5), SIZE)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
     assert made.largest_px < 1e-6
@@ -90,7 +92,8 @@ def test_a_model_that_is_another_in_disguise_is_found(tmp_path):
 
 
 def test_a_skewed_picture_keeps_its_directions(tmp_path):
-    """A skew is a turn and OCamCalib's d; the file's frame must not be turned by it."""
+    """A skew is a rotation combined with d of OCamCalib; the frame of the file must not be rotated
+    by it."""
     camera = Unified(0.9, F, C, SIZE, skew_px=6.0)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.1)
     assert made.largest_px < 0.1
@@ -124,7 +127,7 @@ def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
     costs = {to: convert(mirror, tmp_path / "b.yaml", to=f"kalibr-{to}", tolerance_px=50.0).largest_px
              for to in ("omni", "eucm", "ds", "equi")}  # fmt: skip
     assert best.largest_px == min(cost for to, cost in costs.items() if to != "equi")
-    assert costs["equi"] < best.largest_px  # closer, but of 90 deg alone
+    assert costs["equi"] < best.largest_px  # more accurate, but limited to 90 deg
     exact = convert(KannalaBrandt(F, C, SIZE, 0.02, optics="fisheye"), tmp_path / "camchain.yaml")
     assert (exact.target, exact.exact) == ("kalibr-equi", True)
 
@@ -133,7 +136,7 @@ def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
     "to", ["ocamcalib", *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds"))]
 )
 def test_a_sensor_without_a_viewpoint_costs_by_distance(tmp_path, to):
-    """The real rays of the sensor at each distance, against the file's one viewpoint where it was put."""
+    """Real rays of the sensor at each distance, against the single viewpoint of the file."""
     far = (500, 3000, np.inf)
     made = convert(SENSOR, tmp_path / "a.yaml", to=to, tolerance_px=20.0, distance_mm=far)
     assert [c.distance_mm for c in made.costs] == list(far)
@@ -148,7 +151,8 @@ def test_a_sensor_without_a_viewpoint_costs_by_distance(tmp_path, to):
 
 @pytest.mark.full
 def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
-    """Of z = -B + B/A sqrt(A^2 + x^2), seen from one focus, the other: sqrt(A^2 + B^2) - B behind the vertex."""
+    """Of z = -B + B/A sqrt(A^2 + x^2), observed from one focus, the other: sqrt(A^2 + B^2) - B
+    behind the vertex."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     made = convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=0.001)
     a, b = sensor.mirror.a_mm, sensor.mirror.b_mm
@@ -156,7 +160,8 @@ def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
 
 
 def test_a_panorama_is_of_a_sphere_of_ours_and_costs_by_distance(tmp_path):
-    """COLMAP's formula for our panorama's pixels; and real rays of a near point against the panorama's."""
+    """COLMAP's formula for the pixels of the panorama; and real rays of a near point against those
+    of the panorama."""
     made = convert(SENSOR, tmp_path / "cameras.txt", to="colmap-equirectangular", distance_mm=(800.0, np.inf))
     _, model, width, height, *numbers = (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
     assert (model, float(width), float(height)) == ("EQUIRECTANGULAR", *map(float, numbers))
@@ -198,7 +203,8 @@ def test_the_note_says_which_way_the_frame_is_handed(tmp_path):
 
 @pytest.mark.parametrize(("flip", "handed"), [(False, -1), (True, 1)])
 def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(tmp_path, flip, handed):
-    """Three directions of the world, right-handed, as a program that knows no mirrors finds them in the picture."""
+    """Three world directions, right-handed, as located in the image by a program without mirror
+    models."""
     made = convert(MIRROR, tmp_path / "a.json", to="py-ocamcalib", flip=flip)
     corner = np.array([[1.0, 0.1, -0.6], [0.9, 0.25, -0.6], [0.95, 0.1, -0.45]])
     assert np.linalg.det(corner) > 0
@@ -307,7 +313,8 @@ pixel_pitch_um = 5.0
 [mount]
 mirror_distance_mm = 570.0
 """
-"""As a camera with a mirror was calibrated that sees itself within 54 px, some 45 deg, of its picture's centre."""
+"""Camera with a mirror, calibrated with its own reflection within 54 px, about 45 deg, of the image
+centre."""
 
 
 def test_what_the_camera_does_not_see_in_the_middle_may_be_left_out(tmp_path):
@@ -342,7 +349,8 @@ def test_a_viewpoint_that_moves_is_told_by_distance(tmp_path):
 
 
 def test_a_misaligned_sensor_is_converted_as_it_is(tmp_path):
-    """Of a tilted mirror, whose picture has no axis of symmetry, flipped too; the cost is that of its real rays."""
+    """Tilted mirror without rotational symmetry of the image, flipped too; the error is that of
+    real rays."""
     pose = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
     sensor = replace(SENSOR, mirror_pose=pose, mount=replace(SENSOR.mount, image_flipped=True))
     for camera in (sensor, om.SensorModel(sensor)):

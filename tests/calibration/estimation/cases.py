@@ -1,4 +1,4 @@
-"""A camera, a board and what the camera would see of it, for tests of the estimation."""
+"""A camera, a board and its projected corners, for estimation tests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def detections(camera=TRUTH, count: int = 12, noise_px: float = NOISE_PX, seed: 
 
 
 def directions(camera, count: int = 400, seed: int = 5) -> NDArray[np.float64]:
-    """Directions of the camera frame that random pixels of the field see."""
+    """Return camera-frame directions of random pixels in the field."""
     random = np.random.default_rng(seed)
     radius, angle = 190 * np.sqrt(random.uniform(0.05, 1, count)), random.uniform(0, 2 * np.pi, count)
     pixels = np.stack([326 + radius * np.cos(angle), 236 + radius * np.sin(angle)], axis=1)
@@ -29,5 +29,5 @@ def directions(camera, count: int = 400, seed: int = 5) -> NDArray[np.float64]:
 
 
 def known(pixels, points, **more) -> Sighting:
-    """Things whose place in the camera frame is known."""
+    """Return an observation of points with known positions in the camera frame."""
     return Sighting("room", pixels, points, Motion.none(), is_known=True, **more)

@@ -1,4 +1,5 @@
-"""Bundle adjustment against truths: every kind of observation, gross errors, priors, and Gauss's own covariance."""
+"""Bundle adjustment against ground truth: all kinds of observations, outliers, priors, and the
+Gauss covariance."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ VALUES = np.array([p.value for p in TRUTH.parameters])
 
 
 def room(count: int = 300, seed: int = 0) -> np.ndarray:
-    """Points about the camera, mm, of its frame."""
+    """Return points around the camera, mm, in its frame."""
     return directions(TRUTH, count, seed) * np.random.default_rng(seed).uniform(500, 3000, (count, 1))
 
 
@@ -47,11 +48,11 @@ def test_stars_give_the_camera_and_how_it_stood():
     motion = found.sightings[0].motion
     assert motion is not None
     assert motion.rotation == pytest.approx(turn.rotation, abs=1e-6)
-    assert motion.shift_mm == pytest.approx(0.0)  # which stars say nothing of
+    assert motion.shift_mm == pytest.approx(0.0)  # not determined by stars
 
 
 def test_points_somewhere_on_known_lines_give_the_camera():
-    """As plumb lines do: where along them a pixel looks is not known, and is found."""
+    """Plumb lines: the position of a pixel along its line is unknown and is estimated."""
     random = np.random.default_rng(2)
     on_lines = room(400)
     along = random.normal(size=on_lines.shape)
@@ -64,7 +65,7 @@ def test_points_somewhere_on_known_lines_give_the_camera():
 
 
 def test_points_are_placed_where_their_targets_stand():
-    """Residuals vanish with the true motion, and are those of the camera's own frame without one."""
+    """Residuals vanish for the true motion, and without a motion are those of the camera frame."""
     points = room(20)
     way = Motion(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
     pixels = TRUTH.image(way(points)).pixels
@@ -76,7 +77,8 @@ def test_points_are_placed_where_their_targets_stand():
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])
 def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
-    """Whatever the pixels per millimetre of sliding; a line that is imaged end-on hides nothing."""
+    """For any pixel displacement per millimetre along the line; a line imaged end-on is handled
+    too."""
     slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
     both = np.array([[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]])
     found = without_slides(
@@ -89,7 +91,8 @@ def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
 
 
 def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:
-    """Marks on a floor and two walls of a room, mm, and how it stands before a camera that is driven through it."""
+    """Return marks on the floor and two walls of a room, mm, and the poses of the room relative to
+    a moving camera."""
     random = np.random.default_rng(6)
     marks = random.uniform(-900, 900, (60, 3))
     marks[:30, 2] = -700.0
@@ -99,7 +102,7 @@ def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:
 
 
 def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
-    """As of a robot that knows its way: only that the marks are on the floor and the walls is known."""
+    """A robot with known trajectory: marks are only known to be on the floor and the walls."""
     marks, ways = drive()
     normals = np.repeat([[0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [30, 15, 15], axis=0)
     axes = np.stack([np.roll(normals, 1, axis=1), np.roll(normals, 2, axis=1)], axis=1)
@@ -155,7 +158,7 @@ def test_fixed_parameters_stay_and_priors_pull():
     sigma = float(uncertainty(free).sigmas[4])
     middle = free.model.centre_px[0]
     pulled = adjust(START, [seen], priors=[om.Prior("cx", middle + 4 * sigma, sigma)]).model
-    assert pulled.centre_px[0] == pytest.approx(middle + 2 * sigma, abs=0.15 * sigma)  # two that know it equally well
+    assert pulled.centre_px[0] == pytest.approx(middle + 2 * sigma, abs=0.15 * sigma)  # two sources of equal weight
 
 
 @pytest.mark.full
@@ -178,7 +181,8 @@ def test_covariance_is_what_repeated_noise_shows():
 
 
 def test_what_nothing_determines_is_named():
-    """Points on a cone about the axis show one radius: focal lengths, xi and distortion cannot be told apart."""
+    """Points on a cone about the axis have one radius: focal lengths, xi and distortion are not
+    separable."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     cone = np.stack([np.cos(angle), np.sin(angle), np.full(60, -0.3)], axis=1) * 1000
     pixels = TRUTH.image(cone).pixels + np.random.default_rng(0).normal(0, 0.1, (60, 2))
@@ -197,7 +201,7 @@ def test_the_shape_of_a_board_is_found():
     assert found.shape is not None
     sigmas = np.array([p.sigma for p in found.parameters[-5:]])
     assert (np.abs(np.array(found.shape.values) - bent.values) < 4 * sigmas).all()
-    assert (np.abs(bent.values) > 3.5 * sigmas).all()  # it is seen, not believed
+    assert (np.abs(bent.values) > 3.5 * sigmas).all()  # determined by the data, not by the prior
     flat = om.calibrate_camera(seen, BOARD, model="unified", board_shape=False)
     assert flat.held_out_rms_px > 1.3 * found.held_out_rms_px
 
@@ -238,7 +242,8 @@ print(others + time.process_time() - time.thread_time())
 
 @pytest.mark.full
 def test_normal_equations_wake_no_threads_of_blas():
-    """They would spin for longer than the products take, and on a busy machine all wait for one another."""
+    """BLAS threads would spin for longer than the products take, and under load all wait for one
+    another."""
     alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     told = subprocess.run([sys.executable, "-c", ALONE], env=alone, capture_output=True, text=True, check=True)
     assert float(told.stdout) < 1e-3

@@ -1,4 +1,5 @@
-"""A calibration from corners to camera, against the camera that took them; sets that will not do are told why."""
+"""Calibration from corners to the camera, against the true camera; insufficient data are rejected
+with a reason."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def test_the_camera_is_found_without_a_guess():
 
 
 def within_3_sigma(seed: int) -> float:
-    """Share of directions whose truth lies within three standard deviations, in the plane across them."""
+    """Return the fraction of directions with errors within three standard deviations, in the
+    perpendicular plane."""
     found = calibrated(detections(count=8, seed=seed), board_shape=False)
     ahead = directions(TRUTH, 100, seed)
     rays = found.model.backproject(TRUTH.image(ahead, distant=True).pixels)
@@ -54,7 +56,7 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
 
 @pytest.mark.full
 def test_the_field_ends_at_the_rim_that_is_said():
-    """What lies beyond is no part of the camera, whose numbers are the same."""
+    """The region outside is excluded from the camera; its parameters are unchanged."""
     seen = detections(count=4)
     found, all_of_it = (calibrated(seen, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {}))
     u, v = found.model.centre_px
@@ -109,7 +111,7 @@ def test_wrong_corners_are_named_and_no_others():
      pytest.param(0.08, 4.0, marks=pytest.mark.full)],
 )  # fmt: skip
 def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
-    """Gross errors up to 5 % are rejected; a note counts and places those that remain."""
+    """Outliers up to 5 % are rejected; a note counts and locates those that remain."""
     random, wrong, seen = np.random.default_rng(0), set(), []
     for detection in detections(count=10, seed=1):
         is_wrong = random.random(len(detection.ids)) < share
@@ -138,10 +140,11 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
     ("xi", "seeds"), [(0.95, 4), pytest.param(0.95, 30, marks=[pytest.mark.full, pytest.mark.long])]
 )
 def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seeds):
-    """Of a free unified model, whose xi, focal length and radial terms lie in a curved valley.
+    """Free unified model, with a curved valley of xi, focal length and radial terms.
 
-    By the curvature at the estimate, errors of xi were 3 standard deviations rms, and a combination was reported for
-    some seeds only.
+    With the curvature at the estimate, RMS errors of xi were 3 standard deviations, and a
+    combination was reported for some
+    seeds only.
     """
     truth = replace(TRUTH, xi=xi, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     errors = []
@@ -161,7 +164,7 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
 
 
 def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
-    """With three radial terms xi = 1.14 fits the corners of a camera of 1.3 as well as 1.3 does."""
+    """With three radial terms, xi = 1.14 fits the corners of a camera with 1.3 equally well."""
     truth = replace(TRUTH, xi=1.3, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     found = calibrated(detections(truth, count=12, seed=0))
     xi = found.parameters[0]
@@ -172,7 +175,8 @@ def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
 
 @pytest.mark.full
 def test_boards_counted_from_any_corner_are_one_board():
-    """A detector begins at either end of 11 x 7 corners, and in a mirror's picture counts them backwards."""
+    """Detectors start at either end of 11 x 7 corners, and number them in reverse in a mirror
+    image."""
     seen = detections(count=4, points_mm=BOARD.points_mm)
     columns, rows = BOARD.lattice.T
     orders = [columns + 11 * rows, 76 - columns - 11 * rows, 10 - columns + 11 * rows, columns + 11 * (6 - rows)]
@@ -201,7 +205,7 @@ def test_a_picture_that_no_board_explains_is_named_and_left_out():
     ],
 )
 def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(optics, words):
-    """A pose takes up most of a shift; what it cannot take up tells."""
+    """A pose absorbs most of a shift; the residual reveals it."""
     seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
     found = calibrated(seen, optics=optics)
     (left_out,) = [p for p in found.pictures if not p.used]
@@ -216,8 +220,9 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(opt
     [(5, {2}), *(pytest.param(*case, marks=pytest.mark.full) for case in [(8, {4}), (12, {0}), (9, {1, 2, 3})])],
 )
 def test_flipped_pictures_are_named_and_left_out(count, numbers):
-    """By its corners a chessboard is one in its mirror image too: only that the mirror's middle is not the picture's
-    tells, and a camera and poses take up nearly all of it."""
+    """A chessboard is valid in its mirror image too: only the offset between mirror and image
+    centres reveals the flip, and
+    camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
     left_out = {p.name: p.reason for p in found.pictures if not p.used}
     assert left_out.keys() == {f"picture {number + 1}" for number in numbers}
@@ -230,7 +235,7 @@ def test_flipped_pictures_are_named_and_left_out(count, numbers):
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(6))
 def test_none_is_called_flipped_where_none_was(seed):
-    """Nor of a mirror without one viewpoint, by models that have one."""
+    """Also for a mirror without a single viewpoint, with single-viewpoint models."""
     seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed)
     for model in ("unified", "auto"):
         assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).pictures)
@@ -242,7 +247,8 @@ def test_none_is_called_flipped_where_none_was(seed):
     [(5, 2), *(pytest.param(count, seed, marks=pytest.mark.full) for count in (4, 6) for seed in range(12))],
 )
 def test_few_pictures_lead_to_the_camera_too(count, seed):
-    """With all of a mirror's parameters free too early, five pictures led to none at all, 1.5 px off."""
+    """With all mirror parameters free too early, five images led to no solution, with residuals of
+    1.5 px."""
     random = np.random.default_rng([count, seed])
     middle = (326.0, 236.0) if seed == 2 else tuple(np.array([319.5, 239.5]) + random.uniform(-8, 8, 2))
     found = calibrated(detections(replace(TRUTH, centre_px=middle), count=count, seed=seed))
@@ -285,7 +291,8 @@ def test_who_stops_keeps_what_was_found():
     assert json.loads(found.to_json())["held_out_rms_px"] is None
 
 
-# -- pictures that will not do ---------------------------------------------------------------------------
+# -- unusable images
+# -------------------------------------------------------------------------------------
 
 
 def moved(seen, numbers, shift):

@@ -1,4 +1,4 @@
-"""What one viewpoint costs at distances at which no board stood, against the mirror that took the pictures."""
+"""Error of a single-viewpoint model at distances without boards, against the true mirror."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ MIRROR = om.load_sensor("paper-spherical")
 
 
 def error_far_away_deg(found: om.Calibration) -> float:
-    """Of directions, rms, over corners' pixels; the frames lie as boards, whose true places are known, tell."""
+    """Return the RMS direction error at the pixels of corners; board poses, with known truth, align
+    the frames."""
     fit = found.adjustment
     pixels = np.concatenate([s.pixels for s in fit.sightings])
     rays, looks = MIRROR.backproject(pixels), fit.model.backproject(pixels)
@@ -22,7 +23,7 @@ def error_far_away_deg(found: om.Calibration) -> float:
     world = MIRROR.mount.rotation()
     starts, ways, looks = (a[both] @ world for a in (rays.origins, rays.directions, looks.directions))
     shift = np.zeros(3)
-    for _ in range(20):  # corners lie on the true rays, wherever along them
+    for _ in range(20):  # corners are on the true rays, at any distance
         along = np.sum((corners - shift - starts) * ways, axis=1)
         shift = (corners - starts - along[:, None] * ways).mean(axis=0)
     return float(np.degrees(np.sqrt(np.mean(np.sum((looks - ways) ** 2, axis=1)))))

@@ -1,4 +1,5 @@
-"""Straight edges beside boards and points: what they add, by the truth, and that the sum of all is least."""
+"""Straight edges combined with boards and points: gain against ground truth, and minimum of the
+total cost."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ BOARD = om.Board("chessboard", 11, 7, 30.0)
 
 
 def edges(count, seed=0, noise_px=0.2, points=12):
-    """Points on images of far straight lines all around, as someone marks them."""
+    """Return points on images of distant straight lines all around, as marked manually."""
     chance, found = np.random.default_rng(seed), []
     while len(found) < count:
         across = np.linalg.svd(chance.normal(size=(1, 3)))[2][1:]
@@ -35,14 +36,15 @@ def edges(count, seed=0, noise_px=0.2, points=12):
 
 
 def boards_at_the_right(seed):
-    """Four boards, none of them in the left half of the picture."""
+    """Return four boards, none of them in the left half of the image."""
     seen = [d for s in (seed, seed + 100) for d in om.simulate_detections(TRUTH, BOARD, 8, noise_px=0.1, seed=s)]
     right = [d for d in seen if d.corners_px[:, 0].mean() > MIDDLE[0]]
     return [replace(d, name=f"board {i}") for i, d in enumerate(right[:4])]
 
 
 def errors_deg(camera):
-    """Of directions (n,), after the best turn of all together, and what the camera says of them."""
+    """Return direction errors (n,) after the best common rotation, and their predicted
+    uncertainties."""
     pixels = np.stack(np.meshgrid(np.arange(20.0, 620.0, 15.0), np.arange(20.0, 470.0, 15.0)), axis=-1).reshape(-1, 2)
     pixels = pixels[np.hypot(*(pixels - MIDDLE).T) < RADIUS]
     true, found = TRUTH.backproject(pixels), camera.backproject(pixels)
@@ -53,13 +55,14 @@ def errors_deg(camera):
 
 @cache
 def by_boards_alone(seed):
-    """The camera of boards at the right."""
+    """Return the camera estimated from boards on the right."""
     return om.calibrate_camera(boards_at_the_right(seed), BOARD, model="unified").camera
 
 
 @pytest.mark.full
 def test_edges_reach_where_no_board_was_held():
-    """By the truth: the error of directions is less, what is said of it is less, and it is inside three times that."""
+    """Against ground truth: direction error and predicted uncertainty decrease, and errors are
+    within three sigma."""
     errors = []
     for seed in (0, 2):
         seen, rows = boards_at_the_right(seed), []
@@ -75,7 +78,7 @@ def test_edges_reach_where_no_board_was_held():
 
 
 def test_where_it_ends_the_sum_of_points_and_edges_is_least():
-    """Its gradient vanishes: what pulls from the points against what pulls from the edges, each large by itself."""
+    """Its gradient vanishes: large opposite contributions of points and edges balance."""
     points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
     image = TRUTH.image(points)
     noise = np.random.default_rng(4).normal(0, 0.3, (int(image.valid.sum()), 2))
@@ -103,7 +106,8 @@ def test_a_crooked_edge_is_named_and_does_not_count():
 
 @pytest.mark.full
 def test_edges_of_three_points_count():
-    """Three points say how far the middle one is off the image of a line through the others."""
+    """Three points determine the distance of the middle one from the image of a line through the
+    others."""
     lines = {"room.jpg": [edge[[0, len(edge) // 2, -1]] for edge in edges(40, noise_px=0.1)]}
     found = om.calibrate_camera(boards_at_the_right(0), BOARD, model="unified", lines=lines)
     assert sum(e.used for e in found.edges) >= 38

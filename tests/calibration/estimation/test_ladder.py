@@ -1,4 +1,4 @@
-"""Every kind of model, begun from nothing, ends at the camera of its own kind that took the pictures."""
+"""Fits of all kinds of models, without initial values, to images of a camera of their own kind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .cases import BOARD, NOISE_PX
 
 SIZE = (1024, 1024)
 CENTRE = (512.0, 510.0)
-TRUTHS = [  # each nearly a ball's cap over a camera, as far as its kind allows
+TRUTHS = [  # each close to a ball observed by a camera, as far as its model permits
     om.DoubleSphere(0.826, 0.98, (510.0, 510.0), CENTRE, SIZE),
     om.EnhancedUnified(0.609, 1.472, (284.0, 282.0), CENTRE, SIZE, skew_px=-0.2),
     om.OCam((-445.8, 0.0, 0.010187, -4.1234e-05, 5.3696e-08), CENTRE, SIZE, (0.9975, -0.008, 0.0)),
@@ -24,25 +24,25 @@ TRUTHS = [  # each nearly a ball's cap over a camera, as far as its kind allows
 ]  # fmt: skip
 
 
-EVERY_DAY = ("enhanced-unified",)  # the one that is skew
+EVERY_DAY = ("enhanced-unified",)  # the one with skew
 
 
 @pytest.mark.parametrize(
     "truth", [pytest.param(t, id=t.KIND, marks=() if t.KIND in EVERY_DAY else pytest.mark.full) for t in TRUTHS]
 )
 def test_a_model_ends_at_the_truth_of_its_own_kind(truth):
-    """None at the edge of what it sees, or where numbers of very different sizes hold each other."""
+    """Parameters are inside their bounds and are not blocked by different magnitudes."""
     seen = om.simulate_detections(truth, BOARD, 8, noise_px=NOISE_PX, seed=2)
     found = om.calibrate_camera(seen, BOARD, model=truth.KIND, board_shape=False)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.06)
 
 
 def test_what_lies_past_the_end_of_a_field_is_shown_at_its_end_and_nothing_jumps():
-    """So an estimate that begins with too small a field finds its way out of it."""
+    """An estimate with too small an initial field can therefore recover."""
     camera = TRUTHS[0]
     end = camera.model_end
     inside, outside = ([[np.sin(end + d), 0.0, -np.cos(end + d)]] for d in (-1e-6, 0.2))
     assert not camera.image(outside).valid.any()
     shown = camera.image_to_the_end(outside)
     assert shown.pixels[0] == pytest.approx(camera.image(inside).pixels[0], abs=1e-3)
-    assert shown.d_points[0, 0, 2] == 0.0  # farther out it stays there
+    assert shown.d_points[0, 0, 2] == 0.0  # constant farther out

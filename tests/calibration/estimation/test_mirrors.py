@@ -1,4 +1,4 @@
-"""Mirror sensors calibrated as what they are: misaligned by up to 2 mm and 2 deg, against the truth of each."""
+"""Physical calibration of mirror sensors: misalignment up to 2 mm and 2 deg, against ground truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CASES = [
     ("paper-hyperboloidal", SHAPED),
     ("paper-equidistant", USUAL),
     ("prototype-spherical", SHAPED),
-    ("paraboloid-telecentric", ("shape", "focal", "decentre", "tilt")),  # a distance it shows nothing of
+    ("paraboloid-telecentric", ("shape", "focal", "decentre", "tilt")),  # a distance that is not observable
 ]
 
 
@@ -32,9 +32,10 @@ def misaligned(design: om.Sensor, random: np.random.Generator) -> om.Sensor:
 
 
 def shares_within_3_sigma(model, covariance, truth: om.Sensor, random) -> tuple[float, float]:
-    """Of directions and of points 0.3 to 2 m away: whether the calibrated camera sees them where the true one does.
+    """Return the fractions of directions and of points at 0.3 to 2 m that agree with the true
+    camera.
 
-    Three standard deviations of the pixel, from the covariance of the parameters.
+    Within three standard deviations of the pixel, from the parameter covariance.
     """
     ahead = random.normal(size=(400, 3))
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -69,10 +70,11 @@ def test_a_misaligned_mirror_is_found_from_its_drawing():
     assert all(abs(p.value - true[p.name]) < 4 * p.sigma for p in found.parameters)
 
 
-@pytest.mark.full  # a mirror of the size at which estimation begins: see the numbers of an unknown mirror below
+@pytest.mark.full  # a mirror of the initial size: see the parameters of an unknown mirror below
 @pytest.mark.parametrize("scale", [0.3, 2.5])
 def test_a_mirror_of_unknown_size_is_found_as_large_as_it_is(scale):
-    """Nobody says how large it is; how its viewpoint moves does, and far away it is then as right as at its boards."""
+    """The size follows from the variation of its viewpoint; distant objects are then as accurate as
+    the boards."""
     design = om.load_sensor("paper-spherical")
     mirror, distance = design.mirror, scale * design.mirror_distance_mm
     truth = replace(
@@ -85,23 +87,24 @@ def test_a_mirror_of_unknown_size_is_found_as_large_as_it_is(scale):
     assert found.camera.mirror.vertex_radius_mm == pytest.approx(truth.mirror.radius_mm, rel=0.3)
 
 
-@pytest.mark.full  # test_surveys has the same mirror found from fewer points
+@pytest.mark.full  # test_surveys covers the same mirror with fewer points
 def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_the_same():
     seen = om.simulate_detections(om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1)
     found = om.calibrate_camera(seen, BOARD, model="sensor")
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
 
-@pytest.mark.full  # those of a known one, above, have their sigmas the same way
+@pytest.mark.full  # uncertainties of a known mirror, above, use the same code
 def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
-    """Its distance and focal length were made up; what pictures do not say of them is told, and its sigma holds it."""
+    """Distance and focal length are conventions; unobservable parameters are reported, and the
+    uncertainty covers the error."""
     design = om.load_sensor("paper-spherical")
     truth = replace(design, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, 0.0))
     board = om.Board("chessboard", 11, 7, 60.0)
     seen = om.simulate_detections(truth, board, 14, noise_px=NOISE_PX, seed=2)
     found = om.calibrate_camera(seen, board, model="sensor", board_shape=False)
     assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
-    pitch = found.camera.imager.pixel_pitch_um / truth.imager.pixel_pitch_um  # which is made up, and scales the lens
+    pitch = found.camera.imager.pixel_pitch_um / truth.imager.pixel_pitch_um  # a convention that scales the lens
     true = {
         "mirror.vertex_radius_mm": design.mirror.radius_mm,
         "lens.focal_length_mm": pitch * design.lens.focal_length_mm,
@@ -116,7 +119,7 @@ def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
     assert " mm (one standard deviation) shows nearly the same." in note
 
 
-@pytest.mark.full  # test_surveys has an unknown mirror found from fewer points
+@pytest.mark.full  # test_surveys covers an unknown mirror with fewer points
 def test_an_unknown_mirror_under_a_telecentric_lens_is_predicted_too():
     pose = MirrorPose(1.0, -1.2, 0.0, 1.5, -0.8)
     truth = replace(om.load_sensor("paraboloid-telecentric"), mirror_pose=pose)
@@ -132,9 +135,11 @@ def test_splines_follow_a_mirror_that_packs_little_along_its_rim():
 
 
 def shares_laid_over(model, covariance, truth: om.Sensor, random) -> tuple[float, float]:
-    """The same of a camera whose frame nobody said: laid over the true one where boards stand, 0.3 to 2 m away.
+    """Return the same for a camera with an arbitrary frame: aligned to the truth at the boards, 0.3
+    to 2 m away.
 
-    What the six numbers of a motion take up, found by least squares, is taken out of the covariance too.
+    The six parameters of the alignment, found by least squares, are projected out of the covariance
+    too.
     """
     ahead = random.normal(size=(400, 3))
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -173,7 +178,7 @@ def shares_laid_over(model, covariance, truth: om.Sensor, random) -> tuple[float
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 @pytest.mark.parametrize("part", range(3))
 def test_truth_lies_within_3_sigma_of_a_mirror_of_which_nothing_is_known(part, name):
-    """Neither its kind nor its size, and where the lens's axis meets the picture is estimated, too."""
+    """Unknown kind and size, with an estimated principal point."""
     shares = []
     for seed in range(4 * part, 4 * part + 4):
         random = np.random.default_rng(seed)

@@ -1,4 +1,5 @@
-"""Real photographs of a board in a mirror: 17 pictures of 640 x 480 px, which OpenCV's module omnidir comes with."""
+"""Real photographs of a board in a mirror: 17 images of 640 x 480 px from the OpenCV module
+omnidir."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ pytestmark = pytest.mark.skipif(not PICTURES, reason=f"the photographs are not i
 
 @pytest.mark.full
 def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
-    """OpenCV omnidir leaves one picture out and .465 px over; here 99 % of all corners stay within the targets."""
+    """OpenCV omnidir rejects one image with a residual of 0.465 px; here 99 % of all corners are
+    within the targets."""
     file = tmp_path / "calibration.json"
     run = omnimirror(
         "calibrate", *map(str, PICTURES), "--board", "11x7", "--square-mm", "30", "-o", "camera.toml",
@@ -52,7 +54,7 @@ def test_without_the_shape_of_the_board_the_targets_hold_as_well():
 
 
 def shifted(first, shift, pictures=PICTURES):
-    """What is found in pictures, from one on as if the mirror had moved."""
+    """Return detections with a mirror shift applied from one image on."""
     seen = om.find_boards(pictures, BOARD)
     return [replace(d, corners_px=d.corners_px + shift) if i >= first else d for i, d in enumerate(seen)]
 
@@ -61,7 +63,7 @@ def shifted(first, shift, pictures=PICTURES):
 @pytest.mark.long
 @pytest.mark.parametrize("pictures", [PICTURES[::3], PICTURES], ids=["few", "all"])
 def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out(pictures):
-    """No picture's own centre says so at once: the common one is wrong for each."""
+    """Individual image centres do not reveal it at once: the common centre is wrong for each."""
     half = (len(pictures) + 1) // 2
     with pytest.raises(InvalidParameter, match="the mirror moved against the camera between them") as refused:
         om.calibrate_camera(shifted(half, [9.0, 4.0], pictures), BOARD, model="unified")
@@ -94,7 +96,7 @@ def test_a_few_pictures_on_the_command_line(tmp_path):
     told = json.loads((tmp_path / "c.json").read_text())
     values = {p["name"]: p["value"] for p in told["parameters"]}
     assert values["cx"] == camera.centre_px[0]
-    assert np.hypot(values["cx"] - 325.8, values["cy"] - 245.2) < 8.0  # what all 17 say
+    assert np.hypot(values["cx"] - 325.8, values["cy"] - 245.2) < 8.0  # the result of all 17
 
 
 def test_a_wrong_board_is_said(tmp_path):
@@ -104,7 +106,7 @@ def test_a_wrong_board_is_said(tmp_path):
 
 
 def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
-    """As with every other command; where nothing is, that is said."""
+    """As for all other commands; missing files are reported."""
     run = omnimirror("calibrate", "*.jpg", "--board", "11x7", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 1
     assert "there is no file *.jpg" in run.stderr
@@ -127,7 +129,7 @@ def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
     ],
 )
 def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
-    """The signal comes when the bar is told how far it is; drawn now and then, it may never show that."""
+    """The signal is sent on a progress update; a throttled progress bar may never print it."""
     told, code = interrupted(
         ["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "--model", model,
          "-o", "camera.toml"], state, tmp_path,
@@ -160,7 +162,8 @@ main()
 
 
 def interrupted(words: list[str], state: str, cwd: Path) -> tuple[str, int]:
-    """What a command writes to its terminal that gets SIGINT as soon as it says a state, and its exit code."""
+    """Run a command in a terminal, send SIGINT when it prints a state, and return output and exit
+    code."""
     import pty
 
     ours, its = pty.openpty()
@@ -169,7 +172,7 @@ def interrupted(words: list[str], state: str, cwd: Path) -> tuple[str, int]:
     told = ""
     with subprocess.Popen(command, cwd=cwd, stdin=its, stdout=its, stderr=its, env=environment) as run:
         os.close(its)
-        with suppress(OSError):  # which Linux raises where the other side is closed
+        with suppress(OSError):  # raised by Linux when the other side is closed
             while more := os.read(ours, 65536):
                 told += more.decode(errors="replace")
     os.close(ours)

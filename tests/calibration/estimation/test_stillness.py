@@ -1,4 +1,4 @@
-"""Whether the mirror stayed where it was: pictures that fall into two groups, and pictures that only scatter."""
+"""Mount stability: images in two groups, and images with random scatter only."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def moved(seen, numbers, shift):
     ],
 )
 def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, numbers):
-    """A camera and poses take up nearly all of it, and the fit is hardly worse than the noise. One may be misjudged."""
+    """Camera and poses absorb nearly all of it, with a fit close to the noise. One image may be
+    misclassified."""
     with pytest.raises(InvalidParameter, match="the mirror moved against the camera between them") as refused:
         om.calibrate_camera(moved(detections(count=count, seed=1), numbers, [9.0, 4.0]), BOARD, model="unified")
     groups = [{f"picture {i + 1}" for i in range(count) if (i in numbers) == is_second} for is_second in (True, False)]
@@ -45,7 +46,8 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
 @pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
 def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
-    """A ball has no one viewpoint: of a model that has, the centres of pictures scatter far beyond the noise."""
+    """A ball has no single viewpoint: in a single-viewpoint model, the image centres scatter far
+    beyond the noise."""
     seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 6 + 2 * seed, noise_px=NOISE_PX, seed=seed)
     found = om.calibrate_camera(seen, BOARD, model="unified", board_shape=False)
     assert found.rms_px > 1.25 * np.sqrt(2) * NOISE_PX
@@ -53,8 +55,8 @@ def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
 
 
 def test_the_group_that_explains_most_is_found():
-    """Of six pictures by trying all; their centres scatter, and some of them by much less than others."""
-    together = np.kron(np.eye(6) - 1 / 6, np.eye(2))  # all at once the camera's centre takes up
+    """Six images by exhaustive search; their centres scatter, some of them much less than others."""
+    together = np.kron(np.eye(6) - 1 / 6, np.eye(2))  # a common shift is absorbed by the camera centre
     for seed in range(20):
         random = np.random.default_rng(seed)
         half = together @ (random.normal(size=(12, 12)) * random.uniform(0.3, 3, 12))

@@ -1,4 +1,4 @@
-"""Cameras from points and directions that are known, wherever the camera stood among them, against the true camera."""
+"""Cameras from known points and directions at an arbitrary pose, against the true camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEAD = {"points": "picture,u_px,v_px,x_mm,y_mm,z_mm", "directions": "picture,u_p
 
 
 def seen(camera, near: int, far: int, seed: int = 0) -> om.Sighting:
-    """What a camera sees of a room with 40 m of corridor and of stars, in axes that it stands in somehow."""
+    """Return an observation of a room with a corridor of 40 m and of stars, in arbitrary axes."""
     random = np.random.default_rng(seed)
     points = random.normal(size=(8 * (near + far), 3))
     points *= (random.uniform(600, 5000, len(points)) / np.linalg.norm(points, axis=1))[:, None]
@@ -33,21 +33,22 @@ def seen(camera, near: int, far: int, seed: int = 0) -> om.Sighting:
 
 
 def off_deg(found, camera) -> float:
-    """Error of directions, rms, when both are laid over each other: how a camera stands is not its own."""
+    """Return the RMS direction error after alignment, because the pose is not part of the camera."""
     ways = np.random.default_rng(9).normal(size=(1000, 3))
     there = camera.project_directions(ways)
     true = ways[there.valid] / np.linalg.norm(ways[there.valid], axis=1)[:, None]
     rays = found.model.backproject(there.pixels[there.valid])
-    assert rays.valid.mean() > 0.97  # a mirror of which nothing is known ends where the last point was seen
+    assert rays.valid.mean() > 0.97  # an unknown mirror ends at its outermost point
     true, looks = true[rays.valid], rays.directions[rays.valid]
     u, _, vt = np.linalg.svd(true.T @ looks)
-    assert np.linalg.det(u @ vt) == pytest.approx(1.0)  # and not its mirror image
+    assert np.linalg.det(u @ vt) == pytest.approx(1.0)  # not its mirror image
     return float(np.degrees(np.sqrt(np.mean(np.sum((looks @ (u @ vt).T - true) ** 2, axis=1)))))
 
 
 @pytest.mark.parametrize(("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1)))
 def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
-    """In the middle of some draws: of few points now and then the outermost one alone says what the lens does there."""
+    """The centre of some draws is excluded: with few points, the outermost one alone can determine
+    the lens there."""
     fits = [
         om.calibrate_camera(surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified")
         for seed in range(draws)
@@ -55,7 +56,7 @@ def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
     for found in fits:
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
         assert found.rms_px < found.held_out_rms_px
-        assert found.advice == ()  # of boards, which nobody has
+        assert found.advice == ()  # advice on boards does not apply
     assert np.median([found.held_out_rms_px for found in fits]) < 2.5 * np.sqrt(2) * NOISE_PX
     assert np.median([off_deg(found, TRUTH) for found in fits]) < 0.06
 
@@ -99,7 +100,7 @@ def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
 
 
 def test_the_boards_shape_is_not_that_of_the_room():
-    """Points of a board bent by 3 mm; those of a room are where they were measured."""
+    """Points of a board bent by 3 mm; surveyed points of a room keep their positions."""
     bent = BOARD.points_mm.copy()
     bent[:, 2] = 3.0 * ((bent[:, 0] - bent[:, 0].mean()) / 150.0) ** 2
     boards = detections(count=6, points_mm=bent)
@@ -111,7 +112,7 @@ def test_the_boards_shape_is_not_that_of_the_room():
 @pytest.mark.full
 @pytest.mark.long
 def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
-    """A third of 28 fits any mirror; from there the others stay 26 px off."""
+    """With a third of the 28 points, any mirror fits; the others then keep residuals of 26 px."""
     camera, random = om.load_sensor("paper-hyperboloidal"), np.random.default_rng(2)
     points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]
     found = camera.project(points)
@@ -144,11 +145,12 @@ def test_what_will_not_do_is_told(ask, says):
         om.calibrate_camera(**ask(seen(TRUTH, 40, 0)), model="unified")
 
 
-# -- files -----------------------------------------------------------------------------------------------
+# -- files
+# -----------------------------------------------------------------------------------------------
 
 
 def written(folder, survey: om.Sighting, *kinds: str) -> list[str]:
-    """The command's options for files of what was seen."""
+    """Return command options for files of observations."""
     options = []
     for kind in kinds:
         rows = survey.distant == (kind == "directions")
@@ -171,7 +173,7 @@ def test_files_say_what_was_seen_and_where_in_them_a_point_stands(tmp_path):
 
 
 def test_azimuths_are_counted_clockwise_from_above(tmp_path):
-    """A compass and a sextant: north ahead, east to the right of it, which is -Y where Y is left."""
+    """Compass and sextant: north ahead, east to the right of it, which is -Y for Y to the left."""
     (tmp_path / "sky.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n")
     ((sky,), _) = om.read_surveys(directions=[tmp_path / "sky.csv"])
     assert sky.points == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12)

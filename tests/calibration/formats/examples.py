@@ -1,4 +1,5 @@
-"""A thin prism that every format test draws on, and what a camera sees in the frame of other programs' files."""
+"""Shared thin-prism example of the format tests, and camera observations in the frame of other
+programs' files."""
 
 import numpy as np
 
@@ -11,7 +12,8 @@ THIN_PRISM = ThinPrismFisheye(
 
 
 def seen(camera, most_deg=180.0):
-    """Pixels, and points that they see, in the frame of files: right, down, towards what the centre sees."""
+    """Return pixels and the points they observe, in the file frame: right, down, towards the
+    observation of the centre."""
     pixels = np.random.default_rng(5).uniform(0, np.array(camera.image_size) - 1, (400, 2))
     _, directions, valid = camera.backproject(pixels)
     turned = directions[valid] @ camera.mount.rotation()

@@ -1,4 +1,5 @@
-"""Our files, read without us and projected by each program's own formula, written out or called."""
+"""Written files, parsed independently and projected by the formula of each program, written out or
+called."""
 
 import json
 import re
@@ -25,7 +26,7 @@ SKEWED = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, optic
 
 
 def test_ocamcalibs_inverse_polynomial_projects_as_its_direct_one(tmp_path):
-    """world2cam.m of OCamCalib, with the polynomial that we fitted: within its .01 px."""
+    """world2cam.m of OCamCalib, with the fitted polynomial: within its 0.01 px."""
     om.convert(OCAM, tmp_path / "calib_results.txt")
     rows = [[float(w) for w in line.split()] for line in (tmp_path / "calib_results.txt").read_text().splitlines()
             if line and not line.startswith("#")]  # fmt: skip
@@ -58,7 +59,7 @@ def test_py_ocamcalibs_json(tmp_path):
 
 
 def test_py_omnicalibs_yaml(tmp_path):
-    """A view vector (right, down, z) of py-omnicalib, and the polynomial by which it projects."""
+    """View vector (right, down, z) of py-omnicalib, and its projection polynomial."""
     camera = replace(OCAM, affine=(1.0, 0.0, 0.0))
     om.convert(camera, tmp_path / "calibration.yml", to="py-omnicalib")
     file = yaml.safe_load((tmp_path / "calibration.yml").read_text())
@@ -73,7 +74,8 @@ def test_py_omnicalibs_yaml(tmp_path):
 
 
 def test_py_omnicalibs_own_file(shared_data):
-    """Which holds the projection twice: the polynomial that is read, and its inverse as py-omnicalib fitted it."""
+    """The file contains the projection twice: the polynomial that is read, and its inverse fitted
+    by py-omnicalib."""
     source = shared_data / "kaidan_omni" / "example_calibration.yml"
     name, (stored,) = read_cameras(source, Reading(source.name, rim_radius_px=223.0, image_size=(640, 480)))
     assert name == "py-omnicalib"
@@ -81,7 +83,7 @@ def test_py_omnicalibs_own_file(shared_data):
     np.testing.assert_array_equal(stored.camera.centre_px, file["principal_point"])
     omega = np.radians(np.linspace(10.0, 110.0, 51))
     expected = np.polynomial.polynomial.polyval(omega, file["poly_incident_angle_to_radius"])
-    np.testing.assert_allclose(stored.camera.radius_from_omega(omega), expected, atol=3.5)  # of the fourth degree alone
+    np.testing.assert_allclose(stored.camera.radius_from_omega(omega), expected, atol=3.5)  # fourth degree only
 
 
 @pytest.mark.parametrize("name", ["camera.m", "camera.json"])
@@ -180,7 +182,8 @@ RATIONAL = RationalPinhole((600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02,
 
 @pytest.mark.parametrize("model", ["equidistant", "plumb_bob", "rational_polynomial"])
 def test_ros_camera_info(tmp_path, model):
-    """OpenCV's functions, which ROS's image_geometry calls with the file's matrix and coefficients."""
+    """OpenCV functions, which image_geometry of ROS calls with the matrix and coefficients of the
+    file."""
     pinhole = Unified(0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, optics="fisheye")
     camera = {"equidistant": FISHEYE, "plumb_bob": pinhole, "rational_polynomial": RATIONAL}[model]
     om.convert(camera, tmp_path / "camera_info.yaml")
@@ -207,7 +210,7 @@ def test_colmaps_cameras_have_pixel_centres_at_a_half(tmp_path):
 
 
 def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
-    """Written down here as its documentation says: several cameras of several models."""
+    """Written explicitly from its documentation: several cameras of several models."""
     first = struct.pack("<IiQQ4d", 7, 1, 640, 480, 500.0, 501.0, 320.5, 240.5)
     second = struct.pack("<IiQQ8d", 9, 5, 1024, 768, 300.0, 301.0, 512.5, 384.5, 0.1, 0.2, 0.3, 0.4)
 
@@ -242,7 +245,8 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         read("cameras.txt", b"# a comment\n")
 
 
-# The numbers and parameters of COLMAP's documentation, "Camera Models", and of its sensor/models.h
+# Numbers and parameters from the COLMAP documentation, "Camera Models", and from its
+# sensor/models.h
 COLMAP_MODELS = [
     (0, "SIMPLE_PINHOLE", "f cx cy"),
     (1, "PINHOLE", "fx fy cx cy"),

@@ -1,4 +1,5 @@
-"""Files as other programs write them: recognised by their content, read by each program's own formula."""
+"""Files written by other programs: recognised by content, evaluated with the formula of each
+program."""
 
 import gzip
 import json
@@ -25,7 +26,7 @@ PINHOLE = np.array([-0.3, 0.1, 0.001, -0.002])
 
 
 def read(path, text=None, optics="fisheye", from_=None, size=None):
-    """The format, the only camera and the notes of a file."""
+    """Return the format, the only camera and the notes of a file."""
     if text is not None:
         path.write_text(text)
     name, (stored,) = read_cameras(path, Reading(str(path), optics, image_size=size), from_)
@@ -33,7 +34,7 @@ def read(path, text=None, optics="fisheye", from_=None, size=None):
 
 
 def radtan(x, y, k1, k2, p1, p2):
-    """Brown's distortion, as OpenCV, Kalibr and camodocal write it."""
+    """Return Brown's distortion in the convention of OpenCV, Kalibr and camodocal."""
     r = x * x + y * y
     radial = 1 + k1 * r + k2 * r * r
     return (
@@ -53,7 +54,8 @@ def check(camera, project, most_deg=180.0):
     np.testing.assert_allclose(np.stack(project(points), axis=-1), pixels, atol=1e-6, rtol=0)
 
 
-# -- OpenCV's storages ---------------------------------------------------------------------------------
+# -- OpenCV storages
+# ----------------------------------------------------------------------------------
 
 
 def store(path, **values):
@@ -66,7 +68,7 @@ def store(path, **values):
 @pytest.mark.parametrize("xi", [1.31, np.array([[1.31]])], ids=["number", "matrix"])
 @pytest.mark.parametrize("name", ["a.xml", "a.yml", "a.json", "a.yml.gz", "a.xml.gz", "a.json.gz"])
 def test_omnidirs_file_in_every_storage_of_opencv(tmp_path, name, xi):
-    """And not as a fisheye of four coefficients, which would be 300 px off."""
+    """Not as a fisheye with four coefficients, which would differ by 300 px."""
     _, k1, k2, p1, p2 = OMNIDIR
     store(
         tmp_path / name, image_width=SIZE[0], image_height=SIZE[1], camera_matrix=K,
@@ -162,7 +164,8 @@ def test_damaged_gzip_is_refused(tmp_path):
             read(tmp_path / f"{i}.yml.gz")
 
 
-# -- camodocal, MultiCol-SLAM, Basalt ------------------------------------------------------------------
+# -- camodocal, MultiCol-SLAM, Basalt
+# ------------------------------------------------------------------
 
 MEI = {
     "model_type": "MEI", "camera_name": "left", "image_width": 1280, "image_height": 960,
@@ -202,7 +205,8 @@ def test_camodocals_mei_and_kannala_brandt(tmp_path):
 
 
 def ocam_pixels(points, poly, affine, centre):
-    """Pixels of OCamCalib's direct polynomial in (x, y), by bisection of ``atan2(-f(rho), rho)``."""
+    """Return pixels of OCamCalib's direct polynomial in (x, y), by bisection of ``atan2(-f(rho),
+    rho)``."""
     norm = np.hypot(points[:, 0], points[:, 1])
     angle = np.arctan2(points[:, 2], norm)
     low, high = np.zeros(len(points)), np.full(len(points), 900.0)
@@ -218,7 +222,8 @@ def ocam_pixels(points, poly, affine, centre):
 @pytest.mark.parametrize("affine", [AFFINE, (0.985, 0.01, -0.004)])
 @pytest.mark.parametrize("program", ["camodocal", "multicol"])
 def test_ocamcalibs_polynomials_in_x_and_y(tmp_path, program, affine):
-    """OCAMCamera::spaceToPlane and cCamModelGeneral_::WorldToImg, with the direct polynomial solved."""
+    """OCAMCamera::spaceToPlane and cCamModelGeneral_::WorldToImg, with a solution of the direct
+    polynomial."""
     centre = (655.5, 470.25)
     if program == "camodocal":
         table = {
@@ -236,7 +241,8 @@ def test_ocamcalibs_polynomials_in_x_and_y(tmp_path, program, affine):
 
 
 def test_the_middle_that_an_annular_camera_does_not_see_is_no_contradiction(tmp_path):
-    """Numbers of LF-VIO's camera, whose inverse polynomial was fitted from 40 to 120 deg and is 48 px off at 0."""
+    """Parameters of the LF-VIO camera, whose inverse polynomial was fitted from 40 to 120 deg and
+    is off by 48 px at 0."""
     poly = (-244.5239, 0.0, 1.74861e-3, -1.75777e-6, 4.475965e-9)
     inverse = (376.845565, 246.746504, 19.035187, 23.840497, 18.991943, 6.066253, 1.560387, 5.85428, 3.45832,
                -1.995166, -1.509264, 1.089614, 1.340245, 0.255323)  # fmt: skip
@@ -249,11 +255,12 @@ def test_the_middle_that_an_annular_camera_does_not_see_is_no_contradiction(tmp_
     assert read(tmp_path / "a.yaml", yaml.safe_dump(table))[2] == ()
     table["inv_poly_parameters"]["p0"] += 3.0
     (note,) = read(tmp_path / "b.yaml", yaml.safe_dump(table))[2]
-    assert "up to 3.08 px" in note  # 3 px, and what is left of the extrapolation at 37.6 deg
+    assert "up to 3.08 px" in note  # 3 px, and the extrapolation error at 37.6 deg
 
 
 def basalt(points, kind, p):
-    """``project`` of basalt-headers: DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera, KannalaBrandtCamera4."""
+    """``project`` of basalt-headers: DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera,
+    KannalaBrandtCamera4."""
     x, y, z = points.T
     if kind == "kb4":
         r = np.hypot(x, y)
@@ -289,7 +296,7 @@ def test_basalts_rig(tmp_path):
 
 @pytest.mark.parametrize("to", ["basalt-kb4", "basalt-ds", "basalt-eucm", "camodocal-mei", "camodocal-kannala-brandt"])
 def test_what_is_written_is_the_programs_own(tmp_path, to):
-    """Our own file, parsed by a reader that knows nothing of ours."""
+    """Written file, parsed by an independent reader."""
     texts = {
         "basalt-kb4": BASALT[2], "basalt-ds": BASALT[0], "basalt-eucm": BASALT[1],
         "camodocal-mei": MEI, "camodocal-kannala-brandt": KB,
@@ -311,7 +318,8 @@ def test_what_is_written_is_the_programs_own(tmp_path, to):
             assert storage.getNode(title).getNode(name).real() == value
 
 
-# -- ROS -----------------------------------------------------------------------------------------------
+# -- ROS
+# -----------------------------------------------------------------------------------------------
 
 MESSAGE = {
     "header": {"seq": 0, "stamp": {"secs": 0, "nsecs": 0}, "frame_id": "camera"},
@@ -357,7 +365,8 @@ def test_camera_info_in_json_is_a_pinhole(tmp_path):
     assert (found, camera.KIND, camera.xi, camera.p1) == ("ros", "unified", 0.0, PINHOLE[2])
 
 
-# -- sizes, contradictions -----------------------------------------------------------------------------
+# -- sizes, contradictions
+# -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("prefix", ["cam0:\n  ", ""], ids=["chain", "alone"])
@@ -403,12 +412,12 @@ def test_a_consistent_file_has_no_notes(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "magnitude"),
     [
-        ({"inverse_scale": 1.1}, r"inverse polynomial .* up to 38\.\d px \(110 deg"),  # a tenth of 384 px
+        ({"inverse_scale": 1.1}, r"inverse polynomial .* up to 38\.\d px \(110 deg"),  # 10 % of 384 px
         ({"inverse_scale": 0.7}, r"inverse polynomial .* up to 115 px"),
         ({"centre": "515.32 382.29"}, r"centre \(382\.3, 515\.3\) lies 185 px from the middle .* swapped it lies 4"),
         ({"size": "1024 768"}, r"centre \(515\.3, 382\.3\) lies 185 px from the middle .* swapped it lies 4"),
         ({"affine": "0.884 0 0"}, r"stretched by 13\.1 % in one direction \(c = 0\.884, .* up to 50\.4 px"),
-        ({"affine": "1 0.2 0"}, r"stretched by 22\.1 %"),  # singular values of [1 0; .2 1]: sqrt(1.01) +- .1
+        ({"affine": "1 0.2 0"}, r"stretched by 22\.1 %"),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
         ({"centre": "-50 515"}, r"centre \(515, -50\) lies outside the image"),
     ],
 )
@@ -438,7 +447,7 @@ def test_inverse_polynomials_of_other_programs(tmp_path, to):
 
 
 def test_the_inverse_polynomial_is_compared_as_far_as_the_field(tmp_path):
-    """A third of a pixel is a fit; beyond the rim nothing is compared."""
+    """0.33 px is a fit residual; the comparison ends at the rim."""
     angles = np.linspace(0.0, RIGHT.omega_max, 500)
     radius = RIGHT.radius_from_omega(angles)
     inverse = np.polynomial.Polynomial.fit(angles - np.pi / 2, radius, 20).convert().coef

@@ -1,4 +1,4 @@
-"""Levels of cameras that are known, from pictures that were simulated with a lean."""
+"""Levelling of known cameras from rendered images with a tilt."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def test_the_lean_of_a_ball_in_a_room(looked):
 
 
 def test_large_pictures_are_looked_at_smaller():
-    """Three walls' edges that stand upright at known places, drawn four times as large."""
+    """Edges of three walls, vertical at known positions, drawn at four times the size."""
     levels = []
     for size in (720, 2880):
         ball = om.MirrorBall(
             ((size - 1) / 2,) * 2, 0.48 * size, 300.0, (size, size), Mount(pitch_deg=5.0, roll_deg=-3.0)
         )
-        apart = size // 720  # between pixels whose rays are asked for: they change evenly between
+        apart = size // 720  # pixel spacing of traced rays, which vary linearly in between
         v, u = np.mgrid[:720, :720] * apart + (apart - 1) / 2
         seen = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(720, 720, 3)
         seen = cv2.resize(seen, (size, size), interpolation=cv2.INTER_LINEAR)

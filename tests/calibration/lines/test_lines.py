@@ -1,4 +1,4 @@
-"""Straight edges of a simulated room: chains where edges are, cameras refined and levelled, with the truth at hand."""
+"""Straight edges of a simulated room: edge chains, refined and levelled cameras, with ground truth."""
 
 import re
 from dataclasses import replace
@@ -21,7 +21,7 @@ SIZE = (640, 640)
 
 @cache
 def scene():
-    """A hyperboloid that leans, and the picture that it takes of the room."""
+    """A tilted hyperboloid, and its image of the room."""
     sensor = om.load_sensor("paper-hyperboloidal")
     imager = replace(sensor.imager, width_px=SIZE[0], height_px=SIZE[1], pixel_pitch_um=5.2 * 1024 / SIZE[0])
     sensor = replace(sensor, imager=imager, mount=Mount("up", -90.0, False, 3.0, -2.0))
@@ -33,7 +33,8 @@ def field(sensor):
 
 
 def errors_deg(truth, camera):
-    """Angles (n,) between what pixels see, in the camera's own frame, and the standard deviations said."""
+    """Return angles (n,) between true and estimated pixel directions in the camera frame, and
+    predicted standard deviations."""
     pixels = np.random.default_rng(0).uniform(0, SIZE[0], (800, 2))
     a, b = truth.backproject(pixels), camera.backproject(pixels)
     both = a.valid & b.valid
@@ -44,7 +45,7 @@ def errors_deg(truth, camera):
 
 
 def test_chains_lie_on_edges_to_a_tenth_of_a_pixel():
-    """A dark polygon drawn with coverage: each chain is one of its sides."""
+    """A dark polygon drawn with coverage: each chain corresponds to one of its sides."""
     yy, xx = np.mgrid[0:300, 0:300].astype(float)
     corners = np.array([[60.3, 70.2], [240.7, 90.4], [200.1, 250.6], [80.9, 220.5]])
     coverage = np.ones((300, 300))
@@ -85,7 +86,7 @@ def test_an_unknown_camera_of_one_viewpoint_is_found_within_what_is_said():
 
 
 def test_what_lines_cannot_tell_is_named():
-    """Focal length, size and distance of a mirror make up for each other."""
+    """Focal length, size and distance of a mirror compensate each other."""
     truth, picture = scene()
     model = om.SensorModel(replace(truth, mount=Mount("up")), ("focal", "shape", "distance"))
     found = om.calibrate_lines([picture], model=model, **field(truth))
@@ -153,7 +154,7 @@ def test_pictures_that_show_too_little_are_refused():
 
 @pytest.mark.full
 def test_a_misaligned_mirror_keeps_its_place_when_asked(tmp_path):
-    """The command: a sensor file in, a better one out, level and with its uncertainty."""
+    """Command line: sensor file in, refined and levelled file with its uncertainty out."""
     truth, picture = scene()
     drawn = replace(truth, mount=Mount("up"), mirror_pose=MirrorPose(0.2, 0.1))
     om.save_sensor(drawn, tmp_path / "drawn.toml")
@@ -199,7 +200,7 @@ def test_edges_are_drawn_over_the_picture():
 
 @pytest.mark.full
 def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
-    """OCamCalib's own sample, calibrated by its authors with many boards; none is looked for here."""
+    """OCamCalib sample, calibrated by its authors with many boards; no board is detected here."""
     folder = shared_data / "ocamcalib_cpp_sample"
     truth = om.load_ocam(folder / "calib_results_catadioptric.txt")
     picture = om.read_image(folder / "test_catadioptric.jpg")
@@ -214,7 +215,7 @@ def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
 
 
 def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndarray]:
-    """Points of straight edges of a room 2 to 4 m about a camera, a dozen on each, as someone marks them."""
+    """Return points of straight edges of a room at 2 to 4 m, a dozen on each, as marked manually."""
     random = np.random.default_rng(4)
     edges: list[np.ndarray] = []
     while len(edges) < count:
@@ -253,7 +254,8 @@ def test_a_camera_is_refined_by_points_that_were_marked_on_straight_edges(tmp_pa
 
 
 def bent_edges(truth, random, count, bend_px):
-    """Images of far straight things by finite rays, each off by a curve of its own: what is straight in no world."""
+    """Return images of distant straight objects by finite rays, each with a curvature that no
+    camera explains."""
     edges = []
     while len(edges) < count:
         middle, along = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
@@ -271,7 +273,8 @@ def bent_edges(truth, random, count, bend_px):
 
 @pytest.mark.parametrize("seeds", [5, pytest.param(16, marks=pytest.mark.full)])
 def test_few_edges_that_are_not_quite_straight_are_no_surer_than_they_are_right(seeds):
-    """Ten edges fit closer than they are straight; judged by that, errors came out 1.5 of what was said."""
+    """Ten edges fit more closely than they are straight; with that scale, errors were 1.5 times the
+    prediction."""
     truth = replace(scene()[0], mount=Mount("up"))
     drawn = replace(truth, lens=replace(truth.lens, focal_length_mm=1.02 * truth.lens.focal_length_mm))
     ratios = []

@@ -1,4 +1,5 @@
-"""A sensor behind a tube or a dome as a model to calibrate: its derivatives against differences of its pictures."""
+"""Calibration model of a sensor behind a tube or dome: derivatives against differences of its
+images."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def test_images_are_projections_and_derivatives_are_differences(shell, distant):
     world = points @ sensor.mount.rotation().T
     shown = (sensor.project_directions if distant else sensor.project)(world)
     np.testing.assert_allclose(image.pixels[shown.valid], shown.pixels[shown.valid], atol=1e-9)
-    points = points[image.valid]  # where the others are seen is looked for in vain, for long
+    points = points[image.valid]  # the search for a solution of the others is slow and unsuccessful
     image = model.image(points, distant=distant)
     values = np.array([p.value for p in model.parameters])
     for k, parameter in enumerate(model.parameters):

@@ -1,4 +1,4 @@
-"""The sensor as a model: it shows what the sensor shows, and its derivatives are those of its picture."""
+"""Sensor as a calibration model: images equal those of the sensor, derivatives those of its images."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ MISALIGNED = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
 
 
 def some_points(count=60, seed=0):
-    """Points all around, 0.3 to 2 m away, none of them in the mirror's shadow."""
+    """Return points all around at 0.3 to 2 m, outside the obscuration of the mirror."""
     rng = np.random.default_rng(seed)
     towards = rng.normal(size=(2 * count, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
@@ -51,7 +51,7 @@ def sensor(request):
 
 
 def all_free(sensor):
-    """Every parameter of a sensor, but of long lists only three in the middle."""
+    """Return all parameters of a sensor, with long lists reduced to three central elements."""
     names = list(known_names(sensor))
     lists = [n for n in names if n.startswith("mirror.") and n.endswith("]")]
     return om.SensorModel(sensor, tuple(n for n in names if n not in lists or n in middle(lists)))
@@ -62,7 +62,8 @@ def middle(names):
 
 
 def shown(model, points, distant):
-    """Those that the sensor shows; where the others are seen on a cone is looked for in vain, for long."""
+    """Return the points imaged by the sensor; for others, the search on a cone is slow and
+    unsuccessful."""
     return points[model.image(points, distant=distant).valid]
 
 
@@ -111,7 +112,7 @@ def test_derivatives_by_parameters_are_differences(name, distant):
 def test_derivatives_by_points_are_differences(name, distant):
     sensor = SENSORS[name]
     model = om.SensorModel(sensor)
-    points = shown(model, some_points(24) * (1e-3 if distant else 1.0), distant)  # directions of lengths about 1
+    points = shown(model, some_points(24) * (1e-3 if distant else 1.0), distant)  # directions of length about 1
     image, h = model.image(points, distant=distant), 1e-6 if distant else 1e-3
     for axis in np.eye(3):
         after, before = (model.image(points + s * h * axis, distant=distant) for s in (1, -1))
@@ -122,7 +123,7 @@ def test_derivatives_by_points_are_differences(name, distant):
 
 
 def test_points_past_the_rim_are_still_shown_and_smoothly():
-    """An estimate whose mirror is a little too small must not lose the points that tell it so."""
+    """An estimate with a slightly small mirror must keep the points that correct it."""
     sensor = sensor_of("hyperboloid")
     omega = np.radians(sensor.field_deg[1] + np.linspace(-2.0, 4.0, 121))
     image = om.SensorModel(sensor).image(np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True)
@@ -188,7 +189,7 @@ def test_errors_say_what_would_be_valid(free, priors, words):
 
 
 def test_the_viewpoint_is_where_rays_meet_the_axis():
-    """Of a hyperboloid that has one, at its own focus."""
+    """For a hyperboloid with a single viewpoint, at its focus."""
     sensor = sensor_of("hyperboloid")
     focus = np.hypot(sensor.mirror.a_mm, sensor.mirror.b_mm) - sensor.mirror.b_mm
     np.testing.assert_allclose(om.SensorModel(sensor).viewpoint_mm, [0, 0, focus], atol=1e-6)

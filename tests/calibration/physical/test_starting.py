@@ -1,4 +1,4 @@
-"""From a central model to a mirror, and balls as they are photographed."""
+"""Initial values: from a central model to a mirror, and photographed balls."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ def test_a_misaligned_mirror_of_known_shape_is_found():
 
 
 def test_the_outline_of_a_ball_is_where_it_was_seen():
-    """Rays of the lens just inside the outline meet the ball, those just outside miss it."""
+    """Rays just inside the outline hit the ball, rays just outside miss it."""
     centre, radius = np.array([2350.0, 1300.0]), 700.0
     model = om.mirror_ball_model((4000, 3000), tuple(centre), radius, focal_px=6000.0)
     phi = np.linspace(0, 2 * np.pi, 32, endpoint=False)
@@ -75,7 +75,7 @@ def test_a_ball_from_afar_is_the_ball_of_parallel_rays():
 
 
 def test_a_mirror_that_folds_past_its_boards_ends_before():
-    """As estimated from photographs: the polynomials turn back at 129 deg, where no board was."""
+    """Estimated from photographs: the polynomials reverse at 129 deg, outside the boards."""
     shape = (0.9048884, -1.0279182, 0.7558168, -0.2282032)
     mirror = ConicAsphere(13.6992394, -8.2502947, 44.1189806, shape, 40.0)
     lens, imager = Perspective(5.2085251, 8.0, 160.0), Imager(640, 480, 5.0)

@@ -1,4 +1,5 @@
-"""Confidence of an outline from its agreement between working resolutions, against a calculation by hand."""
+"""Confidence of an outline from its agreement between working resolutions, against a manual
+calculation."""
 
 import math
 
@@ -10,7 +11,7 @@ from omnimirror.calibration.rim.finder import SURE
 
 
 def by_hand(odds: list[float], rivals: list[float], parallel: float, within: float) -> float:
-    """Agreement times lead times probability of a mirror, each a logistic function."""
+    """Return agreement times lead times probability of a mirror, each a logistic function."""
 
     def share(value: float, middle: float, width: float) -> float:
         return 1 / (1 + math.exp(-(value - middle) / width))
@@ -39,20 +40,20 @@ def test_confidence_is_the_product_of_three_shares(odds, rivals, parallel, withi
 
 
 def test_a_circle_of_two_resolutions_of_three_is_rejected():
-    """However probable it is at those, and although it leads on average."""
+    """Regardless of its probability at those, and of its lead on average."""
     assert confidence(np.array([5.0, 5.0, 5.0]), np.array([0.0, 0.0, 0.0]), 0.2) > 0.95
     assert confidence(np.array([5.0, 5.0, -6.0]), np.array([-2.0, -2.0, 0.0]), 0.2) < SURE
 
 
 def test_a_plate_without_parallel_edges_is_rejected():
-    """All resolutions agree on it, but nothing is compressed towards its edge."""
+    """All resolutions agree on it, but without compression of the content towards its edge."""
     odds, rivals = np.array([-0.7, -1.6, 0.0]), np.array([-4.4, -4.3, -5.1])
     assert confidence(odds, rivals, 0.01) < 0.05
     assert confidence(odds, rivals, 0.2) > 0.9
 
 
 def test_a_housing_is_rejected_for_the_clear_ring_within():
-    """It is the best circle at all resolutions, and edges parallel to it are those of the ring within."""
+    """It is the best circle at all resolutions, and its parallel edges belong to the inner ring."""
     odds, rivals = np.array([0.3, 0.7, 1.2]), np.array([-1.6, -2.3, -3.1])
     assert confidence(odds, rivals, 0.22, within=0.86) < 0.05
     assert confidence(odds, rivals, 0.22, within=0.5) > 0.9

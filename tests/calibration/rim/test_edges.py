@@ -1,4 +1,4 @@
-"""Edges of drawn pictures, whose places are known."""
+"""Edge detection in drawn images with known edges."""
 
 import numpy as np
 
@@ -6,11 +6,12 @@ from omnimirror.calibration.rim.edges import MOST_EDGES, at_working_size, edges_
 
 
 def test_a_strong_pattern_does_not_take_away_the_edges_of_a_fainter_circle():
-    """Black and white squares of 8 px have more edges than are kept, all of them steeper than those of the disc."""
+    """Black and white squares of 8 px have more edges than the limit, all of them steeper than
+    those of the disc."""
     v, u = np.mgrid[:360, :640]
     away = np.hypot(u - 330.0, v - 180.0)
     squares = 255.0 * ((u // 8 + v // 8) % 2)
-    moat = np.clip(away - 165.0, 0.0, 1.0)  # grey about the disc, so that its edge is its own
+    moat = np.clip(away - 165.0, 0.0, 1.0)  # grey surround that isolates the edge of the disc
     picture = squares * moat + 60.0 * (1 - moat)
     picture = np.where(away < 150, 160.0, picture).astype(np.uint8)
     edges = edges_of(at_working_size(picture))

@@ -1,4 +1,4 @@
-"""An ellipse through edges, against the ellipse that the edges were taken from."""
+"""Ellipse fit to edges against the true ellipse."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from omnimirror.calibration.rim.ellipses import Ellipse, Shift, laid_through, sh
 
 
 def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> EdgePoints:
-    """EdgePoints on an ellipse given by its axes, over a share of the way round."""
+    """Return EdgePoints on an ellipse given by its axes, over a fraction of its circumference."""
     turn, lean = np.linspace(0, 2 * np.pi * share, 600), np.radians(angle_deg)
     turned = np.array([[np.cos(lean), np.sin(lean)], [-np.sin(lean), np.cos(lean)]])
     points = np.stack([a * np.cos(turn), b * np.sin(turn)], axis=1) @ turned + centre
@@ -41,7 +41,7 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
 
 
 def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
-    """Past a crowd of arcs, each nearer to the circle than the ellipse is along some of the way."""
+    """Despite many arcs that are locally closer to the circle than the ellipse."""
     edges = edges_on(104.0, 96.0, 30.0, (203.0, 148.0))
     arcs = [edges_on(100.0 + k, 100.0 + k, 0.0, (200.0, 150.0), share=0.25) for k in (-1.5, 0.5, 1.5)]
     crowd = EdgePoints(*(np.concatenate([getattr(one, name) for one in (edges, *arcs)])

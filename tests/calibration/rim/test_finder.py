@@ -1,4 +1,4 @@
-"""Rims found in photographs and composed pictures, against rims set by hand or known exactly."""
+"""Mirror outlines in photographs and composed images, against manual or exact outlines."""
 
 import json
 from functools import cache
@@ -19,7 +19,7 @@ KAIDAN = [f"KaidanOmni{k}.jpg" for k in range(1, 18)]
 
 
 def few(every_day, of):
-    """All of them, of which the others are for the long run."""
+    """Return all cases; the ones not selected run in the full test."""
     return [pytest.param(one, marks=() if one in every_day else pytest.mark.full) for one in of]
 
 
@@ -34,7 +34,8 @@ def found_in_kaidan(name: str) -> om.FoundRim:
 
 
 def is_rim_of_kaidan(rim: om.FoundRim) -> bool:
-    """The ring of the mirror measures 222.6 to 224.3 px, its housing's 255 and 333."""
+    """Check the ring of the mirror, which measures 222.6 to 224.3 px; those of its housing measure
+    255 and 333 px."""
     return 222.0 < rim.radius_px < 225.0 and bool(np.hypot(rim.centre_px[0] - 324.8, rim.centre_px[1] - 246.2) < 2.2)
 
 
@@ -57,7 +58,7 @@ def test_several_pictures_of_one_sensor_agree(shared_data):
 
 
 def test_the_camera_is_found_in_the_middle(shared_data):
-    """It is black there, 53 px in radius about 325, 246, measured by hand."""
+    """It is black there, with a radius of 53 px about (325, 246), measured manually."""
     rim = found_in_kaidan("KaidanOmni7.jpg")
     assert rim.inner is not None
     assert rim.inner.radius_px == pytest.approx(53, abs=3)
@@ -79,12 +80,12 @@ def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
 
 BALLS = ["tisch.jpg", "lamp.jpg", "security_camera.jpg", "archviz.jpg", "gene_miller.jpg"]
 NO_BALLS = ["store.jpg", "store_hardware.jpg", "fire_hydrant.jpg"]
-"""Outlines of these are not those of the box set by hand: reflections of their housings are as clear."""
+"""Outlines that differ from the manual box: the reflections of their housings are equally clear."""
 
 
 @cache
 def found_in_ball(name: str, side_px: int) -> tuple[om.FoundRim, float]:
-    """The outline in a photograph resampled to a longer side, and the scale of that."""
+    """Return the outline in a photograph resampled to a longer side, and the scale."""
     picture = om.read_image(SHARED / "mirrorball" / name)
     scale = side_px / max(picture.shape[:2])
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
@@ -94,7 +95,7 @@ def found_in_ball(name: str, side_px: int) -> tuple[om.FoundRim, float]:
 @pytest.mark.full
 @pytest.mark.parametrize("name", BALLS)
 def test_outlines_of_mirror_balls_are_accepted(name, shared_data):
-    """Within 1 % of the box that was set by hand, whose sides differ by as much."""
+    """Within 1 % of the manual box, whose sides differ by as much."""
     crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())[name]
     (width, height), crop = crops["size"], crops["crop_px"]
     left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
@@ -124,7 +125,7 @@ def test_resampling_changes_the_confidence_little(name, shared_data):
 
 
 def test_a_rim_that_is_cut_by_the_picture(shared_data):
-    """Measured by hand at the left and the right end, and the centre as OCamCalib has it."""
+    """Measured manually at the left and right ends, with the centre of OCamCalib."""
     rim = om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_catadioptric.jpg"))
     assert rim.radius_px == pytest.approx(452, rel=0.01)
     assert rim.centre_px == (pytest.approx(515.3, abs=4.5), pytest.approx(382.3, abs=4.5))
@@ -138,7 +139,7 @@ def test_a_picture_without_a_rim_is_not_sure(shared_data):
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(2000, 2008))
 def test_composed_pictures(seed):
-    """Never confidently wrong; how many are right the benchmark counts, over two hundred."""
+    """No wrong confident result; the success rate is measured by the benchmark over 200 images."""
     photograph = composed(seed)
     rim = om.find_rim(photograph.picture)
     assert photograph.rim is not None
@@ -154,7 +155,7 @@ def test_what_is_behind_mirrors_is_none(seed):
 @pytest.mark.full
 @pytest.mark.parametrize("way", ["bare", "ball", "enclosed", "outdoors"])
 def test_mirrors_in_surroundings_of_other_kinds(way):
-    """Never confidently wrong; of seeds that were not learned from."""
+    """No wrong confident result; seeds are not part of the training."""
     photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
     rim = om.find_rim(photograph.picture)
     assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
@@ -165,12 +166,12 @@ def test_plates_and_frames_are_no_mirrors(seed):
     assert not om.find_rim(rings(seed, ENVIRONMENTS).picture).is_sure
 
 
-# What is counted was counted before photographs; painted surroundings alone are harder to look through.
+# Reference counts were obtained with photographs; detection in painted surroundings is harder.
 AMONG_PHOTOGRAPHS = pytest.mark.skipif(ENVIRONMENTS is None, reason="photographs of surroundings are not here")
 
 
 def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether each of two hundred composed pictures is answered within 1 %, and whether the answer is sure."""
+    """Return for 200 composed images if the result is within 1 %, and if it is confident."""
     right, sure = np.zeros(200, bool), np.zeros(200, bool)
     for i in range(200):
         photograph = compose(first + i, ENVIRONMENTS)
@@ -192,8 +193,9 @@ def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(first):
 
 @pytest.mark.parametrize("size", few([720], [600, 720, 1080]))
 def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
-    """A bright band of 2 % of the radius before a dark room, its mirror a calm sky: the band's outer edge is the clear
-    one, and at the size at which rims are looked for first both are one."""
+    """A bright band of 2 % of the radius in front of a dark room, with a uniform sky in the mirror:
+    the outer edge of the band is
+    the clearest, and both coincide at the initial working size."""
     v, u = np.mgrid[:size, :size] / size
     away, turn = np.hypot(u - 0.52, v - 0.47) * size, np.arctan2(v - 0.47, u - 0.52)
     radius = 0.33 * size
@@ -210,7 +212,7 @@ def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
 
 @pytest.mark.parametrize("kind", few([np.float32], [np.uint8, np.uint16, np.float32]))
 def test_every_depth_and_grey_alike(kind):
-    """A disc with spokes, known exactly, to a tenth of a pixel."""
+    """A disc with spokes, known exactly, to 0.1 px."""
     v, u = np.mgrid[:480, :640]
     away, turn = np.hypot(u - 330.25, v - 215.5), np.arctan2(v - 215.5, u - 330.25)
     cover = np.clip(180.0 - away + 0.5, 0, 1)

@@ -1,4 +1,4 @@
-"""First cameras from a rim: against the sensor that took the picture, misaligned as it was."""
+"""Initial cameras from an outline, against the misaligned sensor that rendered the image."""
 
 from dataclasses import replace
 from functools import cache
@@ -19,7 +19,7 @@ def sky() -> om.Environment:
 
 
 def large(name: str, pose: MirrorPose | None = None) -> om.Sensor:
-    """A bundled sensor with an imager on which all of the rim falls, its mirror mounted as asked."""
+    """Return a bundled sensor with an imager that contains the whole rim, and a given mirror pose."""
     sensor = om.load_sensor(name)
     imager = replace(sensor.imager, width_px=1100, height_px=1100, centre_px=None)
     return replace(sensor, imager=imager, mirror_pose=pose or MirrorPose())
@@ -43,7 +43,8 @@ def test_a_misaligned_mirror_is_measured_from_one_picture(name, pose):
 
 
 def rim_of(sensor: om.Sensor) -> om.FoundRim:
-    """The circle of the rim, through a pinhole, and the ellipse by linear least squares: no picture, no other step."""
+    """Return the rim projected by a pinhole, and its ellipse by linear least squares, without image
+    processing."""
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     rim_mm, sag_mm = sensor.mirror.rim_radius_mm, float(sensor.mirror.sag(np.array([sensor.mirror.rim_radius_mm]))[0])
     circle = np.stack([rim_mm * np.cos(turn), rim_mm * np.sin(turn), np.full(400, sag_mm)], axis=1)
@@ -61,7 +62,8 @@ def rim_of(sensor: om.Sensor) -> om.FoundRim:
 
 
 def seen_camera(sensor: om.Sensor) -> CameraImage:
-    """Where a finite ray goes back to the lens, of those of every second pixel."""
+    """Return the reflection of the camera: pixels whose finite rays return to the lens, every
+    second pixel."""
     u, v = np.meshgrid(*(np.arange(c - 200, c + 200, 2.0) for c in sensor.imager.centre))
     rays = sensor.backproject(np.stack([u, v], axis=-1))
     towards = sensor.optical_train.lens_offset - rays.origins
@@ -80,7 +82,7 @@ def test_the_rim_of_a_tilted_mirror_goes_back_to_its_pose():
 
 
 def test_two_tilts_show_the_same_rim_and_the_camera_in_the_middle_tells_which():
-    """Of a pose that the smaller decentre gets wrong."""
+    """For a pose that the solution of smaller decentre does not reproduce."""
     pose, sensor = MirrorPose(6.0, -5.0, 0.0, -3.0, -3.0), large("paper-spherical")
     true = replace(sensor, mirror_pose=pose)
     rim = rim_of(true)
@@ -109,14 +111,15 @@ def test_a_preset_has_its_field_inside_the_rim(preset):
 
 @pytest.mark.parametrize(("radii", "most_deg"), [(30.0, 1.0), (12.0, 3.3), (6.0, 7.5)])
 def test_a_whole_ball_from_afar_is_nearly_the_preset(radii, most_deg):
-    """A finite ray: it meets the ball at i from its normal, ``sin i = D / A sin a``, and leaves at 2 i - a."""
+    """Finite ray: its angle of incidence on the ball is i, ``sin i = D / A sin a``, and it leaves
+    at 2 i - a."""
     ball = om.camera_from_rim(RIM, "ball")
     share = np.linspace(0, 0.9, 50)
     from_axis = np.arctan(share * np.tan(np.arcsin(1 / radii)))
     field = 2 * np.arcsin(radii * np.sin(from_axis)) - from_axis
     away = np.degrees(np.abs(ball.omega_from_radius(share * RIM.radius_px) - field))
     assert away.max() < most_deg
-    assert away.max() > 0.8 * most_deg  # the number that the page tells is the right one
+    assert away.max() > 0.8 * most_deg  # the number on the page is correct
 
 
 def test_a_cropped_picture_keeps_the_mirror_aligned():

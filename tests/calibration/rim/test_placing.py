@@ -1,4 +1,4 @@
-"""A ring placed to a part of a pixel, beside edges that are not its own."""
+"""Subpixel refinement of a circle next to other edges."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from omnimirror.calibration.rim.placing import placed
 
 @pytest.mark.parametrize("beside", [1.02, 1.03, 0.98])
 def test_a_stronger_edge_beside_the_rim_draws_nothing(beside):
-    """A disc of known place in a thin frame, its own step less than half of the frame's."""
+    """A disc of known position in a thin frame, with a step of less than half of that of the frame."""
     v, u = np.mgrid[:480, :640]
     away = np.hypot(u - 330.3, v - 215.6)
     rim, frame = (np.clip(radius - away + 0.5, 0, 1) for radius in (180.0, 180.0 * beside))

@@ -1,4 +1,4 @@
-"""Boards photographed with a sensor: rays through a grid of places in each pixel, so that it is integrated over."""
+"""Rendered photographs of boards: a grid of rays per pixel integrates over the pixel area."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ SUBPIXELS = 4
 class Photograph(NamedTuple):
     picture: np.ndarray
     corners_px: np.ndarray
-    """(n, 2): where the board's corners truly are, by the projection of points."""
+    """True corner positions (n, 2), by projection."""
 
 
 def pose(board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm: float, *turns_deg: float):
-    """Rotation and place of a board that faces the sensor from a direction, but for turns about its own axes."""
+    """Return rotation and position of a board facing the sensor from a direction, with rotations
+    about its own axes."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
     away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     right = -np.cross([0, 0, 1], away) / np.cos(elevation)
@@ -30,14 +31,14 @@ def pose(board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm:
 
 
 def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, seed=0, sheet=None):
-    """A board in front of a sensor, blurred, noisy and compressed, with its true corners."""
+    """Render a board with blur, noise and compression; return it with its true corners."""
     light, truth = rendered(sensor, board, place, sheet=sheet)
     picture = cv2.GaussianBlur(light, (0, 0), blur_px)
     return Photograph(digital(picture, np.random.default_rng(seed), noise=noise, quality=quality), truth)
 
 
 def digital(light, random, *, noise=3.0, quality=None):
-    """Grey values of an image, noisy, clipped, and compressed at a JPEG quality."""
+    """Convert to grey values with noise, clipping, and compression at a JPEG quality."""
     picture = light + random.normal(0, noise, light.shape)
     picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
     if quality is not None:
@@ -46,9 +47,10 @@ def digital(light, random, *, noise=3.0, quality=None):
 
 
 def rendered(sensor, board, place, *, sheet=None):
-    """Light of a board in front of a sensor, sharp and without noise, and its true corners.
+    """Render a sharp, noise-free board; return it with its true corners.
 
-    ``sheet`` is what is printed on a board that is no chessboard: brightness of points (n, 2) mm of it, NaN beside it.
+    ``sheet`` is the print of a board other than a chessboard: brightness of points (n, 2) mm, NaN
+    outside.
     """
     rotation, translation = place
     width, height = sensor.image_size
@@ -73,7 +75,7 @@ def rendered(sensor, board, place, *, sheet=None):
 
 
 def chessboard(board):
-    """Brightness of points of a chessboard within a white margin."""
+    """Return the brightness of points of a chessboard with a white margin."""
 
     def brightness(points):
         x, y = points.T / board.square_mm

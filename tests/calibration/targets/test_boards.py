@@ -1,4 +1,4 @@
-"""Boards: their corners where OpenCV and Kalibr lay them out, and a sentence for what is no board."""
+"""Board geometry as defined by OpenCV and Kalibr, and error messages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ def test_corners_of_a_charuco_board_are_opencvs():
 
 
 def test_corners_of_an_april_grid_are_kalibrs():
-    """Rows from the bottom; tags of 88 mm with gaps of .3 of it, the sizes of Kalibr's own board."""
+    """Rows from the bottom; tags of 88 mm with gaps of 0.3 of the tag size, as in Kalibr's own
+    board."""
     points = om.Board("aprilgrid", 6, 6, 88.0).points_mm
     assert points.shape == (144, 3)
     np.testing.assert_allclose(points[[1, 2, 12, 24], :2], [[88, 0], [114.4, 0], [0, 88], [0, 114.4]])

@@ -1,4 +1,4 @@
-"""Frames of a video of a board: the sharp ones, each of which shows something that the others do not."""
+"""Selection of sharp and distinct frames from a video of a board."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SIZE = (320, 240)
 
 
 def frame(left: float, top: float, size: float, turn_deg: float = 0.0, blur: float = 0.6) -> np.ndarray:
-    """A chessboard of so large squares, somewhere and turned."""
+    """Return a chessboard of given square size, position and rotation."""
     drawn = om.draw_board(BOARD, px_per_mm=1.0)
     scale = size / 20
     turn = cv2.getRotationMatrix2D((70.0, 60.0), turn_deg, scale)
@@ -28,7 +28,8 @@ PLACES = [(0, 0, 16), (170, 0, 16), (0, 110, 16), (170, 110, 16), (80, 50, 28), 
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
-    """Each place for a second at 8 frames a second: first in motion, then sharp twice over, at last a dull one."""
+    """A video with each view for 1 s at 8 frames/s: first in motion, then sharp twice, finally
+    low-contrast."""
     from omnimirror.simulation.datasets.video import encode
 
     path = tmp_path_factory.mktemp("video") / "board.mp4"
@@ -69,7 +70,7 @@ def test_ctrl_c_chooses_among_what_was_found(video):
 
 
 def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
-    """As the same views are chosen from a video; a look that is quick finds what a thorough one does."""
+    """The same views are selected from a video; the fast detection agrees with the thorough one."""
     taken = [om.find_board(frame(*place), BOARD, name=f"{place}") for place in PLACES[:3]]
     quick = om.find_board(frame(*PLACES[3]), BOARD, quick=True)
     np.testing.assert_array_equal(quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px)

@@ -1,4 +1,4 @@
-"""Boards found in rendered and real pictures of mirrors, and a reason where there is none."""
+"""Board detection in rendered and real mirror images, and reasons for failures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def test_corners_are_measured_to_hundredths_of_a_pixel(photograph):
 
 
 def in_order_of(found, photograph) -> np.ndarray:
-    """Which true corner each found one is, which a chessboard in a mirror does not tell."""
+    """Return the index of the true corner for each detected one, which is ambiguous for chessboards
+    in mirrors."""
     return np.argmin(np.linalg.norm(found.corners_px[:, None] - photograph.corners_px, axis=2), axis=1)
 
 
@@ -45,7 +46,7 @@ def test_reported_deviations_are_those_from_the_truth(photograph):
 
 
 def motion(length_px: float, angle_deg: float) -> np.ndarray:
-    """Kernel of a linear motion blur of a standard deviation."""
+    """Return the kernel of a linear motion blur with a given standard deviation."""
     turn = cv2.getRotationMatrix2D((15.0, 15.0), angle_deg, 1.0)
     line = np.zeros((31, 31))
     half = round(length_px * np.sqrt(12) / 2)
@@ -55,7 +56,7 @@ def motion(length_px: float, angle_deg: float) -> np.ndarray:
 
 
 def disc(radius_px: float) -> np.ndarray:
-    """Kernel of a defocus, its edge antialiased."""
+    """Return the antialiased kernel of a defocus."""
     at = (np.arange(130) + 0.5) / 10 - 6.5
     fine = (np.hypot(*np.meshgrid(at, at)) <= radius_px).astype(float)
     kernel = fine.reshape(13, 10, 13, 10).mean(axis=(1, 3))
@@ -90,7 +91,7 @@ DEGRADED = {
 
 @pytest.fixture(scope="module")
 def sharp_boards():
-    """Boards in mirrors, rendered without any degradation, with exact corners."""
+    """Rendered boards in mirrors without degradation, with exact corners."""
     places = [
         ("prototype-hyperboloidal", om.Board("chessboard", 9, 6, 30.0), (300, -20, 350, 0, 30, -20)),
         ("prototype-hyperboloidal", om.Board("chessboard", 11, 7, 25.0), (80, -35, 330, 20, -15, 10)),
@@ -107,7 +108,8 @@ def sharp_boards():
     ],
 )
 def test_reported_deviations_hold_on_degraded_pictures(kind, sharp_boards):
-    """Reduced chi-square against the exact corners; what fits left in pixels alone gave 0.06 to 6."""
+    """Reduced chi-square against the exact corners; with residuals of the fit in pixels only, it
+    was 0.06 to 6."""
     squares = []
     for seed, (board, light, truth) in enumerate(sharp_boards):
         picture = DEGRADED[kind](light, np.random.default_rng(seed))
@@ -120,7 +122,7 @@ def test_reported_deviations_hold_on_degraded_pictures(kind, sharp_boards):
 
 
 def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
-    """Its outline makes edges that pull a corner by half a pixel and more."""
+    """Edges of its outline shift a corner by 0.5 px and more."""
     whole = om.find_board(photograph.picture, BOARD)
     hidden = np.flatnonzero(np.isin(whole.ids, [0, 4, 27, 49]))
     picture = photograph.picture.copy()
@@ -131,13 +133,13 @@ def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
         cv2.circle(picture, (int(u), int(v)), round(8 * 0.33 * beside), 140, -1, cv2.LINE_AA, 3)
     found = om.find_board(picture, BOARD)
     assert found.used
-    assert len(found.ids) >= len(whole.ids) - 2 * len(hidden)  # one beside it may be hidden too
+    assert len(found.ids) >= len(whole.ids) - 2 * len(hidden)  # a neighbour may be hidden too
     error = np.linalg.norm(found.corners_px - photograph.corners_px[in_order_of(found, photograph)], axis=1)
     assert error.max() < 0.2
 
 
 def test_corners_run_clockwise_from_a_black_square(photograph):
-    """In rows of nine, the first beside the second; the square before the first corner is black."""
+    """Rows of nine, the first next to the second; the square before the first corner is black."""
     found = om.find_board(photograph.picture, BOARD)
     grid = found.corners_px.reshape(6, 9, 2)
     right, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
@@ -150,7 +152,7 @@ def test_corners_run_clockwise_from_a_black_square(photograph):
 
 @pytest.mark.parametrize("turns", [1, *(pytest.param(n, marks=pytest.mark.full) for n in (0, 2, 3))])
 def test_corners_are_the_same_however_the_picture_is_turned(turns):
-    """10 x 7 squares can be told apart: by their colours, not by where they are."""
+    """The orientation of 10 x 7 squares is determined by their colours, not by their positions."""
     picture = cv2.GaussianBlur(np.pad(picture_of(9, 6), [(352, 352), (312, 312)], mode="edge"), (0, 0), 0.8)
     u, v = om.find_board(picture, BOARD).corners_px.T
     turned = [(u, v), (v, 1023 - u), (1023 - u, 1023 - v), (1023 - v, u)][turns]
@@ -159,7 +161,8 @@ def test_corners_are_the_same_however_the_picture_is_turned(turns):
 
 
 def test_all_boards_of_a_real_mirror_are_found(shared_data):
-    """OpenCV's detectors do not find the second of them; its search near our corners ends at the same crossings."""
+    """OpenCV's detectors fail for the second image; its refinement of these corners converges to
+    the same crossings."""
     paths = [shared_data / "kaidan_omni" / f"KaidanOmni{i}.jpg" for i in (1, 8, 17)]
     found = om.find_boards(paths, om.Board("chessboard", 11, 7, 30.0))
     assert [(d.name, len(d.ids), d.reason) for d in found] == [(path.name, 77, None) for path in paths]
@@ -171,7 +174,7 @@ def test_all_boards_of_a_real_mirror_are_found(shared_data):
 
 
 def reference(picture: np.ndarray, board: om.Board, window_px: int) -> np.ndarray:
-    """Corners (n, 2) of a chessboard as OpenCV finds and refines them."""
+    """Return corners (n, 2) of a chessboard detected and refined by OpenCV."""
     found, corners = cv2.findChessboardCorners(picture, board.lattice_size)
     assert found
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.001)
@@ -179,7 +182,8 @@ def reference(picture: np.ndarray, board: om.Board, window_px: int) -> np.ndarra
 
 
 def test_a_board_in_a_metal_frame_without_margin(shared_data):
-    """The frame reflects its surroundings, so that some places past the outer corners resemble corners."""
+    """The frame reflects its surroundings; some positions outside the outer corners therefore
+    resemble corners."""
     picture = cv2.imread(str(shared_data / "omnidir_sample" / "8.jpg"), cv2.IMREAD_GRAYSCALE)
     found = om.find_board(picture, BOARD)
     assert found.used
@@ -200,7 +204,8 @@ def test_a_framed_board_of_another_size_is_not_the_one_requested(size, shared_da
 
 
 def in_frame(kind: str):
-    """Brightness of a chessboard whose outer squares touch a frame, which is striped or reflects the squares."""
+    """Return the brightness of a chessboard with a frame at its outer squares, striped or
+    reflecting the squares."""
     shades = np.random.default_rng(5).uniform(70, 190, 64)
 
     def brightness(points):
@@ -230,7 +235,7 @@ def test_frames_without_margin(kind):
 
 @pytest.mark.parametrize(("side", "first"), [(20, (3, 3)), pytest.param(31, (12, 5), marks=pytest.mark.full)])
 def test_a_board_on_a_tiled_floor_takes_precedence_over_the_tiles(side, first):
-    """The tiles have more corners, and those are as sharp."""
+    """The tiles have more corners of the same sharpness."""
     v, u = np.mgrid[:640, :800]
     picture = np.where((u // side + v // side) % 2, 60, 190).astype(np.uint8)
     left, top = 40 * first[0], 40 * first[1]
@@ -244,7 +249,7 @@ def test_a_board_on_a_tiled_floor_takes_precedence_over_the_tiles(side, first):
 
 
 def picture_of(columns: int, rows: int, side: int = 24, size: tuple[int, int] = (400, 320)) -> np.ndarray:
-    """A flat chessboard of so many inner corners on white."""
+    """Return a flat chessboard with given inner corners on white."""
     v, u = np.mgrid[: size[1], : size[0]]
     x, y = (u - 40) // side, (v - 40) // side
     on = (x >= 0) & (x <= columns) & (y >= 0) & (y <= rows)
@@ -272,7 +277,8 @@ def test_why_a_board_was_not_found_is_told(picture, reason):
 
 
 def tiles() -> np.ndarray:
-    """A tiled floor of which something hides all but 9 x 6 corners, and a third of the rows next to them."""
+    """Return a tiled floor with an occlusion of all but 9 x 6 corners, and of a third of the
+    adjacent rows."""
     picture = picture_of(13, 10, size=(520, 400))
     v, u = np.mgrid[:400, :520]
     seen = (u > 88) & (u < 328) & (v > 88) & (v < 256)
@@ -287,7 +293,7 @@ def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
     found = om.find_board(seen, BOARD)
     assert not found.used
     assert "squares were found that go on past 9 x 6 corners" in found.reason
-    margin = np.full_like(seen, 210)  # about them, and the same squares are a board
+    margin = np.full_like(seen, 210)  # with a margin, the same squares are a board
     margin[88:256, 88:328] = seen[88:256, 88:328]
     assert om.find_board(margin, BOARD).used
 
@@ -296,13 +302,13 @@ def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
 @pytest.mark.long
 @pytest.mark.parametrize("turn", [np.asarray, np.rot90, np.fliplr])
 def test_a_checked_cloth_is_no_board(turn, shared_data):
-    """A mirror ball above it shows 11 x 7 of its corners whole, with others beside them."""
+    """A mirror ball above it leaves 11 x 7 corners visible, with others next to them."""
     picture = cv2.imread(str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4)
     assert not om.find_board(np.ascontiguousarray(turn(picture)), om.Board("chessboard", 11, 7)).used
 
 
 def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
-    """They take a second where there is no board; a board that they alone made whole began somewhere."""
+    """They take 1 s without a board; boards completed by them alone have an initial detection."""
     from omnimirror.calibration.targets.search import chessboards
 
     asked = []
@@ -319,7 +325,7 @@ def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
 @pytest.mark.full
 def test_pictures_that_do_not_belong_together_are_told():
     whole, part = picture_of(9, 6), picture_of(9, 6)
-    part[:, 230:] = 128  # 8 x 6 of its corners are left
+    part[:, 230:] = 128  # 8 x 6 of its corners remain
     pictures = [whole, whole, picture_of(9, 6, size=(420, 320)), part, "missing.jpg"]
     found = om.find_boards(pictures, BOARD)
     assert [d.used for d in found] == [True, True, False, True, False]
@@ -342,7 +348,8 @@ def test_ctrl_c_keeps_what_was_found():
 @pytest.mark.full
 @pytest.mark.long
 def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatch):
-    """In their order too, which runs clockwise in the picture, although a mirror turns it over against the view."""
+    """Including their order, which is clockwise in the image although a mirror reverses it in the
+    view."""
     from omnimirror.calibration.targets import finding
 
     sensor = om.load_sensor("paper-spherical")
@@ -359,7 +366,7 @@ def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatc
 
 
 def test_several_boards_of_a_picture_are_each_told():
-    """Two beside each other, of which one is turned by a right angle."""
+    """Two adjacent boards, one of them rotated by 90 deg."""
     picture = np.full((400, 820), 210, np.uint8)
     picture[:320, :400] = picture_of(9, 6)
     picture[:400, 480:800] = np.rot90(picture_of(9, 6))
@@ -370,7 +377,8 @@ def test_several_boards_of_a_picture_are_each_told():
 
 
 def test_a_flipped_picture_of_a_symmetric_chessboard_is_told():
-    """10 x 6 squares have black ones at two opposite corners, and white ones there in a mirror image."""
+    """10 x 6 squares have black ones at two opposite corners, and white ones there in a mirror
+    image."""
     board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]

@@ -1,4 +1,4 @@
-"""Boards to print: other programs find them where they should be, and every kind of file has their true size."""
+"""Printable boards: detection by other programs, and true size in all file formats."""
 
 from __future__ import annotations
 
@@ -45,12 +45,13 @@ def test_opencv_finds_the_charuco_boards(legacy):
 
 
 def test_tags_of_an_april_grid_are_kalibrs():
-    """The first codes of Kalibr's own generator, which draws bits from the lower right, row by row, black where 0."""
+    """First codes of Kalibr's generator, which draws bits from the lower right, row by row, black
+    for 0."""
     board = BOARDS["aprilgrid"]
     drawn, sheet = om.draw_board(board, px_per_mm=2.0), sheet_of(board)
     for tag, code in enumerate([0xD5D628584, 0xD97F18B49, 0xDD280910E]):
         left = sheet.first_corner_mm[0] + tag * 39.0
-        cells = 3.0 * (np.arange(10) + 0.5)  # mm: six bits and twice two of frame
+        cells = 3.0 * (np.arange(10) + 0.5)  # mm: six bits and a frame of two on both sides
         rows = np.round((sheet.first_corner_mm[1] - 30 + cells) * 2 - 0.5).astype(int)
         columns = np.round((left + cells) * 2 - 0.5).astype(int)
         black = drawn[np.ix_(rows, columns)] == 0
@@ -69,7 +70,7 @@ def test_tags_of_an_april_grid_are_kalibrs():
     ],
 )
 def test_marked_boards_are_found_in_mirrors_reversed_or_not(board, place):
-    """A mirror reverses its picture, and a flip makes up for it."""
+    """A mirror reverses its image, and a flip compensates for it."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     taken = photographed(sensor, board, pose(board, *place), sheet=printed(board))
     flipped = np.ascontiguousarray(taken.picture[:, ::-1]), [1023, 0] + [-1, 1] * taken.corners_px
@@ -83,7 +84,7 @@ def test_marked_boards_are_found_in_mirrors_reversed_or_not(board, place):
 
 
 def printed(board):
-    """Brightness of a printed board's points, mm."""
+    """Return the brightness of points of a printed board, mm."""
     scale = 10.0
     drawn, corner = om.draw_board(board, px_per_mm=scale), sheet_of(board).first_corner_mm
 
@@ -105,7 +106,7 @@ def test_flipped_pictures_among_others_are_told():
 
 
 def opencv_grid(border_bits):
-    """A grid of 6 x 5 upright tags as OpenCV draws it: counted to the right and down."""
+    """Return a grid of 6 x 5 upright tags as drawn by OpenCV: numbered to the right and down."""
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36H11)
     drawn = cv2.aruco.GridBoard((6, 5), 1.0, 0.3, family).generateImage(
         (600, 510), marginSize=30, borderBits=border_bits
@@ -115,7 +116,7 @@ def opencv_grid(border_bits):
 
 @pytest.mark.parametrize("turn", [np.asarray, np.fliplr, np.rot90])
 def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
-    """Their tags would be read, and taken for others' corners."""
+    """Their tags would be decoded and confused with others."""
     asked = om.Board("aprilgrid", 6, 5, 30.0)
     found = om.find_board(np.ascontiguousarray(turn(opencv_grid(2))), asked)
     assert found.reason == (
@@ -129,7 +130,7 @@ def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
 
 
 def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
-    """Its axes are those of its neighbours turned round, to the last digit."""
+    """Its axes are exactly those of its neighbours, reversed."""
     board = om.Board("aprilgrid", 6, 5, 30.0)
     picture = om.draw_board(board, px_per_mm=2.0)
     corners = om.find_board(picture, board).corners_px.reshape(5, 2, 6, 2, 2)[2, :, 2].reshape(4, 2)
@@ -156,7 +157,7 @@ def test_april_grids_of_another_size_or_spacing_are_told():
 
 
 def test_files_have_the_true_size(tmp_path):
-    """Squares of 20 mm: in points of a PDF, millimetres of an SVG, and pixels a metre of a PNG."""
+    """Squares of 20 mm: in points of a PDF, millimetres of an SVG, and pixels per metre of a PNG."""
     board = BOARDS["chessboard"]
     pdf = om.write_board(board, tmp_path / "b.pdf").read_bytes()
     content = zlib.decompress(re.search(rb"stream\n(.*?)\nendstream", pdf, re.S)[1]).decode()
@@ -175,7 +176,7 @@ def test_files_have_the_true_size(tmp_path):
 
     png = om.write_board(board, tmp_path / "b.png", dpi=254).read_bytes()
     at = png.index(b"pHYs")
-    assert int.from_bytes(png[at + 4 : at + 8]) == 10_000  # a tenth of a millimetre
+    assert int.from_bytes(png[at + 4 : at + 8]) == 10_000  # 0.1 mm
     assert zlib.crc32(png[at : at + 13]) == int.from_bytes(png[at + 13 : at + 17])
     assert om.read_image(tmp_path / "b.png").shape == (1600, 2200)
 

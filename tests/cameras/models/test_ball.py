@@ -1,4 +1,4 @@
-"""The mirror ball, against reflection on a sphere in three dimensions."""
+"""Mirror ball against 3-D reflection on a sphere."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,8 @@ from omnimirror.cameras.frames import Mount
 
 
 def reflected(offsets, ball_radius):
-    """Directions of parallel rays along +Z that hit a sphere at offsets (n, 2), by d - 2 (d n) n."""
+    """Return directions of parallel rays along +Z after reflection on a sphere at offsets (n, 2),
+    by d - 2 (d n) n."""
     x, y = offsets.T / ball_radius
     normal = np.stack([x, y, -np.sqrt(1 - x**2 - y**2)], axis=-1)  # towards the camera
     d = np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""The fisheye polynomial, against OpenCV's module fisheye."""
+"""Fisheye polynomial against the OpenCV module fisheye."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ MATRIX = np.array([[300.0, 0.0, 322.0], [0.0, 310.0, 237.0], [0.0, 0.0, 1.0]])
 
 
 def test_pixels_and_derivatives_are_opencvs():
-    """Ahead of the camera; OpenCV projects nothing beyond 90 deg."""
+    """In front of the camera; OpenCV has no projection beyond 90 deg."""
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-300, 300, (400, 2)), rng.uniform(20, 200, 400)])
     expected, jacobian = cv2.fisheye.projectPoints(
@@ -21,18 +21,19 @@ def test_pixels_and_derivatives_are_opencvs():
     found = CAMERA.image(points)
     np.testing.assert_allclose(found.pixels, expected[:, 0], atol=1e-9, rtol=0)
     names = [p.name for p in CAMERA.parameters]
-    # OpenCV's columns: fx fy, cx cy, k1 to k4, then rotation (3) and translation (3), which here is that of the points
+    # OpenCV's columns: fx fy, cx cy, k1 to k4, then rotation (3) and translation (3), here those of
+    # the points
     ours = [names.index(name) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")]
     expected = jacobian.reshape(-1, 2, 15)
     scale = np.abs(expected).max(axis=(0, 1))
-    columns = [1, 2, 3, 4, 5, 6, 7]  # OpenCV's fx carries alpha fx, our skew is a number of its own
+    columns = [1, 2, 3, 4, 5, 6, 7]  # OpenCV's fx contains alpha fx; the skew of omnimirror is a separate parameter
     found_columns = found.d_parameters[:, :, ours][:, :, columns] / scale[columns]
     np.testing.assert_allclose(found_columns, expected[:, :, columns] / scale[columns], atol=1e-9)
     np.testing.assert_allclose(found.d_points, expected[:, :, 11:14], rtol=1e-8, atol=1e-8)
 
 
 def test_it_goes_on_behind_the_camera():
-    """Where r = Omega (1 + ..) says so, to 180 deg."""
+    """As r = Omega (1 + ...) requires, up to 180 deg."""
     omega = np.radians([100.0, 130.0, 170.0])
     camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=0.01)
     directions = np.stack([np.sin(omega), 0 * omega, np.cos(omega)], axis=-1)
@@ -41,6 +42,6 @@ def test_it_goes_on_behind_the_camera():
 
 
 def test_it_ends_where_the_polynomial_turns_back():
-    """1 - 3 k Omega^2 = .01 of r = Omega - k Omega^3."""
+    """1 - 3 k Omega^2 = 0.01 of r = Omega - k Omega^3."""
     camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=-0.2)
     assert camera.model_end == pytest.approx(np.sqrt(0.99 / 0.6), rel=1e-12)

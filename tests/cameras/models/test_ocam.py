@@ -1,4 +1,4 @@
-"""OCamCalib's file and camera, against OCamCalib's own formulas and pictures."""
+"""OCamCalib file and camera against OCamCalib's own formulas and images."""
 
 from pathlib import Path
 
@@ -35,7 +35,8 @@ GOOD = """#polynomial coefficients for the DIRECT mapping function
 
 
 def cam2world(pixels, camera):
-    """OCamCalib's cam2world.m, written out: rays (n, 3) in its own frame of row, column and z."""
+    """Return rays (n, 3) of OCamCalib's cam2world.m, written out, in its frame of row, column and
+    z."""
     c, d, e = camera.affine
     column, row = np.moveaxis(np.asarray(pixels) - camera.centre_px, -1, 0)
     x = (row - d * column) / (c - d * e)
@@ -59,7 +60,7 @@ def test_reads_windows_lines_a_byte_order_mark_and_comments_behind_numbers(tmp_p
     path.write_bytes(
         b"\xef\xbb\xbf" + GOOD.replace("768 1024", "768 1024  # rows, columns").replace("\n", "\r\n").encode()
     )
-    with pytest.warns(OmnimirrorWarning, match="inverse polynomial"):  # of three coefficients only
+    with pytest.warns(OmnimirrorWarning, match="inverse polynomial"):  # three coefficients only
         assert om.load_ocam(path) == parse_ocam(GOOD)
 
 
@@ -130,7 +131,8 @@ def test_a_mirror_looks_back_and_a_fisheye_ahead():
 
 
 def test_the_field_ends_where_the_angle_stops_growing():
-    """f = -100 + rho^2/1000 - 1e-8 rho^4: the field angle turns back at a radius found here by search."""
+    """f = -100 + rho^2/1000 - 1e-8 rho^4: the field angle reverses at a radius found here by
+    search."""
     camera = om.OCam((-100.0, 0.0, 1e-3, 0.0, -1e-8), (2000.0, 2000.0), (4001, 4001))
     rho = np.linspace(0, 2000, 2_000_001)
     omega = np.arctan2(rho, 100 - 1e-3 * rho**2 + 1e-8 * rho**4)
@@ -173,7 +175,7 @@ def test_the_perspective_reference_picture_follows_from_the_camera():
 
 @needs_sample
 def test_the_panorama_reference_picture_follows_from_the_camera():
-    """A plain polar unrolling, whose pixels our camera finds again from their directions."""
+    """A plain polar unwrapping; the camera reproduces its pixels from their directions."""
     camera = om.load_ocam(SAMPLE / "calib_results_catadioptric.txt")
     source = cv2.imread(str(SAMPLE / "test_catadioptric.jpg"))
     reference = cv2.imread(str(SAMPLE / "undistorted_panoramic.jpg"))

@@ -1,4 +1,5 @@
-"""The unified sphere and its relatives, against the equations of their papers and of OpenCV, written out here."""
+"""Unified sphere and related models, against the equations of their papers and of OpenCV, written
+out here."""
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ LENS = (-0.11, 0.03, -0.004, 0.002, -0.003)
 
 
 def directions_within(omega_max, count=500, seed=1):
-    """Vectors (n, 3) of lengths 10 to 1000 no farther than omega_max (radians) from Z."""
+    """Return vectors (n, 3) of length 10 to 1000 within omega_max (radians) of Z."""
     rng = np.random.default_rng(seed)
     omega, phi = rng.uniform(0, omega_max, count), rng.uniform(0, 2 * np.pi, count)
     unit = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.cos(omega)], axis=-1)
@@ -22,12 +23,12 @@ def directions_within(omega_max, count=500, seed=1):
 
 
 def pixels_of(x, y):
-    """With OpenCV's matrix K."""
+    """Apply OpenCV's matrix K."""
     return np.stack([FOCAL[0] * x + SKEW * y + CENTRE[0], FOCAL[1] * y + CENTRE[1]], axis=-1)
 
 
 def omnidir(points, xi, k1, k2, k3, p1, p2):
-    """``projectPoints`` of OpenCV's omnidir, and its k3 as in the pinhole model of OpenCV."""
+    """``projectPoints`` of OpenCV's omnidir, with k3 of OpenCV's pinhole model."""
     x, y, z = (points / np.linalg.norm(points, axis=1, keepdims=True)).T
     x, y = x / (z + xi), y / (z + xi)
     r2 = x**2 + y**2
@@ -55,7 +56,7 @@ def double_sphere(points, xi, alpha):
 
 
 def of_kind(kind, *shape):
-    """A model with the optics yet to be said, and the pixels that its paper gives."""
+    """Return a model with variable optics, and the pixels of its paper."""
     paper = {Unified: omnidir, EnhancedUnified: enhanced, DoubleSphere: double_sphere}[kind]
     own, lens = (shape[:1], shape[1:]) if kind is Unified else (shape, ())
     return lambda optics: kind(*own, FOCAL, CENTRE, SIZE, SKEW, *lens, optics), lambda points: paper(points, *shape)
@@ -73,7 +74,8 @@ CASES = {
 @pytest.mark.parametrize(("model", "paper", "omega_max"), CASES.values(), ids=CASES)
 @pytest.mark.parametrize("optics", ["mirror", "fisheye"])
 def test_pixels_are_those_of_the_papers(model, paper, omega_max, optics):
-    """Their frames look ahead; a mirror's looks back, and is no rotation of the camera's."""
+    """Frames of the papers look ahead; that of a mirror looks back and is not a rotation of the
+    camera frame."""
     camera, points = model(optics), directions_within(omega_max)
     found = camera.image(points * [1, 1, -1] if optics == "mirror" else points)
     assert found.valid.all()
@@ -81,16 +83,17 @@ def test_pixels_are_those_of_the_papers(model, paper, omega_max, optics):
 
 
 def test_a_paraboloid_seen_from_afar_is_the_unified_sphere_at_one():
-    """A reflection on ``z = (x^2 - p^2) / 2p`` about its focus: r = p tan(Omega / 2), and no more than that."""
+    """Reflection on ``z = (x^2 - p^2) / 2p`` about its focus: r = p tan(Omega / 2) exactly."""
     p, x = 30.0, np.linspace(0, 60, 40)
-    towards_focus = np.stack([x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1)  # from the focus to the mirror's points
+    towards_focus = np.stack([x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1)  # from the focus to the mirror points
     camera = Unified(1.0, (8.0 * p, 8.0 * p), (500.0, 500.0), (1001, 1001))
     found = camera.image(towards_focus)
     np.testing.assert_allclose(found.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
 
 
 def test_the_sphere_of_the_sensor_that_is_one():
-    """A hyperboloid seen from its second focus, as its rays show: distance of the foci and eccentricity say xi."""
+    """A hyperboloid observed from its second focus, by its rays: focal distance and eccentricity
+    determine xi."""
     sensor = om.load_sensor("paper-hyperboloidal")
     symmetry = sensor.symmetry
     omega = np.linspace(0.2, symmetry.omega_max, 50)
@@ -120,7 +123,7 @@ def test_the_sphere_of_the_sensor_that_is_one():
 )
 def test_the_field_ends_where_it_should(model, end_deg):
     assert np.degrees(model.model_end) == pytest.approx(end_deg, abs=1e-6)
-    assert model.model_end < np.radians(end_deg)  # where r still grows
+    assert model.model_end < np.radians(end_deg)  # where r still increases
 
 
 OMEGA = np.linspace(0.0, np.pi, 200_001)[1:-1]
@@ -130,7 +133,8 @@ SECTION = np.stack([np.sin(OMEGA), 0 * OMEGA, np.cos(OMEGA)], axis=-1)
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.6, 0.9])
 @pytest.mark.parametrize(("kind", "other"), [(DoubleSphere, x) for x in (-0.6, 0.3, 0.8)] + [(EnhancedUnified, 1.7)])
 def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha):
-    """Along a fine section: growth ends, or the depth changes its sign and so the radius."""
+    """Along a fine section: the end of growth, or a sign change of the depth and thus of the
+    radius."""
     shape = (other, alpha) if kind is DoubleSphere else (alpha, other)
     radius = (of_kind(kind, *shape)[1](SECTION)[:, 0] - CENTRE[0]) / FOCAL[0]
     grows = (np.diff(radius) > 0) & (radius[1:] > 0)

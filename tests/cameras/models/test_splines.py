@@ -1,4 +1,4 @@
-"""The spline models, against SciPy's splines, finite rays of a sensor, and triangles."""
+"""Spline models against SciPy splines, finite rays of a sensor, and triangles."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ KNOTS = np.radians(115.0) * np.arange(1, 6) / 5
 
 
 def test_the_radius_is_the_odd_spline_through_the_knots():
-    """SciPy's, on knots mirrored about the axis."""
+    """SciPy spline through knots mirrored about the axis."""
     mirrored = CubicSpline(np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII])
     omega = np.linspace(0, KNOTS[-1], 200)
     found = CAMERA.image(np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True)
@@ -57,7 +57,8 @@ def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
 def test_a_spline_has_the_knots_that_it_takes(kind):
-    """A mirror of one viewpoint has radii that grow ever faster towards its rim; nearly even ones need few knots."""
+    """Radii of a single-viewpoint mirror increase progressively towards the rim; nearly linear ones
+    need few knots."""
     steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
     even = Unified(4.0, (1500.0, 1500.0), (511.5, 511.5), (1024, 1024))
     for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
@@ -88,8 +89,9 @@ def test_one_viewpoint_is_the_central_model():
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
 def test_it_can_be_a_mirror_that_is_not_central(name):
-    """Points at finite distances as the sensor's own rays see them: the spline of eight knots errs by little, a
-    central one by much more."""
+    """Points at finite distances by the rays of the sensor: the spline of eight knots has small
+    errors, a central one much
+    larger ones."""
     sensor = om.load_sensor(name)
     symmetry = sensor.symmetry
     end = 0.995 * symmetry.omega_max

@@ -1,4 +1,4 @@
-"""The best aperture against plain enumeration, and parts against the lens equation."""
+"""Best aperture against plain enumeration, and parts against the lens equation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SPHERE = om.load_sensor("paper-spherical")
 
 
 def at(sensor, side, F, focus, mode="exact"):
-    """Worst root of the squares of blur and Airy disk over the field, by the evaluation."""
+    """Return the largest root sum square of blur and Airy disk over the field, by the evaluation."""
     name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
     sensor = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))
     r = om.evaluate(sensor, np.linspace(*sensor.field_deg, 301), focus_mm=float(focus), mode=mode)
@@ -96,7 +96,7 @@ def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
 
 
 def test_rings_reach_what_the_lens_equation_says():
-    """The lens in its nearest position plus the ring: 1/f = 1/L + 1/b."""
+    """Lens at its closest focus plus the extension ring: 1/f = 1/L + 1/b."""
     lens = LensComponent("lens", 16.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0, 5.0))
     nearest = 1 / (1 / 16.0 - 1 / 300.0)
     for focus in (1e5, 310.0, 299.0, 240.0, 205.0, 180.0, 60.0):
@@ -119,7 +119,7 @@ BALL_TABLE = "[[ball]]\nname = 'A'\nball_diameter_mm = 60\n"
 
 
 def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
-    """In one file of TOML, whose kinds tables tell, and in one of CSV, whose kinds columns tell."""
+    """One TOML file with kinds by table, and one CSV file with kinds by columns."""
     (tmp_path / "parts.toml").write_text(
         LENS_TABLE
         + "extension_rings_mm = [5, 0.5]\nmount = 'C CS'\nsource = 'data sheet'\nprice = 120\nmass_g = 63.5\n"
@@ -240,7 +240,8 @@ def test_wrong_lines_of_a_csv_catalogue_are_refused(tmp_path, text, sentence):
 
 
 def test_a_lens_of_a_catalogue_takes_its_numbers_from_its_file(tmp_path):
-    """Focal length by matrices of refraction and transfer; one that differs by less than 1 % is a rounded one."""
+    """Focal length by refraction and transfer matrices; a difference of less than 1 % is due to
+    rounding."""
     n, power = prescriptions.indices(), np.eye(2)
     for k, (radius, gap) in enumerate(zip(prescriptions.RADII, prescriptions.GAPS, strict=True)):
         refraction = [[1.0, 0.0], [(n[k] - n[k + 1]) / radius, 1.0]]

@@ -1,4 +1,5 @@
-"""Families solved for field, viewing angle and rim: the paper's Table 1, and the laws of optics at the rim."""
+"""Families solved for field, viewing angle and rim: Table 1 of the paper, and laws of optics at the
+rim."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ M = 43.9
 
 
 def test_table_1_of_the_paper():
-    """Parameters as printed, and to more digits than are printed."""
+    """Printed parameters, and more digits than printed."""
     rim = RimRay(135.0, 12.0, 1.0)
     sphere, hyperboloid = FAMILIES["sphere"](rim, None), FAMILIES["hyperboloid"](rim, None)
     assert sphere.mirror.radius_mm == pytest.approx(1.138, abs=5e-4)
@@ -45,7 +46,8 @@ def test_every_family_meets_what_is_asked_of_the_rim(family, omega, theta, conic
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 def test_conics_left_free_join_at_their_borders(theta):
-    """An ellipsoid of constant 0 is the sphere; with the constant towards -1 both sides become the paraboloid."""
+    """An ellipsoid with constant 0 is the sphere; for a constant towards -1, both sides become the
+    paraboloid."""
     rim, x = RimRay(120.0, theta, M), np.linspace(0, M, 50)
     sphere, paraboloid = FAMILIES["sphere"](rim, None), FAMILIES["paraboloid"](rim, None)
     np.testing.assert_allclose(FAMILIES["ellipsoid"](rim, 0.0).mirror.sag(x), sphere.mirror.sag(x), rtol=1e-12)

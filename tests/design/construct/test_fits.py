@@ -1,4 +1,4 @@
-"""Fits judged by the mapping of the fitted mirror itself, and by what theory says of a best fit."""
+"""Fits evaluated by the mapping of the fitted mirror, and by the theory of best approximation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ EQUIDISTANT = generated_mirror("equidistant", RimRay(135.0, 12.0, M))
 
 
 def linearity(placed: MountedMirror) -> np.ndarray:
-    """How far the heights that evaluation gives lie off the line from the centre to 135 deg at the rim."""
+    """Return deviations of evaluated heights from the line between the centre and 135 deg at the
+    rim."""
     sensor = om.Sensor(placed.mirror, Perspective(11.6, 4.0, 206.0), Imager(1024, 1024, 5.2),
                        mirror_distance_mm=placed.distance_mm)  # fmt: skip
     omega = np.linspace(0.5, 135.0, 2000)
@@ -37,7 +38,7 @@ def test_the_equidistant_polynomial_is_far_straighter_than_the_papers(terms, mos
 
 
 def test_the_papers_polynomial_is_judged_as_it_was():
-    """.49 % off the line through centre and rim: the measure is the one by which the fits are better."""
+    """0.49 % from the line through centre and rim: the measure by which the fits are better."""
     paper = om.load_sensor("paper-equidistant")
     omega = np.linspace(0.5, paper.field_deg[1], 2000)
     off = om.evaluate(paper, omega).h_px / paper.rim_radius_px - omega / omega[-1]
@@ -45,7 +46,7 @@ def test_the_papers_polynomial_is_judged_as_it_was():
 
 
 def test_the_largest_deviation_alternates_as_a_best_fit_must():
-    """Chebyshev: three terms, none of them held, leave four extremes of equal size and turning sign."""
+    """Chebyshev: three free terms leave four extremes of equal size and alternating sign."""
     off = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").mounted)
     peak = np.abs(off).max()
     signs = np.sign(off[np.abs(off) > 0.97 * peak])

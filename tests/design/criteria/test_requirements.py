@@ -1,4 +1,4 @@
-"""The requirement file: what is wrong in it is named with its place."""
+"""Requirement files: errors with their positions."""
 
 from __future__ import annotations
 
@@ -263,7 +263,8 @@ def test_a_single_viewpoint_may_be_asked_for():
     assert Limit("viewpoint_spread_mm", at_most=0.0).at_most == 0.0
 
 
-# -- made in Python ----------------------------------------------------------------------------------
+# -- created in Python
+# ------------------------------------------------------------------------------
 
 
 def made_in_python():
@@ -310,7 +311,7 @@ def test_requirements_go_into_a_file_and_come_back(text):
     wanted = parse_requirements(text)
     assert parse_requirements(format_requirements(wanted)) == wanted
     tables = tomllib.loads(format_requirements(wanted))
-    for section, entries in tomllib.loads(text).items():  # and the file says what was said
+    for section, entries in tomllib.loads(text).items():  # the file has the same entries
         if isinstance(entries, dict):
             assert {k: tables[section][k] for k in entries} == entries
 

@@ -1,4 +1,4 @@
-"""What people ask for in their own words: elevations, one angle, surfaces, contrast, light, a lens that is bought."""
+"""Forms of requirements: elevations, one angle, surfaces, contrast, light, an off-the-shelf lens."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_a_limit_at_one_angle_is_judged_there_alone():
     assert row.reached == pytest.approx(min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0]))
 
 
-# -- objects on a surface --------------------------------------------------------------------------
+# -- object surfaces -------------------------------------------------------------------------------
 
 ROOM = om.FieldRequirements(omega_max_deg=130, object_plane_distance_mm=700, object_cylinder_radius_mm=900)
 
@@ -166,14 +166,16 @@ TUBE, DOME = (
 
 
 def finite_resolution(sensor, h, surface):
-    """Return field angle and resolution, px/deg along and around, by rays of neighbouring pixels refracted with Snell's
-    law: size on the object surface, across the ray, over the length of the optical path from the mirror."""
+    """Return field angle and resolution, px/deg along and around, by rays of neighbouring pixels
+    refracted with Snell's law:
+    size on the object surface, across the ray, over the length of the optical path from the mirror."""
     shell, A, m = sensor.housing.shell, sensor.mirror.radius_mm, sensor.mirror_distance_mm
     b = 1 / (1 / sensor.lens.focal_length_mm - 1 / sensor.lens.focus_distance_mm)
     middle = shell.centres_mm[1] if isinstance(shell, Dome) else None
 
     def onto(point, ray, radius, centre):
-        """Intersection with a sphere about (0, centre) or with the cylinder, and the unit normal there."""
+        """Return the intersection with a sphere about (0, centre) or with the cylinder, and its
+        unit normal."""
         weights = np.array([1.0, 0.0 if centre is None else 1.0])
         start = (point - [0.0, centre or 0.0]) * weights
         a, half, c = (ray * weights) @ ray, start @ ray, start @ start - radius**2
@@ -225,7 +227,7 @@ def test_resolution_on_an_object_surface_is_that_of_finite_rays(housing, surface
 
 
 def test_a_design_before_a_wall_is_focused_on_it():
-    """Blur by the evaluation with each angle's own distance, against every other focus."""
+    """Blur by the evaluation with the distance of each angle, against all other focus settings."""
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=40, object_cylinder_radius_mm=60),
         mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=20),
@@ -267,7 +269,8 @@ def test_surfaces_that_do_not_fit_are_refused(field, mirror, sentence):
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paraboloid-telecentric"])
 @pytest.mark.parametrize("cycles", few([0.1, 0.25, 0.5], 0.25))
 def test_contrast_is_that_of_waves_through_the_aperture(name, cycles):
-    """But for what the closed form leaves out: coma and the like, most along the radius."""
+    """Except for aberrations omitted in the closed form: coma and others, largest in radial
+    direction."""
     sensor = om.load_sensor(name)
     omega = np.linspace(10.0, 0.99 * sensor.field_deg[1], 5)
     waves, found = om.mtf(sensor, omega, cycles_per_px=[cycles]), om.evaluate(sensor, omega)
@@ -391,7 +394,7 @@ def test_a_strip_may_be_filled_along_its_long_side_and_what_falls_off_is_told():
     sensor = om.design_sensor(strip(fills="long-side")).sensor
     assert sensor.rim_radius_px == pytest.approx(960, abs=0.02)
     (said,) = cut_off(sensor)
-    v, u = np.mgrid[:1200, :1920]  # the circle, pixel by pixel, on an imager high enough
+    v, u = np.mgrid[:1200, :1920]  # the circle, pixel by pixel, on an imager of sufficient height
     inside = np.hypot(u - 959.5, v + 0.5) < 960  # its lower half
     share = 1 - 2 * inside[:540].sum() / (np.pi * 960**2)
     assert float(said.rsplit("and ", 1)[1].split("%")[0]) == pytest.approx(100 * share, abs=0.06)

@@ -1,4 +1,4 @@
-"""How much of the view may be hidden: in requirements, designs and comparisons, against single rays."""
+"""Limits of obscuration in requirements, designs and comparisons, against single rays."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def asked(*limits, rim=(20.0, 60.0), housing=None):
 
 @pytest.mark.parametrize("name", few(HOUSINGS, "camera", "tube and flange"))
 def test_the_hidden_share_is_that_of_pixels_whose_rays_are_stopped(name):
-    """Chief rays of a grid of pixels, each traced in space to the parts that stop it."""
+    """Chief rays of a grid of pixels, each traced in space to the obscuring parts."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS[name])
     side = np.linspace(-1, 1, 241) * sensor.rim_radius_px
     u, v = np.meshgrid(side, side)
@@ -59,7 +59,8 @@ def test_the_middle_is_hidden_as_far_as_rays_say():
 
 
 def test_a_design_keeps_what_may_be_hidden():
-    """Smaller mirrors are hidden more: a limit of length pulls to those, and that of hiding holds against it."""
+    """Smaller mirrors have more obscuration: a length limit favours those, and the obscuration
+    limit opposes it."""
     short = om.Limit("length_mm", at_most=200.0)
     most = om.design_sensor(asked(short)).sensor.hidden_percent
     design = om.design_sensor(asked(short, om.Limit("hidden_percent", at_most=most / 2)))
@@ -81,14 +82,15 @@ def test_a_part_of_the_field_does_not_apply():
 
 
 def test_a_design_without_limits_says_what_its_camera_hides():
-    """The disc around the lens is met by the light from there on: by rays of the sphere that was designed."""
+    """The disc around the lens obscures light from a field angle on: by rays of the designed
+    sphere."""
     words = ("--mirror", "sphere", "--omega-max-deg", 110, "--rim-radius-mm", 30, "--focal-length-mm", 8)
     said = omnimirror("design", *words, "--f-number", 4, "--camera-diameter-mm", 120).stdout
     assert "hidden: camera 0 to " in said
     told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])
     distance = float(re.search(r"lens ([\d.]+) mm", said)[1])
     theta = float(re.search(r"theta_max_deg = ([\d.]+)", said)[1])
-    slope_deg = (110 - theta) / 2  # of the rim: the normal halves the angle
+    slope_deg = (110 - theta) / 2  # of the rim: the normal bisects the angle
     radius = 30 / np.sin(np.radians(slope_deg))
 
     def point(a):

@@ -1,4 +1,4 @@
-"""What the whole of a sensor may be, and between which temperatures limits hold: in files, verdicts and designs."""
+"""Limits of size and mass, and temperature ranges of limits: in files, verdicts and designs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def rows(requirements, sensor):
 
 
 def test_sizes_and_mass_are_those_of_solids():
-    """A ball's cap with 5 mm behind it in a dome, by the formulas of the school."""
+    """Spherical cap with 5 mm behind it in a dome, by textbook formulas."""
     names = ("whole_diameter_mm", "whole_height_mm", "whole_mass_g")
     asked = parse_requirements(TEXT + "".join(limited(name, 1e3) for name in names))
     sensor = om.load_sensor("paper-spherical")
@@ -60,7 +60,8 @@ def test_sizes_and_mass_are_those_of_solids():
 
 @pytest.mark.parametrize(("quantity", "most"), [("whole_mass_g", 40.0), ("whole_height_mm", 120.0)])
 def test_a_design_keeps_them(quantity, most):
-    """Larger mirrors of this lens are sharper: a limit of blur pulls to those, and the whole holds against it."""
+    """Larger mirrors with this lens are sharper: a blur limit favours those, and size and mass
+    limits oppose it."""
     blur = limited("total_blur_deg", 5.0)
     free = om.design_sensor(parse_requirements(TEXT + blur)).sensor
     asked = parse_requirements(TEXT + blur + limited(quantity, most))
@@ -71,7 +72,7 @@ def test_a_design_keeps_them(quantity, most):
 
 
 def test_the_height_begins_at_the_imager_of_a_lens_of_surfaces(tmp_path):
-    """Its principal points lie inside, and so far apart as its glasses make them."""
+    """Its principal points are inside, separated as determined by its glasses."""
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
     lens = SurfaceLens.from_file(tmp_path / "triplet.zmx", focus_distance_mm=200.0)
     sensor = replace(om.load_sensor("paper-spherical"), lens=lens)

@@ -1,4 +1,5 @@
-"""Fronts against designs optimised one by one, and files that a stopped search goes on from."""
+"""Pareto fronts against individually optimised designs, and files that resume an interrupted
+search."""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ def test_no_design_of_a_front_is_beaten_by_another(front):
 
 @pytest.mark.full
 def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
-    """The least blur area under a limit of uniformity, by linear programmes instead of evolution."""
+    """The minimum blur area under a uniformity limit, by linear programmes instead of evolution."""
     for i in np.linspace(2, len(front) - 3, 3).astype(int):
         area, uniformity = front.values[i]
         problem = replace(PROBLEM, limits=(Limit("area_ratio", at_least=1 / uniformity),))
@@ -96,7 +97,7 @@ def test_three_merits_and_a_limit():
 
 
 def test_a_design_of_a_front_is_judged_like_any_other(front):
-    """By the rows that the same requirements give of the same sensor, and named as the requirements say."""
+    """By the rows of the same requirements for the same sensor, with the names of the requirements."""
     design = front.design(1)
     assert design.rows == om.judge(REQUIREMENTS, front.sensor(1)).rows
     assert design.is_met

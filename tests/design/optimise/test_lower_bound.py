@@ -1,4 +1,4 @@
-"""That no mirror is sharper than the bound, that one is as sharp, and that both say the same by other formulas."""
+"""Lower bound of blur: no mirror is below it, one reaches it, and both agree by different formulas."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def paper(omega_max=135.0, **lens):
 
 
 def worst(sensor, distance=np.inf, **options):
-    """The worst single blur (deg) over the field."""
+    """Return the largest single blur (deg) over the field."""
     result = om.evaluate(sensor, np.linspace(*sensor.field_deg, 1501), object_distance_mm=distance, **options)
     return max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
 
 
 def reaching(bound, sensor):
-    """The sensor with the mirror and the focus of the bound instead."""
+    """Return the sensor with the mirror and focus of the bound."""
     u = np.linspace(0.0, 1.0, 401)
     slopes = make_interp_spline(bound.x_mm, bound.slope, k=5)(u * bound.x_mm[-1])
     slopes[0] = 0.0
@@ -51,17 +51,17 @@ def reaching(bound, sensor):
 
 
 def blur_of(sensor, omega, distance):
-    """Tangential and sagittal blur (2, n), deg, at the distance of the objects."""
+    """Return tangential and sagittal blur (2, n), deg, at the object distance."""
     found = om.evaluate(sensor, omega, object_distance_mm=distance)
     return np.abs([found.blur_t_deg, found.blur_s_deg])
 
 
 def test_the_papers_case():
-    """The extremal by shooting in another program: t = .5769094 deg, in focus at 221.30 mm."""
+    """Extremal by shooting in another program: t = 0.5769094 deg, in focus at 221.30 mm."""
     bound = om.blur_bound(paper(), mode="paper", image_radius_px=500.0)
     assert bound.blur_deg == pytest.approx(0.5769094, abs=2e-7)
     assert bound.focus_mm == pytest.approx(221.300, abs=1e-3)
-    np.testing.assert_allclose(bound.t_deg, -bound.blur_deg, rtol=1e-9)  # all over the field
+    np.testing.assert_allclose(bound.t_deg, -bound.blur_deg, rtol=1e-9)  # over the whole field
     assert bound.s_deg[0] == pytest.approx(-bound.blur_deg, rel=1e-6)
     assert bound.s_deg[-1] == pytest.approx(bound.blur_deg, rel=1e-9)
     assert bound.is_reached
@@ -70,7 +70,8 @@ def test_the_papers_case():
 @pytest.mark.parametrize("distance", [np.inf, 250.0, 60.0])
 @pytest.mark.parametrize("omega_max", few([80.0, 110.0, 135.0, 140.0], 110.0))
 def test_a_mirror_reaches_it(omega_max, distance):
-    """Its blur by the evaluation, which traces the surface and knows nothing of the bound's formulas."""
+    """Its blur by the evaluation, which traces the surface and is independent of the formulas of
+    the bound."""
     sensor = paper(omega_max)
     bound = om.blur_bound(sensor, distance)
     again = reaching(bound, sensor)
@@ -81,7 +82,7 @@ def test_a_mirror_reaches_it(omega_max, distance):
         assert worst(again, distance) == pytest.approx(bound.blur_deg, rel=5e-4)
     tangential, _ = blur_of(again, np.linspace(0.5, omega_max, 300), distance)
     np.testing.assert_allclose(tangential[:-30], bound.blur_deg, rtol=2e-5)
-    np.testing.assert_allclose(tangential, bound.blur_deg, rtol=5e-4)  # where the spline ends
+    np.testing.assert_allclose(tangential, bound.blur_deg, rtol=5e-4)  # except at the end of the spline
 
 
 def test_a_mirror_under_a_telecentric_lens_reaches_it():
@@ -97,7 +98,8 @@ def test_a_mirror_under_a_telecentric_lens_reaches_it():
 
 @pytest.mark.parametrize("seed", few(range(20), *range(6)))
 def test_no_mirror_is_sharper(seed):
-    """Mirrors of all kinds at their own best focus, and the one that reaches the bound with waves on it."""
+    """Mirrors of all kinds at their best focus, and perturbations of the mirror that reaches the
+    bound."""
     rng, distance = np.random.default_rng(seed), (np.inf, 80.0, 15.0)[seed % 3]
     omega_max, theta, F = rng.uniform(60, 150), rng.uniform(4, 20), rng.uniform(2, 8)
     kind = [Equidistant, Equiareal, "sphere", Conformal, "waves"][seed % 5]
@@ -115,7 +117,8 @@ def test_no_mirror_is_sharper(seed):
 
 
 def waved(sensor, rng):
-    """The mirror that reaches the bound, its slopes moved by some thousandths between axis and rim."""
+    """Return the mirror that reaches the bound with slopes perturbed by a few 0.001 between axis
+    and rim."""
     reached = reaching(om.blur_bound(sensor), sensor)
     slopes = np.array(reached.mirror.slopes)
     u = np.linspace(0, 1, slopes.size)
@@ -138,13 +141,13 @@ def test_the_optimiser_comes_near_it_and_not_below():
 
 
 def test_a_narrow_field_asks_for_no_blur():
-    """From the rim inwards a tangentially sharp mirror reaches 120 deg before it reaches the axis."""
+    """Inwards from the rim, a tangentially sharp mirror reaches 120 deg before it reaches the axis."""
     told = [om.blur_bound(paper(), omega_min_deg=omega).blur_deg for omega in (80.0, 100.0, 120.0)]
     assert told[0] > told[1] > told[2] == 0.0
 
 
 def test_what_has_no_bound_is_refused():
-    assert om.blur_bound(paper(), 1e-6).blur_deg == 0.0  # nothing is known of objects on the mirror
+    assert om.blur_bound(paper(), 1e-6).blur_deg == 0.0  # no bound for objects on the mirror
     with pytest.raises(InvalidParameter, match="object_distance_mm = 0 is not a distance; it is valid above 0"):
         om.blur_bound(paper(), 0.0)
     with pytest.raises(InvalidParameter, match="omega_min_deg = 140 is not in the field of 0 to 135 deg"):

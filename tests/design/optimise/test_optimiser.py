@@ -1,4 +1,4 @@
-"""Optimised mirrors: the published targets, looked at again by other means than the optimiser's own."""
+"""Optimised mirrors against published targets, verified independently of the optimiser."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_derivatives_are_those_of_differences(merit, problem):
     ["worst_blur_deg", *(pytest.param(m, marks=pytest.mark.full) for m in (AREAS[0], "worst_blur_rss_deg"))],
 )
 def test_no_mirror_nearby_is_better(merit):
-    """Seeded steps of many sizes in all coordinates, each evaluated by itself."""
+    """Random steps of many sizes in all coordinates, each evaluated separately."""
     problem = replace(PAPER, family="even-polynomial", terms=6)
     best = optimise(problem, merit, starts=2)
     space = DesignSpace(problem)
@@ -145,7 +145,8 @@ def test_no_mirror_nearby_is_better(merit):
 
 @pytest.mark.full
 def test_distance_and_f_number_are_chosen_within_their_ranges():
-    """A stopped-down lens gains until diffraction takes over; the length falls to what theta allows."""
+    """Stopping down reduces blur until diffraction dominates; the length decreases to the limit of
+    theta."""
     narrow = optimise(DesignProblem(terms=8), starts=1)
     free = optimise(DesignProblem(terms=8, f_number=(2.0, 22.0), theta_max_deg=(10.0, 14.0)), starts=1)
     assert free.value < narrow.value
@@ -153,7 +154,7 @@ def test_distance_and_f_number_are_chosen_within_their_ranges():
     assert 10.0 - 1e-9 <= np.degrees(free.sensor.meridian.theta_max) <= 14.0 + 1e-9
     assert free.sensor.field_deg[1] == pytest.approx(135.0, abs=1e-9)
     short = optimise(DesignProblem(terms=8, theta_max_deg=(10.0, 14.0)), "total_track_mm", starts=1)
-    assert short.sensor.rim_radius_px == pytest.approx(512.0, rel=2e-4)  # the imager holds no more
+    assert short.sensor.rim_radius_px == pytest.approx(512.0, rel=2e-4)  # limited by the imager
     large = DesignProblem(terms=8, theta_max_deg=(10.0, 14.0), imager=Imager(2048, 2048, 5.2))
     short = optimise(large, "total_track_mm", starts=1)
     assert np.degrees(short.sensor.meridian.theta_max) == pytest.approx(14.0, abs=1e-6)
@@ -189,7 +190,7 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(tmp_path):
     resumed = optimise(problem, starts=2, seed=7, resume=file, on_progress=told.append)
     assert resumed.runs == straight.runs
     assert resumed.sensor == straight.sensor
-    assert {p.run for p in told} == {1}  # the first start was not done again
+    assert {p.run for p in told} == {1}  # the first start was not repeated
     with pytest.raises(OmnimirrorError, match="another search \\(seed"):
         optimise(problem, starts=2, seed=8, resume=file)
     file.write_text("{}")
@@ -225,13 +226,16 @@ def test_impossible_searches_are_refused():
         optimise(replace(problem, limits=(Limit("total_blur_deg", at_most=0.1),)), starts=1)
 
 
-# -- real rays ---------------------------------------------------------------------------------------
+# -- real rays
+# ---------------------------------------------------------------------------------------
 
 
 def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float) -> np.ndarray:
-    """Where rays of a distant object through points (n, 2) of the aperture land on the imager, (n, 2) px.
+    """Return imager intercepts (n, 2) px of rays of a distant object through aperture points (n,
+    2).
 
-    Each is aimed by Newton's rule: the mirror point whose reflected ray meets the lens there.
+    Each ray is aimed by Newton's method: the mirror point whose reflected ray passes through the
+    aperture point.
     """
     mirror, m, lens = sensor.mirror, sensor.mirror_distance_mm, sensor.lens
     travel = -np.array([np.sin(omega), 0.0, -np.cos(omega)])
@@ -256,14 +260,14 @@ def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float)
             p = p - np.linalg.solve(J, here - target)
         here, d = at_lens(p)
         assert np.abs(here - target).max() < 1e-7
-        b0 = lens.image_distance  # a thin lens bends a ray at s by -s/f
+        b0 = lens.image_distance  # a thin lens deflects a ray at s by -s/f
         out.append(here * (1 - b0 / lens.focal_length_mm) + b0 * d[:2] / -d[2])
     return np.array(out) / sensor.imager.pitch_mm
 
 
 @pytest.mark.parametrize("merit", [pytest.param(AREAS[0], marks=pytest.mark.full), "worst_blur_deg"])
 def test_real_rays_through_the_full_aperture_make_the_blur(merit):
-    """The lens's whole disk, edge to edge along and across the meridian, over the real mirror in three dimensions."""
+    """The whole aperture, edge to edge along and across the meridian, over the real mirror in 3-D."""
     sensor = optimise(DesignProblem(terms=10), merit, starts=1).sensor
     radius = sensor.lens.focal_length_mm / sensor.lens.f_number / 2
     angles = np.array([12.0, 40.0, 75.0, 100.0, 125.0])
@@ -278,7 +282,7 @@ def test_real_rays_through_the_full_aperture_make_the_blur(merit):
 
 @pytest.mark.full
 def test_splines_of_more_knots_converge():
-    """What is left falls as 1/N^2, to .2830 deg2 and to the bound of the single blur, which has a proof of its own."""
+    """The residual decreases as 1/N^2, to 0.2830 deg2 and to the proven bound of the single blur."""
     counts = np.array([24, 36, 48, 60])
     problem = DesignProblem(family="slope-spline", mode="paper", image_radius_px=500.0)
     area = [optimise(replace(problem, terms=int(n)), "worst_floored_area_deg2", starts=1).value for n in counts]

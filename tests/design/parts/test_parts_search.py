@@ -1,4 +1,4 @@
-"""Parts of a catalogue inside the design: against every combination designed by itself."""
+"""Catalogue search within the design, against separate designs of all combinations."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def asked(*limits, mirror=None, lens=None, **parts):
 
 
 def by_itself(wanted, combination):
-    """The combination designed as if it alone were there, by the search over ranges; None where it cannot be."""
+    """Return the design of a single combination by the search over ranges; None if infeasible."""
     try:
         _, best = range_search.solve(asked_of(wanted, combination))
     except OmnimirrorError:
@@ -119,7 +119,7 @@ def reaches(combination, sensor):
 @pytest.mark.full
 @pytest.mark.parametrize("shelf", [Catalogue(LENSES[2:4], IMAGERS), SHELF], ids=["few", "all"])
 def test_what_a_bound_cuts_cannot_be_designed(shelf):
-    """Limits near what these parts reach, so that bounds cut some and leave others."""
+    """Limits close to the values of these parts; bounds exclude some of them and keep others."""
     finer = om.Limit("resolution_px_per_deg", at_least=3.1, omega_deg=(16, 119))
     wanted = asked(finer, om.Limit("length_mm", at_most=150), om.Limit("total_blur_deg", at_most=2.0))
     reasons = {combination: cut(wanted, combination) for combination in combinations_of(shelf, wanted)}
@@ -202,7 +202,7 @@ def test_ranges_of_the_mirror_are_searched_for_each_combination():
     assert 20 <= design.design.sensor.mirror.rim_radius_mm <= 40
 
 
-# -- balls, domes, the whole -----------------------------------------------------------------------
+# -- balls, domes, size and mass -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,9 @@ def test_a_dome_stands_around_the_mirror_where_it_fits():
     wanted = asked(om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True)
     wanted = replace(wanted, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89))
     found = om.design_from_parts(wanted, SHELF, most=100)
-    assert {design.combination.dome.name for design in found.found} == {"dome 200"}  # the mirror is 60 wide
+    assert {design.combination.dome.name for design in found.found} == {
+        "dome 200"
+    }  # the mirror has a diameter of 60 mm
     for design in found.found:
         assert design.design.sensor.housing.shell.diameter_mm == 200.0
         assert whole_of(design.design.sensor).diameter_mm == 200.0
@@ -385,7 +387,8 @@ def test_the_bundled_catalogue_says_where_its_numbers_come_from():
     assert read_catalogue("typical") == shelf
 
 
-# -- what is bought besides, and lenses by their surfaces ------------------------------------------------------------
+# -- other off-the-shelf parts, and lenses by their surfaces
+# ---------------------------------------------------------
 
 
 def test_what_is_bought_besides_counts_in_price_and_mass():
@@ -412,7 +415,8 @@ def test_the_bundled_catalogue_has_heater_arm_and_holder():
 
 
 def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
-    """Its mirror is made for it: the field is kept behind the glass, where a thin lens of its numbers would miss it."""
+    """Its mirror is solved for it: the field is kept behind the glass, unlike with the thin lens of
+    the same numbers."""
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
     (tmp_path / "shelf.csv").write_text(
         "name,file,minimum_focus_mm,f_number_max,price,mass_g,width_px,height_px,pixel_pitch_um\n"

@@ -1,4 +1,4 @@
-"""Designs for the lens and the cover that stand there: what is asked is reached behind them, by rays."""
+"""Designs for a real lens and a cover: requirements are met behind them, by rays."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ def asked(file):
 
 
 def test_a_mapping_comes_out_right_behind_lens_and_dome(asked):
-    """Image heights of rays traced through the triplet, the mirror and both sides of the dome grow with the angle."""
+    """Image heights of rays traced through the triplet, the mirror and both sides of the dome
+    increase with the angle."""
     design = om.design_sensor(asked)
     sensor = design.sensor
     assert design.is_met
@@ -101,7 +102,7 @@ def test_a_mapping_under_a_telecentric_lens_in_a_dome(asked):
 
 
 def test_the_focus_is_the_best_of_the_real_lens(asked):
-    """Against om.best_focus, which looks at the sensor by itself."""
+    """Compared with om.best_focus of the sensor."""
     sensor = om.design_sensor(asked).sensor
     omega = np.linspace(sensor.clear_field_deg[0], 120, 1001)
     best = om.best_focus(sensor, omega_deg=omega)
@@ -123,7 +124,7 @@ def test_limits_of_blur_count_what_the_lens_blurs_by_itself(asked):
 
 
 def test_requirements_with_a_lens_are_written_and_read_again(asked, tmp_path):
-    (tmp_path / "again.toml").write_text(om.format_requirements(asked))  # surfaces as numbers: no file is needed
+    (tmp_path / "again.toml").write_text(om.format_requirements(asked))  # surfaces as numbers: no file required
     assert om.load_requirements(tmp_path / "again.toml") == asked
 
 
@@ -157,7 +158,8 @@ def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):
 
 @pytest.mark.parametrize("medium", [None, "water"])
 def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, medium):
-    """Field, image and blur at a point of the space are those of its sensor, evaluated; derivatives those of steps."""
+    """Field, image and blur of a point in the design space equal those of its evaluated sensor;
+    derivatives equal differences."""
     housing = Housing(shell=Dome(medium=medium))
     mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=30)
     space = DesignSpace(problem_of(replace(asked, mirror=mirror, housing=housing)))
@@ -183,7 +185,8 @@ SIZES = ("whole_diameter_mm", "whole_height_mm", "whole_mass_g")
 
 @pytest.mark.parametrize("kind", ["perspective", "telecentric", "triplet in a dome"])
 def test_the_space_of_free_form_knows_the_whole(asked, kind):
-    """Size and mass at its points, searched and in thousands, are those of their sensors."""
+    """Size and mass of its points, in the search and in batches of thousands, equal those of their
+    sensors."""
     limits = tuple(om.Limit(name, at_most=1e3) for name in SIZES)
     mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40))
     plain = om.LensRequirements(focal_length_mm=8.0, f_number=8.0)
@@ -205,7 +208,7 @@ def test_the_space_of_free_form_knows_the_whole(asked, kind):
 
 
 def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
-    """Larger mirrors blur less, and this one is as large as the height allows."""
+    """Larger mirrors have less blur, and this one is as large as the height limit allows."""
     field, imager = om.FieldRequirements(omega_max_deg=110.0), Imager(1600, 1200, 4.5)
     mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40))
     lens = om.LensRequirements(focal_length_mm=8.0, f_number=8.0)
@@ -220,7 +223,7 @@ def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
 
 @pytest.mark.full
 def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
-    """Better than the sphere made for them; its merit is what the evaluation says."""
+    """Better than the sphere solved for them; its merit equals that of the evaluation."""
     mirror = om.MirrorRequirements(optimise="worst_floored_area_deg2", shape="polynomial:3", rim_radius_mm=30)
     design = om.design_sensor(replace(asked, mirror=mirror), search=om.SearchOptions(starts=1))
     sphere = om.design_sensor(asked.changed(mapping=None, family="sphere")).sensor
@@ -239,7 +242,7 @@ def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
 @pytest.mark.full
 @pytest.mark.parametrize("way", [{"family": "sphere"}, {"optimise": "worst_blur_deg", "shape": "polynomial:3"}])
 def test_what_cannot_be_kept_is_told_and_the_lens_stays(asked, way):
-    """Of a real lens nothing can give; the advice is about what else was asked."""
+    """A real lens has no free parameters; the advice concerns the other requirements."""
     limits = (om.Limit("length_mm", at_most=60.0), om.Limit("hidden_percent", at_most=90.0))
     mirror = om.MirrorRequirements(rim_radius_mm=30, **way)
     own = replace(asked, mirror=mirror, limits=limits, lens=replace(asked.lens, theta_max_deg=12.0))

@@ -1,4 +1,4 @@
-"""Designs: what their table says is what evaluation says, and what would have to give really does it."""
+"""Designs: tables agree with the evaluation, and relaxations are sufficient."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_rim_past_the_imager_is_missed_and_a_smaller_angle_or_lens_would_do():
     assert image.reached == pytest.approx(design.sensor.rim_radius_px)
     alone = {r.name: r for r in design.conflict.alone}
     for name, asked in (("theta_max_deg", "12"), ("focal_length_mm", "14.0")):
-        needed = alone[name].needed  # at which the imager is filled, and not beyond
+        needed = alone[name].needed  # the value at which the imager is filled
         tried = [
             best(parse_requirements(text.replace(f"{name} = {asked}", f"{name} = {value}")))
             for value in (needed, needed * 1.005)
@@ -116,7 +116,8 @@ def test_the_table_is_what_evaluation_says(limited):
 
 
 def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
-    """Each answer put into the requirements: kept with it, missed with a little less of it."""
+    """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
+    less."""
     wanted, numbers = limited.requirements, ranges_of(limited.requirements)
     assert limited.conflict.missed == ("total_blur_px",)
     tried = 0
@@ -176,7 +177,8 @@ def test_a_telecentric_lens_is_as_wide_as_the_mirror():
 
 
 def test_a_field_that_begins_past_the_camera():
-    """The camera hides the middle: a smooth mirror shows it nevertheless, a pointed one shows nothing of it."""
+    """The camera obscures the centre: a smooth mirror images it nevertheless, a pointed one
+    excludes it."""
     text = COMMON.replace(
         "field.omega_max_deg = 135",
         "field = {omega_max_deg = 135, omega_min_deg = 30}\nhousing.camera.diameter_mm = 60",
@@ -203,7 +205,8 @@ def test_the_camera_hides_what_real_rays_show():
 
 
 def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
-    """Its cap hides the last degrees: the field that is asked for is not reached, and limits end where it begins."""
+    """Its cap obscures the last degrees: the required field is not reached, and limits end at the
+    obscuration."""
     limit = '[[limit]]\nquantity = "total_blur_px"\nat_most = 100.0\n'
     design = best(parse_requirements(COMMON + limit + "[housing.tube]\ndiameter_mm = 130.0\n"))
     sensor = design.sensor

@@ -1,4 +1,5 @@
-"""Requirements that are feasible by construction, and searches that end early or miss a part of the ranges."""
+"""Requirements that are feasible by construction, and searches that end early or skip a part of the
+ranges."""
 
 from __future__ import annotations
 
@@ -132,7 +133,7 @@ def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested
     sensor = make(parse_requirements(PIPE.format(mirror=mirror, low=low, diameter=diameter))).sensor
     assert sensor.field_deg == pytest.approx((low, 110.0), abs=1e-6)
     rays = sensor.meridian.trace(np.array([sensor.meridian.x_min, 22.0]))
-    snell = np.degrees(np.arccos(1.333 * np.cos(np.radians([low, 110.0]))))  # water against air at parallel walls
+    snell = np.degrees(np.arccos(1.333 * np.cos(np.radians([low, 110.0]))))  # water to air at parallel walls
     np.testing.assert_allclose(np.degrees(rays.reflected), snell, atol=0.05)  # index to three decimals
 
 
@@ -149,7 +150,7 @@ def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(s
 
 
 def test_what_one_search_reaches_the_next_one_meets():
-    """The best blur under a limit of height, then that blur as a limit itself, 0.02 % above."""
+    """The best blur under a height limit, then that blur as a limit itself, 0.02 % above."""
     first = best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=9.3)))
     assert first.is_met
     reached = first.limits[0].reached
@@ -182,7 +183,7 @@ quantity = "{}"
 
 @pytest.mark.parametrize("name", few(CONFLICTS, "one number and a blur", "a resolution"))
 def test_relaxations_are_the_thresholds_within_one_percent(name):
-    """Searches of their own, which do not know the design, succeed beyond each threshold and fail before it."""
+    """Separate searches without the design succeed above each threshold and fail below it."""
     wanted = parse_requirements(CONFLICT.format(*CONFLICTS[name]))
     conflict = design_sensor(wanted).conflict
     found = [r for r in conflict.alone if r.needed is not None]
@@ -229,7 +230,7 @@ def test_a_signal_during_the_search_for_relaxations_leaves_table_and_sensor(tmp_
 
 @pytest.mark.full
 def test_a_discrete_choice_that_meets_the_requirements_is_recommended():
-    """A smooth apex shows no more than 7 px/deg at its centre here, a pointed one almost none."""
+    """A smooth apex has at most 7 px/deg at its centre here, a pointed one almost none."""
     text = INFEASIBLE.replace("total_blur_px", "resolution_px_per_deg").replace("at_most = 2.0", "at_least = 2.0")
     text = text.replace('"equidistant"', '"equidistant"\napex = "pointed"').replace(
         "omega_max_deg = 135", "omega_max_deg = 135\nomega_min_deg = 40"

@@ -1,4 +1,5 @@
-"""The focus follows what is asked, limits count diffraction and all of their angles, and advice can be taken."""
+"""Focus determined by the requirements, limits with diffraction over all angles, and sufficient
+relaxations."""
 
 from __future__ import annotations
 
@@ -66,14 +67,14 @@ omega_deg = [85, 95]
 
 
 def worst_blur_px(sensor, focus_mm, omega, distances=(600.0, np.inf)):
-    """Larger blur with the Airy disk at the worst angle, by the evaluation."""
+    """Return the larger blur with the Airy disk at the worst angle, by the evaluation."""
     results = [om.evaluate(sensor, omega, object_distance_mm=d, focus_mm=focus_mm) for d in distances]
     worst = max(np.abs([r.blur_t_px, r.blur_s_px]).max() for r in results)
     return np.hypot(worst, results[0].airy_px)
 
 
 def test_the_focus_is_the_one_at_which_the_blur_that_is_limited_is_least():
-    """Every focus, with the mirror that goes with it, tried by hand: none leaves less than the design."""
+    """All focus settings with their mirrors by enumeration: none leaves less than the design."""
     wanted = parse_requirements(PANORAMA)
     found = best(wanted)
     reached = next(r.reached for r in found.rows if r.name == "total_blur_px")
@@ -95,7 +96,7 @@ def test_a_panorama_at_f_4_needs_next_to_nothing():
 
 
 def test_a_limit_in_the_middle_of_the_field_is_focused_for_there():
-    """By the floored area of the whole field .335 deg of geometric blur were left there."""
+    """With the area merit of the whole field, 0.335 deg of geometric blur remained there."""
     found = best(parse_requirements(SURVEY))
     reached = next(r.reached for r in found.rows if r.is_limit)
     sensor, omega = found.sensor, np.linspace(85, 95, 41)
@@ -154,7 +155,8 @@ def test_an_optimised_mirror_is_focused_within_its_range():
     assert free.optimum.value < narrow.optimum.value
 
 
-# -- what is judged ----------------------------------------------------------------------------------
+# -- checked values
+# ----------------------------------------------------------------------------------
 
 
 def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_matter():
@@ -222,7 +224,8 @@ omega_deg = [90, 90]
         best(parse_requirements(hidden))
 
 
-# -- advice ------------------------------------------------------------------------------------------
+# -- advice
+# ------------------------------------------------------------------------------------------
 
 
 def test_requirements_are_read_again_from_their_tables():
@@ -248,7 +251,8 @@ CONFLICTS = [
 @pytest.mark.full
 @pytest.mark.parametrize("text", CONFLICTS, ids=["diffraction", "small", "two"])
 def test_advice_can_be_taken(text):
-    """Each relaxation, and all together, put into the file as printed: read by the same door, and met."""
+    """Each relaxation, and all together, inserted in the file as printed: read by the same parser,
+    and met."""
     wanted = parse_requirements(text)
     conflict = design_sensor(wanted).conflict
     told = [[r] for r in conflict.alone if r.needed is not None] + ([list(conflict.joint)] if conflict.joint else [])
@@ -315,7 +319,7 @@ at_most = 14.0
 
 @cache
 def conflict_in(text):
-    """What would have to give."""
+    """Return the relaxations."""
     return design_sensor(parse_requirements(text)).conflict
 
 
@@ -330,9 +334,10 @@ def conflict_in(text):
     ],
 )
 def test_what_gives_at_once_is_what_has_to(text):
-    """Each of them put back to what was asked, the others as told: something is missed; all of them: all is met.
+    """With any one of them reset to the original, a requirement is violated; with all of them, all
+    are met.
 
-    On the ceiling pixels are what lacks, which no F-number brings.
+    On the ceiling, resolution is the limit, which no F-number improves.
     """
     wanted, joint = parse_requirements(text), conflict_in(text).joint
     assert len(joint) >= 2
@@ -345,9 +350,11 @@ def test_what_gives_at_once_is_what_has_to(text):
 
 @pytest.mark.full
 def test_numbers_that_would_not_do_alone_help_where_all_give():
-    """Brute force: limits and F-number eased by 30 % and the viewpoints by 23 % are enough, so no more is asked of all.
+    """Enumeration: limits and F-number relaxed by 30 % and the viewpoints by 23 % are sufficient,
+    an upper bound.
 
-    Alone no number does, because blur and viewpoints pull the size of the mirror both ways.
+    No single number suffices, because blur and viewpoints have opposite requirements for the mirror
+    size.
     """
     eased = WALL.replace("at_most = 3.0", "at_most = 3.9").replace("at_most = 4.0", "at_most = 5.2")
     eased = eased.replace("at_most = 14.0", "at_most = 17.2").replace("f_number = 4.0", "f_number = 5.2")
@@ -385,9 +392,9 @@ at_most = 2.533
 """
 
 
-@pytest.mark.full  # test_designer has what is no more than needed, of searches that go to their ends
+@pytest.mark.full  # test_designer covers minimal relaxations of complete searches
 def test_a_number_gives_no_more_than_it_has_to_where_the_search_ends_early():
-    """Beyond 98 deg of the least field angle everything is met; 104.6 deg were asked for."""
+    """Above a minimum field angle of 98 deg all requirements are met; 104.6 deg were required."""
     wanted = parse_requirements(BENT)
     told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == "omega_min_deg")
     assert best(wanted.changed(omega_min_deg=told)).is_met
@@ -395,7 +402,7 @@ def test_a_number_gives_no_more_than_it_has_to_where_the_search_ends_early():
 
 
 def brute_force(wanted, name, values):
-    """The first of some values at which everything is met, by designing each."""
+    """Return the first of several values for which all requirements are met, by separate designs."""
     return next(v for v in values if best(wanted.changed(**{name: float(v)})).is_met)
 
 
@@ -419,7 +426,8 @@ def test_what_would_have_to_give_is_the_first_value_that_does(name, values):
 
 @pytest.mark.full
 def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
-    """A lens from 6 to 16 mm and F/2 to F/4, and a limit that only the field can give way for: tried in steps."""
+    """A lens of 6 to 16 mm and F/2 to F/4, and a limit that requires a reduced field: by
+    enumeration."""
     text = PANORAMA.replace("focal_length_mm = 12.0", "focal_length_mm = [6.0, 16.0]").replace(
         "f_number = 4.0", "f_number = [2.0, 3.5]"
     )
@@ -442,7 +450,8 @@ def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
 
 @pytest.mark.full
 def test_a_design_with_three_ranges_its_relaxations_and_alternatives_evaluate_a_limited_number_of_mirrors(monkeypatch):
-    """Most of the time is spent on these evaluations, 19859 when this was written, most of them for alternatives."""
+    """Most of the time is spent on these evaluations, 19,859 at the time of writing, most of them
+    for alternatives."""
     import omnimirror.design.solve.candidates as making
 
     made, real = [], making._before_lens

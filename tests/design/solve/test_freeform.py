@@ -1,4 +1,4 @@
-"""Optimised mirrors for requirements: limits are kept as evaluation says, and what has to give really does it."""
+"""Optimised mirrors for requirements: limits by the evaluation, and sufficient relaxations."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def missed():
 
 
 def with_change(requirements, name, value):
-    """The requirements with a limit or a given number changed."""
+    """Return the requirements with a limit or number changed."""
     for i, limit in enumerate(requirements.limits):
         if limit.label == name:
             side = "at_most" if limit.at_most is not None else "at_least"
@@ -120,13 +120,14 @@ def with_change(requirements, name, value):
 
 
 def keeps_all(requirements):
-    """Whether an optimised mirror keeps everything, without asking what would have to give."""
+    """Check if an optimised mirror meets all requirements, without relaxations."""
     return solve(requirements, problem_of(requirements), starts=1)[1].verdict.is_met
 
 
 @pytest.mark.full
 def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
-    """Each answer put into the requirements: kept with it, missed with a little less of it."""
+    """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
+    less."""
     assert not missed.is_met
     helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.asked)]
     assert len(helpful) >= 3
@@ -145,9 +146,9 @@ def test_what_gives_jointly_is_enough(missed):
     assert keeps_all(changed)
 
 
-@pytest.mark.full  # as of mirrors that are not optimised, of which each day has one
+@pytest.mark.full  # as for mirrors without optimisation, each of which runs daily
 def test_what_gives_jointly_has_to(missed):
-    """Each put back to what was asked, the others as told: something is missed."""
+    """With each reset to the original and the others relaxed, a requirement is violated."""
     joint = missed.conflict.joint
     assert len(joint) >= 2
     for r in joint:
@@ -158,7 +159,8 @@ def test_what_gives_jointly_has_to(missed):
 
 
 def test_what_cannot_be_met_is_missed_by_as_little_as_what_is_met_leaves(missed):
-    """It eased by a little more than it is missed, all else as asked, can be kept; by a little less it cannot."""
+    """Relaxed by slightly more than its violation, it is feasible with all others; by slightly
+    less, it is not."""
     rows = [row for row in missed.rows if row.label in missed.verdict.missed]
     assert 0 < len(rows) < len(missed.requirements.limits)
     for factor, keeps in ((1.01, True), (0.97, False)):
@@ -170,7 +172,7 @@ def test_what_cannot_be_met_is_missed_by_as_little_as_what_is_met_leaves(missed)
 
 
 def test_under_a_telecentric_lens_the_known_mirrors_come_out():
-    """The sphere is equiareal, the paraboloid has one viewpoint and aspect 1, both exactly."""
+    """The sphere is equal-area, the paraboloid has one viewpoint and aspect ratio 1, both exactly."""
     problem = DesignProblem(lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1)
     R = 20.0 / np.tan(np.radians(60.0))
     known = (("inverse_area_ratio", 1.0, 0.0), ("worst_aspect", 1.0, -1.0), ("viewpoint_spread_mm", 0.0, -1.0))
@@ -205,7 +207,7 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
     by_rays = om.check_blur(design.sensor, [4.0, 8.0], omega_deg=np.linspace(5, 105, 11))  # through the full aperture
     for edge in ("edge_t_px", "edge_s_px"):
         wide, narrow = by_rays.worst(edge)
-        assert narrow < wide / 6 < 0.2 / 6  # what the two curvatures leave out is of the third order
+        assert narrow < wide / 6 < 0.2 / 6  # the error of second-order optics is of third order
 
 
 def test_a_focus_that_is_given_is_kept():
@@ -217,7 +219,7 @@ def test_a_focus_that_is_given_is_kept():
 
 @pytest.mark.parametrize("quantity", LIMITABLE)
 def test_every_quantity_can_be_a_limit_from_either_side(quantity):
-    """Rows above 0 exactly where the value of the table passes the limit."""
+    """Rows are positive exactly when the value of the table violates the limit."""
     sensor = om.load_sensor("paper-equidistant")
     distance = 1000.0 if quantity.endswith("mm_per_px") else np.inf
     result = om.evaluate(sensor, np.linspace(1, 134, 200), focus_mm="auto", object_distance_mm=distance)

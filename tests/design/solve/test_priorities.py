@@ -1,4 +1,4 @@
-"""Where one requirement cannot be met, those beside it are; where several pull against each other, none is given up."""
+"""Infeasible requirements: the feasible ones are met, and conflicts are balanced."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ FOCUS_MM = np.linspace(195.0, 260.0, 261)
 
 
 def blurs_by_hand(sensor: om.Sensor) -> np.ndarray:
-    """The larger blur at the rim and in the middle (focuses, 2), with the Airy disk, of every focus."""
+    """Return the larger blur at the rim and in the centre (focuses, 2), with the Airy disk, for all
+    focus settings."""
     found = []
     for focus in FOCUS_MM:
         at = [om.evaluate(sensor, np.linspace(*part, 60), focus_mm=focus) for part in ((110, 130), (0, 30))]
@@ -35,7 +36,8 @@ def blurs_by_hand(sensor: om.Sensor) -> np.ndarray:
 
 
 def test_what_can_be_met_is_met_beside_what_cannot():
-    """No focus leaves less than 4 px at the rim: 2 px are asked there, and 2.5 px in the middle, which can be had."""
+    """No focus leaves less than 4 px at the rim: 2 px are required there, and 2.5 px in the centre,
+    which is feasible."""
     wanted = parse_requirements(SPHERE.format(rim=2.0, middle=2.5))
     design = range_search.solve(wanted)[1]
     rim, middle = blurs_by_hand(design.sensor).T
@@ -51,7 +53,7 @@ def test_what_can_be_met_is_met_beside_what_cannot():
 
 @pytest.mark.full
 def test_what_could_be_met_in_turn_is_missed_by_equal_shares():
-    """Each of both could be had by itself: neither is given up for the other."""
+    """Each of the two is feasible alone: the design balances them."""
     bare = range_search.solve(parse_requirements(SPHERE.format(rim=90.0, middle=90.0)))[1].sensor
     rim, middle = blurs_by_hand(bare).T
     asked = {"rim": rim.min() * 1.05, "middle": middle.min() * 1.5}
@@ -63,7 +65,8 @@ def test_what_could_be_met_in_turn_is_missed_by_equal_shares():
 
 
 def test_a_mirror_of_free_form_meets_what_can_be_met():
-    """A single blur of .3 deg is less than the lower bound of any mirror: the length can be kept all the same."""
+    """A single blur of 0.3 deg is less than the lower bound of any mirror: the length limit is
+    still met."""
     text = """
 field.omega_max_deg = 135
 mirror = {optimise = "worst_blur_deg", shape = "polynomial:3", rim_radius_mm = 43.9}

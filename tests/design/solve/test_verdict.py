@@ -1,4 +1,4 @@
-"""A verdict is what the evaluation says, of any sensor and whoever made it."""
+"""Verdicts equal the evaluation, for sensors of any origin."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
 
 @pytest.mark.parametrize("name", ["paper-spherical", "exact-equidistant", "folded-hyperboloidal"])
 def test_a_limit_is_met_from_what_is_reached_on(name):
-    """Limits moved to either side of what the sensor reaches."""
+    """Limits on both sides of the value of the sensor."""
     sensor = om.load_sensor(name)
     wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(omega_min_deg=30, omega_max_deg=100)
     (found,) = om.judge(wanted, sensor).limits
@@ -66,7 +66,7 @@ def test_a_limit_is_met_from_what_is_reached_on(name):
 
 @pytest.mark.parametrize(("at_least", "at_most"), [(0.0, None), (None, 0.0), (0.0, 0.0)])
 def test_a_limit_of_zero_is_missed_in_its_own_unit(at_least, at_most):
-    """Nothing is relative to 0: rounding and shortfall count from one unit."""
+    """No relative measure at 0: rounding and violation are absolute, in the unit of the quantity."""
     side = -1.0 if at_most is None else 1.0
     for missed, is_met in ((5e-7, True), (5e-6, False)):
         row = Judgement("motion_px", "px", at_least, at_most, side * missed)
@@ -78,7 +78,7 @@ def test_a_limit_of_zero_is_missed_in_its_own_unit(at_least, at_most):
 @pytest.mark.parametrize("largest", [True, False])
 @pytest.mark.parametrize("worst", [5.0, -5.0, 0.0])
 def test_of_object_distances_that_tie_the_smallest_angle_is_named(largest, worst):
-    """Within 2e-5 of the worst value, whichever distance comes first; a value without an angle names none."""
+    """Within 2e-5 of the worst value, independent of the order of distances; a scalar has no angle."""
     side = 1.0 if largest else -1.0
     of = SimpleNamespace(unit="px", extreme=lambda field, _: field)
     ends = {"at_most": 9.0, "at_least": None} if largest else {"at_most": None, "at_least": -9.0}
@@ -107,7 +107,7 @@ def test_a_focus_that_was_asked_for_is_judged():
 
 
 def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
-    """The same mirror, whose rim is seen at one and the same angle, computed in two ways that differ by rounding."""
+    """The same mirror with the same rim angle, computed in two ways that differ by rounding."""
     for off in (-1, 0, 1):
         end = float(np.nextafter(SPHERE.field_deg[1], np.inf * off) if off else SPHERE.field_deg[1])
         limit = om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(end, end))
@@ -119,7 +119,7 @@ def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
 
 
 def test_the_first_of_equally_bad_angles_is_named():
-    """A resolution that is the same at all angles but for rounding: the one that comes first."""
+    """A resolution that is constant except for rounding: the first angle is reported."""
     sensor = om.load_sensor("exact-equidistant")
     limit = om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100))
     wanted = replace(WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf))
@@ -145,7 +145,7 @@ def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
 
 @pytest.mark.parametrize(("past_px", "is_met"), [(0.015, True), (0.025, False)])
 def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
-    """The edge of a pixel is known to this; the margin of a requirement that is met is never negative."""
+    """The pixel edge has this accuracy; the margin of a satisfied requirement is never negative."""
     largest = WANTED.largest_image_px
     pitch = SPHERE.imager.pixel_pitch_um * SPHERE.rim_radius_px / (largest + past_px)
     moved = replace(SPHERE, imager=replace(SPHERE.imager, pixel_pitch_um=pitch))
@@ -170,14 +170,15 @@ HOUSING = Housing(rod=Rod(6.0))
 
 @pytest.mark.parametrize(("own", "asked"), [(None, HOUSING), (HOUSING, None), (HOUSING, Housing())])
 def test_a_sensor_without_a_housing_is_judged_with_that_of_the_requirements(own, asked):
-    """Three sensors that are the same once they have it; the sensor's own counts where there is one."""
+    """Three sensors that are equal with the housing; the housing of the sensor itself takes
+    precedence."""
     sensor = SPHERE if own is None else replace(SPHERE, housing=own)
     verdict = om.judge(WANTED if asked is None else replace(WANTED, housing=asked), sensor)
     assert verdict.sensor == replace(SPHERE, housing=HOUSING)
 
 
 def test_over_a_range_of_temperatures_the_worst_counts():
-    """Each limit at the temperature at which it is worst, of the evaluation at each; at 20 C without a remark."""
+    """Each limit at its worst temperature, from an evaluation at each; at 20 C without a remark."""
     thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
     wanted = replace(
         WANTED, thermal=thermal, temperatures_c=(-30.0, 70.0), limits=(om.Limit("total_blur_px", at_most=9.0),)
@@ -201,7 +202,7 @@ def test_over_a_range_of_temperatures_the_worst_counts():
 
 
 def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
-    """The rod in the middle hides the axis: a limit of blur is not judged there, the length is one number."""
+    """The central rod obscures the axis: a blur limit excludes it, whereas the length is a scalar."""
     wanted = replace(
         WANTED,
         field=om.FieldRequirements(omega_max_deg=165),

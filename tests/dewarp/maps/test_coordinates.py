@@ -22,7 +22,7 @@ BUNDLED = ("paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric")
 
 
 def random_camera(rng: np.random.Generator) -> Any:
-    """A mirror sensor of any kind, or a ball, of 1000 or 4096 pixels, mounted anyhow."""
+    """Return a mirror sensor of any kind, or a ball, with 1000 or 4096 pixels and a random mount."""
     pixels = int(rng.choice([1000, 4096]))
     mount = Mount(str(rng.choice(["up", "down", "forward"])), rng.uniform(-180, 180), bool(rng.integers(2)))
     kind = str(rng.choice([*MIRRORS, *BUNDLED, "ball"]))
@@ -35,7 +35,7 @@ def random_camera(rng: np.random.Generator) -> Any:
 
 
 def random_screen(rng: np.random.Generator) -> Any:
-    """A view of any shape, width, place and (small) size, distant or near."""
+    """Return a view of random shape, width, position and (small) size, distant or near."""
     size = tuple(int(n) for n in rng.choice([1, 7, 33, 120, 321, 500], 2))
     distance = float(rng.choice([np.inf, np.inf, 150.0, 400.0, 3000.0]))
     moved = (0.0, 0.0, 0.0) if np.isinf(distance) else tuple(rng.uniform(-60, 60, 3))
@@ -72,7 +72,8 @@ def test_ten_random_views_each(seed):
 
 
 def error_of_parts(camera, view) -> float:
-    """Largest distance (px) of a view's coordinates from the projection of its pixels, one in seven of them."""
+    """Return the largest distance (px) of map coordinates from the projection, at every seventh
+    pixel."""
     worst = 0.0
     for part in parts_of(view):
         width, height = part.screen.size
@@ -84,7 +85,7 @@ def error_of_parts(camera, view) -> float:
 
 
 def test_errors_of_opposite_sign_do_not_hide_each_other():
-    """Where a cube that was moved comes near, both directions are missed, and the middle of a cell is met."""
+    """Close to a displaced cube, both directions have errors while the cell centre is exact."""
     view = CubeMap((640, 480), distance_mm=300.0, offset_mm=(200.0, 100.0, 50.0))
     assert error_of_parts(om.load_sensor("paper-spherical"), view) < 0.005
 
@@ -100,7 +101,7 @@ def test_random_cubes_that_were_moved(seed):
 
 
 def test_few_pixels_are_projected():
-    """A view of a quarter of a million pixels, all inside the field, asks for some 1 in 100."""
+    """A view of 250,000 pixels, all inside the field, requires about 1 projection per 100 pixels."""
     sensor = om.load_sensor("paper-spherical")
     asked = 0
 
@@ -114,7 +115,7 @@ def test_few_pixels_are_projected():
 
 
 def test_a_field_smaller_than_a_cell_is_not_lost():
-    """The whole sphere in 40 x 20 pixels: the field of a camera shrinks to a few of them."""
+    """The whole sphere in 40 x 20 pixels: the field of a camera covers only a few of them."""
     ball = om.MirrorBall((500.0, 500.0), 450.0, 30.0, (1001, 1001))
     view = Sphere((40, 20))
     quick, exact = screen_pixels(ball, view), exact_pixels(ball, view)
@@ -124,7 +125,7 @@ def test_a_field_smaller_than_a_cell_is_not_lost():
 
 @pytest.mark.parametrize("size", [(1, 500), (7, 120), (500, 3), (40, 20)])
 def test_views_of_few_pixels_are_exact(size):
-    """Neighbouring nodes of such views may lie all around: what is between them tells nothing."""
+    """Neighbouring nodes of such views can be far apart, which precludes interpolation."""
     ball = om.MirrorBall((2048.0, 2048.0), 1966.0, 258.8, (4096, 4096))
     for view in (
         LittlePlanet(size, 231.0),
@@ -136,7 +137,7 @@ def test_views_of_few_pixels_are_exact(size):
 
 
 def test_what_lies_wholly_outside_the_field_is_not_projected():
-    """Half of the view is sky that the sensor does not see; its edge is where it is."""
+    """Half of the view is sky outside the field of the sensor; the boundary is accurate."""
     sensor = om.load_sensor("paper-spherical")
     view = Plane((1280, 720), tilt_deg=45, hfov_deg=90)
     grid = lattice_map_of(sensor, view)

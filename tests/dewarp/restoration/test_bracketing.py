@@ -1,4 +1,5 @@
-"""Focus bracketing: its plan against real rays, its scale against projected points, its merge against the scene."""
+"""Focus bracketing: plan against real rays, scale against projected points, merged image against
+the scene."""
 
 from dataclasses import replace
 
@@ -31,7 +32,7 @@ def test_every_planned_picture_is_needed():
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
 def test_astigmatism_is_what_limits(name: str):
-    """No focus is sharp there: half of the difference of the two blurs is left at the best."""
+    """No focus is sharp there: the best one leaves half of the difference of the two blurs."""
     plan = plan_bracket(om.load_sensor(name))
     found = om.evaluate(om.load_sensor(name), plan.omega_deg)
     half = np.abs(found.blur_t_px - found.blur_s_px) / 2
@@ -41,7 +42,7 @@ def test_astigmatism_is_what_limits(name: str):
 
 
 def dots(pixels, size: int):
-    """Round dots of half a pixel's deviation at places (n, 2)."""
+    """Return round dots with a standard deviation of 0.5 px at positions (n, 2)."""
     x, y = np.meshgrid(np.arange(size), np.arange(size))
     picture = np.zeros((size, size), np.float32)
     for u, v in pixels:
@@ -71,7 +72,8 @@ def test_points_come_together_to_a_tenth_of_a_pixel(flipped: bool):
 
 
 def test_a_rendered_grid_of_lights_lands_where_the_sensor_sees_it():
-    """Rays through the focused lens, an environment and the merge, against projected directions."""
+    """Rays through the focused lens, an environment and the merged image, against projected
+    directions."""
     sensor, width = om.load_sensor("paper-spherical"), 4096
     pan, tilt = (np.radians(a).ravel() for a in np.meshgrid(np.arange(-170, 180, 40), [-60, -30, 0, 20, 38]))
     directions = np.stack([np.cos(tilt) * np.cos(pan), -np.cos(tilt) * np.sin(pan), np.sin(tilt)], axis=-1)

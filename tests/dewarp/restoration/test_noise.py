@@ -1,4 +1,4 @@
-"""Noise estimated from pictures alone: against the noise that was added, and the error that coding made."""
+"""Blind noise estimation against the added noise, and against the coding error."""
 
 import cv2
 import numpy as np
@@ -15,14 +15,14 @@ from omnimirror.simulation.scenes.worlds.hall import Hall
 
 @pytest.fixture(scope="module")
 def light() -> np.ndarray:
-    """A picture of the hall, blurred as a sphere blurs it, in linear light."""
+    """An image of the hall with the blur of a spherical mirror, in linear light."""
     sensor = faster(om.load_sensor("paper-spherical"), 256, 1.0)
     return om.expose(sensor, Hall(), samples=16, blur=True)
 
 
 @pytest.fixture(scope="module")
 def inside(light) -> np.ndarray:
-    """Where the mirror is seen."""
+    """Mask of the mirror image."""
     rows, columns = np.indices(light.shape[:2]) - 127.5
     return np.hypot(rows, columns) < 118
 
@@ -50,7 +50,8 @@ def test_white_noise(light, inside, noise: float):
 
 @pytest.mark.parametrize("quality", [95, 90, 85, 75, 60, 50])
 def test_what_coding_did_is_found_with_the_file_and_without(light, inside, tmp_path, quality: int):
-    """Not the noise alone, which coding removes, but how far the picture is from what was before noise and coding."""
+    """Not the remaining noise, which coding removes, but the deviation from the image before noise
+    and coding."""
     data, picture = as_jpeg(noisy(light, 0.01), quality)
     (tmp_path / "a.jpg").write_bytes(data)
     truth = rms(picture, light, inside)
@@ -63,7 +64,7 @@ def test_what_coding_did_is_found_with_the_file_and_without(light, inside, tmp_p
 
 @pytest.mark.parametrize("quality", [92, 75, 60])
 def test_texture_everywhere_is_not_noise_that_coding_left(inside, quality: int):
-    """Clouds have no plain blocks; what is left of them without their slope is texture."""
+    """Clouds have no uniform blocks; without their gradient, the residual is texture."""
     textured = om.expose(faster(om.load_sensor("paper-spherical"), 256, 1.0), clouds(1024), samples=32, blur=True)
     for noise in (0.003, 0.03):
         picture = as_jpeg(noisy(textured, noise), quality)[1]
@@ -72,7 +73,7 @@ def test_texture_everywhere_is_not_noise_that_coding_left(inside, quality: int):
 
 
 def test_little_of_the_error_of_coding_is_visible(light, inside):
-    """None but noise that is finer than the steps: more, the finer they are."""
+    """Only for noise below the quantisation steps; the finer the steps, the larger its fraction."""
     shares = [om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_share for q in (60, 85, 95)]
     assert shares[0] < 0.35
     assert shares == sorted(shares)
@@ -80,7 +81,7 @@ def test_little_of_the_error_of_coding_is_visible(light, inside):
 
 
 def test_what_a_file_lost_before_is_not_its_coding(tmp_path):
-    """One that is coded finely is taken for no better than most are, and that for noise that is visible."""
+    """A finely coded file is treated like typical files, with visible noise."""
     slope = np.repeat(np.linspace(40, 200, 256).astype(np.uint8)[None, :, None], 256, axis=0).repeat(3, axis=2)
     (tmp_path / "a.jpg").write_bytes(as_jpeg(slope, 95)[0])
     found = om.estimate_noise(slope, tmp_path / "a.jpg")
@@ -101,7 +102,7 @@ def test_grey_pictures_and_fine_colours(light, inside, quality: int):
 
 @pytest.mark.parametrize("code", [cv2.COLOR_BayerRG2RGB, cv2.COLOR_BayerRG2RGB_EA, cv2.COLOR_BayerRG2RGB_VNG])
 def test_demosaiced_noise(light, inside, code: int):
-    """What filling in the colours leaves of it."""
+    """Noise after demosaicing."""
 
     def demosaiced(picture):
         mosaic = picture[..., 1].copy()
@@ -116,7 +117,8 @@ def test_demosaiced_noise(light, inside, code: int):
 
 
 def test_noise_of_light_grows_with_the_light(light, inside):
-    """Read noise and photons: the deviation of the root of the light, in the dark and in the bright."""
+    """Read noise and shot noise: standard deviation of the square root of the light, in dark and
+    bright regions."""
     variance = 1e-5 + 4e-4 * light.mean(axis=2)
     linear = light + np.sqrt(variance)[..., None] * np.random.default_rng(1).standard_normal(light.shape)
     found = om.estimate_noise(linear.astype(np.float32), where=inside)
@@ -135,7 +137,7 @@ def test_sixteen_bits_keep_little_noise(light, inside):
 
 
 def test_the_coding_of_a_file_is_that_of_its_writer(light, tmp_path):
-    """OpenCV writes the standard's tables, scaled as libjpeg does."""
+    """OpenCV writes the standard tables, scaled as by libjpeg."""
     for quality in (30, 75, 95):
         data, picture = as_jpeg(noisy(light, 0.01), quality)
         coding = jpeg_coding(data)
@@ -168,13 +170,13 @@ def test_what_is_no_picture_is_refused(tmp_path):
         om.estimate_noise(np.zeros((8, 8), np.uint8), where=np.ones((4, 4), bool))
     with pytest.raises(MediaError, match="cannot read"):
         om.estimate_noise(np.zeros((8, 8), np.uint8), tmp_path / "none.jpg")
-    assert 0 < om.estimate_noise(np.zeros((5, 5), np.uint8)).share < 0.01  # too small for a block
+    assert 0 < om.estimate_noise(np.zeros((5, 5), np.uint8)).share < 0.01  # smaller than a block
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
 def test_coded_leaves(name: str):
-    """Full of texture and of colours that coding makes coarser."""
+    """Strong texture, with colours coarsened by coding."""
     sensor = faster(om.load_sensor(name), 512, om.load_sensor(name).lens.f_number / 2)
     light = om.expose(sensor, dead_leaves(), samples=16, blur=True)
     rows, columns = np.indices(light.shape[:2]) - 255.5
@@ -185,6 +187,7 @@ def test_coded_leaves(name: str):
 
 
 def test_linear_light_and_srgb_agree(light, inside):
-    """Noise even in sRGB, told as light: its mean deviation is near to what was added."""
+    """Uniform noise in sRGB, reported for linear light: its mean deviation is close to the added
+    one."""
     picture = linear_from_srgb(noisy(light, 0.02) / 255.0)
     assert om.estimate_noise(picture, where=inside).share == pytest.approx(0.02, rel=0.35)

@@ -1,4 +1,5 @@
-"""A sharp picture that is looked for: compiled kernels against sparse matrices, and both against what defines them."""
+"""Iterative restoration: compiled kernels against sparse matrices, and both against their
+definition."""
 
 from dataclasses import replace
 
@@ -23,12 +24,12 @@ KINDS = [SparseDeblurring, pytest.param(CompiledDeblurring, marks=needs_compiled
 
 @pytest.fixture
 def small_tiles(monkeypatch: pytest.MonkeyPatch):
-    """Several in a small picture."""
+    """Several tiles in a small image."""
     monkeypatch.setattr(blurring, "TILE_PX", 40)
 
 
 def blur_of(fineness: int) -> Blur:
-    """Of a sensor whose picture is cut off, so that kernels reach beyond its edge."""
+    """For a cropped image, with kernels that extend beyond its border."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     sensor = replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0)))
     known = round_blur_of(sensor)
@@ -63,7 +64,7 @@ def steps_of(blur: Blur, count: int) -> np.ndarray:
 
 
 def values_of(blur: Blur, box: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the pixels in which a tile's values lie that explains a box."""
+    """Return rows and columns of the pixels whose values a tile uses to estimate a box."""
     across = whole_groups(blur.reach)
     top, bottom, left, right = box
     rows = slice(max(top - blur.reach, 0), bottom + blur.reach)
@@ -99,7 +100,7 @@ def _box(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("channels", [1, 3])
 def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(blur: Blur, kind, channels: int):
-    """Of one whose fine values are known: to begin with, each is the mean of the pixels it touches."""
+    """With known fine values: initially, each is the mean of the pixels it touches."""
     roots = random_roots(blur, channels)
     fine = np.repeat(np.repeat(roots, 2, axis=0), 2, axis=1)
     padded = np.pad(fine, ((1, 0), (1, 0), (0, 0)), "edge")
@@ -119,7 +120,7 @@ def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(blur: B
 
 
 def concentrated(blur: Blur, by_pixel: np.ndarray) -> Blur:
-    """The same, whose kernels are told to be so concentrated."""
+    """Return the same blur with the given concentration of its kernels."""
 
     class Told(Blur):
         concentration = np.ascontiguousarray(by_pixel)
@@ -138,7 +139,8 @@ def test_concentration_is_the_length_of_a_row_of_the_matrix(blur: Blur):
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
-    """Squares under noise: told a tenth or ten times of it, conjugate gradients leave more of the blur."""
+    """Squares with noise: with 0.1 or 10 times the concentration, conjugate gradients leave more
+    blur."""
     problem = BlurProblem(round_blur_of(faster(om.load_sensor(name), 144, 0.5)))
     rng = np.random.default_rng(8)
     light = np.kron(rng.random((18, 18)), np.ones((8, 8))).astype(np.float32)[..., None]
@@ -157,7 +159,7 @@ def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
 @pytest.mark.usefixtures("small_tiles")
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_round_explains_the_picture_better(blur: Blur, kind):
-    """A picture that was blurred by the matrix itself, of squares: what is left shrinks to a tenth."""
+    """Squares blurred by the matrix itself: the residual decreases to 10 %."""
     width, height = blur.size
     squares = np.kron(np.random.default_rng(6).random((height // 5, width // 5)), np.ones((10, 10)))[..., None]
     roots = np.full((height, width, 1), 0.5, np.float32)
@@ -208,7 +210,7 @@ def test_tiles_without_steps_stay_and_the_others_move_as_ever(blur: Blur, kind):
     roots, costs = random_roots(blur), np.full(blur.size[::-1], 0.02, np.float32)
     steps = steps_of(blur, 3) * (np.arange(len(blur.tiles)) % 2 == 0)
     some, all_, none = (kind(blur).start(roots, roots) for _ in range(3))
-    for _ in range(2):  # the second time those that stay are not found where the first one left them
+    for _ in range(2):  # the second run must not depend on data left by the first
         all_.improve(costs, steps_of(blur, 3))
     some.improve(costs, steps_of(blur, 3))
     once = some.light()
@@ -237,9 +239,12 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
     np.testing.assert_allclose(one.light(), other.light(), atol=2e-5)
 
 
-# What rounding to float32 comes to, in light: the sparse way differs from itself, where every root is moved by its last
-# bit, in one value of a thousand by so much, and in half of them by so little, at worst of twelve pictures. Three times
-# that are allowed; the two ways differ by up to 2.5 times as much. Single values go far apart after many steps (3e-2).
+# Effect of float32 rounding, in light: if each root is perturbed in its last bit, the sparse
+# implementation differs from
+# itself by so much in 0.1 % of the values, and by so little in half of them, at worst of twelve
+# images. Three times that
+# are accepted; the two implementations differ by up to 2.5 times as much. Single values can diverge
+# after many steps (3e-2).
 @needs_compiled
 @pytest.mark.parametrize(
     ("tile_px", "effort", "of_thousandth", "of_half"),
@@ -279,7 +284,7 @@ def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
 @needs_compiled
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 def test_tiles_restore_as_the_picture_as_a_whole_does(monkeypatch: pytest.MonkeyPatch, name: str):
-    """Where they meet, too: a checkerboard comes as near to what it was."""
+    """Including tile boundaries: a checkerboard is restored equally well."""
     problem = BlurProblem(round_blur_of(faster(om.load_sensor(name), 160, 0.625)))
     columns = np.arange(160) // 9 % 2
     light = np.where(columns ^ columns[:, None], 0.5, 0.1).astype(np.float32)[..., None]

@@ -1,4 +1,4 @@
-"""Restoration: its blur against real rays, and its pictures against the scene without blur."""
+"""Restoration: blur against real rays, and restored images against the scene without blur."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,12 +18,12 @@ from omnimirror.simulation.scenes.worlds.street import Street
 from tests.everyday import few
 
 TARGETS = {"paper-spherical": (2.5, 3.0), "paper-equidistant": (2.5, 3.5), "paper-hyperboloidal": (3.0, 4.0)}
-"""Gains in dB over the inner two thirds of the radius, and over the outer third."""
+"""Gains in dB over the inner 2/3 of the radius, and over the outer 1/3."""
 
 
 @dataclass(frozen=True)
 class Around:
-    """An environment painted on a sphere about the mirror's vertex."""
+    """An environment on a sphere about the mirror vertex."""
 
     environment: om.Environment
     radius_mm: float
@@ -50,13 +50,13 @@ def scene() -> om.Environment:
 
 @pytest.fixture(scope="module")
 def smaller() -> Restorer:
-    """Fewer pixels still, where what counts is whether two ways agree."""
+    """Fewer pixels for comparisons of two implementations."""
     return Restorer(faster(om.load_sensor("paper-spherical"), 160, 0.625))
 
 
 @pytest.fixture(scope="module")
 def small() -> Restorer:
-    """A quarter of the pixels along a side and four times the aperture: the same blur in pixels."""
+    """25 % of the pixels per side and four times the aperture: the same blur in pixels."""
     return Restorer(faster(om.load_sensor("paper-spherical"), 256, 1.0))
 
 
@@ -82,7 +82,7 @@ def test_a_scene_never_tuned_on_gains(small: Restorer, scene: om.Environment):
 @pytest.mark.parametrize("name", TARGETS)
 @pytest.mark.parametrize("kind", ["dead leaves", "hall"])
 def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
-    """On two kinds of scene that nothing was tuned on."""
+    """Two kinds of scenes that were excluded from tuning."""
     found = gains(Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.Hall())
     assert found.gain_db[0] > TARGETS[name][0]
     assert found.gain_db[1] > (5.5 if (name, kind) == ("paper-spherical", "hall") else TARGETS[name][1])
@@ -91,7 +91,8 @@ def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
 def test_a_scene_full_of_texture_loses_nothing(small: Restorer, times: float):
-    """Clouds, whose finest detail drowns in the noise, leave little to gain, and do not show blur told too large."""
+    """Clouds, whose finest detail is below the noise, permit little gain and do not reveal
+    overestimated blur."""
     told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
     found = gains(told, clouds(1024))
     assert found.tenths_db.min() > -0.1
@@ -99,7 +100,7 @@ def test_a_scene_full_of_texture_loses_nothing(small: Restorer, times: float):
 
 
 def test_less_noise_leaves_more_to_gain(small: Restorer, scene: om.Environment):
-    """At .3 %, where the errors of the blur as it is known outweigh the noise, and must not be taken for picture."""
+    """At 0.3 %, where errors of the known blur exceed the noise and must not be amplified."""
     found = gains(small, scene, noise=0.003)
     assert found.gain_db[0] > 2.5
     assert found.gain_db[1] > 3.5
@@ -108,7 +109,8 @@ def test_less_noise_leaves_more_to_gain(small: Restorer, scene: om.Environment):
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
 def test_a_photograph_with_bright_windows_gains_at_the_rim(small: Restorer, shared_data: Path, times: float):
-    """They show every error of the blur; and points far brighter than white would explain them, black between them."""
+    """They reveal all errors of the blur; very bright points with black gaps would be another
+    solution."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
     told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
     found = gains(told, exposed(photograph))
@@ -117,7 +119,7 @@ def test_a_photograph_with_bright_windows_gains_at_the_rim(small: Restorer, shar
 
 
 def test_what_is_white_all_around_stays_white(smaller: Restorer):
-    """A pixel that saturates may have been anything brighter, and so may those about it."""
+    """A saturated pixel can have had any higher value, as can its neighbours."""
     picture = np.random.default_rng(3).integers(40, 90, (160, 160, 3), dtype=np.uint8)
     picture[:, 110:] = 255
     restored = smaller(picture, 0.02, 1.0)
@@ -127,7 +129,8 @@ def test_what_is_white_all_around_stays_white(smaller: Restorer):
 
 @pytest.mark.full
 def test_near_things_are_blurred_otherwise(scene: om.Environment):
-    """A wall all around at 300 mm: its own blur restores more than that of distant things, which harms nothing."""
+    """A wall at 300 mm all around: its own blur restores more than that of distant objects, which
+    causes no damage."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 160, 0.625)
     near = Around(scene, 300.0)
     right, wrong = (gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf))
@@ -148,7 +151,7 @@ def test_noise_is_not_amplified(smaller: Restorer, level: float):
 
 
 def test_edges_do_not_ring(small: Restorer):
-    """Black and white quarters of the sky: what is restored leaves their range by little."""
+    """Black and white quarters of the sky: overshoot of the restored image is small."""
     columns = (np.arange(720) // 45) % 2
     light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(np.float32)
     blurred = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=256, blur=True)
@@ -182,7 +185,8 @@ def test_alpha_and_what_is_outside_stay(smaller: Restorer):
 
 
 def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Environment):
-    """Off the middle, too, where flipping moves the optical axis; neighbours count to one side, so not to the byte."""
+    """Also off centre, where a flip moves the optical axis; neighbours are one-sided, so not exact
+    to the byte."""
     sensor = replace(smaller.camera, imager=replace(smaller.camera.imager, centre_px=(68.0, 80.0)))
     picture = om.take_picture(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
@@ -193,7 +197,7 @@ def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Envi
 
 
 def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scene: om.Environment):
-    """A wall, a window or a lamp behind the mirror: up to the last pixel that is restored."""
+    """A wall, a window or a lamp behind the mirror: up to the last restored pixel."""
     picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
     beyond = smaller.radius > smaller.known.whole_radius_px
     others = [picture.copy(), picture.copy()]
@@ -207,7 +211,8 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scen
 
 @pytest.mark.long
 def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(smaller: Restorer, scene: om.Environment):
-    """A sensor's picture taken for theirs, the blur told by each way: as the sensor's own, up to the rim."""
+    """With the image of a sensor, and the blur specified in each form: equal to that of the sensor,
+    up to the rim."""
     picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
     centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
     ball = om.MirrorBall(centre, rim, 360.0, (160, 160))
@@ -224,7 +229,8 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(sm
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
 def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Environment, times: float):
-    """Told what its picture shows, nothing is lowered; told more, about what it shows is taken out."""
+    """With the correct blur nothing is reduced; with a larger one, about the actual blur is
+    removed."""
     noisy = om.take_picture(small.camera, scene, samples=64, blur=True) + 2.55 * np.random.default_rng(
         1
     ).standard_normal(3)
@@ -242,7 +248,8 @@ def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Env
     ),
 )
 def test_large_blur_on_few_pixels_is_lowered_to_about_what_is_there(name: str, world):
-    """A correctly specified blur is removed; of one that is specified too large, no more than is present, or none."""
+    """A correctly specified blur is removed; of one that is specified too large, no more than is
+    present, or none."""
     sensor = om.load_sensor(name)
     sensor = faster(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
     taken = om.take_picture(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(1).standard_normal(
@@ -257,7 +264,7 @@ def test_large_blur_on_few_pixels_is_lowered_to_about_what_is_there(name: str, w
 
 
 def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lose(smaller: Restorer):
-    """Grain on an even surface: as the noise that is told, and as texture beyond it."""
+    """Grain on a uniform surface: with the specified noise, and as texture above it."""
     grain = 0.5 + 0.01 * np.random.default_rng(5).standard_normal((160, 160))
     picture = np.rint(255 * grain).astype(np.uint8)
     assert smaller.shown_share(picture, 0.01) == 1
@@ -268,14 +275,15 @@ def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lo
     ("kind", "quality"), [pytest.param("leaves", 90, marks=pytest.mark.full), ("leaves", 75), ("clouds", 75)]
 )
 def test_coded_pictures_lose_nothing(small: Restorer, kind: str, quality: int, request: pytest.FixtureRequest):
-    """With the noise estimated from the picture alone: neither blocks nor ringing are sharpened, and of clouds, which
-    are texture everywhere, no more is smoothed away than coding took."""
+    """With blind noise estimation: neither blocks nor ringing are sharpened, and clouds, which are
+    texture everywhere, lose no
+    more than by coding."""
     scene = request.getfixturevalue("scene") if kind == "leaves" else clouds(1024)
     assert gains(small, scene, quality=quality).tenths_db.min() > -0.3
 
 
 def _tenths(restorer: Restorer, sharp, image, restored):
-    """Gains (10,) in dB over the tenths of the radius."""
+    """Return gains (10,) in dB by radial zone."""
     tenth = np.minimum(10 * restorer.radius / restorer.camera.rim_radius_px, 10).astype(int)
     truth = srgb_from_linear(sharp)
     before, after = (((values / 255.0 - truth) ** 2).mean(axis=2) for values in (image, restored))
@@ -283,7 +291,8 @@ def _tenths(restorer: Restorer, sharp, image, restored):
 
 
 def _rendered(sensor: om.Sensor, scene, stops: int | None):
-    """Light of an image with an aperture some stops smaller than that of the sensor, or sharp."""
+    """Return the light of an image with an aperture some stops smaller than that of the sensor, or
+    sharp."""
     if stops is None:
         return om.expose(sensor, scene, samples=16)
     lens = replace(sensor.lens, f_number=sensor.lens.f_number * 2 ** (stops / 2))
@@ -304,7 +313,7 @@ SCENES = {
     "kind", ["leaves", "windows", *(pytest.param(k, marks=pytest.mark.full) for k in ("hall", "clouds", "panorama"))]
 )
 def test_no_more_blur_is_removed_than_there_is(shared_data: Path, kind: str, stops: int | None):
-    """A lens that was stopped down after its file was written, up to an image that is sharp throughout."""
+    """A lens stopped down after its file was written, up to a completely sharp image."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES[kind](shared_data)
     noise = 0.01 * np.random.default_rng(1).standard_normal((256, 256, 3))
@@ -321,7 +330,7 @@ def test_no_more_blur_is_removed_than_there_is(shared_data: Path, kind: str, sto
 @pytest.mark.parametrize("amount", [0.6, pytest.param(1.0, marks=pytest.mark.full)])
 @pytest.mark.parametrize("name", ["paper-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)])
 def test_a_sharpened_photograph_stays_as_it_is(shared_data: Path, name: str, amount: float):
-    """Denoised, sharpened and coded as phones do; the same image without sharpening is restored."""
+    """Denoised, sharpened and coded as by phones; the same image without sharpening is restored."""
     sensor = faster(om.load_sensor(name), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES["panorama"](shared_data)
     values = srgb_from_linear(_rendered(sensor, scene, 0))

@@ -1,5 +1,6 @@
-"""Averages over footprints: against their definition in float64, against what a picture really holds, and at the
-ends of fields, views and memory."""
+"""Footprint averages against their definition in float64, against image content, and at the limits
+of fields, views and
+memory."""
 
 import math
 from functools import cache
@@ -30,7 +31,7 @@ BALL = om.MirrorBall((511.5, 509.5), 480.0, 270.0, (1024, 1020))
 
 @pytest.fixture(params=INSTRUCTIONS)
 def sampler(request, uncompiled):
-    """Every set of instructions that this machine has, and OpenCV."""
+    """All instruction sets of this machine, and OpenCV."""
     if request.param == "opencv":
         uncompiled()
         yield request.param
@@ -41,17 +42,17 @@ def sampler(request, uncompiled):
     MODULE.use_instructions(before)
 
 
-# -- the definition --------------------------------------------------------------------------------
+# -- definition ------------------------------------------------------------------------------------
 
 
 def keys(t):
-    """The four weights of the cubic kernel with a = -0.75, from its definition; (4, n)."""
+    """Return the four weights of the cubic kernel with a = -0.75 by its definition; (4, n)."""
     a, d = -0.75, np.abs(np.array([-1, 0, 1, 2])[:, None] - t)
     return np.where(d <= 1, (a + 2) * d**3 - (a + 3) * d**2 + 1, a * (d**3 - 5 * d**2 + 8 * d - 4))
 
 
 def cubic(picture, places):
-    """Samples (n, channels) in float64 at places (n, 2) on the picture, not clipped."""
+    """Return unclipped float64 samples (n, channels) at positions (n, 2) in the image."""
     height, width = picture.shape[:2]
     u, v = np.clip(places[:, 0], 0, width - 1), np.clip(places[:, 1], 0, height - 1)
     x, y = np.floor(u).astype(int), np.floor(v).astype(int)
@@ -77,7 +78,7 @@ def shortened(way, interpolation):
 
 
 def count(way, interpolation):
-    """Samples along a side."""
+    """Return the number of samples per side."""
     length = np.hypot(*way)
     if interpolation == "area":
         return 1 if length <= 0.5 else max(2, math.ceil(length - 1e-6))
@@ -85,7 +86,8 @@ def count(way, interpolation):
 
 
 def truth(picture, places, matrix, interpolation, border):
-    """(rows, columns, channels) of an affine map (rows, columns, 2): footprints are its columns' parallelogram."""
+    """Return (rows, columns, channels) of an affine map (rows, columns, 2): its columns span the
+    footprint."""
     aside, upright = np.array(matrix).T
     across, down = count(aside, interpolation), count(upright, interpolation)
     aside, upright = shortened(aside, interpolation), shortened(upright, interpolation)
@@ -105,7 +107,7 @@ def truth(picture, places, matrix, interpolation, border):
 
 @cache
 def expected(depth, channels, interpolation):
-    """For each of :data:`AFFINE`, its places, and what an average there is."""
+    """Return the positions and averages of each case of :data:`AFFINE`."""
     all_places = [affine(matrix, (74.37, 63.23), shape) for matrix, shape in AFFINE]
     return [
         (places, truth(texture(depth, channels), places, matrix, interpolation, FULL[depth]))
@@ -114,7 +116,7 @@ def expected(depth, channels, interpolation):
 
 
 def texture(depth, channels, size=(150, 130), seed=5):
-    """Structure of all scales, from noise of single pixels on."""
+    """Return structure of all scales, down to single-pixel noise."""
     width, height = size
     rng = np.random.default_rng(seed)
     levels = [cv2.resize(rng.random((n, n)), size, interpolation=cv2.INTER_CUBIC) for n in (4, 15, 60)]
@@ -125,7 +127,7 @@ def texture(depth, channels, size=(150, 130), seed=5):
 
 
 def affine(matrix, middle, shape):
-    """A map whose footprints are all the same parallelogram, (rows, columns, 2) float32."""
+    """Return a map (rows, columns, 2), float32, with constant parallelogram footprints."""
     rows, columns = shape
     x, y = np.meshgrid(np.arange(columns) - (columns - 1) / 2, np.arange(rows) - (rows - 1) / 2)
     return (np.stack([x, y], axis=-1) @ np.array(matrix, float).T + middle).astype(np.float32)
@@ -149,11 +151,11 @@ def test_values_are_the_definition(depth, channels, interpolation, sampler):
             np.testing.assert_allclose(taken, means, rtol=0, atol=TOLERANCE[depth])
 
 
-# -- every way to say where -----------------------------------------------------------------------
+# -- all forms of coordinates ---------------------------------------------------------------------
 
 
 def grid_of(matrix, size, step, bend=0.0):
-    """A lattice of an affine map, or of one that bends."""
+    """Return a lattice of an affine or bent map."""
     width, height = size
 
     def places(x, y):
@@ -177,8 +179,8 @@ def test_lattices_average_as_maps_do(step, interpolation, sampler):
         taken = remap(picture, grid, interpolation, border=9)
         fixed = PixelMap.of(grid)
         for again in (remap(picture, fixed, interpolation, border=9) for _ in range(2 * (step > 4))):
-            assert (np.abs(again.astype(int) - taken) > 1).mean() < 1e-3  # at the picture's edge
-        # cells may count one sample more or less than those of a map, which begin elsewhere
+            assert (np.abs(again.astype(int) - taken) > 1).mean() < 1e-3  # at the image border
+        # cells may use one sample more or less than those of a map, which have other origins
         other = remap_at(picture, places, interpolation, border=9)
         assert np.sqrt(np.mean((other.astype(float) - taken) ** 2)) < 2
 
@@ -212,11 +214,11 @@ def test_the_first_frame_is_the_others_to_the_bit():
             np.testing.assert_array_equal(plane, again)
 
 
-# -- what it is for --------------------------------------------------------------------------------
+# -- antialiasing ---------------------------------------------------------------------------------
 
 
 def test_stripes_finer_than_a_pixel_become_grey(sampler):
-    """They alias into broad bands where a pixel is one sample."""
+    """With one sample per pixel, they alias to broad bands."""
     stripes = np.zeros((400, 400), np.uint8)
     stripes[:, ::4] = stripes[:, 1::4] = 200
     places = affine([[4.3, 0.3], [-0.3, 4.3]], (199.5, 199.5), (80, 80))
@@ -230,7 +232,7 @@ def test_stripes_finer_than_a_pixel_become_grey(sampler):
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
 def test_the_mean_over_a_footprint_is_that_of_very_many_samples(seed):
-    """Any parallelogram, on a picture without structure finer than two pixels."""
+    """Any parallelogram, for an image without structure below two pixels."""
     rng = np.random.default_rng(seed)
     picture = cv2.GaussianBlur(texture("float32", 1, (260, 260), seed % 1000), (0, 0), 1.0)
     turn, shear = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5)
@@ -251,11 +253,11 @@ def test_where_nothing_shrinks_auto_is_cubic_to_the_bit(sampler):
         auto, cubic = om.Dewarper(BALL, view), om.Dewarper(BALL, view, "cubic")
         for _ in range(2):
             np.testing.assert_array_equal(auto(picture), cubic(picture))
-        assert auto._map.averages("auto") is None  # so it costs what cubic costs
+        assert auto._map.averages("auto") is None  # same cost as cubic
 
 
 def test_regions_join_without_a_seam():
-    """On a slope the borders of cells are no steps, where one of them averages and the next does not."""
+    """On a gradient, boundaries of averaged and non-averaged cells cause no steps."""
     v, u = np.mgrid[:1020, :1024]
     picture = (100 + 60 * np.sin(u / 3.1) * np.sin(v / 3.7)).astype(np.float32)
     view = om.screens.Plane((640, 400), 20.0, -40.0, 0.0, 150.0)
@@ -264,7 +266,7 @@ def test_regions_join_without_a_seam():
     assert len(np.unique(taps.reshape(-1, 2), axis=0)) >= 4
     step = dewarp._map.step
     differs = (np.diff(taps.astype(int), axis=1) != 0).any(axis=-1).repeat(step, axis=0)[: view.size[1]]
-    bend = np.abs(np.diff(taken, 3, axis=1))  # of four pixels in a row
+    bend = np.abs(np.diff(taken, 3, axis=1))  # of four consecutive pixels
     rows, cells = np.nonzero(differs)
     columns = (cells + 1) * step  # the first pixel of the next cell
     inside = (columns + 10 < view.size[0]) & dewarp.valid[rows, np.minimum(columns + 10, view.size[0] - 1)]
@@ -275,12 +277,12 @@ def test_regions_join_without_a_seam():
     assert across_border < 1.1 * within_cells
 
 
-# -- ends ------------------------------------------------------------------------------------------
+# -- boundaries -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("camera", ["symmetric", "stretched"])
 def test_nothing_outside_the_field_gets_into_the_picture(camera, sampler):
-    """A picture that is grey in the field, and glaring beyond the reach of a single sample of it."""
+    """An image that is grey inside the field and bright beyond the reach of a single sample."""
     ball = om.MirrorBall((255.5, 254.5), 240.0, 270.0, (512, 510))
     v, u = np.mgrid[:510, :512]
     picture = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
@@ -295,7 +297,7 @@ def test_nothing_outside_the_field_gets_into_the_picture(camera, sampler):
 
 
 class _Unsymmetric:
-    """A camera that does not know its axis."""
+    """Camera without a known axis of symmetry."""
 
     symmetry = None
 
@@ -307,7 +309,7 @@ class _Unsymmetric:
 
 
 def test_the_end_of_a_picture_is_averaged_over_what_is_inside(sampler):
-    """A white picture stays white to its last pixel, in the middle of whose footprint it ends."""
+    """A white image remains white up to its last pixel, whose footprint crosses the border."""
     picture = np.full((50, 60, 3), 255, np.uint8)
     places = affine([[7.0, 0.0], [0.0, 5.0]], (29.5, 24.5), (15, 13))
     for interpolation in ("auto", "area"):
@@ -317,7 +319,7 @@ def test_the_end_of_a_picture_is_averaged_over_what_is_inside(sampler):
 
 
 def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
-    """Every view is what it is by itself, to its last pixel, wherever the next one looks."""
+    """Each view equals the single view up to its last pixel, for any direction of its neighbour."""
     picture = texture("uint8", 3, (1024, 1020))
     down, ahead = om.screens.Dome((80, 80), 100.0, "nadir"), om.screens.Plane((79, 50), 0.0, -10.0, 0.0, 120.0)
     mosaic = om.screens.Mosaic((159, 80), ((0, 0, down), (80, 0, ahead)))
@@ -328,7 +330,7 @@ def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
             width, height = view.size
             alone = om.Dewarper(BALL, view)(picture)
             part = taken[top : top + height, left : left + width]
-            # cells lie otherwise in it, and may count one sample more
+            # cells have other origins there, and may use one sample more
             off = np.abs(part.astype(int) - alone)
             assert off.mean() < 0.5
             assert off[:, [0, -1]].mean() < 0.8
@@ -350,7 +352,7 @@ def test_views_of_a_single_pixel_or_row():
 
 
 def test_a_view_of_many_pixels_on_few_is_bounded():
-    """4000 source pixels on 8: 128 samples a side, and no more."""
+    """4000 source pixels on 8: limited to 128 samples per side."""
     picture = np.full((4000, 4000), 99, np.uint8)
     places = affine([[500.0, 0], [0, 500.0]], (1999.5, 1999.5), (8, 8))
     fixed = PixelMap(places, (4000, 4000))
@@ -366,7 +368,8 @@ SIZES = st.one_of(st.integers(1, 40), st.sampled_from([63, 64, 65, 127, 129, 200
 @settings(max_examples=80, deadline=None)
 @given(st.data())
 def test_any_size_stays_within_its_memory(data):
-    """Smooth maps with holes, over the edges, of any size: guards around both pictures stay as they are."""
+    """Smooth maps of any size with holes, beyond the borders: guard bytes around both images are
+    unchanged."""
     name = data.draw(st.sampled_from(INSTRUCTIONS[1:] or INSTRUCTIONS))
     depth, channels = data.draw(st.sampled_from(KINDS))
     interpolation = data.draw(st.sampled_from(["auto", "area"]))

@@ -1,6 +1,6 @@
-"""The compiled samplers and everything odd that memory can be, and threads.
+"""Compiled samplers with unusual memory layouts, and threads.
 
-That their values are right for every map and picture is shown in tests/contracts.
+Their values for all maps and images are tested in tests/contracts.
 """
 
 import multiprocessing
@@ -34,25 +34,26 @@ pytestmark = pytest.mark.skipif(MODULE is None, reason="the compiled samplers ar
 
 @pytest.fixture(params=INSTRUCTIONS)
 def instructions(request):
-    """Every set of instructions that this machine has."""
+    """All instruction sets of this machine."""
     before = MODULE.instructions()
     MODULE.use_instructions(request.param)
     yield request.param
     MODULE.use_instructions(before)
 
 
-# -- the truth -------------------------------------------------------------------------------------
+# -- reference values ------------------------------------------------------------------------------
 
 
 def keys(t):
-    """The four weights of the cubic kernel with a = -0.75, from its definition; (4, n)."""
+    """Return the four weights of the cubic kernel with a = -0.75 by its definition; (4, n)."""
     a = -0.75
     d = np.abs(np.array([-1, 0, 1, 2])[:, None] - t)
     return np.where(d <= 1, (a + 2) * d**3 - (a + 3) * d**2 + 1, a * (d**3 - 5 * d**2 + 8 * d - 4))
 
 
 def truth(picture, coordinates, interpolation, border=0.0):
-    """What the rule of the samplers says, in float64, without rounding; (rows, columns, channels)."""
+    """Return values by the definition of the samplers, in float64 without rounding; (rows, columns,
+    channels)."""
     picture = np.atleast_3d(picture)
     height, width = picture.shape[:2]
     u, v = np.asarray(coordinates, np.float64).reshape(-1, 2).T
@@ -79,7 +80,7 @@ def truth(picture, coordinates, interpolation, border=0.0):
 
 
 def photograph(depth="uint8", channels=3, size=(230, 170)):
-    """Smooth structure of many scales, and noise."""
+    """Return smooth structure of many scales with noise."""
     width, height = size
     rng = np.random.default_rng(5)
     levels = [cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC) for n in (3, 9, 31, 90)]
@@ -90,7 +91,7 @@ def photograph(depth="uint8", channels=3, size=(230, 170)):
 
 
 def spiral(size, shape=(61, 133), reach=1.1):
-    """Coordinates all over a picture of a size and beyond its edges, with some that are no numbers."""
+    """Return coordinates all over an image and beyond its borders, some of them NaN."""
     rows, columns = shape
     angle = np.linspace(0, 40, rows * columns).reshape(shape)
     radius = np.linspace(0, reach, rows * columns).reshape(shape)
@@ -135,7 +136,7 @@ def test_instructions_agree_within_one_grey_level():
                 taken.append(out)
             for other in taken[1:]:
                 assert np.abs(other.astype(int) - taken[0]).max() <= 1
-                assert (other != taken[0]).mean() < 1e-3  # fractions at a half may be rounded either way
+                assert (other != taken[0]).mean() < 1e-3  # fractions of 0.5 may be rounded either way
     MODULE.use_instructions(before)
 
 
@@ -143,7 +144,7 @@ def test_instructions_agree_within_one_grey_level():
 
 
 def guarded(shape, dtype, padding=97):
-    """An array amid bytes of its own, and a function that tells whether these are unharmed."""
+    """Return an array surrounded by guard bytes, and a function that checks them."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.full(size + 2 * padding, 0xA5, np.uint8)
     offset = padding - (memory.ctypes.data + padding) % np.dtype(dtype).itemsize
@@ -157,7 +158,8 @@ SIZES = st.one_of(st.integers(1, 40), st.sampled_from([63, 64, 65, 127, 128, 129
 @settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_any_size_stays_within_its_memory(data):
-    """Sizes from 1 x 1, odd widths, rows apart, all kinds, all maps: right values and unharmed guards."""
+    """Sizes from 1 x 1, odd widths, padded rows, all types, all maps: correct values and unchanged
+    guards."""
     name = data.draw(st.sampled_from(INSTRUCTIONS))
     depth, channels = data.draw(st.sampled_from(KINDS))
     interpolation = data.draw(st.sampled_from(INTERPOLATIONS))
@@ -262,7 +264,7 @@ def test_pictures_wider_than_16_bits_count(interpolation, instructions):
         expected = truth(picture, coordinates, interpolation)
         taken = remap_at(picture, coordinates, interpolation)
         assert (np.abs(taken - expected) > 1.5).mean() < 1e-3
-        wide = remap_at(picture, np.repeat(coordinates, 40, axis=1), interpolation)  # and an output as wide
+        wide = remap_at(picture, np.repeat(coordinates, 40, axis=1), interpolation)  # and an output of the same width
         np.testing.assert_array_equal(wide[:, ::40], taken)
 
 
@@ -295,7 +297,7 @@ def test_the_module_itself_refuses_what_would_leave_memory():
     cells, patches = np.full((4, 4), -1, np.int32), np.empty((0, 16, 16, 2), np.float32)
     far = np.zeros((4, 4), np.int32)
     weights, whole = [node_weights(16)] * 2, np.empty((50, 60, 3), np.uint8)
-    MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole, 1, 0)  # what fits is taken
+    MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole, 1, 0)  # valid arguments are accepted
     for call in (
         lambda: MODULE.remap(picture, coordinates[1:], out, 1, 0),
         lambda: MODULE.remap(picture[:, ::2], coordinates, out, 1, 0),
@@ -322,9 +324,10 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
-    """Where float32 has gaps of 1 and 2 pixels, whole places show their pixel and those beyond the last one none."""
+    """Where float32 has gaps of 1 and 2 pixels, integer positions yield their pixel and those
+    beyond the last one none."""
     width = 2**24 + 5
-    picture = np.zeros((16, width, 1), dtype)  # of which few pages are touched
+    picture = np.zeros((16, width, 1), dtype)  # few pages are touched
     beyond = width + 1, width + 3, 2.0**30
     places = np.array([[2**23 - 0.5, 2**23 + 1, 2**23 + 3, 2**24 - 1, width - 1, *beyond]], np.float32)
     last = [int(x) for x in places[0, 1:5]]
@@ -339,7 +342,7 @@ def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
 @pytest.mark.parametrize("at", [0, 24, 48, -1])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e30, 3e38])
 def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
-    """Cells that such a node has a part in may show anything, others show what they would without it."""
+    """Cells with such a node are undefined, others are unchanged."""
     picture, step = photograph(size=(400, 300)), 16
     shape = 4 + 3, 8 + 3
     x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
@@ -368,7 +371,9 @@ def test_weights_that_interpolate_nothing_are_refused():
         for weights in ((wrong, good), (good, wrong)):
             with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
                 MODULE.remap_lattice(picture, x, y, *weights, cells, patches, out, 1, 0)
-    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(step, axis=1)  # of sum 1, but far from Lagrange's
+    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
+        step, axis=1
+    )  # sum 1, but far from Lagrange weights
     x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
     MODULE.remap_lattice(picture, x, y, far, far, cells, patches, out, 1, 7)
     assert (out == 7).all()
@@ -377,9 +382,9 @@ def test_weights_that_interpolate_nothing_are_refused():
 @pytest.mark.parametrize("count", few([0, 1, 7, 8, 9, 511, 513, 1030], 0, 9, 513))
 @pytest.mark.parametrize("is_near", [False, True])
 def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructions):
-    """All of them in one call, against the same one by one."""
+    """All in one call, against one call each."""
     q = np.linspace(0.0, 0.9, 50)
-    origins = np.stack([40 * q, -20 * q**2], axis=-1)  # of a paraboloid, more or less
+    origins = np.stack([40 * q, -20 * q**2], axis=-1)  # approximately a paraboloid
     camera = MODULE.AxialCamera(np.eye(3), 499.5, 499.5, 1000, 1000, 0.0, 0.9, 500 * q / 0.9, origins, 3.0)
     given, _ = guarded((count, 3), "float64")
     given[:] = np.random.default_rng(count).normal(size=(count, 3)) * 100

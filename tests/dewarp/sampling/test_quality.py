@@ -1,4 +1,4 @@
-"""Straightened pictures against what the view would really look like: the scene itself, densely sampled."""
+"""Dewarped images against the true view: the densely sampled scene."""
 
 import cv2
 import numpy as np
@@ -32,7 +32,8 @@ def picture(room):
 
 
 def decibels(room, picture):
-    """PSNR of every interpolation in every view, ours and OpenCV's; {view: {interpolation: dB}}."""
+    """Return the PSNR of all interpolations in all views, by omnimirror and OpenCV; {view:
+    {interpolation: dB}}."""
     table = {}
     for name, screen in VIEWS.items():
         width, height = screen.size

@@ -1,4 +1,4 @@
-"""Frames as they are coded, 4:2:0: against exact projections, and against the way through red, green and blue."""
+"""4:2:0 frames against exact projections, and against dewarping in RGB."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tests.everyday import few
 
 SIZE = (401, 400)  # odd and even
 BALL = om.MirrorBall((199.7, 200.2), 190.0, 270.0, SIZE)
-CUT = om.MirrorBall((203.0, 198.0), 230.0, 270.0, (400, 400))  # whose field goes beyond all edges of the picture
+CUT = om.MirrorBall((203.0, 198.0), 230.0, 270.0, (400, 400))  # with a field beyond all image borders
 SENSOR = om.load_sensor("paper-spherical")
 SCREENS = {
     "view": om.screens.Plane((320, 241), pan_deg=30.0, tilt_deg=-25.0, roll_deg=20.0),
-    "wide view": om.screens.Plane((183, 121), tilt_deg=-60.0, hfov_deg=140.0),  # whose lattice is finer
+    "wide view": om.screens.Plane((183, 121), tilt_deg=-60.0, hfov_deg=140.0),  # with a finer lattice
     "panorama": om.screens.Cylinder((721, 180), -70.0, 30.0),
     "near wall": om.screens.Cylinder((400, 120), -40.0, 20.0, distance_mm=600.0, offset_mm=(100.0, 0.0, 0.0)),
     "mosaic": om.screens.Mosaic(
@@ -31,7 +31,8 @@ SCREENS = {
 
 
 def ramps(size, siting, bits=16):
-    """Three planes whose values are 256 + 64 u, 256 + 64 u and 256 + 32 (u + v) at the place (u, v) of luma."""
+    """Return three planes with the values 256 + 64 u, 256 + 64 u and 256 + 32 (u + v) at the luma
+    position (u, v)."""
     width, height = size
     u = np.broadcast_to(np.arange(width), (height, width))
     x, y = SITINGS[siting]
@@ -41,7 +42,8 @@ def ramps(size, siting, bits=16):
 
 
 def exact(camera, screen, columns, rows):
-    """Where columns (w,) and rows (h,) of a screen, also between pixels, are seen; (h, w, 2), NaN if not."""
+    """Return source positions (h, w, 2) of columns (w,) and rows (h,) of a screen, also between
+    pixels; NaN outside."""
     targets = screen.targets_at(*np.meshgrid(columns, rows))
     project = camera.project_directions if screen.is_distant else camera.project
     return project(targets.reshape(-1, 3)).pixels.reshape(*targets.shape[:2], 2)
@@ -52,7 +54,8 @@ def parts_of(view):
 
 
 def test_a_halved_row_of_which_one_half_is_seen_is_that_half():
-    """At the inner and at the outer end of the field; others are between, by the offset of the view's samples."""
+    """At the inner and outer field boundaries; others are between pixels, by the sample offset of
+    the view."""
     radii = np.array([np.nan, 10.0, 12.0, 14.0, 20.0, np.nan, np.nan, np.nan])
     circles = PolarMap((31.0, 30.0), radii, np.linspace(0.0, 0.7, 8), (64, 64))
     halved = circles.halved((0.5, 0.0), (0.25, 0.75))
@@ -63,7 +66,8 @@ def test_a_halved_row_of_which_one_half_is_seen_is_that_half():
 
 
 def test_where_parts_of_a_mosaic_meet_a_sample_is_that_of_the_first_pixel():
-    """Of 3 x 4 pixels of two parts that meet in the second column, by labels; an odd row goes on as it ends."""
+    """3 x 4 pixels of two parts that meet in the second column, with labels; an odd row is
+    extended."""
     u, v = np.meshgrid([0.0, 40.0, 44.0, 48.0], [0.0, 10.0, 30.0])
     labels = np.array([[1, 2, 2, 2]] * 3, np.int32)
     found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), labels)
@@ -86,12 +90,12 @@ def test_pairs_of_an_odd_number_go_on_as_they_end():
 @pytest.mark.parametrize("name", SCREENS)
 @pytest.mark.parametrize("camera", [BALL, CUT, SENSOR], ids=["ball", "cut", "sensor"])
 def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, to_siting):
-    """Ramps come out as the projection of their own places, of the first frame and of later ones."""
+    """Ramps yield the projection of their own positions, in the first frame and in later ones."""
     view = SCREENS[name]
     dewarp, other = (om.Dewarper(camera, view, "linear") for _ in range(2))
     planes = ramps(camera.image_size, siting)
     x, y = SITINGS[to_siting]
-    last = np.array(camera.image_size) // 2 * 2 - 2 + np.array(SITINGS[siting])  # then it is level
+    last = np.array(camera.image_size) // 2 * 2 - 2 + np.array(SITINGS[siting])  # constant beyond
     for _ in range(2):
         luma, u, v = dewarp.planes(planes, None, siting, to_siting, full_range=True, bits=16)
         for left, top, screen in parts_of(view):
@@ -102,7 +106,7 @@ def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, 
             assert inner.mean() > 0.25
             for plane, expected in ((u, 256 + 64 * at[..., 0]), (v, 256 + 32 * at.sum(axis=-1))):
                 off = np.abs(plane[np.ix_(rows, columns)] - expected)[inner]
-                bend = np.nanmax(np.abs(np.diff(at, 2, axis=1))) / 8  # what linear interpolation may miss
+                bend = np.nanmax(np.abs(np.diff(at, 2, axis=1))) / 8  # error of linear interpolation
                 assert off.max() < 1.5 + 64 * (0.02 + bend)
         np.testing.assert_array_equal(luma, other(planes[0]))
 
@@ -111,7 +115,7 @@ def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, 
 @pytest.mark.parametrize("siting", SITINGS)
 @pytest.mark.parametrize("name", SCREENS)
 def test_what_is_seen_has_colours_and_what_is_not_is_black(camera, name, siting):
-    """Also on the last half pixel of the picture, which lies beyond the last colour sample."""
+    """Also on the last half pixel of the image, beyond the last chroma sample."""
     dewarp = om.Dewarper(camera, SCREENS[name])
     width, height = camera.image_size
     parts = [np.full((height, width), 200, np.uint8)]
@@ -132,7 +136,7 @@ def test_what_is_seen_has_colours_and_what_is_not_is_black(camera, name, siting)
 
 
 def test_black_in_more_bits():
-    dewarp = om.Dewarper(BALL, om.screens.Cylinder((720, 180), -90.0, 90.0))  # nothing is seen of the sky
+    dewarp = om.Dewarper(BALL, om.screens.Cylinder((720, 180), -90.0, 90.0))  # the sky is outside the field
     for bits, full_range, expected in ((10, False, (64, 512)), (10, True, (0, 512)), (16, False, (4096, 32768))):
         y, u, v = dewarp.planes(ramps(SIZE, "left"), full_range=full_range, bits=bits)
         assert (y[~dewarp.valid] == expected[0]).all()
@@ -225,7 +229,7 @@ def test_what_is_no_frame_is_refused(shapes, dtype, more, message):
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_flat_maps_are_met_exactly(data):
-    """Of an affine map between any sizes the colours' map is what the definition of siting says."""
+    """For an affine map between any sizes, the chroma map equals the definition of siting."""
     sitings = data.draw(st.tuples(*[st.sampled_from(list(SITINGS))] * 2))
     width, height = (data.draw(st.integers(2, 40)) for _ in range(2))
     matrix = np.array(data.draw(st.lists(st.floats(-1, 1), min_size=4, max_size=4))).reshape(2, 2)
@@ -241,19 +245,19 @@ def test_flat_maps_are_met_exactly(data):
     np.testing.assert_allclose(found, (luma(columns, rows) - site) / 2, atol=1e-9)
 
 
-# -- beside the way through red, green and blue ------------------------------------------------------
+# -- comparison with dewarping in RGB --------------------------------------------------------------
 
 TO_YUV = np.array([[0.2126, 0.7152, 0.0722], [-0.1146, -0.3854, 0.5], [0.5, -0.4542, -0.0458]])  # BT.709
 
 
 def yuv_of(rgb, full_range=False):
-    """Luma and colours at full resolution, in float64."""
+    """Return luma and chroma at full resolution, in float64."""
     scale = np.array([255, 255, 255]) if full_range else np.array([219, 224, 224])
     return rgb.astype(float) / 255 @ TO_YUV.T * scale + [0 if full_range else 16, 128, 128]
 
 
 def coded(picture, full_range=False):
-    """(y, u, v) in 4:2:0 with colours in the middle of their four pixels, and the picture that it stands for."""
+    """Return (y, u, v) in 4:2:0 with centred chroma, and the image that it represents."""
     yuv = yuv_of(picture, full_range)
     height, width = picture.shape[:2]
     u, v = (np.rint(yuv[..., k].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))) for k in (1, 2))
@@ -271,7 +275,7 @@ def error_db(taken, expected, where):
 @pytest.mark.parametrize("full_range", few([False, True], False), ids=["limited", "full"])
 @pytest.mark.parametrize("scene", ["photograph", "room"])
 def test_the_way_through_colours_leads_to_the_same_picture(scene, full_range, request):
-    """Luma to within rounding; colours as far as two ways to halve a picture can agree."""
+    """Luma to rounding; chroma to the difference of two methods of subsampling."""
     if scene == "photograph":
         picture = om.read_image(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg")
         picture = cv2.resize(picture, (1000, 1000), interpolation=cv2.INTER_AREA)

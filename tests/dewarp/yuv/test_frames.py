@@ -1,4 +1,4 @@
-"""Frames of every pixel format, through their planes."""
+"""Frames of all pixel formats, processed by planes."""
 
 from fractions import Fraction
 
@@ -14,7 +14,7 @@ from omnimirror.io.video.frames import converted, frame_of_image, planes
 SIDE = 240
 BALL = om.MirrorBall((119.5, 119.5), 110.0, 250.0, (SIDE, SIDE))
 VIEW = om.screens.Plane((160, 120), pan_deg=20.0, tilt_deg=-30.0)
-DOME = om.views.dome(BALL, (130, 130))  # whose corners are outside
+DOME = om.views.dome(BALL, (130, 130))  # with corners outside the field
 LIMITED, FULL = 1, 2
 FORMATS = ["yuv420p", "nv12", "yuvj420p", "yuvj422p", "yuv422p", "yuv444p", "yuv420p10le", "rgb24"]
 FORMATS += ["yuv422p10le", "yuva444p12le", "gbrp10le", "yuv411p"]
@@ -28,7 +28,7 @@ KEPT = {
 
 
 def picture():
-    """Smooth, with colours all over, and reversed if anything is."""
+    """A smooth image with varied colours, sensitive to reversal."""
     v, u = np.mgrid[0:SIDE, 0:SIDE]
     return np.dstack([60 + u // 2, 200 - v // 2, 90 + (u + v) // 5]).astype(np.uint8)
 
@@ -52,7 +52,7 @@ def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour
     assert (made.width, made.height) == VIEW.size
     expected = om.Dewarper(BALL, VIEW)(picture()).astype(float)
     taken = made.to_ndarray(format="rgb24")
-    assert np.abs(taken - expected).mean() < 2.5  # FFmpeg's two conversions alone are off by 2
+    assert np.abs(taken - expected).mean() < 2.5  # two conversions of FFmpeg alone differ by 2
     assert np.abs(taken - expected).max() < 12
     assert np.abs(taken[:, ::-1] - expected).mean() > 8
 
@@ -97,7 +97,7 @@ def test_a_frame_of_another_size_is_refused():
 
 
 def test_colours_lie_where_they_are_said_to():
-    """That these places are right is shown of planes by themselves."""
+    """Correctness of these positions is tested for single planes."""
     frame = frame_of("yuvj420p", FULL)
     for sitings in (("left",), ("center",), ("center", "left")):
         made = dewarp_frame(om.Dewarper(BALL, VIEW), frame, *sitings)
@@ -107,7 +107,8 @@ def test_colours_lie_where_they_are_said_to():
 
 
 def edge(colours, side=SIDE):
-    """A frame of 12 bits whose luma and colours have an edge in the same place, with a transparent left half."""
+    """Return a 12-bit frame with luma and chroma edges at the same position, and a transparent left
+    half."""
     across, down = {"422": (side // 2, side), "444": (side, side)}[colours]
     frame = av.VideoFrame(side, side, f"yuva{colours}p12le")
     for plane, (width, height) in zip(planes(frame), [(side, side), *[(across, down)] * 2, (side, side)], strict=True):
@@ -119,7 +120,8 @@ def edge(colours, side=SIDE):
 @pytest.mark.parametrize("colours", ["422", "444"])
 @pytest.mark.parametrize("to_siting", ["left", "center"])
 def test_colours_and_transparency_stay_where_luma_is(colours, to_siting):
-    """Planes of one content must give planes of one content, and what lies outside the field is transparent."""
+    """Planes of equal content yield planes of equal content, and pixels outside the field are
+    transparent."""
     dewarp = om.Dewarper(BALL, DOME)
     y, u, v, opaque = planes(dewarp_frame(dewarp, edge(colours), "left", to_siting))
     inside = dewarp.valid
@@ -129,13 +131,13 @@ def test_colours_and_transparency_stay_where_luma_is(colours, to_siting):
     if colours == "444":
         np.testing.assert_array_equal(u[inside], y[inside])
         return
-    # the mean of luma where a colour lies: on every second column, or between two
+    # mean luma at a chroma position: on every second column, or between two
     luma = y.astype(float)
     expected = luma[:, ::2] if to_siting == "left" else (luma[:, ::2] + luma[:, 1::2]) / 2
     middle = (slice(40, 90), slice(20, 45))
     error = u[middle] - expected[middle]
     assert np.abs(error).mean() < 40
-    assert abs(error.mean()) < 12  # of 2000: not shifted by a part of a pixel
+    assert abs(error.mean()) < 12  # of 2000: no subpixel shift
 
 
 def test_a_border_that_is_a_colour_is_opaque():

@@ -1,4 +1,4 @@
-"""A view by WebRTC, to a player that is not ours."""
+"""View by WebRTC in an independent player."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Box with smooth patterns on its walls around the sensor, for our and other renderers."""
+"""Box with smooth patterns on its walls around the sensor, for omnimirror and other renderers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ CENTRE_MM = np.array([150.0, -80.0, 60.0])  # centre of the box in the sensor fr
 
 
 def colours(points):
-    """Linear RGB (.., 3) of points (.., 3) mm: smooth, and different everywhere."""
+    """Return linear RGB (..., 3) of points (..., 3) mm: smooth, and unique at each point."""
     x, y, z = np.moveaxis(points / 1000.0, -1, 0)
     waves = [np.sin(5 * x + 2 * y) * np.cos(4 * z), np.sin(4 * y - 3 * z + 1), np.cos(3 * x + 5 * z - 2 * y)]
     return 0.45 + 0.3 * np.stack(waves, axis=-1)
 
 
 def walls():
-    """Corners (4, 3) mm of each wall, counted around it from inside: (0, 0), (1, 0), (1, 1), (0, 1)."""
+    """Return corners (4, 3) mm of each wall, as seen from inside: (0, 0), (1, 0), (1, 1), (0, 1)."""
     for axis in range(3):
         for side in (-1.0, 1.0):
             one, other = [i for i in range(3) if i != axis]
@@ -28,14 +28,15 @@ def walls():
 
 
 def texture(corners, pixels=512):
-    """What is painted on a wall (pixels, pixels, 3): texel (i, j) has its middle (j + .5, i + .5) of the way."""
+    """Return the texture of a wall (pixels, pixels, 3): texel (i, j) is centred at (j + 0.5, i +
+    0.5)."""
     s, t = np.meshgrid(*[(np.arange(pixels) + 0.5) / pixels] * 2)
     across, up = corners[1] - corners[0], corners[3] - corners[0]
     return colours(corners[0] + s[..., None] * across + t[..., None] * up).astype(np.float32)
 
 
 def first_hits(origins, directions):
-    """Where rays (.., 3) from inside leave the box, mm."""
+    """Return the points at which rays (..., 3) from inside leave the box, mm."""
     with np.errstate(divide="ignore"):
         steps = (CENTRE_MM + np.sign(directions) * HALF_MM - origins) / directions
     steps = np.where(directions == 0, np.inf, steps).min(axis=-1)
@@ -43,7 +44,7 @@ def first_hits(origins, directions):
 
 
 class Box:
-    """The scene as :mod:`omnimirror.simulation` takes it: exact, without texels."""
+    """Scene for :mod:`omnimirror.simulation`: exact, without texels."""
 
     def radiance(self, origins, directions):
         return colours(first_hits(np.asarray(origins, float), np.asarray(directions, float))).astype(np.float32)

@@ -17,7 +17,7 @@ import box
 
 
 def build_wall(number, corners):
-    """A wall (4, 3) mm that shines as it is painted."""
+    """Build a wall (4, 3) mm that emits its texture."""
     mesh = bpy.data.meshes.new(f"wall{number}")
     mesh.from_pydata((corners / 1000).tolist(), [], [(0, 1, 2, 3)])
     places = mesh.uv_layers.new()

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import box
 
 AHEAD = wp.mat33(0.0, 0.0, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-"""Columns: the camera's right, up and back in a world where x is ahead, y left and z up."""
+"""Columns: right, up and back of the camera in a world with x ahead, y left and z up."""
 
 
 def main(rays, depths):

@@ -1,4 +1,4 @@
-"""Images by Mitsuba 3 with the sensor plug-in against ours of the same room."""
+"""Images by Mitsuba 3 with the sensor plug-in against those of omnimirror, of the same room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images and depths of a room by Blender and by Newton, each in an environment of its own.
+"""Images and depths of a room by Blender and by Newton, each in a separate environment.
 
 ``make programs`` creates the environments, for Blender of the oldest and the newest supported release;
 ``OMNIMIRROR_BLENDER``, ``OMNIMIRROR_BLENDER_OLDEST`` and ``OMNIMIRROR_NEWTON`` name other interpreters.

@@ -16,7 +16,8 @@ RGBA, NEITHER = 3, 2  # of gs_color_format and gs_cull_mode
 
 
 class Library:
-    """Functions of a library, whose arguments are pointers, numbers and words, and which return pointers."""
+    """Library functions with arguments that are pointers, numbers and strings, and a pointer as
+    result."""
 
     def __init__(self, name):
         self._library = c.CDLL(find_library(name))
@@ -37,14 +38,14 @@ def main(effect, table, picture, width, height, view):
 
 
 def draw(obs, effect, table, picture, size):
-    """The picture (h, w, 3) through the effect, (height, width, 4)."""
+    """Draw the image (h, w, 3) by the effect; return (height, width, 4)."""
     said = c.c_char_p()
     made = c.c_void_p(obs.gs_effect_create_from_file(effect, c.byref(said)))
     assert made.value, said.value
     rows = np.ascontiguousarray(np.dstack([picture, np.full_like(picture[..., 0], 255)]))
     data = c.c_void_p(rows.ctypes.data)
     image = c.c_void_p(obs.gs_texture_create(rows.shape[1], rows.shape[0], RGBA, 1, c.byref(data), 0))
-    file = c.create_string_buffer(1 << 18)  # gs_image_file_t, of which the texture stands first
+    file = c.create_string_buffer(1 << 18)  # gs_image_file_t; its first member is the texture
     obs.gs_image_file_init(file, table)
     obs.gs_image_file_init_texture(file)
     for name, texture in ((b"image", image), (b"places", c.c_void_p.from_buffer(file))):

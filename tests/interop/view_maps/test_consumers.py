@@ -281,7 +281,7 @@ def test_hlsl_shader(page, image, dewarped, interior, tmp_path):
     translated = glsl_of(paths[0])
     if translated is None:
         pytest.skip("glslang and SPIRV-Cross are not installed: make programs")
-    theirs = drawn(page, translated, image, (320, 240), paths[1], (320, 240))[::-1]  # rows of Direct3D begin at the top
+    theirs = drawn(page, translated, image, (320, 240), paths[1], (320, 240))[::-1]  # rows of Direct3D start at the top
     assert max_difference(dewarped, theirs, interior) <= 1
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 

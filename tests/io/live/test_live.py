@@ -1,4 +1,4 @@
-"""Streams on loopback that break and come back, and slow consumers."""
+"""Interrupted streams on loopback, and slow consumers."""
 
 import math
 import socket
@@ -20,20 +20,21 @@ from tests.everyday import few
 from tests.io.synthetic import SIZE, make_video, pictures_of
 
 HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
-PATIENCE = {"timeout_s": 30.0, "patience_s": 300.0, "first_wait_s": 0.05}  # more than any machine needs
+PATIENCE = {"timeout_s": 30.0, "patience_s": 300.0, "first_wait_s": 0.05}  # sufficient for slow machines
 
 
 @pytest.fixture(scope="module")
 def transport(tmp_path_factory):
-    """Four seconds of MPEG-TS with a key frame twice a second."""
+    """4 s of MPEG-TS with two key frames per second."""
     return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_sound=False).read_bytes()
 
 
 @contextmanager
 def server(*plans):
-    """An HTTP server on loopback; each connection follows the next plan, the last one all that come after.
+    """An HTTP server on loopback; each connection follows the next plan, and all later ones follow
+    the last plan.
 
-    A plan is a list of bytes and pauses (s); an empty one hangs up without a word.
+    A plan is a list of bytes and pauses (s); an empty plan closes the connection immediately.
     """
     listener = socket.create_server(("127.0.0.1", 0))
     stopping = threading.Event()
@@ -73,7 +74,7 @@ def server(*plans):
 
 
 def paced(data, seconds):
-    """The data in real time."""
+    """Return the data as a plan in real time."""
     size = -(-len(data) // 50)
     return [part for at in range(0, len(data), size) for part in (data[at : at + size], seconds / 50)]
 
@@ -85,7 +86,7 @@ def free_port(kind=socket.SOCK_STREAM):
 
 
 def test_a_stream_that_breaks_is_found_again(transport):
-    """It ends, then hangs up twice without a word, then comes back."""
+    """It ends, then closes two connections immediately, then continues."""
     half = transport[: len(transport) // 2]
     told = []
     with (
@@ -104,7 +105,7 @@ def test_a_stream_that_breaks_is_found_again(transport):
     assert source.reconnects == 1
     lost = [sentence for sentence in told if "is lost" in sentence]
     waits = [sentence.rsplit("trying again in ")[1] for sentence in lost[:3]]
-    assert waits == ["0.05 s", "0.1 s", "0.2 s"]  # doubled while nothing comes
+    assert waits == ["0.05 s", "0.1 s", "0.2 s"]  # doubled without data
     assert f"{url} is back after" in told[-1]
 
 
@@ -135,7 +136,8 @@ def test_a_slow_consumer_gets_the_newest_frame(transport):
 
 
 def test_frames_come_in_order_and_every_one_is_counted(transport):
-    """How many a consumer misses depends on the machine's load, but none is lost without being counted."""
+    """The number of frames missed by a consumer depends on the load, but all missed frames are
+    counted."""
     with server([HEAD, *paced(transport, 2.5)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
         first = source.first()
         times = [frame.time for frame in source.frames()]
@@ -172,8 +174,8 @@ def test_closing_is_clean_and_ends_the_frames(transport):
         threading.Timer(0.5, source.close).start()
         assert sum(1 for _ in source.frames()) >= 1
         source.close()
-        assert source._thread.is_alive()  # the stream is silent, which FFmpeg finds out after ten minutes
-    source._thread.join()  # or when it is hung up
+        assert source._thread.is_alive()  # the stream is silent, which FFmpeg detects after ten minutes
+    source._thread.join()  # or when it is closed
 
 
 @pytest.mark.parametrize(
@@ -208,7 +210,8 @@ def test_what_may_be_a_source_is_taken(url):
 
 @pytest.mark.parametrize("opening_s", [None, 0.3])
 def test_what_never_answers_is_given_up(opening_s):
-    """By the patience, or by a shorter one for the first frame, though one that has played is waited for."""
+    """After the timeout, or a shorter one for the first frame; a stream that has played before is
+    awaited for longer."""
     patience_s = 0.3 if opening_s is None else math.inf
     url = f"http://me:secret@127.0.0.1:{free_port()}/live.ts"
     told: list[str] = []
@@ -224,7 +227,7 @@ def test_what_never_answers_is_given_up(opening_s):
 
 
 def test_a_file_that_is_no_video_and_a_door_that_is_locked_are_given_up_at_once(tmp_path):
-    """Nothing is tried a second time: there is no reason why it should go better."""
+    """No retry: the result would be the same."""
     (tmp_path / "passwd").write_text("root:x:0:0\n" * 99)
     told: list[str] = []
     with server([b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"]) as locked:
@@ -237,7 +240,8 @@ def test_a_file_that_is_no_video_and_a_door_that_is_locked_are_given_up_at_once(
     assert not told
 
 
-# -- streams that we send ----------------------------------------------------------------------------
+# -- outgoing streams
+# -------------------------------------------------------------------------------
 
 PUSH = """
 import sys, time
@@ -272,7 +276,8 @@ def push(url, frames):
 def test_what_we_send_is_received(scheme):
     port = free_port(socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
     url = f"{scheme}://127.0.0.1:{port}" + ("/live" if scheme == "rtsp" else "")
-    # RTSP has no server here, so the reader is one; it needs a time to wait, or else waits for ever.
+    # There is no RTSP server here; the reader acts as one and needs a timeout, without which it
+    # waits forever.
     options = {"rtsp_flags": "listen", "listen_timeout": "300"} if scheme == "rtsp" else {}
     timeout_s = 300 if scheme == "rtsp" else 30
     with LiveSource(url, timeout_s, patience_s=300, first_wait_s=0.05, options=options) as source:
@@ -280,7 +285,7 @@ def test_what_we_send_is_received(scheme):
         try:
             for frame in source.frames():
                 assert (frame.width, frame.height) == SIZE
-                if source.received >= 3:  # more than one goes its way; the sender would go on for an hour
+                if source.received >= 3:  # several have arrived; the sender would continue for an hour
                     break
         finally:
             sender.terminate()

@@ -29,7 +29,7 @@ def clip(request, tmp_path_factory):
 
 
 def y4m_of(data):
-    """Head and frames of a YUV4MPEG2 stream, by hand."""
+    """Parse header and frames of a YUV4MPEG2 stream."""
     head, _, rest = data.partition(b"\n")
     fields = {field[:1].decode(): field[1:].decode() for field in head.split(b" ")[1:]}
     width, height = int(fields["W"]), int(fields["H"])
@@ -56,7 +56,7 @@ def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
     tolerance = 0 if pixels == "planes" else 3
     for frame, wanted in zip(frames, expected, strict=True):
         if pixels == "picture" and not 60 < wanted[0] < 180:
-            continue  # there is no such colour: blue, green and red were clipped
+            continue  # outside the RGB gamut: blue, green and red were clipped
         difference = np.frombuffer(frame, np.uint8).astype(int) - np.frombuffer(wanted, np.uint8)
         assert np.abs(difference).max() <= tolerance
     (tmp_path / "a.y4m").write_bytes(pipe.getvalue())
@@ -92,7 +92,7 @@ def test_rawvideo_is_nothing_but_pixels(clip):
 
 
 def test_a_reader_that_has_seen_enough_is_no_error(clip):
-    """As with any program on a pipe, what is left is a broken pipe for the command line to be quiet about."""
+    """As for any program on a pipe, the broken pipe is left to the command line, which ignores it."""
     code = f"""
 import sys
 from omnimirror.io.live.outputs import PipeSink
@@ -167,7 +167,8 @@ def red_frame():
 
 
 def pixel_on_screen():
-    """Red, green and blue in the middle of the upper left window, by Tk's own eyes in another process."""
+    """Return red, green and blue at the centre of the upper left window, captured by Tk in another
+    process."""
     code = """
 import subprocess, sys
 dump = subprocess.run(["xwd", "-root", "-silent"], capture_output=True, check=True).stdout

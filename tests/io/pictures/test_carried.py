@@ -1,4 +1,4 @@
-"""Colour profiles and EXIF, against what Pillow writes and reads."""
+"""Colour profiles and EXIF data against Pillow."""
 
 import io
 import struct
@@ -19,7 +19,7 @@ BALL = ("--ball", "31.5,31.5,30,280", "--size", "64x", "--black")
 
 
 def notes() -> Image.Exif:
-    """As a camera makes them: also what does not hold of a straightened picture."""
+    """EXIF data as written by a camera, including tags that do not apply to a dewarped image."""
     exif = Image.Exif()
     exif[0x010F], exif[0x0112], exif[0x011A] = "Maker", 6, IFDRational(300, 1)
     exif[0x8298] = "someone"
@@ -31,7 +31,7 @@ def notes() -> Image.Exif:
 
 
 def theirs(path, mode="RGB", profile=PROFILE):
-    if path.suffix == ".tif":  # Pillow writes no exposure into TIFF, and reads the one that we wrote (see below)
+    if path.suffix == ".tif":  # Pillow writes no exposure to TIFF, and reads the written one (see below)
         image, carried = read_picture(theirs(path.with_suffix(".png")))
         om.write_image(path, image, carried=carried)
         return path
@@ -58,7 +58,7 @@ def test_straightened_pictures_keep_profile_and_what_holds_of_exif(tmp_path, sou
     main(["dewarp", str(tmp_path / f"in{source}"), *BALL, "-o", str(tmp_path / f"out{target}")])
     assert "without" not in capsys.readouterr().out
     assert_what_holds(tmp_path / f"out{target}")
-    with Image.open(tmp_path / f"out{target}") as picture:  # the panorama is still told, and the pixels are there
+    with Image.open(tmp_path / f"out{target}") as picture:  # panorama metadata and pixels are still written
         packet = picture.tag_v2[700] if target == ".tif" else picture.info["xmp"]
         assert b"GPano" in bytes(packet)
         assert np.abs(np.asarray(picture.convert("RGB"))[20, 32].astype(int) - [200, 100, 50]).max() < 8
@@ -87,7 +87,7 @@ def test_what_a_file_cannot_hold_is_said(tmp_path, capsys):
     theirs(tmp_path / "a.png")
     main(["dewarp", str(tmp_path / "a.png"), *BALL, "-o", str(tmp_path / "a.bmp")])
     assert "without the colour profile and EXIF, which .bmp cannot hold" in capsys.readouterr().out
-    theirs(tmp_path / "b.png", "L")  # grey, with a profile of colours
+    theirs(tmp_path / "b.png", "L")  # grey, with a colour profile
     main(["dewarp", str(tmp_path / "b.png"), *BALL, "-o", str(tmp_path / "b.jpg")])
     assert "without the colour profile, which is of RGB and not of these colours" in capsys.readouterr().out
     image, carried = read_picture(tmp_path / "a.png")
@@ -96,7 +96,8 @@ def test_what_a_file_cannot_hold_is_said(tmp_path, capsys):
 
 
 def test_damaged_notes_are_none(tmp_path):
-    """Every cut, and noise in every place: nothing is raised, and nothing is made up that is longer than the file."""
+    """Truncation at every position, and noise at every position: no exception, and no result longer
+    than the file."""
     whole = {}
     for suffix in SUFFIXES:
         data = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Picture files, in and out."""
+"""Reading and writing of image files."""
 
 import struct
 import subprocess
@@ -36,7 +36,7 @@ def picture(dtype="uint8", channels=3, size=(17, 23)):
 def test_what_is_written_is_read_back(tmp_path, suffix, dtype, channels):
     path = tmp_path / f"ünïcode name{suffix}"
     image = picture(dtype, channels)
-    if channels == 4:  # WebP forgets the colour of what is fully transparent
+    if channels == 4:  # WebP discards the colour of transparent pixels
         image[..., 3][image[..., 3] == 0] = FULL[dtype]
     om.write_image(path, image)
     back = om.read_image(path)
@@ -57,7 +57,8 @@ def test_lossy_formats_come_close(tmp_path, suffix, dtype, tolerance):
 
 @pytest.mark.parametrize("missing", [True, False])
 def test_a_jpeg_with_a_thumbnail_is_whole_only_with_its_own_end(missing, tmp_path):
-    """A segment of 300 bytes, whose length takes both bytes, holds an end mark; another is filled with 0xff."""
+    """A segment of 300 bytes, whose length needs both bytes, contains an end marker; another is
+    filled with 0xff."""
     data = cv2.imencode(".jpg", np.full((32, 32), 90, np.uint8))[1].tobytes()
     thumbnail = b"\xff\xe1" + (300).to_bytes(2, "big") + b"\xff\xd9" + b"\0" * 296
     whole = data[:2] + thumbnail + b"\xff\xff\xe2\x00\x04ab" + data[2:]
@@ -126,7 +127,7 @@ def test_a_picture_cut_short_is_refused(tmp_path, suffix, share, capfd):
 
 
 def _with_header(data: bytes, **changed) -> bytes:
-    """A PNG whose header says something else, with a check sum that is right."""
+    """Return a PNG with a modified header and a valid checksum."""
     names = ("width", "height", "depth", "colour", "packing", "filter", "interlace")
     header = dict(zip(names, struct.unpack(">IIBBBBB", data[16:29]), strict=True)) | changed
     chunk = b"IHDR" + struct.pack(">IIBBBBB", *header.values())
@@ -200,7 +201,7 @@ def test_a_jpeg_that_declares_gigabytes_is_rejected_before_it_is_decoded(tmp_pat
 
 
 def test_the_most_that_a_png_can_hold_is_read(tmp_path):
-    """An empty picture, one bit a pixel, packed as closely as deflate can."""
+    """An empty image, one bit per pixel, with maximum deflate compression."""
     _, data = cv2.imencode(".png", np.zeros((4000, 8000), np.uint8), [cv2.IMWRITE_PNG_BILEVEL, 1])
     packed = zlib.compress(bytes(4000 * 1001), 9)
     chunk = b"IDAT" + packed
@@ -212,7 +213,7 @@ def test_the_most_that_a_png_can_hold_is_read(tmp_path):
 
 
 def test_a_jpeg_that_only_ends_its_thumbnail_is_cut_short(tmp_path):
-    """An end mark inside the header must not count as the picture's."""
+    """An end marker inside the header does not end the image."""
     _, data = cv2.imencode(".jpg", picture(size=(100, 100)))
     data = data.tobytes()
     thumbnail = b"\xff\xe1" + (2 + 4).to_bytes(2, "big") + b"\xff\xd8\xff\xd9"
@@ -312,7 +313,7 @@ def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("compression", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "DWAA"])
 def test_exr_of_other_programs(tmp_path, compression, capfd):
-    """Half precision, more channels than colours, and any compression."""
+    """Half precision, additional channels, and all compression types."""
     library = pytest.importorskip("OpenEXR")
     red, green, blue = (RNG.random((70, 50)).astype(np.float16) for _ in range(3))
     header = {"compression": getattr(library, f"{compression}_COMPRESSION"), "type": library.scanlineimage}

@@ -1,4 +1,4 @@
-"""EXIF orientation, against Pillow and OpenCV, wherever images are read."""
+"""EXIF orientation against Pillow and OpenCV, for all readers."""
 
 import base64
 import io
@@ -92,7 +92,7 @@ def test_written_images_carry_no_orientation(tmp_path, suffix):
         assert written.getexif().get(0x0112, 1) == 1
 
 
-# -- wherever images are read ----------------------------------------------------------------------
+# -- all readers ----------------------------------------------------------------------------------
 
 SPHERE = om.load_sensor("paper-spherical")
 WIDE = om.MirrorBall(centre_px=(70.0, 50.0), rim_radius_px=40.0, field_deg=280.0, image_size=(140, 96))
@@ -101,7 +101,7 @@ BOARD = om.Board("chessboard", 7, 5, 20.0)
 
 @pytest.fixture
 def turned(tmp_path):
-    """A wide image, and the file of a camera that was turned by 90 deg when it took it."""
+    """A landscape image, and the file of a camera that was rotated by 90 deg."""
     image = cv2.resize(np.random.default_rng(6).integers(0, 255, (12, 18, 3), np.uint8), WIDE.image_size)
     om.write_image(tmp_path / "upright.png", image)
     return image, tagged(tmp_path / "turned.png", np.rot90(image).copy(), 6)
@@ -122,7 +122,7 @@ def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
 
 
 def test_dewarping_stored_pixels_names_the_option(tmp_path, turned):
-    """A camera that was calibrated with stored pixels."""
+    """A camera calibrated with stored pixels."""
     tall = om.MirrorBall(centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140))
     with pytest.raises(InvalidParameter, match=r"must have the 96 x 140 px .* clockwise; --stored-orientation"):
         PictureStraightener(Straightening(tall))(turned[1], tmp_path / "b.png")
@@ -161,7 +161,7 @@ def test_boards_lie_where_they_are_displayed(tmp_path):
 
 @pytest.mark.parametrize("command", ["rim", "colmap", "calibrate", "lines"])
 def test_commands_report_it(tmp_path, turned, command, capsys):
-    """Each reports what it applies, before anything else is wrong with so plain an image."""
+    """Each command reports the applied orientation before its other errors on the plain image."""
     _, path = turned
     words = {
         "rim": ["rim", path],

@@ -1,4 +1,4 @@
-"""What pictures and videos say of being panoramas, read back by other programs and a small parser."""
+"""Panorama metadata of images and videos, read back by other programs and a small parser."""
 
 import struct
 import xml.etree.ElementTree as ET
@@ -23,7 +23,8 @@ GPANO = "{http://ns.google.com/photos/1.0/panorama/}"
 GSPHERICAL = "{http://ns.google.com/videos/1.0/spherical/}"
 PART = GPano.of_view((60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, lean_deg=(12.5, -3.25))
 
-# -- the geometry ------------------------------------------------------------------------------------
+# -- geometry
+# ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -48,7 +49,7 @@ def test_the_crop_never_leaves_the_full_panorama():
         panorama = GPano.of_view(size, (low, high), RNG.uniform(1, 360))
         bounds = panorama.bounds
         assert min(bounds) >= 0
-        # The rows are where they should be to within rounding to whole pixels, of which there may be few.
+        # Rows are accurate to rounding to whole pixels, of which there may be few.
         assert abs(bounds.top - (90 - high) / 180) <= 1 / panorama.full_size[1]
         assert abs(bounds.bottom - (90 + low) / 180) <= 2 / panorama.full_size[1]
 
@@ -61,11 +62,12 @@ def test_what_is_no_panorama_is_refused(elevation, span):
         GPano((10, 10), (5, 5), (6, 0))
 
 
-# -- pictures ----------------------------------------------------------------------------------------
+# -- images
+# ------------------------------------------------------------------------------------------
 
 
 def xmp_of(path):
-    """The GPano fields that Pillow finds."""
+    """Return the GPano fields found by Pillow."""
     with Image.open(path) as picture:
         picture.load()
         packet = picture.tag_v2[700] if picture.format == "TIFF" else picture.info["xmp"]
@@ -147,7 +149,7 @@ NESTED = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"sv3d", b"proj"}
 
 
 def atoms(data, path=b"", begin=0, end=None):
-    """Every box of an MP4, as pairs of path and body."""
+    """Yield all boxes of an MP4 as pairs of path and content."""
     end = len(data) if end is None else end
     while begin < end:
         size, kind = struct.unpack_from(">I4s", data, begin)
@@ -187,7 +189,7 @@ def test_a_small_parser_finds_both_versions(tmp_path, suffix, codec, entry):
     bounds = struct.unpack(">4I", found[where + b"/sv3d/proj/equi"][4:])
     assert np.array(bounds) / 2**32 == pytest.approx([13 / 60, 7 / 60, 1 / 3, 1 / 3])
     order = [name for name, _ in atoms(path.read_bytes()) if name.startswith(where + b"/") and name.count(b"/") == 8]
-    assert [name[-4:] for name in order[:3]] == [order[0][-4:], b"st3d", b"sv3d"]  # after the codec's own box
+    assert [name[-4:] for name in order[:3]] == [order[0][-4:], b"st3d", b"sv3d"]  # after the box of the codec
 
 
 def test_the_pictures_are_still_there(tmp_path):
@@ -203,7 +205,7 @@ def test_the_pictures_are_still_there(tmp_path):
 def test_ffmpeg_understands_version_2(tmp_path):
     grey_video(tmp_path / "a.mp4", PART)
     before = av.logging.get_level()
-    av.logging.set_level(av.logging.INFO)  # FFmpeg's dump goes through its log
+    av.logging.set_level(av.logging.INFO)  # FFmpeg prints the dump to its log
     try:
         with av.open(str(tmp_path / "a.mp4")) as container:
             dump = container.dumps_format()

@@ -1,4 +1,4 @@
-"""Colours are red, green, blue in Python, whatever program or door they come from and go to."""
+"""RGB order of colours in Python for all programs and interfaces."""
 
 import struct
 import zlib
@@ -43,13 +43,13 @@ def seen_by_pillow(path: Path) -> np.ndarray:
 
 
 def assert_orange(picture: np.ndarray, tolerance: float = 0.0) -> None:
-    """In the middle of the picture."""
+    """Check the centre of the image."""
     middle = picture[picture.shape[0] // 2, picture.shape[1] // 2, :3].astype(float)
     np.testing.assert_allclose(middle, ORANGE, atol=tolerance)
 
 
 def deep_png(path: Path) -> Path:
-    """Orange of 16 bits, byte by byte as the standard says: R, G, B, big-endian."""
+    """Write a 16-bit orange image byte by byte as specified: R, G, B, big-endian."""
     row = b"\0" + struct.pack(">3H", *(257 * value for value in ORANGE)) * 8
 
     def chunk(kind: bytes, data: bytes) -> bytes:
@@ -62,7 +62,8 @@ def deep_png(path: Path) -> Path:
 
 
 def deep_tiff(path: Path, kind: str) -> Path:
-    """Orange of 16 bits or of floats from 0 to 1, without compression, as TIFF 6.0 says."""
+    """Write an uncompressed orange image of 16 bits or floats from 0 to 1, as specified by TIFF
+    6.0."""
     values = np.array(ORANGE) * 257 if kind == "<u2" else np.array(ORANGE) / 255
     data = np.tile(values.astype(kind), 64).tobytes()
     size, bits = np.dtype(kind).itemsize, 8 * np.dtype(kind).itemsize
@@ -87,7 +88,7 @@ def test_files_of_another_program_and_for_one(tmp_path, suffix):
 
 @pytest.mark.parametrize(("suffix", "alpha"), [(".png", 99), (".tif", 255), (".webp", 99)])
 def test_an_alpha_stays_the_last(tmp_path, suffix, alpha):
-    """Half transparent TIFF is left out: its readers weight colours by alpha."""
+    """Semi-transparent TIFF is excluded: its readers weight colours by alpha."""
     colour = (*ORANGE, alpha)
     Image.new("RGBA", (8, 8), colour).save(tmp_path / f"theirs{suffix}", lossless=True)
     assert om.read_image(tmp_path / f"theirs{suffix}")[4, 4].tolist() == [*colour]
@@ -103,7 +104,7 @@ def test_deep_files_made_byte_by_byte(tmp_path):
 
 
 def test_radiance_files(tmp_path):
-    """Bytes of red, green, blue and their exponent, as Radiance has them."""
+    """Bytes of red, green, blue and their exponent, as specified for Radiance."""
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 4\n"
     (tmp_path / "theirs.hdr").write_bytes(head + bytes([*ORANGE, 128]) * 16)
     assert_orange(om.read_image(tmp_path / "theirs.hdr") * 256, 0.6)
@@ -130,7 +131,7 @@ def test_bytes_of_pictures_for_pages_and_streams(tmp_path):
 
 
 def omnimirror(*args) -> None:
-    """The command line."""
+    """Run the command line."""
     with suppress(SystemExit):
         main([*map(str, args)])
 
@@ -185,7 +186,7 @@ def test_a_video_straightened_by_the_command_line(tmp_path, capfdbinary):
     assert_orange(np.frombuffer(capfdbinary.readouterr().out, np.uint8).reshape(3, 24, 32, 3)[1], 8)
 
 
-# -- pictures straightened, taken and mended -------------------------------------------------------
+# -- dewarped, rendered and restored images --------------------------------------------------------
 
 
 def test_pictures_straightened(tmp_path):

@@ -1,4 +1,4 @@
-"""What HDR videos tell of the display that they were graded on."""
+"""Mastering-display metadata of HDR videos."""
 
 import struct
 from fractions import Fraction
@@ -18,7 +18,7 @@ from tests.commands import omnimirror
 
 GRADED = "master-display=G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1):max-cll=1000,400"
 P3 = [0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329]
-"""Red, green, blue and white of DCI-P3 with D65, which these are."""
+"""Red, green, blue and white of DCI-P3 with D65."""
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_it_is_kept(graded, tmp_path, codec):
         light = struct.unpack("2I", bytes(beside.get(SideData.CONTENT_LIGHT_LEVEL)))
     values = np.array(mastering[:20:2]) / np.array(mastering[1:20:2])
     np.testing.assert_allclose(values[:8], P3, atol=2e-5)
-    np.testing.assert_allclose(values[8:], [1e-4, 1000], rtol=0.3)  # AV1 counts the least in parts of 16384
+    np.testing.assert_allclose(values[8:], [1e-4, 1000], rtol=0.3)  # AV1 stores the minimum in units of 1/16384
     assert light == (1000, 400)
 
 
@@ -71,7 +71,7 @@ def test_what_cannot_be_kept_is_said(graded, tmp_path):
 
 @pytest.mark.parametrize("pixel_format", [None, "yuv420p10le"])
 def test_a_stream_keeps_what_it_tells_of_colours_and_display(graded, tmp_path, pixel_format):
-    """A file by its address is read as a stream is."""
+    """A file given by its URL is read as a stream."""
     notes = []
     om.dewarp_video(
         graded.as_uri(), tmp_path / "out.mp4", camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)),

@@ -1,4 +1,4 @@
-"""Interlaced videos: pictures whose lines belong to two moments."""
+"""Interlaced videos: frames with lines of two instants."""
 
 from fractions import Fraction
 
@@ -14,13 +14,13 @@ WIDTH, HEIGHT, COUNT, STEP = 64, 48, 6, 4
 
 
 def bar(field: int) -> np.ndarray:
-    """A bar that moves with every field."""
+    """Return a bar that moves with every field."""
     x = np.arange(WIDTH) - 8 - STEP * field
     return np.where((x >= 0) & (x < 8), 200, 50)
 
 
 def marked(frames, mode):
-    """Frames with their fields' order noted on them."""
+    """Set the field order of frames."""
     graph = Graph()
     source = graph.add_buffer(width=WIDTH, height=HEIGHT, format="yuv420p", time_base=Fraction(1, 25))
     setfield, sink = graph.add("setfield", mode), graph.add("buffersink")
@@ -53,7 +53,7 @@ def make(path, mode):
 
 
 def places(frame) -> np.ndarray:
-    """Where the bar stands, line by line."""
+    """Return the bar position in each line."""
     light = planes(frame)[0].astype(float) - 50
     return (light * np.arange(WIDTH)).sum(axis=1) / light.sum(axis=1)
 
@@ -64,7 +64,7 @@ def test_each_picture_shows_one_moment(tmp_path, mode):
         assert "is interlaced" in reader.notes[0]
         frames = list(reader.frames())
     assert [frame.time for frame in frames] == pytest.approx([i / 25 for i in range(COUNT)])
-    for i, frame in enumerate(frames[1:-1], 1):  # at the ends a neighbour is missing
+    for i, frame in enumerate(frames[1:-1], 1):  # neighbours are missing at the ends
         np.testing.assert_allclose(places(frame), 11.5 + 2 * STEP * i, atol=0.5)
         assert not frame.interlaced_frame
 
@@ -77,7 +77,7 @@ def test_a_part_of_it_begins_and_ends_where_it_should(tmp_path):
 
 
 def test_pictures_that_are_whole_are_left_alone(tmp_path):
-    """Combs too, where nothing says that they are fields."""
+    """Including combing patterns without an interlace flag."""
     with VideoReader(make(tmp_path / "a.mp4", "prog")) as reader:
         assert reader.notes == []
         frame = list(reader.frames())[2]

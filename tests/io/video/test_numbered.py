@@ -1,4 +1,4 @@
-"""Numbered pictures that a video becomes."""
+"""Numbered images as video output."""
 
 import signal
 import sys
@@ -83,7 +83,9 @@ def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
     out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
     words = ["dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "512x256", "-o", out / "%d.png", "-o", "-"]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
-        assert run.stdout.read(9) == b"YUV4MPEG2"  # a frame is more than the pipe holds: nothing goes on unread
+        assert (
+            run.stdout.read(9) == b"YUV4MPEG2"
+        )  # a frame exceeds the pipe buffer, so the writer blocks until it is read
         run.send_signal(signal.SIGTERM)
         _, said = run.communicate()
     assert run.returncode == 143, said
@@ -125,7 +127,7 @@ def test_what_belongs_to_films_alone(film, tmp_path):
 
 @pytest.mark.parametrize(("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")])
 def test_more_than_8_bits_become_16(tmp_path, bits, pixel_format):
-    """Luma of n bits is black at 16 and white at 235 of 256 parts (ITU-R BT.2100)."""
+    """Luma of n bits is black at 16/256 and white at 235/256 (ITU-R BT.2100)."""
     scale = 1 << (bits - 8)
     frame, (y, u, v) = empty_frame((64, 48), pixel_format)
     y[:] = np.linspace(16 * scale, 235 * scale, 64).round()
@@ -157,7 +159,8 @@ def test_what_is_lost_is_said(tmp_path):
 
 
 def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
-    """As the sink says of itself: a ramp of colour samples at 2 i + .5 is a straight line through them."""
+    """As declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
+    them."""
     frame, (y, u, v) = empty_frame((64, 48))
     y[:], u[:], v[:] = 128, 128, 64 + 4 * np.arange(32)
     frame.color_range, frame.colorspace = 1, 1

@@ -1,4 +1,4 @@
-"""Numbered pictures, standard input, and timecodes."""
+"""Numbered images, standard input, and timecodes."""
 
 import sys
 from fractions import Fraction
@@ -31,9 +31,9 @@ def picture(number: int) -> np.ndarray:
 
 @pytest.fixture
 def shots(tmp_path):
-    for i in range(3, 9):  # FFmpeg looks for the first below 5 by itself
+    for i in range(3, 9):  # FFmpeg searches for a first number below 5 itself
         om.write_image(tmp_path / f"f{i + 5:03d}.png", picture(i))
-    om.write_image(tmp_path / "f1.png", picture(0))  # no number of three digits
+    om.write_image(tmp_path / "f1.png", picture(0))  # not a number of three digits
     return tmp_path
 
 
@@ -44,7 +44,7 @@ def test_numbered_pictures_are_a_video(shots):
     assert [frame.time for frame in frames] == pytest.approx([i / 10 for i in range(6)])
     dewarp = om.Dewarper(CAMERA, VIEW)
     for i, frame in enumerate(frames, 3):
-        assert (int(frame.colorspace), int(frame.color_range)) == (1, 1)  # said, so that nobody guesses
+        assert (int(frame.colorspace), int(frame.color_range)) == (1, 1)  # explicit, to avoid guesses by readers
         assert np.abs(frame.to_ndarray(format="rgb24") - dewarp(picture(i)).astype(float)).mean() < 3
 
 
@@ -95,7 +95,8 @@ def test_a_timecode_that_cannot_be_kept_is_said(tmp_path):
 
 
 def test_dropped_numbers_keep_in_step_with_the_clock():
-    """At 29.97 a second an hour of the clock is 107892 frames (SMPTE ST 12), and a day begins again."""
+    """At 29.97 frames/s, an hour of clock time is 107892 frames (SMPTE ST 12), and days wrap
+    around."""
     rate = Fraction(30000, 1001)
     assert later("00:00:00;00", 107892, rate) == "01:00:00;00"
     assert later("00:00:00;00", 24 * 107892, rate) == "00:00:00;00"

@@ -1,4 +1,4 @@
-"""Chapters, subtitles, languages and the time of the beginning, as FFmpeg reads them in what was written."""
+"""Chapters, subtitles, languages and start time, as read by FFmpeg from the output."""
 
 import struct
 from fractions import Fraction
@@ -31,7 +31,7 @@ BALL = om.MirrorBall(centre_px=(31.5, 23.5), rim_radius_px=22.0, field_deg=300.0
 
 
 def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=True):
-    """Write frames, two audio tracks, text subtitles and chapters, all later by begins_ms."""
+    """Write frames, two audio tracks, text subtitles and chapters, all delayed by begins_ms."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25, options={"preset": "ultrafast", "bf": "0"})
         video.width, video.height, video.pix_fmt = *SIZE, "yuv420p"
@@ -113,7 +113,7 @@ def test_tracks_are_kept(tmp_path, source, target):
     else:
         assert after[2] == [None, "Comment"]
     assert [text for *_, text in after[3]] == ["Hello there", "Second\nline"]
-    # Matroska begins with the priming of AC-3, 5.3 ms, where MP4 counts it as negative.
+    # Matroska starts with the priming of AC-3, 5.3 ms, which MP4 counts as negative.
     np.testing.assert_allclose([t[:2] for t in after[3]], [(0.2, 0.7), (1.0, 0.5)], atol=0.006)
 
 
@@ -125,7 +125,7 @@ def test_the_time_of_the_beginning_is_kept(tmp_path, begins_ms, target):
     with av.open(str(tmp_path / "a.mkv")) as before, av.open(str(tmp_path / f"b{target}")) as after:
         assert before.start_time == begins_ms * 1000
         for a, b in zip(before.streams.video + before.streams.audio, after.streams, strict=False):
-            primed = 0 if a.type == "video" else Fraction(256, 48000)  # AC-3 begins earlier, which MP4 counts
+            primed = 0 if a.type == "video" else Fraction(256, 48000)  # AC-3 starts earlier, which MP4 counts
             assert abs(b.start_time * b.time_base - a.start_time * a.time_base) <= primed + MS
         times = [float(frame.time) for frame in after.decode(video=0)]
     np.testing.assert_allclose(times, 0.04 * np.arange(50) + begins_ms / 1000, atol=1e-3)

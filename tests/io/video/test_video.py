@@ -1,4 +1,4 @@
-"""Video files through reading, a picture function and writing."""
+"""Video files: reading, image processing and writing."""
 
 import os
 import resource
@@ -49,7 +49,7 @@ def through(source, path, function=same, pixels="picture", **more):
 
 @pytest.mark.parametrize(("rate", "suffix"), [(2, ".mp4"), (2, ".mov"), (25, ".m4v"), (25, ".mkv")])
 def test_players_show_all_frames_however_many_there_are(tmp_path, rate, suffix):
-    """Frames that FFmpeg shows, and how long it says they last, where B-frames stand last in the file."""
+    """Frames displayed by FFmpeg, and their total duration, with B-frames last in the file."""
     rough = np.kron(np.random.default_rng(1).integers(40, 200, (6, 24, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
     short = []
     for count in (*range(1, 16), 26, 51):
@@ -66,7 +66,8 @@ def test_players_show_all_frames_however_many_there_are(tmp_path, rate, suffix):
     assert not short
 
 
-# -- the whole path ----------------------------------------------------------------------------------
+# -- complete path
+# -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".ts"])
@@ -76,7 +77,7 @@ def test_everything_but_the_pixels_is_kept(clip, tmp_path, suffix, pixels):
     outcome = through(clip, out, pixels=pixels)
     before, after = pictures_of(clip), pictures_of(out)
     assert (outcome.frames, outcome.stopped, len(after)) == (50, False, 50)
-    # Matroska and MPEG-TS begin at 0 or later, and move pictures and sound alike.
+    # Matroska and MPEG-TS start at 0 or later, and shift images and sound equally.
     sound, copied = sound_of(clip), sound_of(out)
     shift = after[0].pts * after[0].time_base - before[0].pts * before[0].time_base
     assert shift == 0 if suffix in (".mp4", ".mov") else shift >= 0
@@ -84,7 +85,7 @@ def test_everything_but_the_pixels_is_kept(clip, tmp_path, suffix, pixels):
     for a, b in zip(before, after, strict=True):
         assert abs(b.pts * b.time_base - a.pts * a.time_base - shift) <= tick / 2
         assert abs(luma_of(a) - luma_of(b)) <= 4
-    assert [data for _, data in copied] == [data for _, data in sound] or suffix == ".ts"  # there in ADTS frames
+    assert [data for _, data in copied] == [data for _, data in sound] or suffix == ".ts"  # in ADTS frames there
     assert len(copied) == len(sound)
     assert all(abs(c[0] - s[0] - shift) <= Fraction(1, 900) for c, s in zip(copied, sound, strict=True))
     with VideoReader(out) as reader:
@@ -98,7 +99,7 @@ FIELD = cv2.resize(np.random.default_rng(4).integers(40, 200, (6, 8, 3), np.uint
 
 
 def make_turned(path, rotation, pixel_format="yuv420p"):
-    """Write a video of one image, which does not look the same in any two orientations."""
+    """Write a video of one image that differs in all orientations."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25, options={"crf": "1"})
         video.width, video.height, video.pix_fmt = *SIZE, pixel_format
@@ -204,7 +205,7 @@ def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, f
     frames = pictures_of(tmp_path / "b.mp4")
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(first, first + count)]
     assert frames[0].time == pytest.approx(first / 25 - start, abs=1e-3)
-    # The sound is that of the same part: its packets begin within one packet of the pictures.
+    # The audio is that of the same part: its packets start within one packet of the images.
     origin = {data: time for time, data in sound_of(source)}
     for time, data in sound_of(tmp_path / "b.mp4"):
         assert float(origin[data] - time) == pytest.approx(start, abs=2e-3)
@@ -258,7 +259,7 @@ def test_progress_tells_how_far_it_is(clip, tmp_path):
 
 
 def coded(path, codec, pixel_format, colour=None):
-    """Two frames of a smooth picture, by PyAV alone."""
+    """Write two frames of a smooth image, by PyAV only."""
     v, u = np.mgrid[0:48, 0:64]
     picture = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
     with av.open(str(path), "w") as container:
@@ -285,7 +286,15 @@ HDR = Colour(1, 9, 9, 16)
         ("a.mkv", "ffv1", "yuv422p10le", "o.mp4", {}, "yuv422p10le", ""),
         ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "ffv1"}, "yuv444p", ""),
         ("a.mkv", "ffv1", "yuva444p12le", "o.mkv", {"codec": "ffv1"}, "yuva444p12le", ""),
-        ("a.mkv", "ffv1", "yuva444p10le", "o.mov", {"codec": "prores_ks"}, "yuva444p12le", ""),  # decoded so
+        (
+            "a.mkv",
+            "ffv1",
+            "yuva444p10le",
+            "o.mov",
+            {"codec": "prores_ks"},
+            "yuva444p12le",
+            "",
+        ),  # decoded to this format
         ("a.mkv", "ffv1", "yuva444p12le", "o.mp4", {}, "yuv444p10le", "12 bits become 10, transparency is lost;"),
         ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "mpeg4"}, "yuv420p", "colours in 4:4:4 become 4:2:0;"),
         ("a.mkv", "ffv1", "bgr0", "o.mp4", {}, "yuv420p", "colours in RGB become 4:2:0;"),
@@ -301,7 +310,7 @@ def test_depth_colours_and_transparency_are_kept_or_said(tmp_path, source, codec
     assert b.format.name == kept
     assert Colour.of(b) == Colour.of(a) if codec == "libx265" else True
     assert [lost in note for note in writer.notes] == ([True] if lost else [])
-    if "RGB" in lost:  # its planes as YUV depend on a matrix that it does not name
+    if "RGB" in lost:  # its planes as YUV depend on an unspecified matrix
         before, after = (image_of_frame(frame).astype(int) for frame in (a, b))
         assert np.abs(before - after)[4:-4, 4:-4].mean() < 80 * 255 / 4095
         return
@@ -322,7 +331,8 @@ def test_a_pixel_format_that_the_codec_does_not_know_is_refused(tmp_path):
         VideoWriter(tmp_path / "a.mp4", SIZE, 25, pixel_format="rgb565")
 
 
-# -- what goes wrong ---------------------------------------------------------------------------------
+# -- errors
+# ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -352,7 +362,7 @@ def test_a_sound_file_is_no_video(tmp_path):
 def test_a_video_cut_short_keeps_what_could_be_read(tmp_path, suffix, capfd):
     whole = tmp_path / f"whole{suffix}"
     make_video(whole)
-    if suffix == ".mp4":  # with its index in front, as for the web, or else nothing at all can be read
+    if suffix == ".mp4":  # with its index first, as for the web; otherwise it is unreadable
         with (
             av.open(str(whole)) as source,
             av.open(str(tmp_path / "front.mp4"), "w", options={"movflags": "faststart"}) as out,
@@ -447,7 +457,7 @@ def test_an_error_on_the_way_leaves_the_earlier_file(clip, tmp_path, error):
         through(clip, out, fail)
     assert out.read_text() == "precious"
     assert list(tmp_path.iterdir()) == [out]
-    assert set(threading.enumerate()) <= before  # those of a browser of other tests may be there
+    assert set(threading.enumerate()) <= before  # threads of a browser of other tests may be present
 
 
 def test_nothing_written_is_no_file(tmp_path):
@@ -528,7 +538,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
         [sys.executable, "-c", SCRIPT, source, out, "0"],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be cut off too
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be truncated too
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert run.returncode == 1
@@ -554,7 +564,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 @pytest.mark.parametrize("suffix", few([".mp4", ".mov", ".mkv"], ".mp4"))
 def test_what_a_killed_run_had_done_plays_and_is_given_a_name(tmp_path, suffix):
     out = tmp_path / f"a{suffix}"
-    for _ in range(2):  # the second finds what the first had done
+    for _ in range(2):  # the second run must not depend on the first
         subprocess.run([sys.executable, "-c", KILLED, out])
     left = [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     assert len(left) == 1

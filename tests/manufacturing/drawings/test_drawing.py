@@ -57,12 +57,12 @@ def test_paper_lengths_match_the_scale(name, size, scale):
     rim, m = sensor.mirror.rim_radius_mm, sensor.mirror_distance_mm
     z = float(sensor.mirror.sag(rim))
     extents = np.array([np.ptp(p, axis=0) for p in paths if len(p) > 1]) / POINT
-    # the meridian of the mirror's view is drawn above and below the axis, as wide as its sag
+    # the meridian of the mirror view is drawn above and below the axis, with the width of its sag
     here = np.abs(extents - mirror_scale * np.array([z, rim])).max(axis=1) < 0.01
     assert here.sum() >= 2
-    # dimension lines as long as what they measure
+    # dimension lines have the lengths of their measures
     lengths = [(m, sensor_scale), (2 * rim, mirror_scale)]
-    if mirror_scale == 1:  # its words stand on the line, and do not make it longer
+    if mirror_scale == 1:  # its text is on the line, without an extension
         lengths.append((z, mirror_scale))
     for length, scale_of_view in lengths:
         along = np.sort(extents, axis=1)
@@ -181,7 +181,7 @@ def test_labels_do_not_overlap_and_are_inside_the_frame(case):
             for b, other in boxes[i + 1 :]:
                 apart = box[0] >= other[2] or other[0] >= box[2] or box[1] >= other[3] - 0.7 or other[1] >= box[3] - 0.7
                 assert apart, f"{a!r} and {b!r}"
-            letters = np.add(box, [0.4, 0.9, -0.4, -0.4])  # without what hangs below the line
+            letters = np.add(box, [0.4, 0.9, -0.4, -0.4])  # without descenders
             assert letters[1] >= letters[3] or not crosses(lines, letters).any(), a
 
 

@@ -42,7 +42,7 @@ def test_section_matches_the_mirror_and_passes_the_audit(kind, body, tmp_path):
     assert doc.units == ezdxf.units.MM
     page = doc.modelspace()
     curves = page.query("*[layer=='MIRROR']")
-    assert len(curves) == 2  # cut above the axis, seen from outside below it
+    assert len(curves) == 2  # section above the axis, external view below it
     for entity in curves:
         points = surface_points(entity)
         r = np.abs(points[:, 1])

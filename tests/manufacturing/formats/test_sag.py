@@ -89,7 +89,8 @@ def test_invalid_digits_are_rejected(digits):
         format_table(sensor_of("sphere"), [0.0], digits)
 
 
-# -- the best-fit sphere -----------------------------------------------------------------------------
+# -- best-fit sphere
+# ---------------------------------------------------------------------------------
 
 
 def test_best_fit_sphere_of_a_sphere():

@@ -121,7 +121,7 @@ def test_file_header_states_content_and_deviation(tmp_path, capfd):
     assert "M6 12 mm deep" in head
     assert "'my mirror'" in head
     assert "SI_UNIT(.MILLI.,.METRE.)" in text
-    assert capfd.readouterr() == ("", "")  # OpenCASCADE tells its story on the terminal otherwise
+    assert capfd.readouterr() == ("", "")  # OpenCASCADE would otherwise print its messages
 
 
 @pytest.mark.parametrize(

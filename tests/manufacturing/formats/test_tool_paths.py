@@ -57,7 +57,7 @@ def test_path_of_a_sphere_is_an_arc_with_tolerance_dependent_spacing():
     assert fine.deviation_nm < 10.0 < coarse.deviation_nm < 40.0
     assert len(fine.x_mm) == pytest.approx(2 * len(coarse.x_mm), rel=0.05)
     assert fine.length_mm == pytest.approx(31.0 * np.arcsin(20.0 / 30.0), rel=1e-6)
-    assert fine.minutes == pytest.approx(fine.length_mm / (0.002 * 1000), rel=1e-12)  # 2 um a turn, 1000 turns a minute
+    assert fine.minutes == pytest.approx(fine.length_mm / (0.002 * 1000), rel=1e-12)  # 2 um per revolution, 1000 rpm
     assert fine.edge_deg == (0.0, pytest.approx(np.degrees(np.arcsin(20.0 / 30.0)), abs=0.01))
 
 
@@ -65,14 +65,14 @@ def test_cusp_height_matches_geometry():
     tool, R = Tool(0.5, feed_um=20.0), 10.0
     step = 1e-3 * tool.feed_um / R
     between = np.array([np.sin(step / 2), np.cos(step / 2)])
-    along = np.linspace(R - 1e-3, R + 1e-3, 20001)[:, None] * between  # a crest is where two noses meet
+    along = np.linspace(R - 1e-3, R + 1e-3, 20001)[:, None] * between  # cusp between two tool-nose arcs
     touched = np.hypot(*(along - [0.0, R + tool.radius_mm]).T) <= tool.radius_mm
     crest = np.hypot(*along[np.argmax(touched)]) - R
     assert tool.cusp_nm(1 / R) == pytest.approx(1e6 * crest, rel=2e-3)
 
 
 def test_nose_larger_than_concave_radius_is_rejected():
-    hollow = EvenPolynomial((0.01, -8e-6), 24.0)  # bends back from 14.4 mm on
+    hollow = EvenPolynomial((0.01, -8e-6), 24.0)  # concave inwards from 14.4 mm on
     x = np.linspace(0.0, 24.0, 20001)
     slope = 0.02 * x - 3.2e-5 * x**3
     sharpest = ((9.6e-5 * x**2 - 0.02) / (1 + slope**2) ** 1.5).max()

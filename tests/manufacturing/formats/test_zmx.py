@@ -103,7 +103,7 @@ def test_chief_rays_have_the_listed_field_angles(kind, tmp_path):
     assert within_deg < 1e-3
     b, m, sag = mp.mpf(surfaces[0]["DISZ"][0]), mp.mpf(surfaces[1]["DISZ"][0]), sag_of(surfaces[2])
     for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
-        slope = -mp.mpf(height) / b  # y over z after the lens, undeviated in its middle
+        slope = -mp.mpf(height) / b  # y over z behind the lens, undeviated at its centre
         y = mp.findroot(lambda y: y - slope * (m + sag(y)), slope * m) if slope else mp.mpf(0)  # noqa: B023
         beta, theta = mp.atan(mp.diff(sag, y)), mp.atan(slope)
         assert float(mp.degrees(2 * beta + theta)) == pytest.approx(omega, abs=within_deg)
@@ -122,7 +122,7 @@ def test_telecentric_chief_rays_are_axial(tmp_path):
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
     assert system["FTYP"][:2] == ["1", "1"]
-    # from the plane in focus, 22 mm behind the vertex, back to the lens and forth to the mirror
+    # from the focal plane, 22 mm behind the vertex, to the lens and to the mirror
     assert float(surfaces[0]["DISZ"][0]) + float(surfaces[1]["DISZ"][0]) == pytest.approx(-22.0)
     sag = sag_of(surfaces[2])
     for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
@@ -238,7 +238,8 @@ def test_grid_matches_the_mirror_within_the_stated_deviation(kind, tmp_path):
     r, phi = mirror.rim_radius_mm * np.sqrt(rng.random(20000)), 2 * np.pi * rng.random(20000)
     z, slope, _ = mirror.profile(r)
     off_um = 1e3 * np.abs(bicubic(x, y, table, r * np.cos(phi), r * np.sin(phi)) - z) / np.hypot(1, slope)
-    # the middle of a cell is where a smooth patch is off most; that of a cone's tip is not smooth
+    # a smooth patch has its largest error at the cell centre; that at the tip of a cone is not
+    # smooth
     beyond = r > 2 * (x[1] - x[0]) if kind == "cone" else np.ones_like(r, bool)
     assert off_um[beyond].max() <= 1.05 * stated + 1e-6
 

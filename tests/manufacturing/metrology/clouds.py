@@ -16,7 +16,7 @@ TERMS = {
     14: lambda x, y: np.sqrt(10) * (x**4 - 6 * x * x * y * y + y**4),
     22: lambda x, y: np.sqrt(7) * (20 * (r := x * x + y * y) ** 3 - 30 * r**2 + 12 * r - 1),
 }
-"""Noll's terms as textbooks print them, on the unit disk."""
+"""Textbook formulas of Noll's terms on the unit disk."""
 
 
 def places(rim_mm: float, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

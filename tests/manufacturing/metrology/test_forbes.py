@@ -50,7 +50,7 @@ def test_known_terms_are_recovered():
 
 
 def test_a_mirror_that_is_hard_to_describe_has_16_terms():
-    """A ripple of 40 periods of 1 um is left over, by its rms over the aperture."""
+    """A 1 um ripple of 40 periods remains, with its RMS over the aperture."""
     x = np.linspace(0, 40, 2001)
     ripple = 1e-3 * np.cos(2 * np.pi * x)
     profile = om.mirrors.SampledProfile(
@@ -66,7 +66,7 @@ def test_terms_end_once_so_little_is_left():
     x = np.linspace(0, 40, 2001)
     profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
     assert [len(forbes_asphere(profile, left_um).um) for left_um in (1e-2, 0.3, 2.0, 20.0)] == [3, 2, 1, 1]
-    # the rms over the meridian of the terms left out, at equal steps of the angle whose sine is x / M
+    # RMS over the meridian of the omitted terms, at equal steps of the angle whose sine is x / M
     u = np.sin((np.arange(4000) + 0.5) / 4000 * np.pi / 2)
     left = forbes_asphere(profile, 0.3)
     departure = made.sag(40 * u) - left.sag(40 * u)
@@ -93,5 +93,5 @@ def test_command_prints_the_asphere(tmp_path):
     asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"])
     x = np.linspace(0, mirror.rim_radius_mm, 50)
     u = x / mirror.rim_radius_mm
-    error = 2e-3 * np.sqrt(5) * (6 * u**4 - 6 * u**2)  # from its own vertex
+    error = 2e-3 * np.sqrt(5) * (6 * u**4 - 6 * u**2)  # relative to its own vertex
     assert np.abs(asphere.sag(x) - mirror.sag(x) - error).max() < 1e-4

@@ -73,7 +73,8 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
     }
     does = np.abs(seen["truth"] - seen["meant"]).max()
     assert does > 0.2
-    # a machine does not tell where the mirror will stand: a little shift and tilt of it explain what they do
+    # machine coordinates do not contain the mount of the mirror; a small shift and tilt account for
+    # the difference
     poses = [MirrorPose(**{name: 0.01}) for name in ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg")]
     moves = [replace(meant, mirror_pose=pose).project_directions(towards).pixels - seen["meant"] for pose in poses]
     columns = np.stack([move.ravel() for move in moves], axis=1)

@@ -57,7 +57,8 @@ def test_uncertainties_are_realistic():
     off = []
     for seed in range(25):
         form = om.form_error(HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.3, count=1500, seed=seed)), order=4)
-        # A shift and a tilt of the mirror explain a part of 2, 3, 7 and 8, its height one of 1
+        # Shift and tilt of the mirror absorb a part of terms 2, 3, 7 and 8, its height a part of
+        # term 1
         off += [
             (t.um - truth.get(t.noll, 0.0)) / t.sigma_um for t in form.terms if t.noll in (5, 6, 9, 10, 12, 13, 14, 15)
         ]
@@ -72,9 +73,7 @@ def test_noise_and_unexplained_form_are_separated():
     r = np.hypot(points[:, 0], points[:, 1])
     along_normal = 1e3 * np.std(ripple / np.sqrt(1 + HYPERBOLOID.slope(r) ** 2))
     assert form.unexplained_um == pytest.approx(along_normal, rel=0.1)
-    assert form.noise_um == pytest.approx(
-        0.1, rel=0.5
-    )  # neighbours are .4 mm apart: some of the ripple counts as noise
+    assert form.noise_um == pytest.approx(0.1, rel=0.5)  # point spacing of 0.4 mm: some of the ripple counts as noise
     assert amounts(form)[6] == pytest.approx(1.0, abs=0.05)
 
 
@@ -103,7 +102,7 @@ def test_corrected_mirror_contains_symmetric_terms():
     x = np.linspace(0.5, 43.5, 200)
     about = {j: um for j, um in truth.items() if noll(j)[1] == 0}
     wanted = HYPERBOLOID.sag(x) + height_mm(about, x / 44.0, 0 * x) - height_mm(about, np.zeros(1), np.zeros(1))
-    assert np.ptp(1e3 * (made.sag(x) - wanted)) < 0.05  # um; the mirror's place takes what it can
+    assert np.ptp(1e3 * (made.sag(x) - wanted)) < 0.05  # um; the alignment absorbs its part
 
 
 def test_summary_values_match_the_surface():
@@ -203,7 +202,7 @@ def test_two_percent_gross_outliers(name, seed):
     points[wrong, 2] += 3.0 if seed % 2 else rng.choice([-3.0, 3.0], 80)
     form = om.form_error(mirror, posed(points, seed))
     assert 75 <= form.outliers <= 82
-    assert profile_error_um(form, mirror) < 0.1  # noise at the vertex, where few points lie
+    assert profile_error_um(form, mirror) < 0.1  # noise at the vertex, with few points
     assert max(abs(t.um) for t in form.terms if noll(t.noll)[1]) < 0.1
 
 

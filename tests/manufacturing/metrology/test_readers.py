@@ -126,7 +126,8 @@ def test_oversized_archive_is_rejected(tmp_path, monkeypatch):
 
 
 class Reader:
-    """An opened file, with the part of SurfaceTopography's interface that is used; heights and places in m."""
+    """Opened file with the required part of the SurfaceTopography interface; heights and positions
+    in m."""
 
     def __init__(self, heights, points=None):
         self.heights = np.ma.masked_invalid(heights)
@@ -171,7 +172,7 @@ def machine(monkeypatch):
 
 @pytest.mark.parametrize("suffix", readers.MACHINES)
 def test_a_grid_of_heights_in_mm_without_the_points_not_measured(suffix, machine, tmp_path):
-    """Heights of a plane of known tilt, 3 by 4 points 1 mm and 2 mm apart."""
+    """Heights of a plane of known tilt, 3 by 4 points with spacings of 1 mm and 2 mm."""
     x, y = np.mgrid[:3, :4]
     heights = 1e-6 * (5 * x - 2 * y)
     heights[0, 1], heights[2, 3] = np.nan, np.inf

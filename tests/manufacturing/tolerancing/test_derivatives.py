@@ -24,7 +24,8 @@ PUPIL = 0.3 * np.array(
 )
 """mm; derivatives over the pupil are of sixth order."""
 NEAR = np.vander(0.05 * NODES, increasing=True) @ np.linalg.inv(np.vander(NODES, increasing=True))
-"""From motions at the nodes to those near 0 on the polynomial through them: what is worst there is so at 0 as well."""
+"""Extrapolation of motions at the nodes to values near 0 by the interpolating polynomial: the worst
+object at 0."""
 AT_ZERO = np.linalg.inv(np.vander(NODES, increasing=True))[1:3]
 """Coefficients 1 and 2 of the polynomial through values at the nodes."""
 
@@ -101,7 +102,7 @@ class Rays:
             gx, gy = self.slopes(x, y)
             step = (z - self.height(x, y)) / (d[..., 2] - gx * d[..., 0] - gy * d[..., 1])
             s = s - step
-            if np.abs(step).max() < 1e-9:  # mm; the next one would be its square
+            if np.abs(step).max() < 1e-9:  # mm; the next step would be its square
                 break
         x, y, _ = np.moveaxis(start + s[..., None] * d, -1, 0)
         gx, gy = self.slopes(x, y)
@@ -198,9 +199,7 @@ def merits_of(evaluator, rays):
     one, zero = np.ones_like(x), np.zeros_like(x)
     shifts = np.array([np.append(one, zero), np.append(zero, one)])
     affine = np.vstack([shifts, *([np.append(c, zero), np.append(zero, c)] for c in (x, y))])
-    left = evaluator.compensators.left(
-        moved
-    )  # what a pose and a mapping leave is compared with a fit in full elsewhere
+    left = evaluator.compensators.left(moved)  # residuals of pose and mapping are compared with a full fit elsewhere
     for k, columns in ((1, shifts), (2, affine)):
         left[k] = moved - (columns.T @ np.linalg.lstsq(columns.T, moved.T, rcond=None)[0]).T
     found = {}
@@ -232,8 +231,8 @@ def test_derivatives_match_finite_rays(name, order):
     evaluator = TrialEvaluator.of(sensor, angles=2, azimuths=7)
     for error, kind in error_sources(sensor).items():
         if "zernike" in error and int(error.split("_")[1]) > terms_of(order):
-            continue  # the same sums; over finite rays' own aperture such fine terms bend
-        share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond .16 deg another object is the worst one
+            continue  # the same sums; over the aperture of finite rays such fine terms are nonlinear
+        share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond 0.16 deg another object is the worst one
         step = share * kind.typical_tolerances["medium"]
         rates = merit_rates(evaluator, error, step)
         assert set(rates) == set(merit_names()[:-1])
@@ -245,7 +244,7 @@ def test_derivatives_match_finite_rays(name, order):
                 continue  # T and S images differ by 1e-4 px: a kink within the steps
             deep = merit.endswith(("pose", "radial"))
             if deep and error in POSE:
-                first = second = 0.0  # what a pose leaves of itself begins with third powers
+                first = second = 0.0  # the residual of a pose is of third order
             scale = np.ptp(found["motion_px" if deep else merit][0]) / (near * NODES[-1])
             close = 1e-5 * scale + 1e-8 / step
             assert rates[merit].first == pytest.approx(first, rel=1e-5, abs=close), (error, merit)

@@ -39,7 +39,7 @@ def test_untraced_terms_are_reported():
     sensor = om.load_sensor("paper-spherical")
     points = on(sensor.mirror, {}, 0.0, count=6000)
     r = np.hypot(points[:, 0], points[:, 1]) / sensor.mirror.rim_radius_mm
-    for order in (6, 10, 14):  # 1 um rms each, about the axis
+    for order in (6, 10, 14):  # 1 um RMS each, rotationally symmetric
         points[:, 2] += 1e-3 * np.sqrt(order + 1) * eval_legendre(order // 2, 2 * r**2 - 1)
     effect = om.form_effect(sensor, om.form_error(sensor.mirror, points))
     assert effect.untraced_um == pytest.approx(1.0, rel=0.05)

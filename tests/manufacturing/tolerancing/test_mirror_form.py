@@ -43,7 +43,7 @@ def test_measured_form_is_a_constant_error(measured_points, tmp_path):
     assert all((of == of[0]).all() for of in drawn.values())
     assert found[6] == pytest.approx(2.0, abs=0.01)
     assert found[64] == pytest.approx(-0.5, abs=0.01)
-    # the motion is that of a sensor whose file has the form
+    # the motion equals that of a sensor whose file contains the form
     expected = TrialEvaluator.of(SENSOR).evaluate({f"mirror.zernike_{j}_um": np.array([um]) for j, um in found.items()})
     report = om.tolerance(SENSOR, plan, trials=50)
     assert report.statistics.mean("motion_px") == pytest.approx(expected[0, MOTION], rel=1e-6)
@@ -60,7 +60,7 @@ def test_random_figure_amplitudes_and_spectrum():
         sigmas = RandomFigure(2.0, (3, 9), **{name: size}).sigmas_um(RIM)
         assert {noll(j)[0] for j in sigmas} == set(range(3, 10))
         of_orders = {noll(j)[0]: sigma for j, sigma in sigmas.items()}
-        assert of_orders[8] / of_orders[4] == pytest.approx(0.5)  # an octave, of amplitude
+        assert of_orders[8] / of_orders[4] == pytest.approx(0.5)  # per octave, in amplitude
         rng, found = np.random.default_rng(7), []
         for _ in range(60):
             form = MirrorForm(tuple(sigmas), tuple(rng.normal() * sigma for sigma in sigmas.values())).heights(RIM, xy)

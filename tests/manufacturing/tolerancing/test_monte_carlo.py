@@ -183,7 +183,7 @@ def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
     def cost(log_ratio):
         ratio = np.exp(log_ratio)
         size = brentq(lambda s: good(s, s * ratio) - 0.9, 0.05, 3)
-        return 8 * 1 / size + 1 / (size * ratio)  # sigmas of 1 were asked
+        return 8 * 1 / size + 1 / (size * ratio)  # sigmas of 1 are requested
 
     best = minimize_scalar(cost, bounds=(-1.5, 0), method="bounded", options={"xatol": 1e-3})
     assert found.cost == pytest.approx(best.fun, rel=0.03)
@@ -284,7 +284,7 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         (["init"], "SENSOR is missing"),
         (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
         (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),
-        # before as many are built
+        # raised before the trials
         (["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"], "a.pdf ends otherwise"),
         (
             ["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"],

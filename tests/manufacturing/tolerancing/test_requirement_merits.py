@@ -108,7 +108,7 @@ def test_viewpoints_match_the_perturbed_sensor(kind):
     here = (miss(view.viewpoint[0]) ** 2).sum()
     for step in 1e-3 * np.vstack([np.eye(3), -np.eye(3)]):
         assert (miss(view.viewpoint[0] + step) ** 2).sum() > here
-    for k in (1, 40, 96):  # the height at which a ray comes nearest to the axis through that point
+    for k in (1, 40, 96):  # height at which a ray is closest to the axis through that point
         heights = view.viewpoint[0, 2] + np.linspace(-80, 80, 160_001)
         axis = np.stack([np.full_like(heights, c) for c in view.viewpoint[0, :2]] + [heights], axis=-1)
         distance = np.linalg.norm(np.cross(axis - origins[k], directions[k]), axis=1)

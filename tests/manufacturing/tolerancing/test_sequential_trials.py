@@ -74,7 +74,7 @@ def test_sequential_and_vectorised_trials_agree(name, refocus):
     """
     sensor = warm(name)
     values = drawn(sensor, 2, seed=2)
-    if refocus != "none":  # then places of a leaning imager are focused together with its middle, to .02 px
+    if refocus != "none":  # in this case, points of a tilted imager are focused together with its centre, to 0.02 px
         values["imager.tilt_x_deg"] = values["imager.tilt_y_deg"] = np.zeros(2)
     field = field_of(sensor, angles=4, azimuths=7)
     shown, lost, focus = field.shown(values, refocus=refocus)
@@ -109,7 +109,7 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
     expected = np.stack([places[0] - places[1], places[2] - places[3]], axis=-1) / small
     np.testing.assert_allclose(np.abs(blur), np.abs(expected), atol=2e-4)
     square = field.picture({}, 1).blur_px[0]
-    assert np.abs(blur - square).max() > 1.0  # and not that of a square one
+    assert np.abs(blur - square).max() > 1.0  # different from that of a square one
 
 
 @pytest.mark.parametrize("kind", OTHERS)

@@ -11,7 +11,7 @@ from omnimirror.manufacturing.tolerancing.sensitivity import sobol_indices
 
 NAMES = ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1", "imager.shift_x_px")
 VARIANCES = {"uniform": 1 / 3, "normal": 1 / 4, "arcsine": 1 / 2}
-"""Of a tolerance of 1."""
+"""Variances for a tolerance of 1."""
 
 
 class Formula:

@@ -30,7 +30,7 @@ from omnimirror.manufacturing.tolerancing.sweep import Shard, Sweep
 from omnimirror.manufacturing.tolerancing.tolerances import BLOCK
 from tests.everyday import few
 
-TRIALS = 4 * BLOCK + 100  # five shards, the last a small one
+TRIALS = 4 * BLOCK + 100  # five shards, the last one incomplete
 LIMITS = {"motion_px": 1.0, "blur_px": 12.0}
 ROOT = Path(__file__).parents[3]
 
@@ -185,7 +185,8 @@ def test_foreign_manifest_is_not_overwritten(plan, tmp_path):
         counted(plan, tmp_path)
 
 
-# -- what is killed ----------------------------------------------------------------------------------
+# -- killed processes
+# --------------------------------------------------------------------------------
 
 RUN = """
 import sys, pickle
@@ -282,7 +283,7 @@ def test_cluster_matches_a_run_in_memory(plan, expected, tmp_path):
     assert len(stamps(tmp_path)) == 5
 
 
-@pytest.mark.full  # four processes that import everything
+@pytest.mark.full  # four processes that import all modules
 @pytest.mark.long
 def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates):
     folder = tmp_path / "trials"
@@ -294,10 +295,10 @@ def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates
         wait_for(lambda: workers_at(address) == 2)
         (gates / "shut-1").touch()
         run, at = beside.submit(counted, plan, folder, scheduler=address), gates / "at-1"
-        wait_for(lambda: run.done() or at.exists())  # a worker in the middle of a shard
+        wait_for(lambda: run.done() or at.exists())  # a worker within a shard
         first = int(at.read_text())
         os.kill(first, signal.SIGKILL)
-        wait_for(lambda: run.done() or int(at.read_text()) != first)  # the other one, in the same
+        wait_for(lambda: run.done() or int(at.read_text()) != first)  # the other one, in the same shard
         assert sum(process.poll() is None for process in pair) == 1
         kept = stamps(folder)
         assert "shard-00001.parquet" not in kept
@@ -315,7 +316,8 @@ def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates
     assert len(stamps(folder)) == 5
 
 
-# -- by command --------------------------------------------------------------------------------------
+# -- command
+# -----------------------------------------------------------------------------------------
 
 
 def test_command_combines_parts(tmp_path, monkeypatch):

@@ -74,7 +74,7 @@ def test_blur_matches_finite_rays(sensor):
     ``Sensor``.
     """
     values = errors(sensor, seed=3, size=0.5)
-    small = 200.0  # of the F-number: the ellipse of a small aperture is free of aberrations
+    small = 200.0  # F-number: the ellipse of a small aperture has no aberrations
     narrow = replace(sensor, lens=replace(sensor.lens, f_number=small))
     values["lens.f_number"] = 0.0
     field, built = field_of(narrow, angles=4, azimuths=5), perturbed(narrow, values)
@@ -195,7 +195,7 @@ def test_compiled_kernel_matches_numpy(sensor, refocus, distance):
         values |= {f"mirror.zernike_{j}_um": rng.normal(size=20) for j in more}
         merits, moved = evaluate_compiled(evaluator, states_of(sensor, values))
         expected, motions = evaluate_numpy(evaluator, values)
-        close = 1e-4 if refocus == "worst" else 1e-8  # where the golden section ends
+        close = 1e-4 if refocus == "worst" else 1e-8  # final interval of the golden section
         np.testing.assert_allclose(moved, motions, atol=close / 10)
         np.testing.assert_allclose(merits, expected, atol=close, rtol=close)
 
@@ -214,7 +214,7 @@ def test_all_mirrors_are_supported(kind):
     assert np.abs(shown - offsets)[found.valid].max() < 1e-6
 
 
-def test_lost_rays_are_counted():  # a decentre takes the rim away from what was seen at it
+def test_lost_rays_are_counted():  # a decentre moves the rim away from its objects
     sensor = om.load_sensor("paper-spherical")
     evaluator = TrialEvaluator.of(sensor, field_deg=(10.0, sensor.field_deg[1]))
     merits = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.0, 0.5])})

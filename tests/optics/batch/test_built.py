@@ -1,5 +1,6 @@
-"""Designs with a real lens behind a clear wall, by the thousand: against rays traced here through every surface, the
-evaluation of each alone, and the compiled evaluator against NumPy."""
+"""Batch evaluation of designs with a real lens behind a dome: against rays traced here through
+every surface, separate
+evaluations, and the compiled evaluator against NumPy."""
 
 from __future__ import annotations
 
@@ -47,7 +48,7 @@ def table():
 
 
 def designs_with(count: int, shell=None, rim=M, **options) -> Designs:
-    """Polynomials about the paper's sphere, seeded."""
+    """Return random polynomials about the paper's sphere."""
     rng = np.random.default_rng(7)
     shape = family("even-polynomial", 4)
     u = shape.slope_places()
@@ -58,30 +59,35 @@ def designs_with(count: int, shell=None, rim=M, **options) -> Designs:
     )
 
 
-# -- the truth: one ray in the meridian, from the stop outwards ---------------------------------------------
+# -- reference: one ray in the meridian, from the stop outwards
+# ---------------------------------------------
 
 
 PUPIL_DEPTH = 2.669
-"""How far behind the first vertex the entrance pupil stands, mm: where searches begin."""
+"""Initial distance of the entrance pupil behind the first vertex, mm."""
 
 
 def stop_radius():
-    """Where a ray from the middle of the object in focus through the edge of the opening meets the stop: f/8."""
+    """Return the stop radius, from a ray of the axial object point through the edge of the
+    aperture: f/8."""
     slope = 11.6 / F_NUMBER / 2 / (212.0 + pupil_depth())
     return abs(through([0.0, 0.0, -212.0], [slope, 0.0, 1.0], indices(), 1.0)[0][0])
 
 
 def pupil_depth():
-    """How far behind the first vertex the entrance pupil stands: where rays through the middle of the stop cross."""
+    """Return the distance of the entrance pupil behind the first vertex: intersection of rays
+    through the stop centre."""
     n, slope = indices(), 1e-4
     y = brentq(lambda y: through([y, 0, 0], [slope, 0, 1], n, 1.0)[0][0], -0.1, 0.1)
     return -y / slope
 
 
 def from_stop(tangent, at_stop, to_imager):
-    """The ray by a viewing angle through a place on the stop: height at the first vertex, and on the imager.
+    """Return a ray with a viewing angle through a point of the stop: height at the first vertex,
+    and on the imager.
 
-    The lens looks along +z towards the mirror in the frame of the sensor: a ray from there comes in with -tangent."""
+    The lens is directed along +z towards the mirror in the sensor frame: an incident ray has the
+    slope -tangent."""
     n = indices()
     near = tangent * PUPIL_DEPTH + 1.2 * at_stop
     ends = near - 0.6, near + 0.6
@@ -90,14 +96,15 @@ def from_stop(tangent, at_stop, to_imager):
 
 
 class Truth:
-    """A sensor by nothing but implicit surfaces, in the meridian."""
+    """Sensor of implicit surfaces, in the meridian."""
 
     def __init__(self, sensor):
         self.mirror, self.m = sensor.mirror, sensor.mirror_distance_mm
         self.shell = sensor.obstructions.housing.shell
 
     def out(self, y, tangent):
-        """Mirror point and the angle from -z, of the ray that leaves the lens's first vertex at y."""
+        """Return the mirror point and the angle from -z of the ray that leaves the first vertex of
+        the lens at y."""
         ray = lambda s: np.array([y + s * tangent, -self.m + s])  # noqa: E731
         end = (self.mirror.rim_radius_mm - 1e-8 - y) / tangent
         s = brentq(lambda s: ray(s)[1] - float(self.mirror.sag(abs(ray(s)[0]))), self.m - 1, end, xtol=1e-13)
@@ -136,7 +143,8 @@ class Truth:
 
 @pytest.mark.parametrize("wall", few(["bare", "tube in water", "dome"], "tube in water"))
 def test_every_surface_was_traced(triplet, wall):
-    """Field angle, image height and tangential blur of mirror points, by rays through lens, mirror and wall."""
+    """Field angle, image height and tangential blur of mirror points, by rays through lens, mirror
+    and wall."""
     designs = designs_with(2, WALLS[wall], lens=triplet)
     u = np.array([0.45, 0.7, 0.95])
     batch = evaluate_designs(designs, u)
@@ -152,7 +160,8 @@ def test_every_surface_was_traced(triplet, wall):
 
 
 def chief_and_blur(truth, x, to_imager, edge):
-    """Field angle, image height (mm) and tangential blur (mm) of a mirror point, with a stop so wide."""
+    """Return field angle, image height (mm) and tangential blur (mm) of a mirror point, for a given
+    stop radius."""
 
     def out(t, at_stop):
         return truth.out(from_stop(t, at_stop, to_imager)[0], t)
@@ -160,7 +169,7 @@ def chief_and_blur(truth, x, to_imager, edge):
     to_pupil = truth.m + float(truth.mirror.sag(x)) + PUPIL_DEPTH
     t = brentq(lambda t: out(t, 0.0)[0] - x, 0.98 * x / to_pupil, 1.02 * x / to_pupil, xtol=1e-14)
     omega, images = out(t, 0.0)[1], []
-    for at_stop in (-0.02 * edge, 0.02 * edge):  # rays of the same distant point, near the chief ray
+    for at_stop in (-0.02 * edge, 0.02 * edge):  # rays of the same distant point, close to the chief ray
         own = brentq(lambda t, at_stop=at_stop: out(t, at_stop)[1] - omega, t - 1e-3, t + 1e-3, xtol=1e-15)
         images.append(from_stop(own, at_stop, to_imager)[1])
     wide, narrow = (
@@ -169,7 +178,8 @@ def chief_and_blur(truth, x, to_imager, edge):
     return omega, from_stop(t, 0.0, to_imager)[1], abs(images[1] - images[0]) * wide / narrow
 
 
-# -- against each alone -----------------------------------------------------------------------------------
+# -- against separate evaluations
+# -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -181,7 +191,8 @@ def chief_and_blur(truth, x, to_imager, edge):
     ),
 )
 def test_every_column_is_that_of_the_evaluation(request, kind, wall):
-    """Real lenses by their tables: heights to rounding, blur to thousandths of a pixel; all else to rounding."""
+    """Real lenses by their tables: heights to rounding, blur to a few 0.001 px; all others to
+    rounding."""
     real = kind in ("triplet", "table")
     options = {"lens": request.getfixturevalue(kind)} if real else {}
     options |= {"magnification": 0.06} if kind == "telecentric" else {}
@@ -214,7 +225,8 @@ def test_a_window_sees_what_leads_back():
     assert not evaluate_designs(steep).valid[0]
 
 
-# -- compiled and not ---------------------------------------------------------------------------------------
+# -- compiled against NumPy
+# --------------------------------------------------------------------------------
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
@@ -233,7 +245,8 @@ def test_the_compiled_evaluator_computes_the_same(request, kind, wall):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * scale, err_msg=column)
 
 
-# -- what cannot be -----------------------------------------------------------------------------------------
+# -- invalid designs
+# ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("native", [False, None])

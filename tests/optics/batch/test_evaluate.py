@@ -1,4 +1,5 @@
-"""Designs by the thousand against the evaluation of each alone, and the compiled evaluator against NumPy."""
+"""Batch evaluation of designs against separate evaluations, and the compiled evaluator against
+NumPy."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ BASES = [("exact", None), ("paper", 500.0), ("exact", 500.0), ("paper", None)]
 
 
 def sphere_like(name: str, count: int, seed: int, **options) -> Designs:
-    """Spheres with seeded changes of every coefficient, in each family's own words."""
+    """Return spheres with random changes of all coefficients, in the parameters of each family."""
     rng = np.random.default_rng(seed)
     A = M / 43.9 * 1.138
     if name == "conic-asphere":
@@ -78,7 +79,7 @@ def test_every_column_is_that_of_the_evaluation_under_a_telecentric_lens(name, r
 
 
 def test_each_field_angle_can_have_its_own_object_distance():
-    """The nearest and the farthest object at one focus: columns of each alone, and the worst of both."""
+    """Nearest and farthest object at one focus: columns of each alone, and the worst of both."""
     u = np.linspace(0.0, 1.0, 60)
     distances = np.repeat([300.0, np.inf], 60)
     designs = sphere_like("slope-spline", 5, 1, object_distance_mm=distances)
@@ -98,17 +99,20 @@ def test_each_field_angle_can_have_its_own_object_distance():
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(["even-polynomial", "conic-asphere", "slope-spline"]))
 def test_the_focus_is_the_best_focus(mode, radius, seed, name):
-    """Against the scan and golden sections of om.best_focus on the same angles: never worse by more than 1e-9."""
+    """Compared with the scan and golden sections of om.best_focus at the same angles: never worse
+    by more than 1e-9."""
     designs = sphere_like(name, 1, seed, mode=mode, image_radius_px=radius)
     batch = evaluate_designs(designs)
     images = np.concatenate([batch.distance_t_mm[0], batch.distance_s_mm[0]])
     if not batch.valid[0] or images.min() < 50 or images.max() > 2000:
-        return  # no mirror that anyone would use
+        return  # not a usable mirror
     sensor = designs.sensor(0, IMAGER, batch.focus_mm[0])
     angles = np.minimum(batch.omega_deg[0], sensor.field_deg[1])
     best = om.best_focus(sensor, "worst_floored_area_deg2", omega_deg=angles, mode=mode, image_radius_px=radius)
     assert batch.worst_floored_area_deg2[0] <= best.value * (1 + 1e-9)
-    if batch.worst_floored_area_deg2[0] >= best.value * (1 - 1e-9):  # else the golden sections had the wrong valley
+    if batch.worst_floored_area_deg2[0] >= best.value * (
+        1 - 1e-9
+    ):  # otherwise the golden sections ended in another valley
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
@@ -120,7 +124,7 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
     few([("even-polynomial", "exact", 2, 93), ("slope-spline", "exact", 1, 174)], ("even-polynomial", "exact", 2, 93)),
 )
 def test_the_lowest_of_several_valleys_is_found(name, mode, seed, design, native):
-    """Designs whose lowest valley begins between two places of the scan, or ends so: against a scan of 401."""
+    """Designs whose lowest valley starts or ends between two scan points: against a scan of 401."""
     designs = sphere_like(name, 300, seed, mode=mode, image_radius_px=500.0).part(slice(design, design + 1))
     batch = evaluate_designs(designs, native=native)
     angles = batch.omega_deg[0]
@@ -166,7 +170,8 @@ def each_instruction_set(request):
 @pytest.mark.usefixtures("each_instruction_set")
 @pytest.mark.parametrize("angles", [1, 2, 7, 8, 9, 100])
 def test_every_instruction_set_gives_the_numbers_of_numpy(angles):
-    """However many lanes are left over, and for slopes of all three pieces of the arctangent: up to 4 at the rim."""
+    """For any number of remaining lanes, and slopes of all three pieces of the arctangent: up to 4
+    at the rim."""
     steep = [[0.6409, 0.155, -0.01], [1.0, 0.2, 0.0], [1.2, 0.4, 0.0], [0.2, 0.05, 0.0]]
     designs = Designs(family("even-polynomial", 3), steep, 250.0, M, 11.6, 4.0, 5.2, object_distance_mm=500.0)
     u = np.linspace(1.0 / angles, 1.0, angles)
@@ -181,7 +186,7 @@ def test_every_instruction_set_gives_the_numbers_of_numpy(angles):
 
 
 def test_designs_that_cannot_be_used_are_marked():
-    """Folded, concave and seen edge-on, each as the sensor itself says."""
+    """Folded, concave and grazing rims, as reported by the sensor itself."""
     shape = family("even-polynomial", 3)
     c = np.array([[0.64, 0.155, -0.01], [0.9, -0.25, 0.0], [-0.3, 0.0, 0.0], [0.5, 0.5, 5.0]])
     designs = Designs(shape, c, 3.9 * M, M, 11.6, 4.0, 5.2)

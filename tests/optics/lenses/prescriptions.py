@@ -1,6 +1,7 @@
-"""A lens as an optical program writes it, and rays through it that share nothing with the package.
+"""Lens prescription in the format of an optical program, and an independent ray tracer for it.
 
-The triplet is that of every textbook (f = 50 mm, f/5, 20 deg), scaled to the focal length of the bundled sensors.
+The triplet is a textbook design (f = 50 mm, f/5, 20 deg), scaled to the focal length of the bundled
+sensors.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ SCALE = 11.6 / 50
 RADII = SCALE * np.array([22.01359, -435.76044, -22.21328, 20.29192, 79.68360, -18.39533])
 GAPS = SCALE * np.array([3.25896, 6.00755, 0.99997, 4.75041, 2.95208, 42.20778])
 GLASSES = ["N-SK16", "", "F2", "", "N-SK16", ""]
-STOP = 4  # from 1: the back of the flint
+STOP = 4  # starting at 1: the back of the flint
 F_NUMBER = 4.0
 FOCUS = 212.0  # from the first surface
 
@@ -26,16 +27,16 @@ SCHOTT = {
     "N-SK16": ((1.34317774, 0.241144399, 0.994317969), (0.00704687339, 0.0229005000, 92.7508526)),
     "F2": ((1.34533359, 0.209073176, 0.937357162), (0.00997743871, 0.0470450767, 111.886764)),
 }
-"""Coefficients of SCHOTT's data sheets."""
+"""Coefficients from SCHOTT data sheets."""
 
 
 def indices(wavelength_um=0.5875618):
-    """Refractive indices before the first surface and after each."""
+    """Return refractive indices before the first surface and after each."""
     return [1.0, *(sellmeier(wavelength_um, *SCHOTT[g]) if g else 1.0 for g in GLASSES)]
 
 
 def zmx(stop=STOP, radii=RADII, gaps=GAPS, glasses=GLASSES, head="", per_surface=None):
-    """The text of the file; ``per_surface`` are more lines of a surface, by its number."""
+    """Return the text of the file; ``per_surface`` contains additional lines by surface number."""
     lines = [
         "VERS 140124 258 36214", "MODE SEQ", "NAME Cooke triplet", "UNIT MM X W X CM MR CPMM",
         f"ENPD {11.6 / F_NUMBER!r}", "GCAT SCHOTT MISC", "FTYP 0 0 3 3 0 0 0", "XFLN 0 0 0", "YFLN 0 14 20",
@@ -54,7 +55,8 @@ def zmx(stop=STOP, radii=RADII, gaps=GAPS, glasses=GLASSES, head="", per_surface
 
 
 def through(start, towards, n, to_imager, radii=RADII, gaps=GAPS, stop=STOP):
-    """Where one ray meets stop and imager, (2,) and (2,): spheres by their centres, Snell's law by what is across."""
+    """Trace one ray to stop and imager, (2,) and (2,): spheres by their centres, Snell's law by
+    tangential components."""
     p, d = np.array(start, float), np.array(towards, float) / np.linalg.norm(towards)
     vertex, at_stop = 0.0, None
     for i, radius in enumerate(radii):
@@ -73,16 +75,17 @@ def through(start, towards, n, to_imager, radii=RADII, gaps=GAPS, stop=STOP):
 
 
 def imager_place(n, focus=FOCUS, radii=RADII, gaps=GAPS):
-    """Where rays next to the axis from an object at ``focus`` cross it again, behind the last surface."""
+    """Return the paraxial image distance behind the last surface for an object at ``focus``."""
     h = 1e-7
     ends = [through([0, 0, -focus], [h, 0, focus], n, z, radii, gaps)[1][0] for z in (0.0, 1.0)]
     return ends[0] / (ends[0] - ends[1])
 
 
 def off_sphere(omega, azimuth, at, radius, distance):
-    """A ray from infinity at field angle omega, off a ball at (x, y); in the frame of the lens, s from its vertex."""
+    """Reflect a ray from infinity at field angle omega on a ball at (x, y); in the lens frame, s
+    from its vertex."""
     x, y = at
-    centre = np.array([0.0, 0.0, -distance - radius])  # s counts from the lens's first vertex towards the imager
+    centre = np.array([0.0, 0.0, -distance - radius])  # s is measured from the first lens vertex towards the imager
     s = centre[2] + np.sqrt(radius**2 - x * x - y * y)
     point = np.array([x, y, s])
     normal = (point - centre) / radius
@@ -92,21 +95,23 @@ def off_sphere(omega, azimuth, at, radius, distance):
 
 
 def image_of_direction(omega, stop_at, n, radius, distance, to_imager):
-    """Image point (2,) mm, upright, of the ray from a distant object that goes through a point of the stop."""
+    """Return the upright image point (2,) mm of the ray from a distant object through a point of
+    the stop."""
 
     def landed(at):
         return through(*off_sphere(omega, 0.0, at, radius, distance), n, to_imager)
 
     def passing(x):
-        """Height in a plane within the lens, as if there were no glass."""
+        """Return the height in a plane within the lens, without the glass."""
         p, d = off_sphere(omega, 0.0, (x, 0.0), radius, distance)
         return (p + (2.5 - p[2]) / d[2] * d)[0]
 
-    # the mirror leans by half the angle between the object and the lens, which sees it within 20 deg of the axis
+    # the mirror slope is half of the angle between object and lens, whose viewing angle is within
+    # 20 deg of the axis
     ends = radius * np.sin(omega / 2 - np.radians([10.0, 0.0]))
     near = brentq(passing, *ends) if omega else 0.0
     at, step = np.array([near, 0.0]), 1e-6
-    for _ in range(8):  # Newton's rule with slopes by differences
+    for _ in range(8):  # Newton's method with slopes by differences
         slopes = [(landed(at + step * e)[0] - landed(at - step * e)[0]) / (2 * step) for e in np.eye(2)]
         at = at - np.linalg.solve(np.transpose(slopes), landed(at)[0] - stop_at)
     assert np.abs(landed(at)[0] - stop_at).max() < 1e-10

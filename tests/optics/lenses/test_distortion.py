@@ -1,4 +1,4 @@
-"""Lens distortion: OpenCV's numbers in every direction that a sensor is asked."""
+"""Lens distortion with OpenCV coefficients, in all functions of a sensor."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_there_and_back_up_to_the_fold_and_no_further(k1, k2, k3, share):
 @LENSES
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
 def test_pixels_are_moved_as_opencv_moves_them(terms, pose):
-    """The sensor without distortion, and OpenCV's distortPoints after it."""
+    """The sensor without distortion, followed by OpenCV's distortPoints."""
     plain, bent = sensor_with(pose=pose), sensor_with(pose=pose, **terms)
     b, pitch = plain.lens.image_distance, plain.imager.pitch_mm
     camera = np.array([[b / pitch, 0, 511.5], [0, b / pitch, 511.5], [0, 0, 1]])
@@ -99,7 +99,7 @@ def test_pixels_are_moved_as_opencv_moves_them(terms, pose):
 
 @pytest.mark.full
 def test_characteristics_are_those_of_the_distorted_picture():
-    """Dh against differences of projected directions; blur against the rays of real apertures."""
+    """Dh against differences of projected directions; blur against rays of real apertures."""
     sensor = sensor_with(**BARREL)
     omega = np.array([30.0, 60.0, 90.0, 120.0])
     ends = [sensor.project_directions(_direction(omega + s)).pixels for s in (-0.005, 0.005)]
@@ -108,7 +108,7 @@ def test_characteristics_are_those_of_the_distorted_picture():
     assert om.check_blur(sensor, [4.0]).worst("edge_t_px").max() < 0.002
     assert om.check_blur(sensor, [4.0]).worst("edge_s_px").max() < 0.002
     bent, plain = (om.mtf(s, omega, pixel=False) for s in (sensor, sensor_with()))
-    for i in range(len(omega)):  # of the object all is resolved that was, however wide it is shown
+    for i in range(len(omega)):  # object resolution is unchanged, independent of the image scale
         finest = min(m.cycles_per_deg_t[i, -1] for m in (bent, plain))
         frequency = np.linspace(0, finest, 50)
         a, b = (np.interp(frequency, m.cycles_per_deg_t[i], m.tangential[i]) for m in (bent, plain))
@@ -142,7 +142,7 @@ def test_compiled_rays_are_those_of_double_precision(terms, pose):
     "terms", [pytest.param(BARREL, marks=pytest.mark.full), TANGENTIAL], ids=["radial", "tangential"]
 )
 def test_what_distortion_moves_the_dewarper_puts_back(terms):
-    """A sensor with distortion, simulated and straightened by its own file, shows what a pinhole sees."""
+    """A sensor with distortion, rendered and dewarped with its own file, equals a pinhole view."""
     v, u = np.mgrid[:256, :512] / 40.0
     world = Environment((0.5 + 0.2 * np.stack([np.sin(u), np.cos(u + v), np.sin(2 * v)], axis=-1)).astype(np.float32))
     view = screens.Plane((200, 120), hfov_deg=70.0)
@@ -154,7 +154,7 @@ def test_what_distortion_moves_the_dewarper_puts_back(terms):
 
 
 def test_crowded_light_is_conserved():
-    """All light of an even world is that of its solid angle, whatever the lens does to the picture."""
+    """The total light of a uniform world is that of its solid angle, independent of distortion."""
     white = Environment(np.ones((4, 8, 3), np.float32))
     sums = [
         float(expose(sensor_with(pixels=256, **t), white, samples=16, radiometry=Radiometry(vignetting=1.0)).sum())
@@ -178,7 +178,8 @@ def test_the_file_holds_it_and_nothing_where_there_is_none():
 
 
 def test_radii_beyond_the_fold_have_no_origin():
-    """r (1 - 0.3 r^2) rises to 0.7027 at r = 1.0541; the smallest positive root of the polynomial below."""
+    """r (1 - 0.3 r^2) increases to 0.7027 at r = 1.0541; the smallest positive root of the
+    polynomial below."""
     k, radii = (-0.3, 0.0, 0.0), np.array([0.0, 0.1, 0.5, 0.7, 0.71, 5.0])
     assert fold(k) == pytest.approx(1 / np.sqrt(0.9), rel=1e-9)
     found = undistorted_radius(radii, k)

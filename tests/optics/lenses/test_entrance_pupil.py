@@ -1,7 +1,8 @@
-"""A lens that sees from elsewhere than its principal point, against one made of two thin lenses and a stop.
+"""Lens with an entrance pupil away from its principal point, against two thin lenses with a stop.
 
-The truth is traced here, lens by lens: a thin lens of focal length f turns a ray's slope by -y/f. Where the principal
-point and the entrance pupil of the pair lie follows from its own matrices, and nothing of the package is asked.
+The reference is traced here, lens by lens: a thin lens of focal length f changes the slope of a ray
+by -y/f. Principal
+point and entrance pupil of the pair follow from its matrices, independent of the package.
 """
 
 from dataclasses import replace
@@ -26,7 +27,7 @@ FOCUS = 212.0  # from the principal point
 
 
 class Pair:
-    """Two thin lenses, the stop between them, and where the imager has to stand for an object in focus."""
+    """Two thin lenses with a stop in between, and the imager position for an object in focus."""
 
     def __init__(self, front, back, to_stop, from_stop):
         self.front, self.back, self.to_stop, self.from_stop = front, back, to_stop, from_stop
@@ -34,12 +35,13 @@ class Pair:
         self.focal = front * back / (front + back - d)
         self.principal = -self.focal * d / back  # towards the mirror from the front lens
         self.principal_behind = -self.focal * d / front  # towards the imager from the back lens
-        self.pupil = to_stop * front / (to_stop - front)  # the stop as the front lens shows it, towards the mirror
+        self.pupil = to_stop * front / (to_stop - front)  # image of the stop by the front lens, towards the mirror
         self.magnification = front / (front - to_stop)
 
     def out(self, image, stop, imager):
-        """Place (n, 2) at the front lens and slope (n, 2) of rays from image points through points of the stop."""
-        # at the back lens at height y: from the image point, bent by -y/f, to the stop
+        """Return position (n, 2) at the front lens and slope (n, 2) of rays from image points
+        through points of the stop."""
+        # at the back lens at height y: from the image point, deflected by -y/f, to the stop
         y = (stop + self.from_stop * image / imager) / (1 + self.from_stop * (1 / imager - 1 / self.back))
         slope = (stop - y) / self.from_stop
         at_front = stop + self.to_stop * slope
@@ -58,7 +60,8 @@ def unit(v):
 
 
 def reflected(start, towards, vertex):
-    """Rays off the sphere of radius A whose vertex stands at ``vertex``: where they meet it, and their directions."""
+    """Return intersections and directions of rays reflected by the sphere of radius A with its
+    vertex at ``vertex``."""
     d, centre = unit(towards), vertex + np.array([0.0, 0.0, A])
     to = start - centre
     along = (to * d).sum(-1)
@@ -69,11 +72,12 @@ def reflected(start, towards, vertex):
 
 
 def truth(pair, sensor, pixels, pupil):
-    """Rays (n, 3), (n, 3) from image points through the pair's stop and off the mirror, vertex at the pose's."""
+    """Return rays (n, 3), (n, 3) from image points through the stop of the pair and the mirror at
+    the vertex of the pose."""
     lens = sensor.lens
     imager = 1 / (1 / pair.focal - 1 / FOCUS) + pair.principal_behind
     stop = pair.focal / lens.f_number / 2 / pair.magnification * pupil
-    image = -(pixels - 511.5) * PITCH  # the lens turns the picture over
+    image = -(pixels - 511.5) * PITCH  # the lens inverts the image
     at, slope = pair.out(image, stop, imager)
     front = -sensor.mirror_distance_mm - pair.principal
     start = np.concatenate([at, np.full((len(at), 1), front)], axis=1)
@@ -100,7 +104,8 @@ def pixels_and_pupil(sensor, seed=0):
 
 
 def test_the_pairs_pupils_lie_where_they_should(pair):
-    """Or the tests below would say nothing: both sides of the principal point, millimetres away."""
+    """Precondition of the following tests: both are several millimetres from the principal point,
+    on opposite sides."""
     assert abs(pair.pupil - pair.principal) > 2
     assert {np.sign(p.pupil - p.principal) for p in PAIRS.values()} == {-1.0, 1.0}
 
@@ -143,7 +148,7 @@ def test_points_and_directions_come_back_to_their_pixels(pair, pose):
 
 
 def test_blur_is_that_of_thin_bundles(pair):
-    """Both edges of an aperture of F/100, whose bundles are too thin for coma."""
+    """Both edges of an aperture of F/100, whose bundles have no coma."""
     sensor = sensor_of(pair, f_number=100.0)
     h = np.array([50.0, 200.0, 350.0])
     pixels = 511.5 + np.stack([h, 0 * h], axis=1)
@@ -151,12 +156,13 @@ def test_blur_is_that_of_thin_bundles(pair):
     for edge, blur in (([1.0, 0.0], found.blur_t_deg), ([0.0, 1.0], found.blur_s_deg)):
         ends = [truth(pair, sensor, pixels, s * np.array([edge]))[1] for s in (1, -1)]
         apart = np.degrees(np.linalg.norm(np.cross(*ends), axis=1))
-        # the angle on the sky across the meridian, as the evaluation counts it: per degree of the object
+        # angle on the sky across the meridian, in the convention of the evaluation: per degree of
+        # the object
         assert np.abs(blur) == pytest.approx(apart, rel=2e-4)
 
 
 def test_pictures_take_their_rays_from_there(pair):
-    """Compiled and not, through the whole aperture."""
+    """Compiled and NumPy, through the whole aperture."""
     sensor = sensor_of(pair)
     plan, part = spread(8, True), (slice(300, 302), slice(200, 240))
     ours, plain = (f(sensor, plan, Radiometry(), *part) for f in (_trace_natively, _trace_sensor))
@@ -178,9 +184,10 @@ def test_spots_and_blur_agree_there(pair):
 
 
 def test_which_point_the_distance_counts_from_is_worth_eleven_pixels():
-    """The same distance to the mirror, once from the principal point and once from a pupil 5 mm before it.
+    """The same mirror distance, from the principal point and from a pupil 5 mm before it.
 
-    Where only the pupil moves, the picture hardly does: what is in focus is imaged as large from wherever it is seen.
+    A displaced pupil alone hardly changes the image: the scale of focused objects does not depend
+    on it.
     """
     sensor = om.load_sensor("paper-spherical")
     lens, m, omega = replace(sensor.lens, entrance_pupil_mm=5.0), sensor.mirror_distance_mm, np.linspace(0.0, 130.0, 27)
@@ -192,14 +199,15 @@ def test_which_point_the_distance_counts_from_is_worth_eleven_pixels():
 
 
 def test_lens_files_have_a_thin_lens_at_the_pupil(pair, tmp_path):
-    """Which is as far from the mirror as the pupil, and sends the same image points to the same plane in focus."""
+    """Its distance from the mirror is that of the pupil, with the same image points and focal
+    plane."""
     sensor = sensor_of(pair)
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     lines = [line.split() for line in found.path.read_text(encoding="utf-16").splitlines()]
     to_lens, to_mirror = [float(words[1]) for words in lines if words[0] == "DISZ"][:2]
     focal = next(float(words[2]) for words in lines if words[:2] == ["PARM", "1"])
     imager = 1 / (1 / pair.focal - 1 / FOCUS) + pair.principal_behind
-    _, slope = pair.out(np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager)  # the chief ray of 1 mm off the axis
+    _, slope = pair.out(np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager)  # chief ray of 1 mm off the axis
     assert to_mirror == pytest.approx(180.0 - (pair.pupil - pair.principal), abs=1e-9)
     assert 1 / to_lens == pytest.approx(abs(slope[0, 0]), rel=1e-9)
     assert 1 / (1 / focal - 1 / to_lens) == pytest.approx(FOCUS - (pair.pupil - pair.principal), rel=1e-9)

@@ -1,4 +1,4 @@
-"""A lens by its surfaces, against rays traced in the tests through glass and mirror by code that shares nothing."""
+"""Lens by surfaces, against independently traced rays through glass and mirror."""
 
 import re
 from dataclasses import replace
@@ -58,7 +58,7 @@ def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
 
 
 def test_chief_rays_land_where_traced_ones_do(sensor):
-    """Within a thousandth of a pixel, from the axis to the rim."""
+    """Within 0.001 px, from the axis to the rim."""
     found = om.evaluate(sensor, OMEGA).h_px
     assert np.abs(found - truth(OMEGA)[:, 0] / PITCH).max() < 1e-3
     rate = (truth(90.001)[0, 0] - truth(89.999)[0, 0]) / PITCH / 0.002
@@ -66,7 +66,7 @@ def test_chief_rays_land_where_traced_ones_do(sensor):
 
 
 def test_the_pupil_moves_and_its_motion_shows(sensor):
-    """Or the test above would pass with one that stays."""
+    """Precondition of the preceding test."""
     places = sensor.lens.field.nodes.pupil
     assert np.ptp(places) > 0.1
     fixed = replace(
@@ -81,10 +81,11 @@ def test_the_pupil_moves_and_its_motion_shows(sensor):
 
 
 def test_blur_is_that_of_thin_bundles_through_glass(file):
-    """Tangential and sagittal, by rays through the edges of a stop of F/400, which sees no spherical aberration."""
+    """Tangential and sagittal, by rays through the edges of a stop of F/400 without spherical
+    aberration."""
     sensor = sensor_with(lens_of(file, f_number=400.0))
     found = om.evaluate(sensor, OMEGA[1:])
-    # the stop's radius, from a ray to the edge of the entrance pupil, traced here
+    # stop radius, from a ray to the edge of the entrance pupil, traced here
     edge = sensor.lens.focal_length_mm / 800.0
     pupil = sensor.lens.pupil.at_mm
     towards = np.array([edge, 0.0, own.FOCUS - pupil])
@@ -95,7 +96,7 @@ def test_blur_is_that_of_thin_bundles_through_glass(file):
 
 
 def test_spots_are_those_of_rays_through_the_stop(sensor):
-    """At F/4: aberrations of the lens and of the mirror together, within 5 % of their size."""
+    """At F/4: combined aberrations of lens and mirror, within 5 % of their size."""
     edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
     r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
     rings = [(np.sqrt((i + 0.5) / 8), t) for i in range(8) for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4]
@@ -107,11 +108,11 @@ def test_spots_are_those_of_rays_through_the_stop(sensor):
 
 
 def test_three_wavelengths(sensor):
-    """Lateral colour, as the field's functions have it."""
+    """Lateral colour in the field functions."""
     found = om.evaluate(sensor, OMEGA[1:])
     theta = np.tan(np.radians(found.theta_deg))
     for name, wave in (("short", 0.4861327), ("long", 0.6562725)):
-        # the same object, seen by the same pupil, in another colour; its chief ray leaves at another angle by little
+        # the same object and pupil in another colour; the angle of its chief ray differs slightly
         away = sensor.lens.field.odd(theta)[name]
         traced = truth(OMEGA[1:], wavelength_um=wave)[:, 0] - truth(OMEGA[1:])[:, 0]
         assert np.abs(away - traced).max() < 2e-5 + 0.05 * np.abs(traced).max()
@@ -119,7 +120,8 @@ def test_three_wavelengths(sensor):
 
 @pytest.mark.parametrize("nm", [486.1327, 546.07, 656.2725, 700.0])
 def test_at_another_wavelength_rays_land_where_that_light_does(sensor, nm):
-    """Its own indices, stop and imager where they are; between and beyond the lines of the file by Cauchy's formula."""
+    """Indices of the wavelength with fixed stop and imager; interpolation and extrapolation by
+    Cauchy's formula."""
     colour = om.at_wavelength(sensor, nm)
     assert colour.lens.imager_mm == pytest.approx(sensor.lens.imager_mm, abs=1e-9)
     assert colour.lens.aperture_radius == pytest.approx(sensor.lens.aperture_radius, rel=1e-12)
@@ -144,7 +146,7 @@ def test_pixels_come_back_and_apertures_agree(file, pose):
 
 
 def test_every_ray_of_a_picture_lands_on_its_pixel(sensor):
-    """Rays of the simulation, sent back through the glass from where they left the mirror."""
+    """Rays of the renderer, traced back through the glass from their mirror points."""
     plan = spread(8, True)
     bundle = trace(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
     assert (bundle.fate == 1).all()
@@ -161,7 +163,7 @@ def test_every_ray_of_a_picture_lands_on_its_pixel(sensor):
 
 
 def test_focusing_breathes(file):
-    """The imager moves, the surfaces stay: heights of another focus, traced."""
+    """The imager moves, the surfaces are fixed: traced heights of another focus."""
     near = sensor_with(lens_of(file).focused_at(150.0))
     n = own.indices()
     to_imager = own.imager_place(n, 150.0)
@@ -170,7 +172,7 @@ def test_focusing_breathes(file):
 
 
 def test_even_aspheres_meet_their_surface():
-    """A point found on the surface lies on it, and its slope is the sag's, by finite differences of mpmath's kind."""
+    """Intersections are on the surface, with the slope of the sag by finite differences."""
     c, k, a = 0.02, -0.7, np.array([[1e-4, -3e-6, 2e-8]])
     one = Sequence(
         np.array([c]), np.array([k]), a, np.zeros(1), np.array([1.0, 1.5]), np.full(1, np.inf), np.full(1, np.inf), 0
@@ -197,13 +199,13 @@ def plano_convex(curvature_per_mm=CURVED, f_number=8.0, focus_distance_mm=1e6, *
 
 
 def test_a_paraboloid_is_its_first_asphere():
-    """z = c r^2 / 2, written as a conic of -1 and as the coefficient of r^2 of a plane."""
+    """z = c r^2 / 2 as a conic with constant -1, and as the r^2 coefficient of a plane."""
     conic = plano_convex(conic=(0.0, -1.0, 0.0))
     asphere = plano_convex((0.0, 0.0, 0.0), aspheres=(0.0, 0.0, 0.5 / 25.84, 0.0, 0.0, 0.0))
     for one, other in zip(conic.field.nodes, asphere.field.nodes, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
     assert asphere.focal_length_mm == pytest.approx(50.0, abs=1e-3)
-    assert max(conic.field.nodes.own_t) < max(plano_convex().field.nodes.own_t)  # which a sphere is not
+    assert max(conic.field.nodes.own_t) < max(plano_convex().field.nodes.own_t)  # unlike a sphere
 
 
 @pytest.mark.parametrize("focal_length", [0.5, 1e6])
@@ -225,7 +227,7 @@ def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
         ({"stop_surface": 4}, "stop_surface = 4 is not one of the surfaces, 1 to 3"),
         ({"stop_surface": 1.5}, "stop_surface = 1.5 is not one of the surfaces, 1 to 3"),
         ({"focus_distance_mm": 39.9}, "focus_distance_mm = 39.9 is nearer than the front focus; it is valid above 40"),
-        (  # a front surface of f = 8 mm in glass
+        (  # front surface of f = 8 mm in glass
             {"curvature_per_mm": (0.25, 0.01, 0.0), "thickness_mm": (8.0, 1.0, 0.0), "index": (2.0, 2.0, 1.0),
              "stop_surface": 2},
             "the entrance pupil must be at a finite distance; surface 2, the stop, is in the focal plane",
@@ -270,7 +272,7 @@ def test_without_three_indices_other_wavelengths_are_not_known(missing):
 
 
 def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
-    """An aperture in front cuts off what a traced bundle loses there."""
+    """A front aperture vignettes the bundle as traced."""
     text = own.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
     (tmp_path / "cut.zmx").write_text(text)
     whole, cut = lens_of(file).field.nodes, lens_of(tmp_path / "cut.zmx").field.nodes
@@ -281,7 +283,7 @@ def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
 
 
 def test_straightening_finds_its_pixels_through_the_glass(sensor):
-    """Distances from the picture's centre of distant targets, against traced rays."""
+    """Distances from the image centre of distant targets, against traced rays."""
     screen = om.screens.Cylinder((720, 270), tilt_min_deg=-60, tilt_max_deg=35)
     coordinates = om.Dewarper(sensor, screen).coordinates()
     rows, columns = np.array([5, 80, 150, 200, 260]), np.array([30, 200, 360, 500, 700])
@@ -331,13 +333,13 @@ DIAMETERS = {i: [f'  DIAM {radius} {flag} 0 0 1 ""'] for i, (radius, flag) in en
     ("fields", "widest_deg"),
     [
         ("FTYP 0 0 3 3 0 0 0\nXFLN 0 0 0\nYFLN 0 14 20", 20.0),
-        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, and as many as FTYP says
-        ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a paraxial image height of 3 mm, f = 11.6 mm
-        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a real one: the triplet has little distortion
+        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, with the count of FTYP
+        ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # paraxial image height of 3 mm, f = 11.6 mm
+        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # real image height: the triplet has little distortion
     ],
 )
 def test_the_field_of_a_file_is_its_field_with_and_without_diameters(fields, widest_deg, diameters, tmp_path):
-    """OpticStudio writes DIAM lines by default; they clip rays and leave the field as it is."""
+    """OpticStudio writes DIAM lines by default; they vignette rays and do not change the field."""
     text = own.zmx(per_surface=diameters)
     start, end = text.index("FTYP"), text.index("WAVM 1")
     (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
@@ -438,7 +440,7 @@ def test_a_catalogue_file_counts_more(tmp_path):
 
 
 def test_schotts_own_formula():
-    """n^2 = a0 + a1 l^2 + a2 l^-2 + .., coefficients of the old BK7 sheet."""
+    """n^2 = a0 + a1 l^2 + a2 l^-2 + ..., coefficients of the old BK7 data sheet."""
     a = (2.2718929, -1.0108077e-2, 1.0592509e-2, 2.0816965e-4, -7.6472538e-6, 4.9240991e-7)
     powers = (a[0], a[1], 2.0, a[2], -2.0, a[3], -4.0, a[4], -6.0, a[5], -8.0)
     assert Glass("BK7", "powers", powers).index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
@@ -457,12 +459,13 @@ def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvatur
         lens = SurfaceLens(4.0, 1e7, (curvature, -curvature), (thickness, 0.0), (1.5, 1.0), 1)
     except InvalidParameter:
         return
-    thick = 0.5 * curvature * (2 - 0.5 * thickness * curvature / 1.5)  # the lensmaker's equation
+    thick = 0.5 * curvature * (2 - 0.5 * thickness * curvature / 1.5)  # lensmaker's equation
     assert lens.focal_length_mm == pytest.approx(1 / thick, rel=1e-9)
 
 
 def test_clearances_of_rays_at_apertures():
-    """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at its curved face."""
+    """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at
+    its curved face."""
     lens = SurfaceLens(
         8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, clear_mm=(5.0, 0.0, 6.0)
     )

@@ -1,4 +1,4 @@
-"""A lens by its table: against the ordinary lens where it has no faults, and the lens that the table was made of."""
+"""Tabulated lens: against the ideal lens without aberrations, and against the lens of the table."""
 
 import re
 from dataclasses import replace
@@ -18,7 +18,8 @@ OMEGA = np.linspace(0, 130, 27)
 
 
 def faultless(sensor, pupil=0.0):
-    """The sensor with its lens as a table, and with a fixed entrance pupil as the ordinary lens."""
+    """Return the sensor with its lens as a table, and with a fixed entrance pupil as the ideal
+    lens."""
     lens = replace(sensor.lens, entrance_pupil_mm=pupil)
     height = lens.principal_distance * np.tan(np.radians(ANGLES))
     table = TabulatedLens(
@@ -48,7 +49,7 @@ def test_a_table_without_faults_is_the_ordinary_lens(pupil):
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """A lens by its surfaces, and by the table that its own numbers make."""
+    """A lens by its surfaces, and by a table of its own values."""
     path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
     path.write_text(own.zmx())
     lens = SurfaceLens.from_file(path, focus_distance_mm=212.0)
@@ -70,7 +71,8 @@ def test_its_chief_rays_are_those_of_the_lens_it_was_made_of(both):
 
 
 def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
-    """Defocus in mm behind the lens, found by moving the imager until thin bundles of real rays are sharp."""
+    """Defocus in mm behind the lens, found by moving the imager to the sharpest focus of narrow
+    real bundles."""
     surfaces, table = both
     lens = surfaces.lens
     t = np.tan(np.radians(ANGLES))
@@ -81,7 +83,7 @@ def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
     for tangent, z in zip(t, place, strict=True):
 
         def image(dx, dy, extra, tangent=tangent, z=z):
-            """Rays from one point in focus, by way of points next to the middle of the pupil."""
+            """Return images of rays from one point in focus through points near the pupil centre."""
             s0 = 212.0 - z
             towards = np.array([-(tangent * s0) + dx, dy, s0])
             start = np.array([tangent * s0, 0.0, -212.0])
@@ -98,7 +100,7 @@ def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
         field_curvature_t_mm=tuple(curvature[0]), field_curvature_s_mm=tuple(curvature[1]),
     )  # fmt: skip
     ours, theirs = (om.evaluate(s, OMEGA) for s in (replace(table, lens=bent), surfaces))
-    # but for pupils that grow with the angle, which the table does not tell
+    # except for a pupil size that increases with the angle, which the table does not contain
     grown = lens.field.at(np.tan(np.radians(theirs.theta_deg)))
     assert ours.blur_t_px * grown.width_t == pytest.approx(theirs.blur_t_px, abs=0.01, rel=2e-3)
     assert ours.blur_s_px * grown.width_s == pytest.approx(theirs.blur_s_px, abs=0.01, rel=2e-3)
@@ -125,7 +127,7 @@ def test_own_blur_and_illumination_are_in_the_floored_area_and_the_light():
 
 
 def test_best_focus_counts_the_own_blur():
-    """The least floored area, found by brute force."""
+    """Minimum area merit by exhaustive search."""
     _, table = faultless(om.load_sensor("paper-spherical"))
     own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
     sensor = replace(table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur))
@@ -219,10 +221,11 @@ def test_a_design_like_another_sensors_has_its_real_lens():
     assert found.mirror_distance_mm == pytest.approx(ideal.mirror_distance_mm, rel=1e-4)
 
 
-# -- a barrel ------------------------------------------------------------------------------------------------------
+# -- barrel vignetting
+# --------------------------------------------------------------------------------------------
 
 
-BARREL, AHEAD = 5.4, 12.0  # mm across, before the pupil
+BARREL, AHEAD = 5.4, 12.0  # diameter in mm, before the pupil
 SEEN = 31  # rows of the table, up to 15 deg
 
 
@@ -235,7 +238,8 @@ def barrelled(sensor, **more):
 
 
 def passing(lens, tangent, side=1201):
-    """Points (n, 2) of the pupil, in its radii, whose rays to a point in focus pass the barrel, and of how many."""
+    """Return pupil points (n, 2), in pupil radii, whose rays to a focused point pass the barrel,
+    and the total number."""
     u = np.linspace(-1, 1, side)
     disk = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
     disk = disk[np.hypot(*disk.T) <= 1]
@@ -263,7 +267,7 @@ def test_a_barrel_leaves_what_straight_rays_say():
     assert om.illumination(cut, angles).filled == pytest.approx(shares, abs=0.01)
     assert om.spots(cut, angles).filled == pytest.approx(shares, abs=0.04)  # of 469 rays
     assert shares[0] == 1.0
-    assert shares[-1] < 0.6  # it matters
+    assert shares[-1] < 0.6  # a significant effect
     narrow, wide = (om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item() for s in (cut, bare))
     out_of_focus = [om.evaluate(s, [130.0], focus_mm=190.0).blur_t_px[0] for s in (cut, bare)]
     assert narrow / wide == pytest.approx(out_of_focus[0] / out_of_focus[1], abs=0.02)
@@ -297,14 +301,16 @@ def test_barrels_that_cut_everything_off_are_refused(entries, sentence):
         barrelled(om.load_sensor("paper-spherical"), **entries)
 
 
-# -- a pane between lens and mirror ----------------------------------------------------------------------------------
+# -- window between lens and mirror
+# -------------------------------------------------------------------------------
 
 
 PANE, GLASS, AT = 6.0, 1.5168, 40.0  # mm, index, mm before the pupil
 
 
 def behind_pane(points, slopes):
-    """Where rays (n, 2) behind the pane come from in the plane of the pupil: by Snell's law, face by face."""
+    """Return origins in the pupil plane of rays (n, 2) behind the window, by Snell's law at both
+    faces."""
     u = np.hypot(*slopes.T)
     inside = np.tan(np.arcsin(np.sin(np.arctan(u)) / GLASS))
     way = slopes / np.where(u > 0, u, 1.0)[:, None]
@@ -314,7 +320,8 @@ def behind_pane(points, slopes):
 
 
 def off_the_ball(start, slopes, pupil_z, radius):
-    """Directions (n, 3) of rays reflected on a ball with its vertex at 0, z from the lens on."""
+    """Return directions (n, 3) of rays reflected by a ball with its vertex at 0, z from the lens
+    outwards."""
     p = np.column_stack([start, np.full(len(start), pupil_z)])
     d = np.column_stack([slopes, np.ones(len(slopes))])
     d /= np.linalg.norm(d, axis=1)[:, None]
@@ -352,7 +359,7 @@ def test_a_pane_before_the_lens_is_that_of_rays_through_its_faces():
 
 @pytest.mark.parametrize("given", [("short",), ("long",), ("short", "long"), ()])
 def test_heights_of_other_colours_are_those_of_the_table_at_three_lines(given):
-    """F, d and C; between them a parabola in 1/wavelength^2."""
+    """F, d and C; in between a parabola in 1/wavelength^2."""
     angles, heights = (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.1)
     shifts = {"short": (0.0, 0.004, 0.01, 0.03), "long": (0.0, -0.006, -0.02, -0.05)}
     lens = TabulatedLens(

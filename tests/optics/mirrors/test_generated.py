@@ -1,4 +1,4 @@
-"""Mirrors generated from mappings: through the evaluation they have the mapping that was asked for."""
+"""Prescribed-mapping mirrors: the evaluated mapping equals the prescribed one."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def sensor_of(mirror: Mapped) -> om.Sensor:
 
 
 def evaluated(mirror: Mapped, low: float = 1e-3) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
-    """Field angles (radians), image heights as shares of the rim's, and mirror points, from om.evaluate."""
+    """Return field angles (radians), relative image heights, and mirror points, from om.evaluate."""
     sensor = sensor_of(mirror)
     start, end = sensor.field_deg
     result = om.evaluate(sensor, np.linspace(start + low * (end - start), end, 200))
@@ -69,7 +69,7 @@ MAPPINGS = {
     UnitAspect: lambda o: np.tan(o / 2),
     Rectifying: np.tan,
 }
-"""Image heights, up to their scale, whatever the lens."""
+"""Image heights up to scale, for any lens."""
 
 
 @pytest.mark.parametrize("theta", [12.0, 35.0, 0.5, 0.0])
@@ -101,7 +101,7 @@ def test_mappings_of_the_viewing_angle(cls, viewing, theta):
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize(("omega_max", "H"), [(70.0, 60.0), (70.0, 600.0), (70.0, 1e6), (89.9, 800.0)])
 def test_a_ground_plane_is_drawn_to_scale(omega_max, H, theta):
-    """Where the chief rays really meet the plane: its radius is proportional to the image height."""
+    """True intersections of the chief rays with the plane: radii are proportional to image heights."""
     omega, tau, x, z = evaluated(GroundPlane(omega_max, theta, M, plane_distance_mm=H))
     radius = x + (z + H) * np.tan(omega)
     np.testing.assert_allclose(radius / radius[-1], tau, rtol=1e-9)
@@ -132,7 +132,8 @@ def test_a_cylinder_is_drawn_to_scale(low, high, R, theta):
     ids=["ground plane", "far ground plane", "cylinder"],
 )
 def test_much_field_in_little_of_the_image_takes_few_terms(mirror, most):
-    """A design tries hundreds of mirrors: 513 terms, and the equations of 512 nodes, took a minute."""
+    """A design evaluates hundreds of mirrors: 513 terms, and the equations of 512 nodes, took 1
+    minute."""
     size = np.abs(mirror._solution.series.coef)
     assert len(size) <= most
     assert size[-4:].max() <= 1e-15 * size.max()
@@ -140,7 +141,7 @@ def test_much_field_in_little_of_the_image_takes_few_terms(mirror, most):
 
 @pytest.mark.parametrize("H", [60.0, 600.0])
 def test_points_of_the_plane_land_where_the_plan_says(H):
-    """Forward projection by the true reflection of each point, which knows nothing of mappings."""
+    """Forward projection by the true reflection of each point, independent of mappings."""
     mirror = GroundPlane(70.0, 12.0, M, plane_distance_mm=H)
     sensor = sensor_of(mirror)
     rim_z = float(mirror.sag(M))
@@ -171,7 +172,7 @@ def test_under_an_orthographic_lens_they_are_the_conics_that_are_known():
     ):
         for ours, theirs in zip(mirror.profile(x), conic.profile(x), strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
-    k = np.radians(135) / M  # Eq. 22 with its sign put right
+    k = np.radians(135) / M  # Eq. 22 with the corrected sign
     np.testing.assert_allclose(Equidistant(135.0, 0.0, M).sag(x), -2 / k * np.log(np.cos(k * x / 2)), rtol=1e-12)
     flat = np.tan(np.radians(75)) / M  # by quadrature of the law of reflection
     nodes, weights = np.polynomial.legendre.leggauss(60)
@@ -189,7 +190,7 @@ def test_the_finite_rows_tend_to_the_distant_ones():
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize("cls", [Equidistant, Equiangular, Equiareal])
 def test_a_field_that_begins_past_the_camera_takes_a_pointed_mirror(cls, theta):
-    """From 30 deg, which the camera hides: the mapping spreads the rest over the whole image."""
+    """From 30 deg, obscured by the camera: the mapping distributes the rest over the whole image."""
     mirror = cls(135.0, theta, M, omega_min_deg=30.0)
     omega, tau, _, _ = evaluated(mirror)
     low = np.radians(30)
@@ -221,7 +222,7 @@ def test_any_field_and_viewing_angle_that_can_be_had_are_met(omega, theta, cls):
     np.testing.assert_allclose(found, rays.omega, rtol=1e-10)
 
 
-# -- one's own mapping -----------------------------------------------------------------------------
+# -- user-defined mapping --------------------------------------------------------------------------
 
 
 def test_a_function_becomes_a_mirror_with_its_mapping():
@@ -284,7 +285,7 @@ def test_a_function_that_is_no_mapping_is_refused():
         TabulatedMapping.from_function(lambda o: np.where(o > 1, np.nan, o), 120.0, 12.0, M)
 
 
-# -- what cannot be had ----------------------------------------------------------------------------
+# -- infeasible mappings ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -304,7 +305,8 @@ def test_what_cannot_be_had_is_refused_with_advice(make, message):
 
 @pytest.mark.parametrize("mirror", [Equidistant(120.0, 12.0, 44.0), Equiareal(120.0, 12.0, 44.0)])
 def test_a_profile_asks_for_the_course_of_a_smooth_mirror_once(mirror):
-    """A table says nearly where, and derivatives the rest, to rounding: the mapping itself is the truth."""
+    """A table yields an initial value, derivatives refine it to rounding: the reference is the
+    mapping itself."""
     asked = []
     smooth = mirror._meridian
     counted = PerspectiveMeridian(

@@ -1,4 +1,4 @@
-"""The camera file: what is written reads back; what is wrong is one sentence with its line."""
+"""Camera files: round trip, and one-sentence errors with line numbers."""
 
 import tomllib
 from contextlib import suppress
@@ -68,7 +68,7 @@ def test_it_says_what_people_write():
     )  # fmt: skip
     assert camera.uncertainty.sigmas == {"xi": pytest.approx(1e-3), "cx": pytest.approx(0.2)}
     table = tomllib.loads(format_camera(camera))["camera"]
-    assert "k2" not in table  # what is 0 unless given
+    assert "k2" not in table  # defaults to 0
     assert table["kind"] == "unified"
 
 
@@ -112,7 +112,7 @@ def test_any_text_is_read_or_refused(text):
 
 
 def test_whatever_holds_a_camera_is_read(tmp_path):
-    """By its content: a sensor's name and file, OCamCalib's."""
+    """By content: a sensor name, a sensor file, an OCamCalib file."""
     sensor = om.load_sensor("paper-spherical")
     assert om.load_camera("paper-spherical") == sensor
     om.save_camera(sensor, tmp_path / "sensor.toml")

@@ -1,4 +1,4 @@
-"""The sensor file: what it holds comes back, and what is wrong in it is named with its place."""
+"""Sensor files: round trip, and errors with their positions."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_a_profile_beside_the_sensor_file_is_followed(tmp_path):
     sensor, sphere = load_sensor(tmp_path / "s.toml"), parse_sensor(GOOD)
     angles = np.linspace(0, 130, 14)
     np.testing.assert_allclose(om.evaluate(sensor, angles).h_px, om.evaluate(sphere, angles).h_px, rtol=1e-7)
-    assert parse_sensor(format_sensor(sensor)) == sensor  # the points go along
+    assert parse_sensor(format_sensor(sensor)) == sensor  # including the points
 
 
 def test_the_template_of_init_is_a_working_sensor():

@@ -1,6 +1,7 @@
-"""Tubes and domes in chief rays, images and projection: against rays traced here, with nothing of the product's.
+"""Tubes and domes in chief rays, images and projection, against an independent tracer.
 
-Surfaces are implicit functions here: a ray meets one where that changes sign, its normal is a difference quotient.
+Surfaces are implicit functions here: a ray intersects one at a sign change, and the normal is a
+difference quotient.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ COVERS = {
     "high dome": (SPH, Dome(310.0, 5.0, centre_mm=-40.0)),
     "telecentric dome": (TELECENTRIC, Dome(130.0, 3.0, centre_mm=-20.0, medium_index=1.2)),
 }
-NARROW = replace(SPH, mirror=replace(SPH.mirror, rim_radius_mm=28.0))  # sees to 81 deg
+NARROW = replace(SPH, mirror=replace(SPH.mirror, rim_radius_mm=28.0))  # field to 81 deg
 COVERS |= {
     "window": (NARROW, FlatWindow(wall_mm=6.0, material="bk7")),
     "window to water": (NARROW, FlatWindow(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0)),
@@ -73,7 +74,8 @@ def test_points_before_a_cover_or_beside_a_ray_are_not_on_it(name):
         assert meridian.cover.leads_to(rays, *at).tolist() == [is_on] * len(x), (further, aside)
 
 
-# -- the truth, in the camera frame -----------------------------------------------------------------------
+# -- reference, in the camera frame
+# -----------------------------------------------------------------------
 
 
 def turning(x_deg, y_deg):
@@ -84,7 +86,8 @@ def turning(x_deg, y_deg):
 
 
 def surfaces(sensor):
-    """The mirror and both sides of the cover as functions of a place, each with the index behind it."""
+    """Return the mirror and both sides of the cover as functions of a point, each with the index
+    behind it."""
     pose, shell = sensor.mirror_pose, sensor.obstructions.housing.shell
     turn = turning(pose.tilt_x_deg, pose.tilt_y_deg)
     moved = np.array([pose.decentre_x_mm, pose.decentre_y_mm, pose.displacement_mm])
@@ -118,7 +121,7 @@ def surfaces(sensor):
 
 
 def meet(surface, start, way, first, last):
-    """The first place on a ray where a function changes sign from negative."""
+    """Return the first point of a ray at which a function changes sign from negative."""
     steps = np.linspace(first, last, 801)
     i = next(i for i, s in enumerate(steps) if surface(start + s * way) > 0)
     assert i > 0
@@ -128,7 +131,7 @@ def meet(surface, start, way, first, last):
 
 
 def traced(sensor, start, way):
-    """Where a ray from the lens leaves the cover, and whereto."""
+    """Return the exit point and direction of a ray from the lens behind the cover."""
     mirror, *walls = surfaces(sensor)
     place, normal = meet(mirror, start, way, 1e-3, 3 * np.linalg.norm(start) + 50)
     way = way - 2 * (way @ normal) * normal
@@ -174,7 +177,7 @@ def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 @pytest.mark.parametrize("name", few(["tilted tube", "decentred dome", "mirror out of place"], "tilted tube"))
 def test_one_ray_besides_compiled_ones_finds_where_a_target_is_seen(monkeypatch: pytest.MonkeyPatch, name):
-    """It proves what a kernel has found that looks the mirror up in a table."""
+    """It verifies the result of a kernel that interpolates the mirror in a table."""
     sensor, traced = covered(name), []
     pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
     rays = sensor.backproject(pixels)
@@ -195,7 +198,7 @@ STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
 
 @pytest.mark.parametrize("name", STARTS)
 def test_rays_start_where_those_from_their_images_do(name):
-    """Sought from outside, and traced from inside."""
+    """Solved from outside, and traced from inside."""
     train = STARTS[name].optical_train
     towards = np.random.default_rng(9).normal(size=(900, 3))
     image, start = train.image_and_start_of(Ends.of(towards, distant=True))
@@ -217,7 +220,7 @@ SEARCHED = {name: covered(name) for name in (*MISALIGNED, "dome of two centres",
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 @pytest.mark.parametrize("name", SEARCHED)
 def test_kernels_and_numpy_find_the_same(monkeypatch: pytest.MonkeyPatch, name):
-    """Near targets and far ones, all around; where a kernel does not come to an end neither does NumPy."""
+    """Near and far targets all around; if a kernel does not converge, NumPy does not either."""
     towards = np.random.default_rng(6).normal(size=(1500, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     near = towards * np.random.default_rng(7).uniform(400, 4000, (1500, 1))
@@ -238,7 +241,7 @@ def test_kernels_and_numpy_find_the_same(monkeypatch: pytest.MonkeyPatch, name):
 
 @pytest.mark.parametrize("name", [name for name in SEARCHED if "pointed" in name])
 def test_what_the_tip_of_a_mirror_shows_is_found(name):
-    """Rays from pixels about the tip lead to directions that are seen there."""
+    """Rays from pixels near the tip lead to directions that are observed there."""
     sensor = SEARCHED[name]
     about = np.random.default_rng(8).normal(size=(400, 2))
     pixels = sensor.imager.centre + 30 * about / np.linalg.norm(about, axis=1)[:, None]
@@ -257,7 +260,8 @@ def test_what_the_tip_of_a_mirror_shows_is_found(name):
     ),
 )
 def test_images_are_where_rays_of_one_object_cross_before_the_lens(name, distance):
-    """Rays aimed from either side of the pupil, by the truth, at one object; tangential, then sagittal."""
+    """Rays from both sides of the pupil, aimed by the reference tracer at one object; tangential,
+    then sagittal."""
     sensor = covered(name)
     h = 260.0 if "window" in name else 330.0
     table = om.evaluate(sensor, h_px=[h], object_distance_mm=distance)
@@ -293,7 +297,7 @@ def test_a_wall_of_air_changes_nothing(shell):
         a, b = (om.evaluate(s, object_distance_mm=distance).columns() for s in (bare, clear))
         for column in a:
             np.testing.assert_allclose(b[column], a[column], rtol=1e-9, atol=1e-9, err_msg=column)
-    # the base of the dome, a disc of 127 mm at the lens, hides field angles below 40 deg
+    # the base of the dome, a disc of 127 mm at the lens, obscures field angles below 40 deg
     a, b = (om.spots(s, [45.0, 90.0], object_distance_mm=500.0) for s in (bare, clear))
     np.testing.assert_allclose(b.t_px, a.t_px, atol=1e-8)
     np.testing.assert_allclose(b.weights, a.weights, rtol=1e-4)
@@ -354,7 +358,9 @@ def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
     with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"):
         om.evaluate(covered("tilted tube"))
-    kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of its radius off, times 2.4
+    kept_in = Dome(
+        1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0
+    )  # offset of 240/520 of its radius, times 2.4
     with pytest.raises(SelfObstruction, match="keeps in rays from x = "):
         om.evaluate(replace(SPH, housing=Housing(shell=kept_in)))
 
@@ -401,7 +407,8 @@ def test_materials_have_the_indices_that_were_published(name):
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 @pytest.mark.parametrize("name", COVERS)
 def test_compiled_walls_are_numpys(name):
-    """From inside and from outside, along the axis, from the wrong side: to the last digits, and as many get out."""
+    """From inside and outside, along the axis, from the wrong side: to the last digits, with equal
+    validity."""
     shell, rng = covered(name).obstructions.housing.shell, np.random.default_rng(5)
     reach = 70.0 if "window" in name else 1.2 * shell.radii_mm[0]
     points, directions = rng.uniform(-reach, reach, (3000, 3)), rng.normal(size=(3000, 3))

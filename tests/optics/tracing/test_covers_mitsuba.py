@@ -1,4 +1,5 @@
-"""Covered sensors against Mitsuba 3: its shapes, its dielectrics, whose transmitted rays are followed one by one."""
+"""Covered sensors against Mitsuba 3: its shapes and dielectrics, with transmitted rays traced
+individually."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def shape(shell, radius, centre_mm, inside, outside):
 def let_through(mi, scene, origin, direction):  # noqa: F811
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction)))
     assert hit.is_valid()
-    sample, _ = hit.bsdf().sample(mi.BSDFContext(), hit, 1.0, mi.Point2f(0.5, 0.5))  # 1: what is not reflected
+    sample, _ = hit.bsdf().sample(mi.BSDFContext(), hit, 1.0, mi.Point2f(0.5, 0.5))  # 1: transmitted
     assert mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
     return np.array(hit.p, dtype=float), np.array(hit.to_world(sample.wo), dtype=float)
 

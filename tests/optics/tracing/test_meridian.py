@@ -1,4 +1,4 @@
-"""Chief rays and their inversions against numbers computed elsewhere and against the law of reflection."""
+"""Chief rays and their inversions against independent numbers and the law of reflection."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ SPH = Meridian(Sphere(1.138, 43.905 / 43.9), 4.110)
 EDI = Meridian(EvenPolynomial((0.6409, 0.1550, -0.01), 1.0), 3.919)
 SVP = Meridian(Hyperboloid(0.7407, 1.698, 1.0), 1.698 + np.hypot(0.7407, 1.698))
 
-# computed in 40 digits, independently of this program: mirror point and image height of the point (5, 0)
+# computed in 40 digits, independent of this program: mirror point and image height of the point (5,
+# 0)
 POINTS = [
     (SPH, 0.711503080814949, 383.88447949752),
     (EDI, 0.563824390300682, 320.50888807627),
@@ -48,7 +49,7 @@ def test_the_law_of_reflection_holds_in_vectors(kind):
 @pytest.mark.parametrize("omega_deg", [0.0, 90.0, 104.0, 120.0, 125.0, 135.0])
 @pytest.mark.parametrize("meridian", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
 def test_angles_past_90_that_other_tracers_get_wrong(meridian, omega_deg):
-    """The ray that leaves the mirror point found really has that angle, and starts on the front."""
+    """The ray that leaves the mirror point has that angle, and starts on the front."""
     rays = meridian.trace(meridian.x_from_omega(np.radians([omega_deg])))
     assert np.degrees(rays.omega[0]) == pytest.approx(omega_deg, abs=1e-12)
     assert np.cos(rays.gamma[0]) > 0
@@ -62,7 +63,7 @@ def test_inversions_return_to_the_mirror_point(kind, fraction):
     meridian, x = Meridian(mirror, m), np.array([fraction * mirror.rim_radius_mm])
     rays = meridian.trace(x)
     scale = 1e-13 * mirror.rim_radius_mm
-    if kind != "cone" or fraction > 0.01:  # next to the point of a cone dOmega/dx vanishes from one side
+    if kind != "cone" or fraction > 0.01:  # near the tip of a cone dOmega/dx vanishes from one side
         assert meridian.x_from_omega(rays.omega)[0] == pytest.approx(x[0], abs=20 * scale)
     assert meridian.x_from_tan_theta(x / rays.w)[0] == pytest.approx(x[0], abs=20 * scale)
 
@@ -110,12 +111,12 @@ def test_cone_viewpoints_lie_on_the_ring_of_virtual_pinholes():
     lens, along = np.array([0.0, -m]), np.array([np.cos(beta), np.sin(beta)])
     ring = 2 * (lens @ along) * along - lens
     np.testing.assert_allclose(ring, [-m * np.sin(2 * beta), m * np.cos(2 * beta)], atol=1e-12)
-    # every ray, prolonged backwards, goes through that image of the lens
+    # every ray, extended backwards, passes through that image of the lens
     back = np.stack([rays.x - ring[0], rays.z - ring[1]])
     np.testing.assert_allclose(np.arctan2(back[0], -back[1]), rays.omega, atol=1e-12)
 
 
-# -- errors that name what is wrong ----------------------------------------------------------------
+# -- error messages --------------------------------------------------------------------------------
 
 
 def test_outside_the_field_names_the_angle_and_the_field():

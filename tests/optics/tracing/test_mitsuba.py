@@ -1,7 +1,8 @@
-"""Against Mitsuba 3: its ray interface, on meshes of the mirrors with smooth normals and on its own sphere.
+"""Ray interface of Mitsuba 3, with meshes of the mirrors with smooth normals and its own sphere.
 
-A mesh made from our own sag proves the tracer only; sag and slope have their own test. The lens rays are
-built here from the imager's numbers alone.
+A mesh from the product's sag verifies the tracer only; sag and slope have separate tests. The lens
+rays are built here
+from the parameters of the imager only.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ def mi():
 
 
 def meshed(mi, sensor, rings, spokes):
-    """The mirror as triangles with normals at their corners, where it sits in the camera frame."""
+    """Return the mirror as triangles with vertex normals, at its pose in the camera frame."""
     mirror, pose = sensor.mirror, sensor.mirror_pose
-    spaced = np.linspace if not mirror.is_pointed else np.geomspace  # towards a point the normals turn ever faster
+    spaced = np.linspace if not mirror.is_pointed else np.geomspace  # normals vary faster towards a tip
     r = spaced(mirror.rim_radius_mm / 5000, mirror.rim_radius_mm, rings)
     r, phi = np.meshgrid(r, 2 * np.pi * np.arange(spokes) / spokes, indexing="ij")
     sag, slope, _ = mirror.profile(r)
@@ -53,7 +54,8 @@ def meshed(mi, sensor, rings, spokes):
 
 
 def lens_rays(sensor, pixels):
-    """Chief rays of pixels in the camera frame: through the principal point, or parallel to the axis."""
+    """Return chief rays of pixels in the camera frame: through the principal point, or parallel to
+    the axis."""
     image = (pixels - 511.5) * 5.2e-3
     if sensor.lens.TELECENTRIC:
         across = image / sensor.lens.magnification
@@ -64,7 +66,8 @@ def lens_rays(sensor, pixels):
 
 
 def reflected(mi, scene, origins, directions):
-    """Where Mitsuba's shading normals send the rays; NaN where it hits nothing, or the back."""
+    """Return ray directions after reflection by Mitsuba's shading normals; NaN without a hit, or
+    for the back."""
     out = np.full(origins.shape, np.nan)
     for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
         hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*o), mi.Vector3f(*d)))
@@ -81,15 +84,15 @@ PIXELS = "pixels of these directions"
 
 
 def pixels_within(sensor, count):
-    """Pixels all over the image of the mirror, the outermost of the rim left out."""
-    pixels = np.random.default_rng(9).uniform(0, 1023, (12 * count, 2))  # whole ones would hit cracks at 45 deg
+    """Return pixels over the whole mirror image except those near the rim."""
+    pixels = np.random.default_rng(9).uniform(0, 1023, (12 * count, 2))  # integer pixels would hit cracks at 45 deg
     around = np.concatenate([pixels + 1.5 * np.array([np.cos(a), np.sin(a)]) for a in np.arange(0, 6.28, 0.7)])
     inside = sensor.backproject(around).valid.reshape(-1, len(pixels)).all(axis=0)
     return pixels[inside][:count]
 
 
 def differences(mi, sensor, scene, count):
-    """Largest and root-mean-square angle (deg) between both, and the largest difference in the picture (px)."""
+    """Return the largest and RMS angle (deg) between both, and the largest image difference (px)."""
     pixels = pixels_within(sensor, count)
     theirs = reflected(mi, scene, *lens_rays(sensor, pixels)) @ sensor.mount.rotation().T
     assert np.isfinite(theirs).all()
@@ -101,7 +104,7 @@ def differences(mi, sensor, scene, count):
 
 
 def spherical(mi, sensor):
-    """Mitsuba's own sphere in place of ours."""
+    """Return a scene with Mitsuba's own sphere as mirror."""
     A = sensor.mirror.radius_mm
     centre = sensor.mirror_pose.to_camera([[0.0, 0.0, A]])[0]
     return mi.load_dict({"type": "scene", "ball": {"type": "sphere", "radius": A, "center": centre.tolist()}})
@@ -132,7 +135,8 @@ def test_on_a_fine_mesh(mi, kind, pose, beside):
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_every_mirror_on_meshes_that_grow_finer(mi, kind, pose, beside):
-    """The difference is that of the mesh: it falls with the square of its step until single precision is left."""
+    """The difference is due to the mesh: it decreases with the squared step down to single
+    precision."""
     sensor = replace(sensor_of(kind), mirror_pose=pose)
     found = [differences(mi, sensor, meshed(mi, sensor, n, 2 * n), 4000) for n in (175, 350, 700)]
     coarse, middle, fine = (rms for _, rms, _ in found)

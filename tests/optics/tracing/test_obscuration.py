@@ -1,4 +1,4 @@
-"""What a housing hides: the rings and pixels that it says, against rays that are marched through the parts."""
+"""Obscurations of a housing: reported rings and pixels against rays marched through the parts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ RIM = SPH.mirror.radius_mm - np.sqrt(SPH.mirror.radius_mm**2 - M**2)
 EDGE_DEG = 0.005
 STEPS = np.linspace(0.0, 1.0, 20_001)[1:]
 
-# each housing, and its solids written out by hand: discs (height, from and to which radius), rods (heights, radii)
+# each housing with its solids written explicitly: discs (height, inner and outer radius), rods
+# (heights, radii)
 BACK = RIM + 5.0
 HOUSINGS = {
     "camera": (Housing(CameraBody(60.0, height_mm=4.0)), [("camera", LENS + 4.0, 0.0, 30.0)], []),
@@ -51,12 +52,12 @@ HOUSINGS = {
 
 
 def walked(start, towards, length):
-    """Points (k, 3) along a ray, closer than 0.05 mm."""
+    """Return points (k, 3) along a ray with a spacing below 0.05 mm."""
     return start + length * STEPS[:, None] * towards / np.linalg.norm(towards)
 
 
 def crosses(leg, height, inner, outer):
-    """Whether points (k, 3) along a ray pass a height between two radii."""
+    """Check if points (k, 3) along a ray pass a height between two radii."""
     z, r = leg[:, 2], np.hypot(leg[:, 0], leg[:, 1])
     (at,) = np.nonzero(np.diff(np.sign(z - height)))
     places = r[at] + (height - z[at]) / (z[at + 1] - z[at]) * (r[at + 1] - r[at])
@@ -64,7 +65,7 @@ def crosses(leg, height, inner, outer):
 
 
 def met(discs, rods, point, out, lens):
-    """Names of what a ray meets between mirror point and lens, or on its way out: by its points, and between two."""
+    """Return the names of obstructions between mirror point and lens, or along the exit ray."""
     legs = walked(point, out, 900.0), walked(point, lens - point, np.linalg.norm(lens - point))
     found = {name for name, height, inner, outer in discs if crosses(legs[0], height, inner, outer)}
     for name, foot, top, low, high in rods:
@@ -77,11 +78,11 @@ def met(discs, rods, point, out, lens):
 
 
 def marched(sensor, discs, rods, omega_deg):
-    """What hides a field angle of the sensor."""
+    """Return the obstructions of a field angle of the sensor."""
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
     point = np.array([rays.x[0], 0.0, rays.z[0]])
     slope = np.arctan(sensor.mirror.slope(rays.x[0]))
-    inside = 2 * slope + np.arctan2(rays.x[0], rays.z[0] - LENS)  # what is hidden never comes to a dome's wall
+    inside = 2 * slope + np.arctan2(rays.x[0], rays.z[0] - LENS)  # obscured rays do not reach the wall of a dome
     out = np.array([np.sin(inside), 0.0, -np.cos(inside)])
     return met(discs, rods, point, out, np.array([0.0, 0.0, LENS]))
 
@@ -122,7 +123,7 @@ def test_the_pixels_of_an_aligned_sensor_are_those_of_the_rings(name):
 
 
 AWAY = MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6)
-INTO_ROD = replace(AWAY, displacement_mm=-0.7)  # whose end the middle of the mirror then stands in
+INTO_ROD = replace(AWAY, displacement_mm=-0.7)  # whose end then contains the mirror vertex
 
 
 @pytest.mark.parametrize(
@@ -174,7 +175,7 @@ def test_a_camera_that_hides_all_leaves_nothing_clear():
 
 
 def test_a_mirror_that_is_only_displaced_keeps_its_housing_where_it_is():
-    """The camera hides of it what it hides of one that stands so much farther."""
+    """The camera obscuration equals that of a mirror at a correspondingly larger distance."""
     housing = Housing(CameraBody(60.0))
     moved = replace(SPH, housing=housing, mirror_pose=MirrorPose(displacement_mm=2.0))
     farther = replace(SPH, housing=housing, mirror_distance_mm=SPH.mirror_distance_mm + 2.0)
@@ -205,7 +206,8 @@ def test_two_mirrors_hide_the_middle_and_have_a_tube_at_most():
 
 @pytest.mark.parametrize(("width", "setback"), [(5.0, 3.0), (5.0, 0.5), (12.0, 6.0)])
 def test_the_rings_that_a_flange_hides_begin_at_rays_to_its_outer_edge(width, setback):
-    """Rays from the lens, off the sphere by its centre, to the plane of the flange; the first that clears it."""
+    """Rays from the lens, reflected on the sphere by its centre, to the flange plane; the first
+    that clears it."""
     sensor = replace(SPH, housing=Housing(rim=Rim(width, setback)))
     radius, plane = SPH.mirror.radius_mm, RIM + setback
 

@@ -1,4 +1,5 @@
-"""Reflection points from where compiled kernels begin, against those from a guess, and Alhazen's problem on a ball."""
+"""Reflection points from the initial values of compiled kernels against those from a guess, and
+Alhazen's problem."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compil
 
 
 def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[Ends, Ends]:
-    """A lens beside the axis, and what is all around, some of it where the mirror shows nothing."""
+    """Return a lens off the axis, and targets all around, some of them outside the field."""
     mirror, m = MIRRORS[kind]
     towards = np.random.default_rng(3).normal(size=(COUNT, 3))
     targets = towards if distant else 4 * mirror.rim_radius_mm * towards
@@ -44,7 +45,8 @@ def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monke
 
 
 def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
-    """From far away along the axis, a direction of any angle is seen half of it off the axis."""
+    """From far away along the axis, a direction at any angle is observed at half of it from the
+    axis."""
     towards = np.random.default_rng(5).normal(size=(COUNT, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))
@@ -56,7 +58,7 @@ def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
 
 @compiled
 def test_the_surface_is_looked_at_half_as_often(monkeypatch):
-    """What is counted is work: points of the exact surface over all steps."""
+    """The measure is work: points of the exact surface over all steps."""
     looked_at = []
 
     class Counted(Surface):

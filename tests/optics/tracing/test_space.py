@@ -1,4 +1,4 @@
-"""Rays in space against the meridian, against high precision, and against surfaces built to mislead."""
+"""Rays in space against the meridian, high precision, and difficult surfaces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from tests.everyday import few
 
 
 def chief_rays(mirror, m, count=2000):
-    """Mirror points and directions of the meridian code, spread over all azimuths; eyes and directions towards them."""
+    """Return mirror points and directions of the meridian code over all azimuths, with eyes and ray
+    directions."""
     rng = np.random.default_rng(4)
     x = mirror.rim_radius_mm * np.sqrt(rng.uniform(1e-4, 1, count))
     x[0] = mirror.rim_radius_mm
@@ -47,7 +48,7 @@ def test_rays_in_space_are_those_of_the_meridian(kind, lens):
 
 @pytest.mark.parametrize("kind", ["sphere", "hyperboloid", "paraboloid", "ellipsoid"])
 def test_iteration_and_quadratic_agree(kind, monkeypatch):
-    """The same conic, once known as such and once as a surface like any other, hit from anywhere."""
+    """The same conic, once as a quadric and once as a general surface, from arbitrary points."""
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 4000)
     known = space.intersect(mirror, origins, directions)
@@ -69,7 +70,8 @@ def rays_from_anywhere(mirror, count, seed=5):
 
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "conic-asphere", "equidistant", "sampled"))
 def test_the_hit_is_the_first_and_from_the_front(kind):
-    """Marching along each ray in steps of a hundredth of the rim finds no earlier crossing, and no missed one."""
+    """Marching along each ray in steps of 0.01 rim radii finds no earlier and no missed
+    intersection."""
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 300)
     hits = space.intersect(mirror, origins, directions)
@@ -83,13 +85,14 @@ def test_the_hit_is_the_first_and_from_the_front(kind):
         if crossings.size and height[crossings[0]] < 0:
             first = steps[crossings[0]]
             assert first <= t <= first + M / 100
-        elif valid:  # only the rim itself can be stepped over
+        elif valid:  # only the rim itself can be missed
             assert np.hypot(*(o + t * d)[:2]) > mirror.rim_radius_mm - M / 100
 
 
 @pytest.mark.parametrize(("coefficients", "start"), [((2.0, -4.2, 2.6), -1.0), ((-2.0, 3.0), -10.0)])
 def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
-    """Rings that rise and fall, or fall and rise: Newton's tangent would pass the first crossing, the parabola not."""
+    """Rings with rising and falling slope: Newton's tangent would miss the first intersection, the
+    parabola does not."""
     ring = EvenPolynomial(coefficients, 10.0, 10.0)
     assert space.hollowness(ring) > 0
     rng = np.random.default_rng(6)
@@ -106,7 +109,7 @@ def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
     assert (hits.valid == (came_over_the_front & np.isfinite(first))).all()
     np.testing.assert_allclose(hits.distance[hits.valid], first[hits.valid], atol=2e-4)
     again = space.trace(ring, origins, aim - origins)
-    assert (~again.valid & hits.valid).any()  # some are sent against the ring's other side
+    assert (~again.valid & hits.valid).any()  # some end on the other side of the ring
     assert not (again.valid & ~hits.valid).any()
 
 
@@ -136,7 +139,8 @@ def test_what_misses_is_not_valid_and_nan():
     kind=st.sampled_from(["sphere", "hyperboloid", "conic-asphere", "even-polynomial"]),
 )  # fmt: skip
 def test_a_tilted_and_decentred_reflection_in_30_digits(x, y, tip, side, kind):
-    """The hit solved by mpmath's root finder from the textbook sag, the normal by its numerical derivative."""
+    """Intersection by mpmath's root finder from the textbook sag, normal by its numerical
+    derivative."""
     mirror, m = MIRRORS[kind]
     o, d = [mp.mpf(v) for v in (3.0, -2.0, -m)], [mp.mpf(v) for v in (x - 3.0, y + 2.0, m)]
     pose = MirrorPose(tilt_x_deg=tip, tilt_y_deg=side)
@@ -204,7 +208,7 @@ def test_more_rays_than_a_chunk_are_traced_like_one_by_one():
     "mirror", [Sphere(50.0, 44.0), ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0), Cone(50.0, 44.0)]
 )
 def test_the_distance_is_in_units_of_the_direction(mirror, distance):
-    """Parallel to the axis the hit is the sag, whatever the height of the start and the length of the direction."""
+    """For rays parallel to the axis, the hit is the sag, for any start height and direction length."""
     x = np.array([-43.9, -10.0, 5.0, 30.0])
     origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
     for length in (1.0, 2.0):
@@ -214,7 +218,8 @@ def test_the_distance_is_in_units_of_the_direction(mirror, distance):
 
 
 def test_hollowness_is_a_half_more_than_the_hollowest_curvature():
-    """z = 0.02 r^2 (3 - r^2 / 200) bends by z''= 0.12 - 0.0012 r^2 along and z'/r = 0.12 - 0.0004 r^2 around."""
+    """z = 0.02 r^2 (3 - r^2 / 200) has the curvatures z''= 0.12 - 0.0012 r^2 along and z'/r = 0.12
+    - 0.0004 r^2 around."""
     bowl = EvenPolynomial((0.6, -0.1), 20.0, 10.0)
     assert space.hollowness(bowl) == pytest.approx(1.5 * (12 * 0.1 * 20.0**2 / 10.0**3 - 2 * 0.6 / 10.0), rel=1e-12)
     assert space.hollowness(EvenPolynomial((0.6, -0.1), 9.0, 10.0)) == 0.0

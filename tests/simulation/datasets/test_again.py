@@ -1,4 +1,4 @@
-"""Sets that go on after their process was killed, and sets made again from what they say of themselves."""
+"""Datasets resumed after their process was killed, and datasets regenerated from their manifest."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ write(sys.argv[1], sys.argv[2], stand_still)
 
 
 def write(kind, folder, after=lambda done: None):
-    """A set of five pictures."""
+    """Write a dataset of five images."""
     sensor = small(64)
     if kind == "calibration":
         pictures = write_calibration_set(
@@ -76,7 +76,7 @@ def write(kind, folder, after=lambda done: None):
 
 
 def until(true, what):
-    """Wait for a state; the limit only ends a run that hangs."""
+    """Wait for a state; the limit only ends a hanging run."""
     end = time.monotonic() + 120
     while not true():
         assert time.monotonic() < end, f"waited in vain until {what}"
@@ -99,7 +99,8 @@ def place(tmp_path_factory):
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["calibration", "video"])
 def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
-    """What was done before SIGKILL is not made again, and all files are those of a run that was not disturbed."""
+    """Completed items are not regenerated after SIGKILL, and all files equal those of an
+    undisturbed run."""
     if kind == "video":
         pytest.importorskip("av")
     killed, whole = tmp_path / "killed", tmp_path / "whole"
@@ -166,13 +167,14 @@ def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
     assert not (tmp_path / "set").exists()
 
 
-# -- again -------------------------------------------------------------------------------------------
+# -- regeneration
+# ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shell", [None, Tube(140.0), Dome(inner_shift_mm=0.5)])
 @pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
 def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
-    """For every argument of the writers, what is read is what was given."""
+    """Round trip of every argument of the writers."""
     asked = VideoRecipe(
         sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
         radiometry=Radiometry(reflectivity=reflectivity),
@@ -189,7 +191,7 @@ def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
 
 
 def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
-    """Sets of format 2 held the housing beside the sensor, as 'hardware' and 'shell'."""
+    """Datasets of format 2 stored the housing outside the sensor, as 'hardware' and 'shell'."""
     recipe = record_of_recipe(CalibrationRecipe(sensor=small())) | {"hardware": {"rod_radius_mm": 4.0}, "shell": None}
     (tmp_path / "dataset.json").write_text(json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe}))
     said = fails("simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other")
@@ -261,7 +263,8 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
 
 @pytest.mark.full
 def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
-    """The picture is traced through the wall, and its corners by the wall's solution: OpenCV finds one in the other."""
+    """The image is traced through the wall, and corners use the solution of the wall: OpenCV
+    detects them there."""
     import cv2
 
     sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))

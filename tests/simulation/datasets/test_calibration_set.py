@@ -1,4 +1,4 @@
-"""Calibration sets: what they say of the corners is what is in the pictures."""
+"""Calibration datasets: stated corners equal those in the images."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_it_is_complete_and_readable(written):
 
 
 def test_corners_are_where_opencv_finds_them_in_the_picture(written):
-    """Sub-pixel saddle points of the picture, searched from 1 px beside the true place."""
+    """Subpixel saddle points of the image, searched from 1 px off the true position."""
     folder, _, data = written
     for view in data["views"]:
         grey = cv2.cvtColor(om.read_image(folder / view["image"]), cv2.COLOR_RGB2GRAY)
@@ -64,7 +64,7 @@ def test_corners_are_where_opencv_finds_them_in_the_picture(written):
 
 
 def test_corners_behind_something_are_not_in_view():
-    """From its front all of a board is seen, and from behind it nothing but its back."""
+    """The whole board is visible from its front, and only its back from behind."""
     sensor, hall = om.load_sensor("paper-spherical"), Hall(texel_mm=50.0)
     assert np.isfinite(seen_corners_px(sensor, hall, Pose())["A4"]).all()
     assert np.isnan(seen_corners_px(sensor, hall, Pose(x_mm=3200.0))["A4"]).all()
@@ -157,7 +157,7 @@ def test_the_command_writes_a_set(tmp_path):
     ids=["central", "non-central", "mirror out of place"],
 )
 def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
-    """Its corners are where OpenCV finds them in its pictures, and its file is the camera."""
+    """OpenCV detects its corners at their positions in its images, and its file is the camera."""
     hall = Hall(texel_mm=12.5)
     list(write_calibration_set(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
     data = json.loads((tmp_path / "dataset.json").read_text())

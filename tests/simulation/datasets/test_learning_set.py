@@ -1,4 +1,4 @@
-"""Sets to learn from: normals beside those of the room's boxes, flow beside rays that are traced anew."""
+"""Training datasets: normals against those of the room boxes, flow against retraced rays."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
     right = normals @ moments[0].pose.rotation()
     off = np.degrees(np.arccos(np.clip((right * found.normals[valid]).sum(axis=1), -1, 1)))
     assert valid.sum() > 4000
-    assert np.quantile(off, 0.995) < 0.01  # the rest lies within a fifth of a millimetre of an edge
+    assert np.quantile(off, 0.995) < 0.01  # the rest is within 0.2 mm of an edge
 
 
 def test_normals_of_a_body_are_those_of_its_sides(moments, found):
@@ -87,7 +87,7 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
     assert {"nothing", "wall ahead", "floor", "cart"} <= seen
     points = moments[0].pose.to_scene(found.truth.points_mm[found.labels == names.index("floor")])
     np.testing.assert_allclose(points[:, 2], ROOM.low[2], atol=1e-6)
-    for name in FURNITURE:  # what is labelled a table lies on a box of the table
+    for name in FURNITURE:  # pixels labelled as table are on a box of the table
         on = found.labels == names.index(name)
         assert on.sum() > 10 or name not in ("table", "bookcase", "armchair"), name
         points = moments[0].pose.to_scene(found.truth.points_mm[on])
@@ -97,7 +97,7 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
 
 
 def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
-    """By the ray of that pixel, traced anew: what stands still at its place, and the body where it has moved to."""
+    """By the retraced ray of that pixel: static points are unchanged, and body points have moved."""
     v, u = np.nonzero(found.seen_again)
     there = np.stack([u, v], axis=1) + found.flow_px[found.seen_again]
     rays = SMALL.backproject(there)
@@ -108,13 +108,13 @@ def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
     on_body = found.labels[found.seen_again] == ON_CART
     assert on_body.sum() > 10
     points[on_body] = CART.pose_at(0.35).to_scene(CART.pose_at(0.2).to_sensor(points[on_body]))
-    assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # of those that a ray grazes
+    assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # grazing rays
     assert np.quantile(np.linalg.norm(ends - points, axis=1), 0.99) < 1e-3
     assert 0.7 < found.seen_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
 
 
 def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
-    """Pixels that lose their point in the next frame, by a body that is not there without it."""
+    """Pixels whose point is occluded in the next frame, by a body that was elsewhere before."""
     empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
     without = learning_truth(SMALL, *empty)
     lost = without.seen_again & ~found.seen_again & (found.labels == without.labels)
@@ -148,7 +148,7 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
     assert om.read_image(tmp_path / "0.png").shape == (32, 32, 3)
     arrays = np.load(io.BytesIO(samples["000002.npz"]))
     assert arrays["normals"].shape == (32, 32, 3)
-    assert np.nanmax(np.abs(arrays["flow_px"])) < 1e-6  # the last frame leads nowhere
+    assert np.nanmax(np.abs(arrays["flow_px"])) < 1e-6  # the last frame has no flow
     assert json.loads(samples["000001.json"])["pose"]["x_mm"] == pytest.approx(50.0)
     card = (tmp_path / "a" / "README.md").read_text()
     assert "3 frames of 32 x 32 px" in card
@@ -176,7 +176,8 @@ def test_out_of_doors_the_sky_moves_as_directions_do():
     assert np.median(np.abs(found.normals[ground][:, 2])) > 0.999
 
 
-# -- the command line --------------------------------------------------------------------------------
+# -- command line
+# ------------------------------------------------------------------------------------
 
 
 def test_the_command_writes_what_python_does(tmp_path):

@@ -1,6 +1,7 @@
-"""Ground truth against a tracer of its own: rays by bisection and Snell's law by angles, in double precision.
+"""Ground truth against an independent tracer: rays by bisection and Snell's law by angles, in
+double precision.
 
-Nothing here is shared with the package but the sensor's numbers: lens, sphere, mount.
+It shares only the sensor parameters with the package: lens, sphere, mount.
 """
 
 from __future__ import annotations
@@ -35,11 +36,13 @@ def sensor_of(pixels=SIZE, shift=(0.0, 0.0, 0.0), housing=FULL):
     return replace(sensor, imager=imager, mirror_pose=MirrorPose(*shift), housing=housing)
 
 
-# -- the tracer --------------------------------------------------------------------------------------
+# -- tracer
+# ------------------------------------------------------------------------------------------
 
 
 class Tracer:
-    """The sensor as plain numbers; its frame has its origin at the vertex, z from the lens to the mirror."""
+    """Sensor as plain numbers; its frame has the origin at the vertex and z from the lens to the
+    mirror."""
 
     def __init__(self, sensor):
         self.m, lens = sensor.mirror_distance_mm, sensor.lens
@@ -51,13 +54,15 @@ class Tracer:
         self.housing, self.top = sensor.housing, self.radius - np.sqrt(self.radius**2 - self.rim**2)
 
     def look(self, pixels):
-        """Origins, directions (n, 3) where pixels (n, 2) leave the sensor, and whether they see or are hidden."""
+        """Return origins and directions (n, 3) of pixels (n, 2) outside the sensor, with visibility
+        and obscuration."""
         across = (pixels - (self.size - 1) / 2) * self.pitch
         d = np.concatenate([across, np.full((len(pixels), 1), self.b)], axis=1)
         d /= np.sqrt((d**2).sum(axis=1))[:, None]
         lens = np.broadcast_to([0.0, 0.0, -self.m], d.shape)
         centre = self.shift + np.array([0, 0, self.radius])
-        # the near crossing of the sphere lies half a chord before the point nearest to its centre
+        # the near intersection with the sphere is half a chord before the point closest to its
+        # centre
         along = ((centre - lens) * d).sum(axis=1)
         apart = ((lens + along[:, None] * d - centre) ** 2).sum(axis=1)
         with np.errstate(invalid="ignore"):
@@ -84,7 +89,8 @@ class Tracer:
         return camera is not None and self.on_disc(p, d, camera.height_mm - self.m, camera.diameter_mm / 2)
 
     def on_lids(self, p, d):
-        """The discs in a tube, in the plane of the lens and at the mirror's back, and the one in a dome."""
+        """Return hits on the discs in a tube, in the lens plane and at the back of the mirror, and
+        on that in a dome."""
         shell, rim = self.housing.shell, self.housing.rim
         if shell is None:
             return np.zeros(len(p), dtype=bool)
@@ -103,7 +109,8 @@ class Tracer:
         return (t > 0) & (r > self.rim) & (r < self.rim + self.housing.rim.width_mm)
 
     def on_rod(self, p, d):
-        """The least of distance from the axis less the rod's radius, which is convex along a ray, between its ends."""
+        """Return the minimum distance from the axis minus the rod radius between its ends; it is
+        convex along a ray."""
         rod = self.housing.rod
         if rod is None:
             return np.zeros(len(p), dtype=bool)
@@ -126,7 +133,8 @@ class Tracer:
 
 
 def through(shell, p, d):
-    """Rays out through a shell: by bisection to each surface, and by Snell's law for the angles there."""
+    """Trace rays out through a shell: bisection to each surface, and Snell's law for the angles
+    there."""
     n = shell.refractive_index
     if isinstance(shell, Tube):
         flat, inner, outer = np.array([1.0, 1.0, 0.0]), np.zeros(3), np.zeros(3)
@@ -160,7 +168,7 @@ def to_world(sensor, vectors):
 
 @dataclass(frozen=True)
 class Ball:
-    """A ball about the sensor, seen from inside: its distance is one root."""
+    """Ball about the sensor, observed from inside: its distance is a single root."""
 
     radius_mm: float = 500.0
 
@@ -186,7 +194,7 @@ SHELLS = [None, Tube(110.0, 5.0), Dome(260.0, 5.0, centre_mm=-74.0, inner_shift_
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (1.5, -1.0, 0.7)], ids=["aligned", "decentred"])
 @pytest.mark.parametrize("shell", few(SHELLS, SHELLS[2]), ids=["open", "tube", "dome"])
 def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
-    """Hidden, seeing or neither for all pixels; and the points that they see to a hundredth of a micrometre."""
+    """Obscured, visible or neither for all pixels; and their points to 0.01 um."""
     sensor = sensor_of(shift=shift, housing=replace(FULL, shell=shell))
     truth = ground_truth(sensor, Ball())
     p, d, sees, hidden = Tracer(sensor).look(grid())
@@ -209,7 +217,7 @@ def test_the_picture_is_dark_where_the_truth_says_hidden():
 
 @pytest.mark.parametrize("width", [1.5, 10.0])
 def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(width, uncompiled):
-    """Rays that leave the mirror near its rim more steeply than the rim is far."""
+    """Rays that leave the mirror near its rim with a steeper slope than that towards the edge."""
     sensor, dark = sensor_of(64, housing=Housing(rim=Rim(width))), Radiometry(grey=0.0)
     sky = Environment(np.ones((4, 8, 3), np.float32))
     fast = expose(sensor, sky, samples=9, radiometry=dark)
@@ -226,7 +234,7 @@ def test_truth_past_the_mirror_starts_at_the_lens():
 
 
 def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
-    """A wide tube's cap, level with the rim, ends what rises more steeply than to the wall."""
+    """A wide cap of the tube, level with the rim, blocks rays steeper than those to the wall."""
     sensor = sensor_of(housing=Housing(shell=Tube(400.0), rim=Rim(thickness_mm=1.0)))
     truth = ground_truth(sensor, Ball())
     p, d, sees, _ = Tracer(replace(sensor, housing=Housing())).look(grid())
@@ -272,7 +280,8 @@ def test_corners_are_seen_where_the_tracer_looks_and_not_behind_the_housing(shel
 
 
 def test_points_that_only_the_wall_brings_into_the_field_are_found():
-    """Just outside the rim's field without the dome, and inside it with one that bends rays outwards."""
+    """Just outside the rim field without the dome, and inside it with a dome that refracts
+    outwards."""
     sensor = sensor_of(1024, housing=Housing(shell=Dome(330.0, 8.0, centre_mm=-40.0)))
     turns = np.linspace(0, 6, 9)
     edge = 511.5 + 0.9999 * sensor.rim_radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
@@ -286,7 +295,8 @@ def test_points_that_only_the_wall_brings_into_the_field_are_found():
 
 
 FOLDED_HIDES = {"folded-spherical": 840, "folded-hyperboloidal": 400}
-"""Pixels of the primary that the secondary, the bore and the camera hide, in images a quarter as large."""
+"""Pixels of the primary obscured by the secondary, the bore and the camera, in images of a quarter
+of the size."""
 
 
 @pytest.mark.parametrize("name", FOLDED_HIDES)

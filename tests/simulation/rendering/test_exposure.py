@@ -1,4 +1,5 @@
-"""Rays through the aperture: compiled kernels against tracing in double precision, and light that can be counted."""
+"""Rays through the aperture: compiled kernels against tracing in double precision, and conservation
+of light."""
 
 from dataclasses import replace
 
@@ -34,7 +35,7 @@ MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
 
 
 def small(name: str, pixels: int = 100, **changes) -> om.Sensor:
-    """The sensor with fewer and larger pixels."""
+    """Return the sensor with fewer, larger pixels."""
     sensor = om.load_sensor(name)
     factor = sensor.imager.width_px / pixels
     pitch = sensor.imager.pixel_pitch_um * factor
@@ -89,7 +90,7 @@ def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
 
 
 def meadow() -> Surroundings:
-    """Leaves that let some light through, before a sky."""
+    """Return semi-transparent leaves in front of a sky."""
     rng = np.random.default_rng(8)
     away = rng.normal(size=(300, 1, 3))
     away *= rng.uniform(300, 900, (300, 1, 1)) / np.linalg.norm(away, axis=2, keepdims=True)
@@ -146,20 +147,21 @@ def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
     np.testing.assert_allclose(pixels.mean(axis=1), [[7, 5], [8, 5]], atol=1.5e-2)
     radius = np.hypot(*np.moveaxis(aperture, -1, 0))
     assert radius.max() <= 1
-    np.testing.assert_allclose((radius**2).mean(axis=1), 0.5, atol=1.5e-2)  # the mean over a disk
+    np.testing.assert_allclose((radius**2).mean(axis=1), 0.5, atol=1.5e-2)  # mean over a disk
     np.testing.assert_allclose(aperture.mean(axis=1), 0.0, atol=1e-2)
-    assert np.abs(pixels[0] - pixels[1] + [1, 0]).max() > 0.1  # each pixel has a shift of its own
+    assert np.abs(pixels[0] - pixels[1] + [1, 0]).max() > 0.1  # each pixel has its own shift
 
 
 @needs_native  # 67 million rays
 def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
-    """A small far lamp becomes a spot: its extent across is the evaluation's sagittal blur and a pixel's width."""
+    """The image of a small distant lamp: its width is the sagittal blur of the evaluation plus a
+    pixel."""
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=1.4))
     omega = 100.0
     (u, v) = sensor.project_directions([[np.sin(np.radians(omega)), 0.0, -np.cos(np.radians(omega))]]).pixels[0]
     world = np.zeros((1800, 3600, 3), np.float32)
-    world[1800 - 1000 - 1 : 1800 - 1000 + 1, 1799:1801] = 1.0  # .2 deg about pan 0 and 10 deg up
+    world[1800 - 1000 - 1 : 1800 - 1000 + 1, 1799:1801] = 1.0  # 0.2 deg about pan 0 and 10 deg up
     light = expose(sensor, Environment(world), samples=64, blur=True)[..., 0]
     _, columns = np.nonzero(light > 1e-3 * light.max())
     assert abs(light.sum(axis=1) @ np.arange(1024) / light.sum() - v) < 0.3
@@ -219,7 +221,7 @@ def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
 
 
 def test_the_camera_is_seen_in_the_middle():
-    """Its edge appears at the mirror point that reflects the edge of the disk into the lens."""
+    """Its edge is at the mirror point that reflects the edge of the disk into the lens."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(sensor, white, samples=1, radiometry=Radiometry(grey=0.0))[..., 0]
@@ -243,7 +245,7 @@ def test_samples_out_of_range_are_refused(samples, seed):
 
 @pytest.mark.parametrize("samples", [1, 2, 7, 8, 16])
 def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples):
-    """They are the same in every pixel: the whole picture would be shifted by what their mean is beside it."""
+    """They are equal in all pixels: a nonzero mean would shift the whole image."""
     points = spread(samples, blur=False).points[:, :2]
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=1e-6)
     assert len(np.unique(points.round(5), axis=0)) == samples

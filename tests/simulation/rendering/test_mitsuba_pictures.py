@@ -1,4 +1,4 @@
-"""Whole pictures against Mitsuba 3: the same lens, aperture, mirror, environment and box filter."""
+"""Complete images against Mitsuba 3: the same lens, aperture, mirror, environment and box filter."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def small(name: str, pixels: int, pose: MirrorPose) -> om.Sensor:
 
 
 def world(directions):
-    """A world of soft stripes and spots, linear RGB of directions (.., 3)."""
+    """Return a world of soft stripes and spots, linear RGB of directions (..., 3)."""
     x, y, z = np.moveaxis(directions, -1, 0)
     stripes = 0.5 + 0.5 * np.tanh(4 * np.sin(9 * np.arctan2(y, x)) * np.sqrt(1 - z**2))
     bands = 0.5 + 0.5 * np.tanh(3 * np.sin(14 * z + 1))
@@ -36,7 +36,8 @@ def world(directions):
 
 
 def maps():
-    """The world as our texels hold it, whose first row's centre is half a texel off the pole, and as Mitsuba's."""
+    """Return the world as texels of omnimirror, with the first row half a texel off the pole, and
+    of Mitsuba."""
     pan = np.radians((np.arange(2 * ROWS) + 0.5) / (2 * ROWS) * 360 - 180)
     ours = np.pi / 2 - (np.arange(ROWS) + 0.5) / ROWS * np.pi
     theirs = np.pi / 2 - np.arange(ROWS) / (ROWS - 1) * np.pi
@@ -44,15 +45,16 @@ def maps():
 
 
 def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
-    """Mitsuba's picture of a scene."""
+    """Render a scene by Mitsuba."""
     return np.array(mi.render(scene_of(mi, sensor, mirror, light, rays, others), spp=rays))
 
 
 def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
-    """Mitsuba's scene in the camera frame, whose origin is the mirror's vertex; other shapes may stand in it."""
+    """Return Mitsuba's scene in the camera frame, with the origin at the mirror vertex and optional
+    other shapes."""
     lens, (width, height), m = sensor.lens, sensor.image_size, sensor.mirror_distance_mm
     half = np.degrees(np.arctan(width / 2 * sensor.imager.pitch_mm / lens.image_distance))
-    turn = np.eye(4)  # theirs: columns from -z over x, rows from y; ours: columns from -x over y, rows from z
+    turn = np.eye(4)  # Mitsuba: columns from -z via x, rows from y; omnimirror: columns from -x via y, rows from z
     turn[:3, :3] = sensor.mount.rotation().T @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     frame = mi.ScalarTransform4f
     return mi.load_dict(
@@ -86,11 +88,12 @@ def ball(sensor):
 
 
 def compared(sensor, ours, theirs):
-    """Decibels in sRGB within the rim, and the largest shift (px) of an eighth of the picture against the other."""
+    """Return PSNR in sRGB within the rim, and the largest shift (px) between corresponding blocks
+    of 1/8 of the image."""
     rows, columns = np.mgrid[: len(ours), : len(ours)]
     rays = sensor.backproject(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
     inside = rays.valid.reshape(ours.shape[:2])
-    inside = binary_erosion(inside, iterations=3)  # the rim itself is left out
+    inside = binary_erosion(inside, iterations=3)  # excludes the rim
     a, b = srgb_from_linear(ours), srgb_from_linear(theirs)
     decibels = -10 * np.log10(np.mean((a - b)[inside] ** 2))
     slopes = np.stack([np.gradient((a + b) / 2, axis=1), np.gradient((a + b) / 2, axis=0)], axis=-1)
@@ -105,7 +108,7 @@ def compared(sensor, ours, theirs):
 
 
 def on_a_mesh(mi, sensor, path, rings, rays):  # noqa: F811
-    """How a blurred picture compares with Mitsuba's of the mirror as a mesh."""
+    """Compare a blurred image with Mitsuba's image of the mirror mesh."""
     meshed(mi, sensor, rings, 2 * rings).shapes()[0].write_ply(str(path))
     ours, theirs = maps()
     picture = expose(sensor, Environment(ours), samples=rays, blur=True)
@@ -119,7 +122,7 @@ def as_mitsuba_has_it(beside, decibels, shift):
 
 
 def grey_levels(decibels):
-    """What a difference in decibels of pictures from 0 to 1 is in levels of 255."""
+    """Convert a PSNR of images from 0 to 1 to levels of 255."""
     return 255 * 10 ** (-decibels / 20)
 
 

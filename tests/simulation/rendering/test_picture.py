@@ -1,4 +1,5 @@
-"""Pictures: what is where in them, against Sensor.project, which shares no code with backproject's use here."""
+"""Rendered images: positions of objects against Sensor.project, which shares no code with the
+renderer."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ def looking(camera_looks: str, name: str = "paper-spherical", flipped: bool = Fa
 
 
 def small(sensor: om.Sensor, factor: int) -> om.Sensor:
-    """The same sensor with fewer and larger pixels."""
+    """Return the same sensor with fewer, larger pixels."""
     size = sensor.imager.width_px // factor
     pitch = sensor.imager.pixel_pitch_um * factor
     return replace(sensor, imager=replace(sensor.imager, width_px=size, height_px=size, pixel_pitch_um=pitch))
@@ -31,7 +32,7 @@ def small(sensor: om.Sensor, factor: int) -> om.Sensor:
 
 @dataclass(frozen=True)
 class Even:
-    """A scene of one colour."""
+    """Scene of one colour."""
 
     def radiance(self, origins_mm: np.ndarray, directions: np.ndarray) -> np.ndarray:
         return np.tile(ORANGE, (len(directions), 1))
@@ -39,7 +40,7 @@ class Even:
 
 @dataclass(frozen=True)
 class Ball:
-    """A white ball at a finite distance in a black world."""
+    """White ball at a finite distance in a black world."""
 
     centre_mm: tuple[float, float, float]
     radius_mm: float
@@ -65,7 +66,7 @@ def test_a_ball_appears_where_it_is_projected(camera_looks: str, flipped: bool):
 
 
 def test_a_distant_scene_appears_where_its_directions_are_projected():
-    sensor, centre = looking("up"), (150.0, 70.0, 30.0)  # so near that parallax would show
+    sensor, centre = looking("up"), (150.0, 70.0, 30.0)  # close enough for parallax
     picture = om.take_picture(sensor, Ball(centre, 9.0), samples=1, distant=True)
     rows, columns = np.nonzero(picture[..., 0])
     found = [columns.mean(), rows.mean()]
@@ -76,7 +77,8 @@ def test_a_distant_scene_appears_where_its_directions_are_projected():
 @pytest.mark.parametrize("camera_looks", ["up", "down"])
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name: str):
-    """The ink (dark) lies in the outline of the projected corners, and the wall around it is light."""
+    """The (dark) ink is inside the outline of the projected corners, and the wall around it is
+    bright."""
     import cv2
 
     sensor, room = looking(camera_looks, name), om.Room(texel_mm=10.0)
@@ -102,7 +104,7 @@ def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name:
 
 
 def test_the_raw_picture_is_reversed_and_a_flipped_one_is_not():
-    """Left of the middle is west in the flipped picture of a camera that looks up; see section 1a."""
+    """Left of the centre is west in the flipped image of an upward camera; see section 1a."""
     room = om.Room(texel_mm=10.0)
     raw = om.take_picture(small(looking("up"), 4), room, samples=1)
     flipped = om.take_picture(small(looking("up", flipped=True), 4), room, samples=1)
@@ -135,7 +137,7 @@ def test_pictures_are_the_same_every_time_and_on_any_number_of_threads():
 
 
 def test_samples_are_averaged_in_linear_light():
-    """Two by two samples of a pixel are four pixels of a picture with pixels half as large."""
+    """Two by two samples of a pixel equal four pixels of half the size."""
     room, coarse, fine = om.Room(texel_mm=10.0), small(looking("up"), 8), small(looking("up"), 4)
     picture = om.take_picture(fine, room, samples=1) / 255.0
     linear = np.where(picture <= 0.04045, picture / 12.92, ((picture + 0.055) / 1.055) ** 2.4)
@@ -182,7 +184,7 @@ def test_errors_name_the_value():
     ids=["walls", "blurred", "environment", "two mirrors", "coloured"],
 )
 def test_a_picture_is_its_light_in_bytes(name, scene, options):
-    """It is read in parts, of which the light is never put together."""
+    """It is read in parts, and the complete light is never assembled."""
     sensor = small(om.load_sensor(name), 8)
     light = expose(sensor, scene, **options)
     assert light.max() > 0.1
@@ -190,7 +192,7 @@ def test_a_picture_is_its_light_in_bytes(name, scene, options):
 
 
 def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
-    """A small ball: as much light, at the same place, its variance wider by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
+    """A small ball: equal light and position, variance larger by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
     sensor, scene = small(looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
     box = expose(sensor, scene, samples=64)[..., 1].astype(float)
     tent = _low_passed(expose(_finer(sensor), scene, samples=16))[..., 1].astype(float)
@@ -210,6 +212,6 @@ def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
 
 
 def moments(light: np.ndarray, at: np.ndarray) -> tuple[float, float]:
-    """Mean and variance of a coordinate, weighted by light."""
+    """Return mean and variance of a coordinate, weighted by light."""
     mean = (light * at).sum() / light.sum()
     return float(mean), float((light * (at - mean) ** 2).sum() / light.sum())

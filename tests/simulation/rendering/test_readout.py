@@ -1,4 +1,4 @@
-"""Light that is read out as it falls gives the numbers of all of it at once."""
+"""Block-wise readout of light equals the readout of the complete image."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_what_noise_is_drawn_does_not_hang_on_how_many_rows_come_at_once():
 
 
 def test_numbers_hold_no_more_memory_than_they_need():
-    """Of odd sizes too, in one byte where electrons take two, and in as many as these."""
+    """Including odd sizes, for 1-byte numbers from 2-byte electrons, and for numbers of equal size."""
     light = np.random.default_rng(5).random((7, 5, 3)).astype(np.float32)
     for detector in (om.Detector(full_well_e=1e4), om.Detector(full_well_e=1e4, bits=12), om.Detector(full_well_e=1e9)):
         readout = Readout(detector, seed=2)

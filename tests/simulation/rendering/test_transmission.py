@@ -1,4 +1,4 @@
-"""Light that reaches pixels through the aperture: rendered, and by the one description of what blocks rays."""
+"""Light through the aperture: rendered, and by the common description of obstructions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHARE = fibonacci(4000)
 
 
 def coarse(sensor):
-    """The sensor with few large pixels."""
+    """Return the sensor with few, large pixels."""
     imager = sensor.imager
     pitch = imager.pixel_pitch_um * imager.width_px / SIDE
     return replace(sensor, imager=replace(imager, width_px=SIDE, height_px=SIDE, pixel_pitch_um=pitch))
@@ -64,7 +64,8 @@ OUT_OF_PLACE = MirrorPose(decentre_x_mm=2.0, decentre_y_mm=1.0, tilt_x_deg=1.0, 
 
 
 def rendered(sensor, plan, rows, columns, tracer):
-    """Which rays of pixels get from the world to the imager, in a picture of a white world with black parts."""
+    """Return the fraction of rays transmitted to pixels, from an image of a white world with black
+    parts."""
     bundle = tracer(sensor, plan, Radiometry(), rows, columns)
     passes = (bundle.fate == exposure.REFLECTED).ravel()
     if (shell := sensor.obstructions.housing.shell) is not None:  # lids are part of the scene
@@ -102,7 +103,7 @@ SENSORS = {
 
 @pytest.mark.parametrize("part", SENSORS)
 def test_a_white_world_is_as_bright_as_the_aperture_is_filled(part, tmp_path):
-    """For pixels to the right of the axis whose aperture is partly filled: picture, spots and illumination."""
+    """For pixels right of the axis with partial vignetting: image, spots and illumination."""
     sensor, plan = SENSORS[part](tmp_path), spread(144, True)
     width, height = sensor.image_size
     first, row = int(sensor.imager.centre[0]) + 4, slice(height // 2, height // 2 + 1)
@@ -127,5 +128,6 @@ def test_a_white_world_is_as_bright_as_the_aperture_is_filled(part, tmp_path):
     share, lit, filled = np.transpose(found)
     np.testing.assert_allclose(share, lit, atol=0.12)  # at edges across a pixel
     assert share.mean() == pytest.approx(lit.mean(), abs=0.05)
-    # bundles of objects out of focus are blocked at other angles than those of pixels, about the same edge
+    # bundles of defocused objects are blocked at other angles than those of pixels, about the same
+    # edge
     assert share.mean() == pytest.approx(filled.mean(), abs=0.12)

@@ -1,4 +1,4 @@
-"""Pictures in three colours, each refracted by lens and cover in its own way."""
+"""Images in three colours, each with its own refraction by lens and cover."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WAVES = (650.0, 550.0, 440.0)
 
 @pytest.fixture(scope="module")
 def domed():
-    """A dome of strong glass far off its middle parts colours by pixels."""
+    """A strongly decentred dome of dispersive glass, with colour shifts of pixels."""
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=256, height_px=256, pixel_pitch_um=20.8)
     return replace(sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0)))
@@ -37,7 +37,7 @@ def test_each_colour_is_the_picture_in_its_light(domed, light):
 
 
 class Stripes:
-    """Grey rings about the axis, of some pixels each."""
+    """Grey rings about the axis with a width of several pixels."""
 
     def radiance(self, origins_mm, directions):
         tilt = np.arcsin(directions[:, 2] / np.linalg.norm(directions, axis=1))
@@ -59,7 +59,7 @@ def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
 @pytest.mark.parametrize("channels", [3, 4])
 @pytest.mark.parametrize("transparent", [False, True])
 def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent):
-    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # reaches beyond the field
+    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # extends beyond the field
     own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
     picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
     border = (9, 8, 7, 0)[:channels]

@@ -1,4 +1,4 @@
-"""Boxes that move in a scene: what their file says, and where a sensor sees them."""
+"""Moving boxes in a scene: their file, and their projections."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ def test_bodies_that_are_not_there():
 
 
 def test_a_video_shows_bodies_where_they_are(tmp_path):
-    """The middle of the side that faces the sensor, by the sensor's own projection, in every frame; and again."""
+    """Centre of the side facing the sensor, by the projection of the sensor, in every frame;
+    reproducible."""
     av = pytest.importorskip("av")
     sphere = om.load_sensor("paper-spherical")
     small = replace(sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8))
@@ -114,14 +115,14 @@ def test_a_video_shows_bodies_where_they_are(tmp_path):
             (pixel,), _ = small.project(om.Pose(**path.at(number)).to_sensor(middle))
             u, v = np.round(pixel).astype(int)
             red, _, blue = frame[v, u].astype(int)
-            assert blue > red + 80, (film.name, number)  # nothing else in the room is as blue
+            assert blue > red + 80, (film.name, number)  # no other object in the room is as blue
 
 
 BALL = om.load_sensor("paper-spherical")
 
 
 class Unpainted:
-    """A scene that does not tell that it is nothing but surfaces."""
+    """Scene that does not declare that it consists of surfaces only."""
 
     def __init__(self, scene):
         self.radiance, self.distance_mm = scene.radiance, scene.distance_mm
@@ -146,7 +147,8 @@ def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
-    """Compiled surfaces bring their records into an order of their own; sets made again had other pixels by it."""
+    """Compiled surfaces reorder their records; regenerated datasets previously had other pixels for
+    that reason."""
     cart = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0),)}))
     scene, corners = SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0), (np.full(3, -50.0), np.full(3, 50.0))
     first = scene.surroundings_from(*corners).surfaces.records.copy()

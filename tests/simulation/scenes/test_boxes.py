@@ -1,4 +1,4 @@
-"""Rays and boxes, against marching along each ray in small steps and looking where it is."""
+"""Ray-box intersections against marching along each ray in small steps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def inside(box: Box, points: np.ndarray) -> np.ndarray:
 
 
 def march(origin: np.ndarray, direction: np.ndarray) -> tuple[float, int]:
-    """Distance and box of the first step that is outside the room or in a solid."""
+    """Return distance and box of the first step outside the room or inside a solid."""
     t = np.arange(0, 10, STEP)
     points = origin + t[:, None] * direction
     where = np.where(inside(ROOM, points), -1, 0)
@@ -42,7 +42,8 @@ def rays(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 def test_compiled_boxes_are_those_of_numpy_to_the_last_bit():
-    """So that depth and light hang on neither; also along planes, from faces, and from inside a solid."""
+    """Depth and light are therefore independent of it; includes rays along planes, from faces, and
+    from inside a solid."""
     origins, directions = rays(5000)
     origins[:50, 0], origins[50:80] = ROOM.high[0], (1.5, 0.0, 0.0)
     directions[:50, 0] = -abs(directions[:50, 0])
@@ -103,7 +104,7 @@ def test_ways_are_blocked_where_a_step_on_them_is_in_a_solid():
 @pytest.mark.parametrize("number", FACES)
 @pytest.mark.parametrize("inside", [True, False])
 def test_faces_are_seen_the_right_way_round(number: int, inside: bool):
-    """Right, up and the way to the viewer make a right-handed set, so no face is a mirror image."""
+    """Right, up and the direction to the viewer form a right-handed set; no face is mirrored."""
     face = face_of(ROOM, number, inside)
     np.testing.assert_array_equal(np.cross(face.right, face.up), face.normal)
     centre = (np.array(ROOM.low) + ROOM.high) / 2

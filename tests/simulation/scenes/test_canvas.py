@@ -1,4 +1,4 @@
-"""Painting: each texel holds the share that a shape covers, whatever the fineness."""
+"""Antialiased painting: each texel contains the coverage of a shape at any resolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes that are no scene: each is refused with a sentence that names the file and the cause."""
+"""Invalid meshes: error messages with the file and the cause."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_gltf_and_a_ply_that_name_what_is_not_there_are_refused(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply"])
 def test_ply_and_stl_are_scenes(tmp_path, suffix):
-    """A ball 1.5 m ahead: in an STL along x and in millimetres, else along -z and in metres, as glTF has it."""
+    """A ball 1.5 m ahead: in STL along x and in mm, otherwise along -z and in m, as in glTF."""
     ball = trimesh.creation.icosphere(4, 0.5)
     ball.apply_translation([0, 0, -1.5])
     if suffix == ".stl":
@@ -93,7 +93,7 @@ def test_ply_and_stl_are_scenes(tmp_path, suffix):
 
 
 def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
-    """A cube of 20 mm about the vertex of a mirror of 88 mm, and no larger one, which is a room."""
+    """A cube of 20 mm about the vertex of a mirror of 88 mm; a larger one is a room."""
     sensor = om.load_sensor("paper-spherical")
     small = replace(sensor, imager=replace(sensor.imager, width_px=16, height_px=16, pixel_pitch_um=330.0))
     for size in (0.02, 0.4):

@@ -1,4 +1,4 @@
-"""Sensors that stand somewhere in a scene, and the ground truth of their pictures."""
+"""Sensors at arbitrary poses in a scene, and the ground truth of their images."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_pose_pans_right_tilts_up_and_rolls_clockwise():
     ahead, left, up = np.eye(3)
     np.testing.assert_allclose(Pose(pan_deg=30).to_scene(ahead), pan_tilt_direction(np.radians(30), 0), atol=1e-12)
     np.testing.assert_allclose(Pose(tilt_deg=20).to_scene(ahead), pan_tilt_direction(0, np.radians(20)), atol=1e-12)
-    np.testing.assert_allclose(Pose(roll_deg=90).to_scene(up), -left, atol=1e-12)  # its up lies to the right
+    np.testing.assert_allclose(Pose(roll_deg=90).to_scene(up), -left, atol=1e-12)  # its up direction is to the right
     pose = Pose(1.0, -2.0, 3.0, 40.0, 15.0, -70.0)
     points = np.random.default_rng(1).normal(size=(9, 3))
     np.testing.assert_allclose(pose.to_sensor(pose.to_scene(points)), points, atol=1e-12)
@@ -46,7 +46,7 @@ def test_a_turned_environment_is_the_same_in_the_kernels_and_ray_by_ray():
 
 
 def test_to_pan_the_sensor_is_to_turn_the_mount():
-    """A camera that is turned in its mount against the pan takes the picture of the sensor that was not panned."""
+    """A camera rotated in its mount against the pan renders the image of the sensor without pan."""
     sensor, room = small("paper-spherical"), om.Room(texel_mm=20.0)
     turned = replace(sensor, mount=replace(sensor.mount, forward_azimuth_deg=-90.0 - 40.0))
     panned = expose(turned, PosedScene(room, Pose(pan_deg=40.0)), samples=4)

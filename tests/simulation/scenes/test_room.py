@@ -1,4 +1,4 @@
-"""The room: its words read the right way round, light is sane, and errors are named."""
+"""Room scene: readable signs, valid light, and error messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize("word", WORDS)
 def test_words_read_the_right_way_round_from_inside(room: om.Room, word: str):
-    """A pinhole that looks at a sign, with the right hand from section 1a, sees the word as it is written."""
+    """A pinhole facing a sign, with the right direction of section 1a, images the word as written."""
     letters = lettering(word, 40.0)
     rows, columns = letters.shape
     corners = room.sign_corners_mm(word)
@@ -37,7 +37,7 @@ def test_words_read_the_right_way_round_from_inside(room: om.Room, word: str):
     axis = int(np.ptp(corners, axis=0).argmin())
     forward = np.zeros(3)
     forward[axis] = np.sign(middle[axis])
-    right = np.cross(forward, [0.0, 0.0, 1.0])  # x forward, y left, z up: facing x, the right hand points to -y
+    right = np.cross(forward, [0.0, 0.0, 1.0])  # x forward, y left, z up: for a view along x, right is -y
     size = np.array([(corners - middle) @ right, corners[:, 2] - middle[2]]).max(axis=1)
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * size[0]
     y = -((np.arange(rows) + 0.5) / rows * 2 - 1) * size[1]
@@ -91,7 +91,8 @@ def test_answers_do_not_depend_on_which_rays_are_asked_for_together(room: om.Roo
 
 
 def test_walls_have_parallax_and_a_distant_scene_has_none(room: om.Room):
-    """One point of the wall is seen from two places in two directions; outside, a direction is all."""
+    """A wall point is observed in two directions from two positions; distant scenes depend on the
+    direction only."""
     origins = np.array([[0.0, 0.0, 0.0], [100.0, -200.0, 150.0]])
     corner = room.sign_corners_mm("OMNIMIRROR")[0]
     light = room.radiance(origins, corner - origins)
@@ -118,14 +119,14 @@ def test_errors_name_the_value(room: om.Room):
 
 
 def test_the_wall_ahead_alone_can_be_fine():
-    """What is written on it is as in a room that is fine throughout; texels elsewhere are coarse."""
+    """Its lettering equals that of a room with fine texels throughout; other texels are coarse."""
     fine, ahead = om.Room(10.0), om.Room(10.0, elsewhere_mm=80.0)
     y, z = np.meshgrid(np.linspace(-2000, 1600, 300), np.linspace(500, 950, 60))
     towards = np.stack([np.full(y.size, 3399.0), y.ravel(), z.ravel()], axis=-1)
     origins = np.zeros_like(towards)
     seen, expected = ahead.radiance(origins, towards), fine.radiance(origins, towards)
     assert expected.std() > 0.1  # letters
-    np.testing.assert_allclose(seen, expected, atol=0.01)  # windows light it that are painted with coarser edges
+    np.testing.assert_allclose(seen, expected, atol=0.01)  # lit by windows with coarser edges
     np.testing.assert_allclose(ahead.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR"))
     with pytest.raises(InvalidParameter, match="elsewhere_mm"):
         om.Room(10.0, elsewhere_mm=0.1)

@@ -1,4 +1,5 @@
-"""Environments and textured surfaces: against closed forms, and the compiled search against all pairs."""
+"""Environments and textured surfaces: against closed forms, and the compiled search against
+exhaustive search."""
 
 import gc
 import weakref
@@ -63,7 +64,7 @@ def test_the_first_surface_met_is_the_nearest_of_all(count):
     rng = np.random.default_rng(count)
     scene = clutter(count, rng)
     origins, directions = rng.uniform(-6, 6, (3000, 3)), rng.normal(size=(3000, 3))
-    directions[:300, 0] = 0.0  # along planes of the boxes, too
+    directions[:300, 0] = 0.0  # including rays along planes of the boxes
     fast = scene.seen(origins, directions)
     if not count:
         assert np.isinf(fast.distance).all()
@@ -77,7 +78,7 @@ def test_the_first_surface_met_is_the_nearest_of_all(count):
 
 
 def ball(rings: int) -> np.ndarray:
-    """Triangles (n, 3, 3) all around the origin, which leave no gap."""
+    """Return triangles (n, 3, 3) around the origin without gaps."""
     polar, turn = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
     radius = 3000 * (1 + 0.05 * np.sin(9 * turn) * np.sin(7 * polar) * np.sin(polar))
     across, up = radius * np.sin(polar), radius * np.cos(polar)
@@ -104,7 +105,7 @@ def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
 @needs_native
 def test_many_surfaces_at_one_place_are_met():
     wall = np.array([[5.0, 1, -1], [0, -2, 0], [0, 0, 2]])
-    count = 5000  # which no plane divides
+    count = 5000  # which no plane separates
     scene = Surfaces.of(
         np.tile(wall, (count, 1, 1)),
         np.zeros((count, 3, 2)),
@@ -134,7 +135,7 @@ def test_kernels_share_texels_and_keep_them():
 
 @needs_native
 def test_what_is_compiled_is_kept_once():
-    """Records of 64 bytes, in the order of the tree: what is seen is the same, and no second copy stays."""
+    """Records of 64 bytes in tree order: results are unchanged, and no second copy remains."""
     rng = np.random.default_rng(7)
     scene = facets(rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32))
     given = np.sort(scene.records, order=["texel"])
@@ -161,7 +162,7 @@ def test_places_that_are_no_numbers_are_refused(bad):
 def test_a_texture_lies_on_its_surface_as_one_reads_it():
     texels = np.zeros((2, 3, 4), np.float32)
     texels[..., 0] = [[0, 1, 2], [3, 4, 5]]
-    wall = np.array([[[5.0, 3.0, 2.0], [0, -6, 0], [0, 0, -4]]])  # corner top left, as seen from the origin
+    wall = np.array([[[5.0, 3.0, 2.0], [0, -6, 0], [0, 0, -4]]])  # top left corner, as seen from the origin
     scene = Surfaces.of(
         wall, np.array([[[-0.5, -0.5], [3, 0], [0, 2]]]), np.zeros(1, int), np.zeros(1, bool), (Texture(texels),)
     )

@@ -1,4 +1,5 @@
-"""Street, hall and meshes: things are where they say, read the right way round, and are the same without compiling."""
+"""Street, hall and meshes: positions of objects, readable signs, and equal results without the
+compiled module."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ def hall() -> Hall:
 
 
 def seen_flat(scene, face_corners, columns, rows):
-    """A picture of the flat patch between corners (rows, columns, 3), as its reader sees it."""
+    """Return an image of the flat patch between corners (rows, columns, 3), from the front."""
     v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
     top_left, top_right, bottom_left = face_corners[0, 0], face_corners[0, -1], face_corners[-1, 0]
     points = top_left + u[..., None] * (top_right - top_left) + v[..., None] * (bottom_left - top_left)
@@ -68,7 +69,8 @@ def test_light_is_neither_black_nor_burnt_out(scene):
 
 @pytest.mark.parametrize("name", few(["A4", "B2", "C5"], "B2"))
 def test_corners_of_a_board_lie_where_its_squares_meet(hall, name):
-    """Around each corner the picture is that of a corner: opposite quarters are alike and neighbours are not."""
+    """The image around each corner is that of a corner: opposite quarters are equal and neighbours
+    are not."""
     corners = hall.board_corners_mm(name)
     right, down = corners[0, 1] - corners[0, 0], corners[1, 0] - corners[0, 0]
     np.testing.assert_allclose([np.linalg.norm(right), np.linalg.norm(down), right @ down], [100, 100, 0], atol=1e-9)
@@ -91,7 +93,7 @@ def test_opencv_finds_the_corners_of_a_board_to_a_fifth_of_a_millimetre(hall):
     picture = seen_flat(hall, frame, 1380, 980)
     found, pixels = cv2.findChessboardCornersSB(picture[..., 1].copy(), (11, 7), flags=cv2.CALIB_CB_ACCURACY)
     assert found
-    # OpenCV may begin at either end
+    # OpenCV may start at either end
     expected = np.stack(np.meshgrid(190 + 100 * np.arange(11), 190 + 100 * np.arange(7)), axis=-1) - 0.5
     pixels = pixels.reshape(7, 11, 2)
     off = min(np.abs(p - expected).max() for p in (pixels, pixels[::-1, ::-1]))
@@ -152,7 +154,7 @@ def test_a_mesh_comes_with_textures_corner_colours_and_plain_ones(tmp_path):
     np.testing.assert_allclose(light[:3], np.eye(3), atol=1e-5)  # red upper left, green upper right, blue lower left
     assert light[3, 2] == 0
     assert light[3, 0] == pytest.approx(2 * light[3, 1], rel=0.02)
-    assert light[4, 0] / light[4, 2] == pytest.approx(2.0, rel=1e-3)  # two thirds red, one third blue
+    assert light[4, 0] / light[4, 2] == pytest.approx(2.0, rel=1e-3)  # 67 % red, 33 % blue
     np.testing.assert_allclose(light[5], 0.25, atol=1e-6)
     assert scene.distance_mm(np.zeros((1, 3)), towards[3:4])[0] == pytest.approx(1500, abs=5)
     turned = load_mesh(tmp_path / "scene.glb", unit_mm=1.0, up="z")

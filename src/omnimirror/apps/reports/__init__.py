@@ -1,4 +1,4 @@
-"""A sensor on one self-contained page: its pictures, its figures, its numbers."""
+"""Report of a sensor as one self-contained page with images, figures and numbers."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))
 Told = Callable[[str, float], None]
-"""Called with what is being made, and the share of everything that is done."""
-BY_PICTURE = 0.6  # the share that taking the picture has
+"""Progress callback with the current step and the completed fraction of the total work."""
+BY_PICTURE = 0.6  # fraction of the work spent on rendering
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
@@ -34,32 +34,35 @@ COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "bl
 def write_demo(
     sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True, progress: Told | None = None
 ) -> Path:
-    """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
+    """Evaluate a sensor, render its image of the bundled room, dewarp it to two views, and write a
+    report.
 
-    What ``omnimirror demo`` does.
+    Implementation of ``omnimirror demo``.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     out
-        A folder, which takes all files.
+        Folder of all files.
     blur
-        Whether the picture is taken through the lens's whole aperture, as far as one mirror is all there is: by way of
-        a second one it is sharp.
+        Whether to render through the whole lens aperture; applies to single-mirror sensors, images
+        of two-mirror sensors are
+        always sharp.
     progress
-        Called with what is being made, and the share (0 to 1) of everything that is done.
+        Called with the current step and the completed fraction (0 to 1) of the total work.
 
     Returns
     -------
     Path
-        Of the report, ``report.html``; beside it ``circle.png``, ``panorama.png``, ``view.png`` and
+        Report, ``report.html``. The same folder contains ``circle.png``, ``panorama.png``,
+        ``view.png`` and
         ``evaluation.csv``.
 
     Raises
     ------
     OmnimirrorError
-        The sensor cannot be used, or the folder cannot be written.
+        Unsupported sensor, or a folder that cannot be written.
 
     Examples
     --------
@@ -74,7 +77,7 @@ def write_demo(
     """
     folder = Path(out)
     result = evaluate(sensor)
-    result.to_csv(folder / "evaluation.csv")  # first, so that a folder that takes nothing is refused at once
+    result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
     tell = progress or (lambda what, share: None)
     tell("Taking the picture", 0.0)
     circle = take_picture(
@@ -96,7 +99,7 @@ def write_demo(
 
 
 def report_html(result: Evaluation, folder: Path, tell: Told) -> str:
-    """The page with everything inside it, the pictures of ``folder`` included."""
+    """Return the self-contained page with the images of ``folder``."""
     sensor = result.sensor
     lead = (sensor.notes.strip().splitlines() or [""])[0]
     return page_html(
@@ -149,7 +152,7 @@ def _picture(path: Path, caption: str) -> str:
 
 
 def _figures(sensor: Sensor, tell: Told) -> str:
-    """Wide figures one below the other, then the upright ones side by side."""
+    """Return the figures: wide ones in a column, then the narrow ones in a row."""
     wide: list[str] = []
     upright: list[str] = []
     for i, name in enumerate(FIGURES_SHOWN):

@@ -1,4 +1,5 @@
-"""A calibration on one self-contained page, and its figures: errors, residuals, coverage, parameters, pictures."""
+"""Calibration report as one self-contained page, with figures of errors, residuals, coverage,
+parameters and images."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ from .pages import figure_html, page_html
 
 Array = NDArray[np.float64]
 
-GRID = (48, 36)  # places at which the error of a direction is computed
+GRID = (48, 36)  # grid of the direction uncertainty
 CAPTIONS = {
     "coverage": "Boards and their corners, with the rings in which corners are counted. The darker, the less well is "
     "it known in which direction a pixel looks.",
@@ -40,21 +41,21 @@ CAPTIONS = {
 
 @checked
 def write_calibration_report(calibration: Calibration, path: str | Path, command: str = "") -> Path:
-    """Write a calibration as a page with everything inside it.
+    """Write a calibration as one self-contained page.
 
     Parameters
     ----------
     calibration
-        From :func:`omnimirror.calibrate_camera`.
+        Result of :func:`omnimirror.calibrate_camera`.
     path
-        Of the page, ``.html``.
+        Page to be written, ``.html``.
     command
-        That made it, to be shown.
+        Command line that created the calibration, for display.
 
     Returns
     -------
     Path
-        Of the page.
+        Path of the page.
 
     Raises
     ------
@@ -79,21 +80,22 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
 
 @checked
 def write_calibration_figures(calibration: Calibration, folder: str | Path, kind: str = "svg") -> list[Path]:
-    """Write the figures of a calibration into a folder.
+    """Write the figures of a calibration to a folder.
 
     Parameters
     ----------
     calibration
-        From :func:`omnimirror.calibrate_camera`.
+        Result of :func:`omnimirror.calibrate_camera`.
     folder
-        That takes them.
+        Output folder.
     kind
         ``"svg"``, ``"png"`` or ``"pdf"``.
 
     Returns
     -------
     list of Path
-        Of coverage, residuals over the picture, by radius, by picture, and their distribution.
+        Coverage, residuals over the image, residuals by radius, residuals by image, and their
+        distribution.
 
     Examples
     --------
@@ -110,7 +112,7 @@ def write_calibration_figures(calibration: Calibration, folder: str | Path, kind
 
 
 def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
-    """The figures of a calibration by their names."""
+    """Return the figures of a calibration by name."""
     fit = calibration.adjustment
     seen = fit.seen
     pixels, residuals = fit.question.stack.pixels[seen], fit.residuals[seen]
@@ -135,7 +137,8 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
 
 
 def direction_sigmas(calibration: Calibration) -> Array:
-    """Standard deviation (deg) of directions on a grid (rows, columns) over the picture; NaN where nothing is seen."""
+    """Return the standard deviation (deg) of directions on a grid (rows, columns) over the image;
+    NaN outside the field."""
     width, height = calibration.model.image_size
     u, v = np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1])
     rays = calibration.model.backproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
@@ -146,7 +149,7 @@ def direction_sigmas(calibration: Calibration) -> Array:
 
 
 def _by_picture(calibration: Calibration) -> tuple[Array, Array]:
-    """RMS (px) of each picture in the fit, and left out of it."""
+    """Return the RMS residual (px) of each image, fitted and held out."""
     fit = calibration.adjustment
     held = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
     return tuple(  # type: ignore[return-value]
@@ -156,7 +159,7 @@ def _by_picture(calibration: Calibration) -> tuple[Array, Array]:
 
 
 def calibration_html(calibration: Calibration, command: str = "") -> str:
-    """The page."""
+    """Return the page."""
     drawn = {
         name: figure_html(render(figure, "svg"), "svg+xml", CAPTIONS[name], css="plot")
         for name, figure in calibration_figures(calibration).items()
@@ -237,7 +240,7 @@ def _number(value: float) -> str:
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table whose first column, and last where it has no heading, holds words."""
+    """Format a table; the first column contains text, and so does the last if it has no heading."""
     words = {0, len(headings) - 1} if not headings[-1] else {0}
     styles = [' style="text-align: left; white-space: normal"' if i in words else "" for i in range(len(headings))]
     head = "".join(f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True))

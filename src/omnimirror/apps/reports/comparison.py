@@ -1,4 +1,5 @@
-"""Sensors side by side on one page, or as one picture: table, curves, and what each sees of the same room."""
+"""Comparison of sensors as one page or one image: table, curves, and rendered images of the same
+room."""
 
 from __future__ import annotations
 
@@ -27,11 +28,11 @@ from ...simulation.scenes.contract import Scene
 from ...simulation.scenes.worlds.room import Room
 from .pages import figure_html, page_html
 
-PANORAMA_PX = 1440  # width of every panorama
+PANORAMA_PX = 1440  # width of each panorama
 
 
 class Pictures(NamedTuple):
-    """What each sensor sees of one scene; pictures (rows, columns, 3) uint8 in RGB order."""
+    """Rendered images of one scene by each sensor, (rows, columns, 3) uint8 in RGB order."""
 
     circles: list[NDArray[Any]]
     panoramas: list[NDArray[Any]]
@@ -39,28 +40,28 @@ class Pictures(NamedTuple):
 
 @checked
 def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | None = None) -> Path:
-    """Write a comparison as one self-contained page (``.html``) or one picture (``.png``).
+    """Write a comparison as one self-contained page (``.html``) or one image (``.png``).
 
     Parameters
     ----------
     comparison
-        From :func:`omnimirror.compare`.
+        Result of :func:`omnimirror.compare`.
     path
-        Ends in .html or .png.
+        Output file with the suffix .html or .png.
     scene
-        What every sensor takes its picture of; the bundled room by default.
+        Scene to be rendered for each sensor; the bundled room by default.
 
     Returns
     -------
     Path
-        Of the file.
+        Path of the file.
 
     Raises
     ------
     InvalidParameter
-        A file name that ends in neither, before anything is computed.
+        Other suffix; raised before any computation.
     OmnimirrorError
-        A sensor cannot be used, or the file cannot be written.
+        Unsupported sensor, or a file that cannot be written.
 
     Examples
     --------
@@ -86,7 +87,7 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
 
 
 def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
-    """Every sensor's picture of the scene, and its panorama over the elevations that any of them sees."""
+    """Render the scene with each sensor, with panoramas over the union of their elevation ranges."""
     fields = [field_of(s) for s in comparison.sensors]
     elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
     circles, panoramas = [], []
@@ -99,7 +100,7 @@ def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
 
 
 def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
-    """The page with everything inside it."""
+    """Return the self-contained page."""
     title = " · ".join(comparison.names)
     return page_html(
         title,
@@ -121,7 +122,7 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
 
 
 def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.uint8]:
-    """The same as one tall picture (rows, columns, 3) in RGB order."""
+    """Return the comparison as one tall image (rows, columns, 3) in RGB order."""
     lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
     figures = (
         table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
@@ -133,7 +134,8 @@ def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.u
 
 
 def _in_place(comparison: Comparison) -> list[Sensor]:
-    """Its sensors as they were drawn: a curve over the field angle holds at all azimuths."""
+    """Return the sensors without misalignment; their curves over the field angle apply to all
+    azimuths."""
     return [sensor.aligned() for sensor in comparison.sensors]
 
 

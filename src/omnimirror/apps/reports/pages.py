@@ -1,4 +1,4 @@
-"""What the pages have in common."""
+"""Common templates of the report pages."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ TEMPLATES = Path(__file__).parent
 
 
 def page_html(title: str, body: str, **parts: object) -> str:
-    """A page with everything inside it: the body of a name, filled with parts that are HTML already."""
+    """Return a self-contained page from a named body template, filled with HTML fragments."""
     return _template("page").substitute(title=html_text(title), body=_template(body).substitute(parts))
 
 
 def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
-    """A picture inside the page, with its caption."""
+    """Return an embedded image with its caption."""
     source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
     text = html_text(caption)
     return f'<figure><img class="{css}" alt="{text}" src="{source}"><figcaption>{text}</figcaption></figure>'

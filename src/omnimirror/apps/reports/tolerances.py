@@ -74,24 +74,25 @@ class _Order:
 
 @checked
 def write_tolerances(report: ToleranceReport, path: str | Path) -> Path:
-    """Write tolerances as one self-contained page that a buyer sends with the order.
+    """Write tolerances as one self-contained page for a purchase order.
 
     Parameters
     ----------
     report
-        From :func:`omnimirror.tolerance`; where a yield was asked for, the page shows the tolerances that reach it.
+        Result of :func:`omnimirror.tolerance`; with a target yield, the page lists the allocated
+        tolerances.
     path
-        Ends in .html.
+        Output file with the suffix .html.
 
     Returns
     -------
     Path
-        Of the file.
+        Path of the file.
 
     Raises
     ------
     InvalidParameter
-        Another ending.
+        Other suffix.
     OmnimirrorError
         The file cannot be written.
 

@@ -14,12 +14,13 @@ PRINTED_PIXELS = 0.735e6  # Sec. 3.3; correct: 0.785e6
 
 
 def _printed_depth(name: str) -> float:
-    """Depth of field as the paper computes it, 2 L0^2/L_inf with the printed numbers, in M."""
+    """Return the depth of field as computed in the paper, 2 L0^2/L_inf with the printed numbers, in
+    M."""
     return 2 * PRINTED_FOCUS[name] ** 2 / PRINTED_HYPERFOCAL / M
 
 
 def _optics() -> list[Claim]:
-    """Sec. 3.3: imager, lens and depth of field."""
+    """Return claims of Sec. 3.3: imager, lens and depth of field."""
 
     def focal_length(p: Paper) -> float:
         b0 = RADIUS_PX * PITCH / np.tan(THETA_MAX)
@@ -47,17 +48,17 @@ def _optics() -> list[Claim]:
 
 
 def _appendix() -> list[Claim]:
-    """Eqs. 24 to 36 as identities between quantities that omnimirror computes separately."""
+    """Return Eqs. 24 to 36 as identities between quantities that omnimirror computes separately."""
 
     def thin_lens(p: Paper) -> float:
         return p.lens.focal_length_mm * (1 / p.lens.focus_distance_mm + 1 / p.lens.image_distance)
 
     def conjugate(p: Paper, distance: np.ndarray) -> np.ndarray:
-        """Image distance b of Eq. 26."""
+        """Return the image distance b of Eq. 26."""
         return 1 / (1 / p.lens.focal_length_mm - 1 / distance)
 
     def blur_by_triangles(p: Paper) -> float:
-        """Eq. 27 with the diameter D of Eq. 24."""
+        """Return Eq. 27 with the diameter D of Eq. 24."""
         e, lens = p.field("SPH", EXACT), p.lens
         b = conjugate(p, e.distance_t_mm)
         delta = lens.focal_length_mm / lens.f_number * (lens.image_distance - b) / b
@@ -111,7 +112,7 @@ def _appendix() -> list[Claim]:
 
 
 def _spots() -> list[Claim]:
-    """Secs. 3.3 and 3.4, Figs. 4 and 9 to 11: virtual images, blur and best focus."""
+    """Return claims of Secs. 3.3 and 3.4, Figs. 4 and 9 to 11: virtual images, blur and best focus."""
 
     def leaves(name: str, kind: str, word: str) -> Claim:
         return ordered("Sec. 3.3, Fig. 4", f"{name}: {word} images leave the depth of field",
@@ -148,7 +149,7 @@ def _spots() -> list[Claim]:
 
 
 def _pixels() -> list[Claim]:
-    """Secs. 1 and 3.3: coverage, and the solid angle of a pixel."""
+    """Return claims of Secs. 1 and 3.3: coverage, and the solid angle of a pixel."""
     return [
         printed("Sec. 3.3", "whole sphere", "4π (180/π)²", "41253", lambda p: p.square_degrees, "deg²"),
         printed("Sec. 3.3", "coverage of 0 to 135 deg", "(1 - cos Ω)/2", "0.8356", lambda p: p.coverage,
@@ -170,7 +171,7 @@ def _pixels() -> list[Claim]:
 
 
 def _viewpoints() -> list[Claim]:
-    """Sec. 4.2, Fig. 15."""
+    """Return claims of Sec. 4.2, Fig. 15."""
     return [
         printed("Sec. 4.2, Fig. 15", "SPH: error of a single viewpoint at 40 M, ±", "minimised largest error in the "
                 "image", "1", lambda p: p.one_viewpoint(40).worst_px, "px"),
@@ -188,7 +189,7 @@ def _viewpoints() -> list[Claim]:
 
 
 def _prototypes() -> list[Claim]:
-    """Sec. 5.1: consistency of the prototypes with the theory."""
+    """Return claims of Sec. 5.1: consistency of the prototypes with the theory."""
     beta = np.radians(135.0 - 12.0) / 2
     return [
         printed("Sec. 5.1", "spherical prototype: diameter that observes 135 deg", "2 A sin β, A = 50 mm, Θ = 12 deg",

@@ -1,7 +1,8 @@
 """Statements of the paper, the computed values, and the verdicts.
 
-The verdict follows from the printed statement, the computed value and one rule of tolerance (:func:`printed_number`,
-:data:`WORDINGS`). A claim also records the verdict that is known to be right, so that a regression is detected.
+The verdict follows from the printed statement, the computed value and one tolerance rule
+(:func:`printed_number`,
+:data:`WORDINGS`). A claim also records its known correct verdict, for the detection of regressions.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ class Claim:
 
     @property
     def expected(self) -> str:
-        """Verdict that is known to be right."""
+        """Known correct verdict."""
         if self.target is None:
             return COMPUTED
         if self.erratum is not None:
@@ -189,7 +190,7 @@ def formula(
 def unprinted(
     place: str, quantity: str, method: str, correct: str, compute: Compute, unit: str = "", **more: Any
 ) -> Claim:
-    """Return a quantity of a figure or an equation of which the paper prints no value."""
+    """Return a quantity of a figure or equation without a printed value in the paper."""
     return Claim(place, quantity, method, compute, unit=unit, correct=correct, **more)
 
 

@@ -23,7 +23,7 @@ from ...optics.tracing.meridian import ChiefRays, trace_chief_rays
 Array = NDArray[np.float64]
 
 NAMES = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
-"""The paper's names of its mirrors, and the bundled sensors."""
+"""Mirror names of the paper with the corresponding bundled sensors."""
 
 M = 43.9  # mm: radius of the mirrors (Sec. 3.3)
 OMEGA_MAX, THETA_MAX = np.radians(135.0), np.radians(12.0)
@@ -39,7 +39,7 @@ TABLE_1: dict[str, tuple[Mirror, float]] = {
 
 
 def paper_sensors() -> list[Sensor]:
-    """SPH, E-DI and SVP under these names."""
+    """Return SPH, E-DI and SVP under these names."""
     return [replace(load_sensor(file), name=name) for name, file in NAMES.items()]
 
 
@@ -56,7 +56,7 @@ class Paper:
         return {}
 
     def field(self, name: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf) -> Evaluation:
-        """The whole field of a sensor, every half degree from 0 to 135."""
+        """Evaluate the whole field of a sensor, every 0.5 deg from 0 to 135 deg."""
         key = (name, conditions, object_distance_mm)
         if key not in self._evaluations:
             self._evaluations[key] = self.at(name, np.arange(0, 135.25, 0.5), conditions, object_distance_mm)
@@ -65,7 +65,7 @@ class Paper:
     def at(
         self, name: str, omega_deg: ArrayLike, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
     ) -> Evaluation:
-        """A sensor at field angles (n,), deg."""
+        """Evaluate a sensor at field angles (n,), deg."""
         return evaluate(
             self.sensors[name],
             omega_deg,
@@ -75,34 +75,34 @@ class Paper:
         )
 
     def rim(self, name: str) -> ChiefRays:
-        """The chief ray of the rim, x = 1, with the numbers of Table 1."""
+        """Return the chief ray of the rim, x = 1, with the numbers of Table 1."""
         mirror, m = TABLE_1[name]
         return trace_chief_rays(mirror, m, [1.0])
 
     def spread(self, name: str) -> float:
-        """Distance of the lowest from the highest viewpoint, in M."""
+        """Return the distance between the lowest and the highest viewpoint, in M."""
         return float(np.ptp(self.field(name).viewpoint_z_mm)) / M
 
     def worst_blur_px(
         self, name: str, way: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
     ) -> float:
-        """Largest tangential (``"t"``) or sagittal (``"s"``) blur of the field."""
+        """Return the largest tangential (``"t"``) or sagittal (``"s"``) blur of the field."""
         blur: Array = getattr(self.field(name, conditions, object_distance_mm), f"blur_{way}_px")
         return float(np.abs(blur).max())
 
     def depth_of_field(self, name: str, conditions: Conditions = PAPER) -> float:
-        """Depth of field about L0 in mm."""
+        """Return the depth of field about L0 in mm."""
         return self.field(name, conditions).depth_of_field_mm.depth
 
     def best_focus(self, name: str) -> BestFocus:
-        """L0 with the least worst blur area (the paper's product)."""
+        """Return the L0 that minimises the largest blur area (the product used in the paper)."""
         omega = np.linspace(0.0, 135.0, 1001)
         return best_focus(
             self.sensors[name], "worst_blur_area_deg2", omega_deg=omega, mode="paper", image_radius_px=RADIUS_PX
         )
 
     def one_viewpoint(self, distance_in_m: float, name: str = "SPH") -> SingleViewpoint:
-        """The best single viewpoint for objects at a distance in units of M."""
+        """Return the best single viewpoint for objects at a distance in units of M."""
         omega = np.linspace(0, 135, 1001)
         return best_viewpoint(self.sensors[name], distance_in_m * M, omega_deg=omega, image_radius_px=RADIUS_PX)
 
@@ -134,42 +134,42 @@ class Paper:
 
     @cached_property
     def lens(self) -> Perspective:
-        """f = 11.6 mm, F = 4, focused at 212 mm."""
+        """Lens with f = 11.6 mm and F = 4, focused at 212 mm."""
         lens = self.sensors["SPH"].lens
         assert isinstance(lens, Perspective)
         return lens
 
     @cached_property
     def telecentric_sphere(self) -> Evaluation:
-        """A sphere that sees 135 deg under an orthographic lens."""
+        """Evaluate a sphere with a field of 135 deg under an orthographic lens."""
         sensor = sphere_for(self.sensors["SPH"], 135.0, 0.0, RADIUS_PX)
         return evaluate(sensor, np.arange(0, 135.0, 0.5), image_radius_px=RADIUS_PX)
 
     @cached_property
     def telecentric_paraboloid(self) -> Evaluation:
-        """The bundled paraboloid under an orthographic lens."""
+        """Evaluate the bundled paraboloid under an orthographic lens."""
         sensor = load_sensor("paraboloid-telecentric")
         assert isinstance(sensor.lens, Orthographic)
         return evaluate(sensor, np.arange(0, 105.0, 0.5))
 
     @property
     def coverage(self) -> float:
-        """Share of the viewing sphere between 0 and 135 deg."""
+        """Return the fraction of the viewing sphere between 0 and 135 deg."""
         return float(1 - np.cos(OMEGA_MAX)) / 2
 
     @property
     def square_degrees(self) -> float:
-        """Of the whole sphere."""
+        """Return the solid angle of the whole sphere."""
         return float(4 * np.pi * np.degrees(1.0) ** 2)
 
     @property
     def mean_pixel_deg2(self) -> float:
-        """Solid angle that one pixel of the image circle sees on average."""
+        """Return the mean solid angle of a pixel in the image circle."""
         return self.square_degrees * self.coverage / (np.pi * RADIUS_PX**2)
 
 
 def change(values: Array) -> tuple[float, float]:
-    """Smallest and largest step from one value to the next."""
+    """Return the smallest and the largest difference between consecutive values."""
     steps = np.diff(values)
     return float(steps.min()), float(steps.max())
 
@@ -185,7 +185,8 @@ def half_range(values: Array) -> float:
 
 
 def worst_ratio(a: Array, b: Array) -> float:
-    """Return the ratio of two arrays that deviates most from 1; values that are both negligible are left out.
+    """Return the ratio of two arrays that deviates most from 1; pairs of negligible values are
+    excluded.
 
     >>> worst_ratio(np.array([1.0, 2.0]), np.array([1.0, 4.0]))
     0.5

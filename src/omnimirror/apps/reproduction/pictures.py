@@ -1,6 +1,7 @@
-"""The paper's figures that are diagrams, photographs and straightened pictures: Figs. 1, 2, 13, 14 and 16 to 18.
+"""Diagrams, photographs and dewarped images of the paper: Figs. 1, 2, 13, 14 and 16 to 18.
 
-Where the paper has photographs, of a garden and of its prototypes, there are simulated pictures of a room.
+Rendered images of a room replace the photographs of the paper, which show a garden and the
+prototypes.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def _sphere() -> Sensor:
 
 @cache
 def _circle() -> Picture:
-    """What the spherical sensor sees of the room through its whole aperture, as its camera did."""
+    """Render the room with the spherical sensor through its whole aperture, as recorded by its
+    camera."""
     return take_picture(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
 
 
@@ -59,7 +61,8 @@ def fig14() -> Figure:
 def fig16() -> Figure:
     """Draw the prototypes of Sec. 5.2; the paper prints no dimensions, these are assumed.
 
-    The clear rod tapers towards the lens along the chief rays; its image is that of the bare mirror with the camera in
+    The clear rod tapers towards the lens along the chief rays; its image equals that of the bare
+    mirror with the camera in
     the centre. Images have the resolution of the printed panels.
     """
     sphere = _sphere()
@@ -68,7 +71,7 @@ def fig16() -> Figure:
     room, bare = Room(), replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA)))
     lens = -bare.meridian.m
     rod, tube, dome = Rod(1.4, 14.0, gap_mm=-0.1 * lens), Tube(110.0, 3.0), Dome(150.0, 3.0, centre_mm=20.0)
-    scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # a tube's lid
+    scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # lid of the tube
     taken = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
     held = [replace(bare.housing, rod=rod), replace(bare.housing, shell=tube), replace(bare.housing, shell=dome)]
     titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
@@ -76,7 +79,7 @@ def fig16() -> Figure:
 
 
 def fig17() -> Figure:
-    """A furnished room in place of the garden: circle, panorama, zoom."""
+    """Draw a furnished room instead of the garden: circle, panorama, zoom."""
     sensor = _sphere()
     panorama = Dewarper(sensor, views.panorama(sensor), "cubic")(_circle())
     zoom = Dewarper(sensor, views.perspective((1120, 840), hfov_deg=75.0), "cubic")(_circle())
@@ -88,4 +91,4 @@ def fig18() -> Figure:
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)}
-"""Figures that are no curves of the sensors' evaluation, by name."""
+"""Figures other than evaluation curves, by name."""

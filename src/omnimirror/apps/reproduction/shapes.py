@@ -49,7 +49,8 @@ def _slope_law() -> tuple[float, float]:
 
 
 def _table_1() -> list[Claim]:
-    """Parameters as printed give 135 and 12 deg; the same requirements in closed form give the parameters."""
+    """Return claims of Table 1: printed parameters give 135 and 12 deg; these requirements give the
+    parameters in closed form."""
     closed = "closed form from Ω = 135, Θ = 12 deg: "
     A, B, C = _hyperboloid()
 
@@ -103,7 +104,7 @@ def _derivative_ratio(name: str, order: int) -> float:
 
 
 def _mapping() -> list[Claim]:
-    """Sec. 3.2: Figs. 5 to 7."""
+    """Return claims of Sec. 3.2: Figs. 5 to 7."""
 
     def smallest_step(name: str, column: str) -> Compute:
         return lambda p: change(getattr(p.field(name), column))[0]
@@ -140,10 +141,10 @@ def _mapping() -> list[Claim]:
 
 
 def _sphere() -> list[Claim]:
-    """Secs. 2.3 and 3.4."""
+    """Return claims of Secs. 2.3 and 3.4."""
 
     def relative_area(p: Paper, theta_deg: float) -> float:
-        """Δs(135)/Δs(0) of the spherical mirror for a lens viewing angle at the rim."""
+        """Return Δs(135)/Δs(0) of the spherical mirror for a lens viewing angle at the rim."""
         sensor = sphere_for(p.sensors["SPH"], 135.0, theta_deg, 500.0)
         x = np.array([1e-6, sensor.mirror.rim_radius_mm])
         rays = sensor.meridian.trace(x)
@@ -179,7 +180,7 @@ def _sphere() -> list[Claim]:
 
 
 def _equidistant() -> list[Claim]:
-    """Sec. 3.5."""
+    """Return claims of Sec. 3.5."""
     half = float(OMEGA_MAX) / 2  # A of Eq. 22, per M
     return [
         formula("Eq. 22", "equidistant, orthographic lens: sag at x = M", "∫ tan(A x) dx = -(1/A) ln cos(A x)",
@@ -195,7 +196,7 @@ def _equidistant() -> list[Claim]:
 
 
 def _single_viewpoint() -> list[Claim]:
-    """Sec. 3.6."""
+    """Return claims of Sec. 3.6."""
     return [
         zero("Sec. 3.6", "paraboloid, orthographic lens: Δw/Δh is 1", "worst |Δw/Δh - 1|, Eq. 12",
                lambda p: np.abs(p.telecentric_paraboloid.aspect - 1).max()),

@@ -1,7 +1,8 @@
-"""The studio: look through a sensor in the browser, and the page that does without a server.
+"""Studio: browser application for sensors and their images, and pages that need no server.
 
-Needs the extra ``omnimirror[studio]``; :func:`show`, :func:`viewer_of` and :func:`page_alone` do not,
-:func:`video_viewer_of` needs ``[video]`` only.
+Requires the extra ``omnimirror[studio]``, except :func:`show`, :func:`viewer_of` and
+:func:`page_alone`, which require no
+extra, and :func:`video_viewer_of`, which requires ``[video]``.
 """
 
 from importlib import import_module
@@ -24,7 +25,7 @@ _HOMES = {
 __all__ = list(_HOMES)
 
 
-if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all others
+if not TYPE_CHECKING:  # type checkers see the names above and must reject all others
 
     def __getattr__(name: str) -> Any:
         if name in _HOMES:

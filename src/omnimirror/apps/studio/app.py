@@ -1,4 +1,4 @@
-"""The studio's server: the page, and behind it the routes of its tabs."""
+"""ASGI application of the studio: the page and the routes of its tabs."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from .schema import REFUSALS
 from .studio import Studio
 
 PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/level", "/api/calibrate/look", "/api/calibrate/straight")
-"""Where pictures are handed up."""
+"""Routes that accept uploaded images."""
 
 
 def create_app(studio: Studio | None = None) -> ASGIApp:
-    """The server as an ASGI application, guarded; :func:`api` is what stands behind the guard."""
+    """Return the guarded ASGI application; :func:`api` builds the routes behind the guard."""
     studio = studio or Studio()
     larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {"/api/calibrate/together": MAX_DETECTIONS_BYTES}
     limited = RequestLimits(api(studio), larger)
@@ -36,7 +36,7 @@ def create_app(studio: Studio | None = None) -> ASGIApp:
 
 
 def api(studio: Studio) -> FastAPI:
-    """The routes."""
+    """Return the FastAPI application with all routes."""
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -66,7 +66,7 @@ def api(studio: Studio) -> FastAPI:
 
     @app.exception_handler(ClientDisconnect)
     async def gone(request: Request, error: ClientDisconnect) -> Response:
-        return Response(status_code=400)  # of half a file that nobody waits for any more
+        return Response(status_code=400)  # incomplete upload of a client that disconnected
 
     _add_page(app)
     add_look(app, studio)
@@ -91,7 +91,7 @@ def _add_page(app: FastAPI) -> None:
 
     @app.get("/health")
     async def health() -> Health:
-        """Whether the server is there."""
+        """Report that the server is running."""
         return Health(version=__version__)
 
 

@@ -1,7 +1,8 @@
-"""Binary messages: a header in words, and the bytes that it tells of.
+"""Binary messages: a JSON header and a payload of bytes.
 
-A message is the length of a JSON text (4 bytes, little-endian), the text padded with blanks to a multiple of 4
-bytes, and the bytes.
+A message consists of the length of a JSON text (4 bytes, little-endian), the text padded with
+blanks to a multiple of 4
+bytes, and the payload.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ M = TypeVar("M", bound=Message)
 
 
 def framed(header: Message, *parts: bytes) -> bytes:
-    """A message and the bytes it tells of.
+    """Encode a header and its payload as one message.
 
     >>> from .bench.messages import Trouble
     >>> framed(Trouble(path=(), sentence="no"), b"abcd")
@@ -28,12 +29,12 @@ def framed(header: Message, *parts: bytes) -> bytes:
 
 
 def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
-    """Parse the message before the bytes, and return both.
+    """Parse the header of a message; return it with the payload.
 
     Raises
     ------
     InvalidMessage
-        The message is not valid.
+        Invalid message.
 
     >>> from .bench.messages import Trouble
     >>> unframed(framed(Trouble(path=(), sentence="no"), b"abcd"), Trouble)

@@ -1,6 +1,7 @@
-"""What all messages between server and page share; those of a tab stand beside its routes.
+"""Base classes of all messages between server and page; the messages of a tab are defined in its
+package.
 
-The page's types are made from them (``web/message_types.py``).
+The types of the page are generated from them (``web/message_types.py``).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Message(BaseModel):
-    """Something told."""
+    """Base of all messages."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -23,13 +24,13 @@ class ClientMessage(Message):
 
 
 class Problem(Message):
-    """Why something was refused, in a sentence."""
+    """Error response with the reason."""
 
     detail: str
 
 
 class Health(Message):
-    """That the server is there."""
+    """Status of the server."""
 
     status: Literal["ok"] = "ok"
     version: str

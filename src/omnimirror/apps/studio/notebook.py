@@ -1,4 +1,4 @@
-"""A view to look around in, for notebooks: the page that does without a server, in a frame."""
+"""Interactive views in notebooks: the page without a server, in a frame."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ LOWEST_PX, HIGHEST_PX = 120, 4000
 
 @dataclass(frozen=True)
 class LookAround:
-    """A page in which to look around; the last line of a notebook's cell shows it.
+    """Interactive page, displayed as the last expression of a notebook cell.
 
     Attributes
     ----------
     page
-        Its HTML, with picture and camera inside; it needs nothing else.
+        Self-contained HTML with image and camera.
     height_px
-        Of its frame.
+        Height of the frame, pixels.
 
     Examples
     --------
@@ -42,17 +42,17 @@ class LookAround:
     height_px: int
 
     def _repr_html_(self) -> str:
-        """The page in a frame, as notebooks ask for it."""
+        """Return the page in a frame for notebooks."""
         look = f"width: 100%; height: {self.height_px}px; border: 0"
         return f'<iframe srcdoc="{escape(self.page)}" style="{look}" allow="fullscreen; gyroscope"></iframe>'
 
     def save(self, path: str | Path) -> None:
-        """Write the page as a file that any browser opens.
+        """Write the page as an HTML file.
 
         Parameters
         ----------
         path
-            An HTML file.
+            HTML file.
         """
         write_text(path, self.page)
 
@@ -64,28 +64,30 @@ def show(
     height_px: int = 480,
     stored_orientation: bool = False,
 ) -> LookAround:
-    """Look around in a picture, in a notebook: views that pan, tilt and zoom, panoramas and the others of the studio.
+    """Display interactive views of an image in a notebook: pan, tilt and zoom, panoramas and other
+    projections.
 
     Parameters
     ----------
     picture : (h, w), (h, w, 3) or (h, w, 4) array, or a file
-        Colours are RGB.
+        Image; colours are RGB.
     camera
-        What took it: a sensor, a calibrated camera, a mirror ball.
+        Camera of the image: a sensor, a calibrated camera or a mirror ball.
     height_px
-        Of the view.
+        Height of the view, pixels.
     stored_orientation
-        Take the pixels of a file as stored, without the orientation in its EXIF data.
+        Use the pixels of a file as stored and ignore the orientation in its EXIF data.
 
     Returns
     -------
     LookAround
-        Shown by a notebook where it is the last line of a cell; ``save`` writes it as a page of its own.
+        Page that a notebook displays as the last expression of a cell; ``save`` writes it to a
+        file.
 
     Raises
     ------
     InvalidParameter
-        The picture is not of the camera's size, or there is no such camera.
+        Unknown camera, or an image of another size than the camera's.
 
     Examples
     --------

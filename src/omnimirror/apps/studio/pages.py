@@ -1,4 +1,4 @@
-"""The page's own files, sent once: compressed, and again only when they have changed."""
+"""Static files of the page, compressed and cached by the browser."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ if TYPE_CHECKING:
 
 PAGE = Path(__file__).parent / "page" / "index.html"
 SCRIPTS = ("bench.js", "space.js", "calibrate.js")
-"""Of the tabs and the 3-D view, which the page fetches when they are wanted."""
+"""Scripts of the tabs and the 3-D view, loaded on demand."""
 
 
 @cache
 def page_text() -> str:
-    """The studio's page, one file with everything in it."""
+    """Return the page of the studio as one file."""
     return PAGE.read_text(encoding="utf-8")
 
 
 @cache
 def script_text(name: str) -> str:
-    """One of :data:`SCRIPTS`."""
+    """Return one of :data:`SCRIPTS`."""
     return PAGE.with_name(name).read_text(encoding="utf-8")
 
 
 class PageFile:
-    """A text that browsers keep and ask about before each use.
+    """Static text that browsers cache and revalidate before each use.
 
     Examples
     --------
@@ -42,17 +42,17 @@ class PageFile:
 
     def __init__(self, text: str, kind: str) -> None:
         self.data, self.kind = text.encode(), kind
-        # weak: the same for both ways of sending
+        # weak: valid for both encodings
         self.tag = f'W/"{hashlib.sha256(self.data).hexdigest()[:20]}"'
 
     @cached_property
     def squeezed(self) -> bytes:
-        """Compressed, once."""
+        """Compressed text, computed once."""
         return gzip.compress(self.data, 9, mtime=0)
 
     def answer(self, request: Request) -> Response:
-        """The file, or that the browser's is still right."""
-        from starlette.responses import Response  # the page from disk does without a server
+        """Return the file, or 304 if the copy of the browser is current."""
+        from starlette.responses import Response  # not required by pages without a server
 
         headers = {"etag": self.tag, "cache-control": "no-cache", "vary": "accept-encoding"}
         kept = request.headers.get("if-none-match", "")
@@ -64,7 +64,7 @@ class PageFile:
 
 
 def _takes_gzip(accepted: str) -> bool:
-    """Whether a browser unpacks it.
+    """Check if a browser accepts gzip.
 
     >>> [_takes_gzip(a) for a in ("gzip, deflate, br", "br", "gzip;q=0", "identity;q=1, gzip;q=0.5")]
     [True, False, False, True]

@@ -1,4 +1,4 @@
-"""What the server's own description, ``/openapi.json``, says of files handed up and down, and of refusals."""
+"""OpenAPI fragments (``/openapi.json``) of uploads, downloads and error responses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FILE_BODY: dict[str, Any] = {
     }
 }
 FileName = Annotated[str, Query(max_length=200)]
-# Refusals are JSON, whatever the answer would have been.
+# Error responses are JSON for every content type.
 REFUSED: dict[str, Any] = {
     "model": Problem,
     "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}},

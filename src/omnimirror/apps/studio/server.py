@@ -1,4 +1,4 @@
-"""Run the studio's server until Ctrl-C."""
+"""Studio server process, run until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
     Parameters
     ----------
     studio
-        What to show; beyond this machine it gets a token, which the printed address holds.
+        Studio to be served; reachable from other machines only with the token in the printed
+        address.
     host, port
-        Where to listen; port 0 takes any that is free.
+        Network address; port 0 selects a free port.
     open_browser
         Whether to open the page.
     tell
-        Told the address, in a sentence.
+        Callback for the message with the address.
 
     Raises
     ------
     OmnimirrorError
-        The address cannot be listened on.
+        The address is not available.
     KeyboardInterrupt
-        Ctrl-C ended it.
+        Ended by Ctrl-C.
     """
     if not is_loopback(host):
         studio.token = secrets.token_urlsafe(16)

@@ -1,4 +1,4 @@
-"""What a server shows, and whose turn it is where something takes long."""
+"""State of a studio server, with queues for long-running requests."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from .look.streams import Streams
 
 @dataclass
 class Studio:
-    """What a server shows: sources, cameras, streams; to whom, and simulations, pictures and reports one at a time.
+    """Sources, cameras, streams and access rules of a server; simulations, images and reports run
+    one at a time.
 
     Parameters
     ----------
     sources
-        Pictures, videos and streams that the page may ask for.
+        Images, videos and streams that pages can request.
     given
-        The camera that the page begins with, if the server was started with one.
+        Initial camera of the page, if any.
     hosts
-        Names by which the server may be asked, besides those of this machine.
+        Accepted host names in addition to those of this machine.
     token
-        What other machines must know.
+        Access token required from other machines.
     """
 
     sources: Sources = field(default_factory=Sources)

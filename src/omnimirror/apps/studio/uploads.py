@@ -1,4 +1,4 @@
-"""What is handed up: files with harmless names, and pictures that are looked at before they are unpacked."""
+"""Uploads: sanitised file names, and images whose size is checked before decompression."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from starlette.requests import Request
 
 MOST_UNPACKED = 256 << 20
-"""Bytes of a picture in memory."""
+"""Maximum size of a decoded image in memory, bytes."""
 STRIP = 256
-"""Rows that are converted at once."""
-BITS_PER_SAMPLE = 258  # of a TIFF
+"""Rows per conversion step."""
+BITS_PER_SAMPLE = 258  # TIFF tag
 KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp", "GIF": ".gif", "PPM": ".pnm"}
 
 
 async def collected(request: Request) -> bytes:
-    """The file that a request hands up.
+    """Return the uploaded file of a request.
 
     Raises
     ------
     MediaError
-        Nothing came.
+        Empty request.
     """
     data = await request.body()
     if not data:
@@ -44,7 +44,8 @@ async def collected(request: Request) -> bytes:
 
 
 def safe_name(name: str) -> str:
-    """The last part of a name, of harmless characters, for people and for command lines.
+    """Return the last component of a name, reduced to characters that are safe in messages and on
+    command lines.
 
     >>> safe_name("../../etc/pass wd"), safe_name("C:\\\\rooms\\\\hall.toml"), safe_name("..")
     ('pass_wd', 'hall.toml', 'file')
@@ -54,25 +55,25 @@ def safe_name(name: str) -> str:
 
 
 def browser_picture(data: bytes, name: str) -> bytes:
-    """A picture that browsers do not read (TIFF, 16 bits ..) as 8-bit PNG.
+    """Convert an image that browsers cannot read (TIFF, 16 bits, ...) to 8-bit PNG.
 
     Raises
     ------
     MediaError
-        It is no picture, is damaged, or would unfold to too much.
+        Unknown format, damaged image, or decoded size too large.
     """
     return encoded(eight_bits(picture_in(data, name)), ".png")
 
 
 def picture_in(data: bytes, name: str) -> NDArray[Any]:
-    """A picture of any kind that was handed up.
+    """Decode an uploaded image of any format.
 
-    Its size in memory is read from its header, and refused, before anything is unpacked.
+    The decoded size is computed from the header and checked before decompression.
 
     Raises
     ------
     MediaError
-        It is no picture, is damaged, or would unfold to too much.
+        Unknown format, damaged image, or decoded size too large.
     """
     suffix = _checked_kind(data, name)
     with tempfile.TemporaryDirectory() as folder:
@@ -85,13 +86,13 @@ def picture_in(data: bytes, name: str) -> NDArray[Any]:
 
 
 def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
-    """The bytes of a file of a picture, grey, RGB or RGBA."""
+    """Encode a grey, RGB or RGBA image as a file."""
     parameters = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 2]
     return images.encoded(image, suffix, parameters)
 
 
 def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """The picture in 8 bits; floating values from 0 to 1."""
+    """Convert an image to 8 bits; floating-point values range from 0 to 1."""
     if image.dtype == np.uint8:
         return image.astype(np.uint8, copy=False)
     scale = 255.0 if image.dtype == np.float32 else 255.0 / 65535
@@ -103,12 +104,12 @@ def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 
 def _checked_kind(data: bytes, name: str) -> str:
-    """The suffix of the picture's kind, once its header promises a reasonable size."""
+    """Check the decoded size in the image header; return the suffix of the format."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of large or damaged pictures: both are refused with a reason
+            warnings.simplefilter("ignore")  # Pillow warns of large or damaged images; both are rejected below
             with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
                 kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
         is_huge = unpacked > MOST_UNPACKED
@@ -122,14 +123,14 @@ def _checked_kind(data: bytes, name: str) -> str:
 
 
 def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
-    """How large a picture is once it is read, by its header."""
+    """Return the decoded size of an image in bytes, from its header."""
     width, height = picture.size
-    channels = 4 if picture.mode in ("P", "PA") else len(picture.getbands())  # a palette is unfolded to colours
+    channels = 4 if picture.mode in ("P", "PA") else len(picture.getbands())  # palettes are expanded to colours
     depth = 8
     if picture.format == "PNG":
         depth = data[24]
     elif picture.format == "TIFF":
         depth = max(picture.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
     elif picture.format == "PPM":
-        depth = 16  # what is brightest in it may be up to 65535
+        depth = 16  # maximum value up to 65535
     return width * height * channels * max(1, -(-depth // 8))

@@ -1,6 +1,7 @@
-"""What takes time runs in processes of its own, which sliders do not feel and which can be ended at any moment.
+"""Worker processes for long-running tasks; they do not delay interactive requests and can be
+cancelled at any time.
 
-Such a process reads what it is to do from its input, a line each, and writes its news, a line each.
+A worker reads its task from standard input and writes its progress, one message per line.
 """
 
 from __future__ import annotations
@@ -18,36 +19,36 @@ from ...base.errors import InvalidParameter
 
 
 def begun(module: str) -> subprocess.Popen[bytes]:
-    """A module as a process that Ctrl-C at the server does not reach."""
+    """Start a module as a process that is isolated from Ctrl-C at the server."""
     return subprocess.Popen(
         [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
     )
 
 
 def ended(process: subprocess.Popen[bytes]) -> None:
-    """End a process, and let go of what it read and wrote."""
+    """Terminate a process and close its pipes."""
     process.kill()
-    process.wait()  # which a killed process does not make long
+    process.wait()  # short, because the process is killed
     for stream in (process.stdin, process.stdout):
-        with suppress(OSError):  # what it was told last may not have reached it
+        with suppress(OSError):  # the last input may not have been delivered
             stream.close()  # type: ignore[union-attr]
 
 
 async def while_open(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
-    """Answer a socket until either end has had enough."""
+    """Serve a socket until either side closes it."""
     await socket.accept()
     with suppress(WebSocketDisconnect, RuntimeError, OSError):
         await work(socket)
 
 
 class Worker:
-    """A process at work."""
+    """Running worker process."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
 
     def tell(self, line: str) -> None:
-        """Give it a line more; one that has ended needs none."""
+        """Send a line to the process; ignored after its end."""
         stdin: IO[bytes] | None = self._process.stdin
         assert stdin is not None
         with suppress(OSError):
@@ -55,7 +56,7 @@ class Worker:
             stdin.flush()
 
     async def lines(self) -> AsyncIterator[str]:
-        """Its news."""
+        """Yield the output lines."""
         stdout = self._process.stdout
         assert stdout is not None
         while line := await asyncio.to_thread(stdout.readline):
@@ -63,16 +64,16 @@ class Worker:
 
 
 class Workers:
-    """Processes at work, never too many.
+    """Limited number of worker processes.
 
     Parameters
     ----------
     module
-        What they run.
+        Module to run.
     most
-        How many at once.
+        Maximum number of simultaneous processes.
     what
-        They do, in the plural, for who has to wait.
+        Plural noun for their tasks, used in the error message.
     """
 
     def __init__(self, module: str, most: int, what: str) -> None:
@@ -81,12 +82,12 @@ class Workers:
 
     @asynccontextmanager
     async def one(self) -> AsyncIterator[Worker]:
-        """A worker; leaving the block ends it.
+        """Yield a worker; leaving the block terminates it.
 
         Raises
         ------
         InvalidParameter
-            Too many are at work.
+            Too many active workers.
         """
         if self._running >= self.most:
             raise InvalidParameter(f"{self.most} {self.what} are running already; wait for one of them, or cancel it")
@@ -100,7 +101,8 @@ class Workers:
 
 
 async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any]) -> None:
-    """Send a worker's news to a page, until there are no more or the page has gone, which ends ``listening``."""
+    """Forward progress messages to a page until their end, or until a disconnect ends
+    ``listening``."""
     lines = worker.lines()
     try:
         while True:

@@ -1,4 +1,4 @@
-"""``omnimirror rim`` and ``omnimirror dewarp --auto``, as their users run them."""
+"""Commands ``omnimirror rim`` and ``omnimirror dewarp --auto``."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from tests.commands import fails, omnimirror
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Two pictures of one sensor, a small one of a rim that is found at once, and one of nothing."""
+    """Two images of one sensor, a small image with a clear outline, and an image without a mirror."""
     folder = tmp_path_factory.mktemp("rims")
     for turn in (0.0, 90.0):
         scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
@@ -57,7 +57,7 @@ def test_what_is_not_sure_is_said(folder):
 
 
 def test_rejected_outlines_are_listed_as_candidates(tmp_path):
-    """Two discs of one colour, of which none is a mirror."""
+    """Two discs of one colour that are not mirrors."""
     v, u = np.mgrid[:240, :400]
     picture = np.where(np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40))
     om.write_image(tmp_path / "discs.png", picture.astype(np.uint8))
@@ -81,7 +81,7 @@ def test_pictures_of_another_size_are_named(command, folder):
 
 
 def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
-    """As well as by the sensor that took it, but for what a rim misses by."""
+    """Same view as with the sensor that rendered the image, up to the outline error."""
     views = {}
     for name, camera in {
         "auto": ["--auto", "--mirror", "paper-spherical"],
@@ -104,7 +104,7 @@ def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
 
 
 def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
-    """By a camera that looks a little down at it: the view is that of the ball so held."""
+    """A camera looks slightly down at a ball: the view is that of a tilted ball."""
     ball = om.MirrorBall((299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0))
     om.write_image(tmp_path / "ball.png", om.take_picture(ball, om.Room(texel_mm=20.0), samples=1))
     command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")
@@ -124,7 +124,8 @@ def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
 
 @pytest.mark.full
 def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
-    """Of a hyperboloid the camera sees itself at nearly the same place, to whichever side it is tilted."""
+    """For a hyperboloid, the camera reflection is at nearly the same position for both signs of the
+    tilt."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     imager = replace(sensor.imager, width_px=1100, height_px=1100, centre_px=None)
     tilted = replace(sensor, imager=imager, mirror_pose=MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0))
@@ -147,7 +148,7 @@ def test_what_auto_refuses(folder, tmp_path):
     assert "--mirror belongs to --auto" in fails("dewarp", folder / "room0.png", "--mirror", "ball", "-o", view)
     assert "presets of common mirrors are one-shot" in fails(
         "dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view
-    )  # before it is looked for
+    )  # raised before the detection
 
 
 @pytest.mark.parametrize(

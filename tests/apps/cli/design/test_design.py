@@ -1,4 +1,4 @@
-"""omnimirror design and omnimirror mappings, run as a user runs them."""
+"""Commands ``omnimirror design`` and ``omnimirror mappings``."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
     assert "All is met if one of these alone gives:" in run.stdout
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
     assert {"total_blur_px", "f_number"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
-    assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best there is
+    assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best feasible choice
     eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
     assert eased.returncode == 0, eased.stdout
 
 
 def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
-    """The sphere's coarsest resolution by its own evaluation; what is missed is told by the exit code too."""
+    """Check the coarsest resolution of the sphere by its own evaluation; violations are also
+    reported by the exit code."""
     file = tmp_path / "r.toml"
     mirror = 'mirror = {family = "sphere", rim_radius_mm = [43, 44]}'
     limit = '[[limit]]\nquantity = "dh_domega_px_per_deg"'
@@ -85,7 +86,7 @@ def test_what_is_wrong_is_one_sentence(args, message, tmp_path):
 def test_the_mappings_are_listed_and_drawn(tmp_path):
     run = omnimirror("mappings", "--omega-max-deg", 75, "--figure", "m.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "4.2365121" in run.stdout  # far plane to 75 deg at 12 deg, computed in 40 digits elsewhere
+    assert "4.2365121" in run.stdout  # far plane to 75 deg at 12 deg, computed separately with 40 digits
     assert (tmp_path / "m.png").read_bytes()[:4] == b"\x89PNG"
     wide = omnimirror("mappings", "--omega-max-deg", 135)
     for number in ("3.9242676", "3.9162533", "3.5500754", "3.556120", "4.0723518"):
@@ -113,5 +114,5 @@ def test_what_would_have_to_give_is_told_by_elevations_where_they_were_asked_for
     asked = [line for line in told.splitlines() if "elevation at the rim: " in line]
     assert all(line.endswith("instead of 20 deg") for line in asked)
     assert asked
-    assert "f_number" not in told  # by which no picture becomes larger
+    assert "f_number" not in told  # does not increase the image
     assert "rim_radius_mm" not in told

@@ -1,4 +1,4 @@
-"""Optimised designs and fronts, apertures and parts as a user runs them."""
+"""Commands for optimised designs, Pareto fronts, apertures and catalogue parts."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_requirement_file_is_optimised_instead_of_its_mapping(tmp_path):
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "even-polynomial"
 
 
-@pytest.mark.full  # test_design has the conflict of a family, told and written the same way
+@pytest.mark.full  # test_design covers the conflict of a family, reported in the same format
 @pytest.mark.long
 def test_an_optimised_requirement_file_says_what_conflicts(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
@@ -116,9 +116,12 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
 @pytest.mark.full
 @pytest.mark.long
 def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
-    """Ctrl-C after the first start: the best so far is written, and the same command finishes the search."""
+    """Ctrl-C after the first start: the best design is written, and the same command completes the
+    search."""
     search = ("design", "--optimise", "worst_blur_deg", "--terms", "16", "--starts", "12", "--resume", "search.json")
-    listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # in the background too
+    listens = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in a background job
+    )
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
     program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
     process = subprocess.Popen(program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

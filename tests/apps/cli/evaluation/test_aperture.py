@@ -1,4 +1,4 @@
-"""The commands of the whole aperture, run as a user runs them."""
+"""Commands that analyse the whole aperture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands that describe and evaluate sensors, run as a user runs them."""
+"""Commands that describe and evaluate sensors."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def test_pixels_can_be_asked_for(tmp_path):
 
 
 def test_a_camera_file_has_a_table_of_its_own(tmp_path):
-    """With numbers from outside: a paraboloid's image radius is f tan(Omega / 2)."""
+    """Analytic reference: the image radius of a paraboloid is f tan(Omega / 2)."""
     known = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
     camera = om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480), uncertainty=known)
     om.save_camera(camera, tmp_path / "mine.toml")
@@ -169,7 +169,7 @@ def test_a_camera_file_has_a_table_of_its_own(tmp_path):
     assert "mine.toml: unified model of a mirror, field to" in run.stdout
     data = json.loads((tmp_path / "t.json").read_text())
     np.testing.assert_allclose(data["columns"]["h_px"], [0.0, 200 * np.tan(np.radians(22.5)), 200.0], atol=1e-12)
-    # a fifth of a pixel along and across; both have 200 / 2 px per radian in the middle
+    # 0.2 px in both directions; both have 200 / 2 px per radian in the centre
     assert data["columns"]["direction_sigma_deg"][0] == pytest.approx(np.degrees(0.2 / 100))
     assert {"name": "cx", "value": 319.5, "sigma": pytest.approx(0.2), "unit": "px"} in data["summary"]["parameters"]
     header = (tmp_path / "t.csv").read_text().splitlines()[0].split(",")

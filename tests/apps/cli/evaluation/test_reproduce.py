@@ -1,4 +1,4 @@
-"""``omnimirror reproduce`` as a user runs it."""
+"""Command ``omnimirror reproduce``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``omnimirror maps``."""
+"""Command ``omnimirror maps``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``omnimirror rays``."""
+"""Command ``omnimirror rays``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``omnimirror dewarp`` as a user meets it."""
+"""Command ``omnimirror dewarp`` on single images."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ BALL = ["--ball", "99.5,99.5,90,260"]
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with pictures for a bundled sensor, a ball and an OCam file, and nothing else."""
+    """A folder with images for a bundled sensor, a ball and an OCam file only."""
     monkeypatch.chdir(tmp_path)
     om.write_image("sphere.png", np.full((1024, 1024, 3), 200, np.uint8))
     om.write_image("ball.png", np.full((200, 200), 100, np.uint8))
@@ -37,7 +37,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def dewarp(*args):
-    """Exit code of ``omnimirror dewarp args``."""
+    """Return the exit code of ``omnimirror dewarp args``."""
     try:
         main(["dewarp", *map(str, args)])
     except SystemExit as e:
@@ -46,7 +46,7 @@ def dewarp(*args):
 
 
 def test_camera_of_a_ball_looks_up_by_default(folder):
-    """The help and docs/dewarp.md state this default."""
+    """This default is documented in the help and in docs/dewarp.md."""
     v, u = np.mgrid[:200, :200]
     om.write_image("ball.png", np.where(v < 100, 30 + u, 250 - u).astype(np.uint8))
     views = {}
@@ -84,7 +84,7 @@ VIEWS = [
 
 @pytest.mark.parametrize(
     ("picture", "source", "view"),
-    [  # every view of two cameras, and of the others one and the one of several pictures
+    [  # all views of two cameras; one view and one mosaic of the others
         pytest.param(*camera, view, marks=() if i in (0, 5) or k in (0, 6) else pytest.mark.full)
         for i, camera in enumerate(CAMERAS)
         for k, view in enumerate(VIEWS)
@@ -187,7 +187,7 @@ def test_mount_options_turn_the_view_as_the_mount_would(folder):
     args = ["a.png", *SPHERE, "--view", "perspective", "--size", "64x48", "--tilt-deg", "-30", "--black"]
     assert dewarp(*args, "-o", "top.png") == 0
     assert dewarp(*args, "--forward-azimuth-deg", "0", "--pan-deg", "90", "-o", "right.png") == 0
-    # looking up, pan to the right turns the azimuth back: 0 - 90 is the top again
+    # for an upward camera, pan to the right decreases the azimuth: 0 - 90 is the top again
     np.testing.assert_array_equal(om.read_image("top.png"), om.read_image("right.png"))
     om.write_image("b.png", picture[:, ::-1])
     assert dewarp("b.png", *args[1:], "--image-flipped", "-o", "flipped.png") == 0
@@ -291,7 +291,7 @@ def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
     [("#ff0000", (81, 90, 240)), ("0,255,0", (145, 54, 34)), ((0, 0, 255), (41, 240, 110)), (255, (235, 128, 128))],
 )
 def test_the_border_of_a_video_is_coded_as_its_frames(border, coded):
-    """The corners of the colour cube in ITU-R BT.601."""
+    """Corners of the colour cube in ITU-R BT.601."""
     assert BorderColour.of(border).of_frame(empty_frame((64, 48))[0]) == coded
 
 
@@ -407,7 +407,7 @@ def test_a_grey_picture_has_no_border_in_colour():
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(folder, capfd, line, message):
-    """Each line with ``-o out.png`` behind it, unless it says itself where to write, or shall not."""
+    """Each line is completed by ``-o out.png`` unless it contains an output or must not have one."""
     output = "" if "-o" in line.split() or "NO-OUTPUT" in line else " -o out.png"
     words = {"SPHERE": SPHERE, "BALL": BALL, "NO-OUTPUT": []}
     args = [arg for word in (line + output).split() for arg in words.get(word, [word])]
@@ -430,7 +430,8 @@ def test_help_explains_itself(capsys):
 
 
 def likeness(picture, text):
-    """Best correlation of a picture with a word written by OpenCV, over sizes and places."""
+    """Return the largest correlation of an image with a word drawn by OpenCV, over sizes and
+    positions."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_TRIPLEX, 3, 9)
     word = np.zeros((height + 20, width + 20), np.uint8)
     cv2.putText(word, text, (10, height + 10), cv2.FONT_HERSHEY_TRIPLEX, 3, 255, 9)
@@ -444,7 +445,8 @@ def likeness(picture, text):
 
 @pytest.mark.skipif(not MIRRORBALL.exists(), reason=f"no photographs at {MIRRORBALL}")
 def test_a_sign_in_the_store_can_be_read(folder):
-    """A loudspeaker maker's name right of and behind the camera; in the raw picture it is reversed."""
+    """The brand name of a loudspeaker at the right rear of the camera; it is reversed in the raw
+    image."""
     args = [MIRRORBALL / "store.jpg", "--ball", "1226,1217.5,1122.75,260", "--view", "perspective", "--black"]
     args += ["--pan-deg", "109", "--tilt-deg", "-2.2", "--hfov-deg", "5.5", "--size", "160x90"]
     assert dewarp(*args, "-o", "sign.png") == 0

@@ -1,4 +1,4 @@
-"""``omnimirror dewarp`` on videos and on folders of pictures, run as a user runs it."""
+"""Command ``omnimirror dewarp`` on videos and folders of images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CAMERA = om.MirrorBall((79.5, 79.5), 76.0, 260.0, (SIZE, SIZE))
 
 
 def picture(shade: int) -> np.ndarray:
-    """A smooth picture with a colour that tells its number."""
+    """Return a smooth image whose colour encodes its number."""
     v, u = np.mgrid[0:SIZE, 0:SIZE]
     return np.stack([u / 2 + 40, v / 2 + 40, np.full_like(u, shade)], axis=-1).astype(np.uint8)
 
@@ -122,7 +122,9 @@ def test_sigterm_keeps_what_was_done(video, tmp_path):
     program = Path(sys.executable).with_name("omnimirror")
     words = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
-        assert run.stdout.read(9) == b"YUV4MPEG2"  # a frame is more than the pipe holds: nothing goes on unread
+        assert (
+            run.stdout.read(9) == b"YUV4MPEG2"
+        )  # a frame exceeds the pipe buffer, so the writer blocks until it is read
         run.send_signal(signal.SIGTERM)
         _, said = run.communicate()
     assert run.returncode == 143, said
@@ -135,7 +137,7 @@ def test_a_file_is_streamed_in_real_time(video, tmp_path):
         probe.bind(("127.0.0.1", 0))
         url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
     with LiveSource(url, timeout_s=60, patience_s=600, reconnect=False) as live:
-        while not live.received:  # again and again, until the receiver has understood what it is
+        while not live.received:  # repeatedly, until the receiver has recognised the format
             began = time.monotonic()
             run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316")
             assert run.returncode == 0, run.stderr
@@ -163,7 +165,7 @@ def test_a_folder_that_was_stopped_goes_on(tmp_path):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "1.png").write_bytes(b"done before")
-    (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(b"half of it")  # a killed run's
+    (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(b"half of it")  # left by a killed run
     run = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
     assert run.returncode == 0, run.stderr
     assert "2 of 2 pictures straightened, 1 were there" in run.stdout

@@ -1,4 +1,4 @@
-"""What ``omnimirror dewarp`` writes where the file is of another kind than the source, or cannot be."""
+"""Output formats of ``omnimirror dewarp`` that differ from the source, and invalid outputs."""
 
 import sys
 from pathlib import Path
@@ -38,7 +38,8 @@ def fails(capsys, *args) -> str:
 
 
 def test_sixteen_bits_become_eight_and_light_becomes_srgb(folder, capsys):
-    """By the curve of IEC 61966-2-1, written out in omnimirror.base.colour; three times white is white."""
+    """Transfer curve of IEC 61966-2-1 (omnimirror.base.colour); three times white is clipped to
+    white."""
     main(["dewarp", "deep.png", *BALL, "-o", "a.jpg"])
     assert "16 bits written as 8 bits" in capsys.readouterr().out
     assert np.abs(middle("a.jpg") - 255 * np.array([0.9, 0.4, 0.05])).max() <= 2

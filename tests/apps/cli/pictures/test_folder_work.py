@@ -1,4 +1,4 @@
-"""What a folder of pictures costs beside reading, sampling and writing each: counted, not timed."""
+"""Overhead per image of a folder in addition to reading, sampling and writing: counted, not timed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line of restoration and bracketing."""
+"""Command-line options of restoration and bracketing."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from tests.commands import omnimirror
 
 @pytest.fixture
 def small(tmp_path) -> om.Sensor:
-    """A sensor of few pixels, its file and a picture that it might have taken."""
+    """A sensor with few pixels, its file and a matching image."""
     sensor = om.load_sensor("paper-hyperboloidal")
     sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
     om.save_sensor(sensor, tmp_path / "small.toml")
@@ -78,7 +78,7 @@ def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
 
 @pytest.mark.long
 def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
-    """In numbers, and in files by the radius and by the field angle: all the same."""
+    """Blur values on the command line and in files over radius or field angle: equal results."""
     angles = np.array([0.0, 60.0, 120.0, 180.0])
     radii = 60 * np.sin(np.radians(angles) / 2)
     for name, column, places in (("a.csv", "omega_deg", angles), ("b.csv", "radius_px", radii)):
@@ -97,7 +97,8 @@ def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
 
 @pytest.mark.long
 def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
-    """Grain that is more than its noise shows nothing of any blur, and the sentence claims nothing else."""
+    """Texture stronger than the specified noise contains no information on blur, and the message is
+    limited to that."""
     grain = 128 + 5 * np.random.default_rng(2).standard_normal((128, 128, 3))
     om.write_image(tmp_path / "grain.png", grain.astype(np.uint8))
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "128x", "--restore", "--noise", "0.015")
@@ -116,7 +117,7 @@ def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
     ],
 )
 def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, words):
-    """Of an image that Pillow writes, parsed as image files are."""
+    """EXIF data written by Pillow, parsed from the file."""
     sensor = om.load_sensor("paper-hyperboloidal")
     exif = Image.Exif()
     details = exif.get_ifd(0x8769)

@@ -1,4 +1,4 @@
-"""The command that takes pictures, run as a user runs it."""
+"""Command ``omnimirror simulate``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.commands import fails, omnimirror
 
 @pytest.fixture(scope="module")
 def sensor_file(tmp_path_factory):
-    """A sensor of few and large pixels."""
+    """A sensor with few, large pixels."""
     from dataclasses import replace
 
     sensor = om.load_sensor("paper-spherical")
@@ -134,7 +134,8 @@ def test_errors_are_sentences_and_leave_no_file(sensor_file, tmp_path, args, wor
 
 
 def _terminated_when(state, *words):
-    """What a command said that was sent SIGTERM when a state was reached, after it began to listen to it."""
+    """Return the output of a command after SIGTERM, sent once its handler is installed and a state
+    is reached."""
     with subprocess.Popen(
         [sys.executable, "-m", "omnimirror", *map(str, words)], stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
@@ -198,7 +199,7 @@ def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, t
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "out"
     words = ("simulate", sensor_file, "--scene", sky_file, "--spp", "4", "--path", tmp_path / "path.csv")
-    # its hidden file grows once the first of 2501 frames have been encoded
+    # the hidden file grows after the first of 2501 frames have been encoded
     _terminated_when(lambda: any(p.stat().st_size > 2000 for p in folder.glob(".*")), *words, "-o", folder / "a.mkv")
     assert [p.name for p in folder.iterdir()] == ["a.mkv"]
     with av.open(str(folder / "a.mkv")) as container:
@@ -217,7 +218,7 @@ def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky
     count = described["frames"]
     assert 1 <= count < 2501, said
     assert not [p for p in folder.rglob("*") if p.name.startswith(".")]
-    pictures = sorted((folder / "frames").iterdir())  # one more where it was ended before it was noted
+    pictures = sorted((folder / "frames").iterdir())  # one more if terminated between writing and recording
     assert len(pictures) in (count, count + 1)
     for picture in pictures:
         om.read_image(picture)
@@ -227,7 +228,7 @@ def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky
 
 
 def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housing(tmp_path):
-    """Each pixel shows the light that the scene sends along the camera's ray."""
+    """Each pixel shows the radiance of the scene along the camera ray."""
     camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
     om.save_camera(camera, tmp_path / "mine.toml")
     om.write_image(tmp_path / "world.hdr", np.random.default_rng(0).random((32, 64, 3), np.float32))

@@ -1,4 +1,4 @@
-"""Clouds of measuring machines and grids of heights become the profile of the mirror they were taken from."""
+"""Profiles estimated from point clouds and height grids, against the true mirror."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ mirror_distance_mm = 160.0
 
 
 def cloud(mirror, scatter_mm, count=3000, above=False, seed=2, rim_mm=40.0):
-    """Points in a machine's axes: 3 and -2 mm off, tilted by .8 and -.5 deg."""
+    """Return points in machine axes: offsets of 3 and -2 mm, tilts of 0.8 and -0.5 deg."""
     rng = np.random.default_rng(seed)
     phi, r = rng.uniform(0, 2 * np.pi, count), rim_mm * np.sqrt(rng.uniform(0, 1, count))
     z = mirror.sag(r) + scatter_mm * rng.standard_normal(count)
@@ -139,7 +139,7 @@ def test_what_is_no_cloud_or_grid_is_refused(tmp_path, entry, text, message):
     ],
 )
 def test_few_points_make_a_mirror_that_errs_as_is_stated(name, count, scatter_mm):
-    """Close to where the field ends, too: clouds have few points about the apex, and end at the rim."""
+    """Also near the field limits: clouds have few points at the apex, and end at the rim."""
     sensor = load_sensor(name)
     low, high = sensor.field_deg
     omega = np.linspace(low + 0.02 * (high - low), high - 0.03 * (high - low), 12)

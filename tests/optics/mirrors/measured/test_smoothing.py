@@ -1,4 +1,5 @@
-"""Measured profiles: smoothed to their scatter, wrong points named, exact ones met, their effect known."""
+"""Measured profiles: smoothing by the noise, outlier detection, interpolation of exact points,
+predicted uncertainty."""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ def noise(n, seed):
 
 
 def test_exact_points_are_met():
-    """As before there was any smoothing: slope and curvature of a spline through all of them."""
+    """As without smoothing: slope and curvature of a spline through all of them."""
     x, z = points(0.05)
     mirror = SampledProfile(tuple(x), tuple(z), M)
     assert mirror.fit.uncertainty_mm == 0
@@ -58,7 +59,7 @@ def test_coarse_and_fine_exact_points_are_not_taken_for_noisy_ones(step):
 )
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noise_is_estimated_and_smoothed(step, scatter_nm, resolution, blur_px, h_px, seed):
-    """10 nm at .1 mm made 45 % of the resolution and 1.9 px of blur before."""
+    """Without smoothing, 10 nm at 0.1 mm spacing caused 45 % of the resolution and 1.9 px of blur."""
     x, z = points(step)
     sensor = sensor_of(x, z + scatter_nm * 1e-6 * noise(len(x), seed))
     assert sensor.mirror.fit.uncertainty_mm * 1e6 == pytest.approx(scatter_nm, rel=0.15)
@@ -69,7 +70,7 @@ def test_noise_is_estimated_and_smoothed(step, scatter_nm, resolution, blur_px, 
 
 
 def test_rounded_heights_are_noise_of_a_third_of_a_step():
-    """Z to 1 um at .5 mm steps: 56 % of the resolution before."""
+    """Z rounded to 1 um at 0.5 mm spacing: 56 % of the resolution without smoothing."""
     x, z = points(0.5)
     sensor = sensor_of(x, np.round(z, 3))
     assert sensor.mirror.fit.uncertainty_mm == pytest.approx(1e-3 / np.sqrt(12), rel=0.25)
@@ -80,7 +81,7 @@ def test_rounded_heights_are_noise_of_a_third_of_a_step():
 @pytest.mark.parametrize("off_nm", [5.0, 1000.0, -300.0])
 @pytest.mark.parametrize("place", [0, 3, 700, 2190])
 def test_a_wrong_point_among_exact_ones_is_left_out_and_named(off_nm, place):
-    """5 nm at 20 um steps made resolutions of -1865 to 3110 px per degree before."""
+    """5 nm at 20 um spacing caused resolutions of -1865 to 3110 px/deg without rejection."""
     x, z = points(0.02)
     z[place] += off_nm * 1e-6
     sensor = sensor_of(x, z)
@@ -110,7 +111,8 @@ def test_a_stated_uncertainty_is_taken_or_refused():
 
 
 def test_the_standard_deviations_are_those_of_many_measurements():
-    """Against profiles measured again and again: the error of each column, smoothing's own included."""
+    """Compared with repeated simulated measurements: the error of each column, including that of
+    smoothing."""
     x, z = points(0.25)
     columns = ("h_px", "dh_domega_px_per_deg", "blur_t_px", "blur_s_px", "viewpoint_z_mm", "floored_area_deg2")
     omega = OMEGA[1:]
@@ -156,9 +158,9 @@ def test_files_hold_the_standard_deviations(tmp_path):
 
 @pytest.mark.parametrize("m", [180.0, np.inf])
 def test_a_ripple_between_the_nodes_of_the_table_is_found(m):
-    """Its steepest places fall between the 1025 nodes, where the mapping looked one to one before."""
+    """Its steepest points are between the 1025 nodes, where the mapping appeared one-to-one."""
     x = np.linspace(0.0, 41.0, 4097)
-    node = 0.5 * 41.0  # a node; points in between are lifted
+    node = 0.5 * 41.0  # a node; points in between are raised
     bump = 2e-6 * np.exp(-(((x - node - 0.5 * 41 / 1024) / 0.008) ** 2))
     mirror = SampledProfile(tuple(x), tuple(x**2 / 100 + bump), uncertainty_um=0.0)
     at = np.linspace(node - 0.05, node + 0.05, 20001)

@@ -1,1 +1,2 @@
-"""The studio's design bench: a sensor by sliders, its plots at once, requirements, and the optimiser."""
+"""Design bench of the studio: a sensor with adjustable parameters, live plots, requirements and
+optimiser."""

@@ -1,4 +1,5 @@
-"""What a page holds to do without a server on the bench: parts, sensors, and the script with the compiled evaluator."""
+"""Bench data of a page without a server: parts, sensors, and the script with the compiled
+evaluator."""
 
 from __future__ import annotations
 
@@ -14,18 +15,19 @@ from .form import bench_start
 from .messages import BenchAlone, BenchSensor, PartOf
 
 KERNEL = Path(__file__).with_name("kernel.wasm")
-"""The compiled evaluator of designs, made by native/wasm/build.sh."""
+"""Compiled design evaluator, built by native/wasm/build.sh."""
 MIRRORS = {cls.KIND for cls in (Sphere, Ellipsoid, Hyperboloid, Paraboloid, ConicAsphere, EvenPolynomial)}
-"""Kinds whose profile is a formula; others are solved for."""
+"""Kinds of mirrors with an analytic profile; all others require a solver."""
 LENSES = {
     "perspective": ("focal_length_mm", "f_number", "focus_distance_mm"),
     "orthographic": ("magnification", "working_f_number", "focus_distance_mm"),
 }
-"""Ideal lenses, and all that they have."""
+"""Ideal lenses and their parameters."""
 
 
 def bench_alone() -> BenchAlone:
-    """The bench for mirrors by a formula and ideal lenses; their numbers come from the compiled evaluator, in the page.
+    """Return the bench for analytic mirrors with ideal lenses; the compiled evaluator in the page
+    computes all values.
 
     Examples
     --------
@@ -47,7 +49,7 @@ def bench_alone() -> BenchAlone:
 
 
 def is_known(sensor: BenchSensor) -> bool:
-    """Whether the bench knows a sensor without a server."""
+    """Check if the bench supports a sensor without a server."""
     tables = sensor.tables
     mirror, lens = tables["mirror"]["kind"], tables["lens"]
     is_bare = not ({"secondary", "mirror_pose", "housing"} & set(tables))

@@ -1,4 +1,5 @@
-"""What a design does, in one pass: its curves, its section, its squares and its requirements, as one binary message."""
+"""Evaluation of a design as one binary message: curves, cross-section, grid squares and
+requirements."""
 
 from __future__ import annotations
 
@@ -36,30 +37,30 @@ CURVES = (
     "omega_deg", "x_mm", "z_mm", "h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "area_px2", "aspect", "blur_t_px",
     "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2",
 )  # fmt: skip
-"""The columns of :class:`~omnimirror.analysis.Evaluation` that plots show."""
+"""Columns of :class:`~omnimirror.analysis.Evaluation` that are plotted."""
 SQUARES = (
     "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "blur_t_px", "blur_s_px", "blur_t_deg",
     "blur_s_deg",
 )  # fmt: skip
-NODES = 361  # of a curve
+NODES = 361  # samples of a curve
 MARKS_DEG = 15.0
-PROFILE = 121  # points of a mirror, from axis to rim
-IMAGE_NODES = 3  # every third field angle is enough for the curves of virtual images
+PROFILE = 121  # samples of a mirror profile, axis to rim
+IMAGE_NODES = 3  # stride of field angles for the curves of virtual images
 
 
 @dataclass(frozen=True)
 class EvaluatedSensor:
-    """A sensor as asked about."""
+    """Sensor of a request with its evaluations."""
 
     curve: Evaluation
     marks: Evaluation
-    """Every :data:`MARKS_DEG` of the field."""
+    """Evaluation at multiples of :data:`MARKS_DEG`."""
     far: Evaluation
-    """The field with distant objects, whatever was asked."""
+    """Evaluation for distant objects, regardless of the requested object distance."""
 
 
 def answer(ask: Ask) -> bytes:
-    """The answer to what a page asks; what cannot be is a sentence in it."""
+    """Evaluate the design of a request; an invalid design yields a message with the error."""
     try:
         stands = sensor_on_bench(ask.tables, ask.follows)
         if ask.bend is not None:
@@ -128,12 +129,13 @@ def _facts(design: EvaluatedSensor, not_optimised: str | None) -> Facts:
 
 
 def finite(value: float) -> float | None:
-    """A number that JSON can hold."""
+    """Convert to a JSON-serialisable number: None for non-finite values."""
     return value if np.isfinite(value) else None
 
 
 def _section(design: EvaluatedSensor) -> list[BlockValues]:
-    """The cross-section: mirrors, lens, chief rays on the sensor's side, virtual images, depth of field."""
+    """Return the cross-section: mirrors, lens, chief rays in the sensor plane, virtual images,
+    depth of field."""
     sensor = design.curve.sensor
     found = [_lines("mirror", mirror_curve(sensor, 2 * PROFILE - 1))]
     if (second := secondary_curve(sensor, PROFILE)) is not None:
@@ -149,7 +151,7 @@ def _section(design: EvaluatedSensor) -> list[BlockValues]:
 
 
 def _virtual_images(far: Evaluation) -> list[tuple[str, SectionCurve]]:
-    """Of distant objects, and of near ones."""
+    """Yield the virtual images of distant and of near objects."""
     (t_far, s_far), (t_near, s_near) = (
         image_curves(far),
         image_curves(far, NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm),
@@ -158,7 +160,7 @@ def _virtual_images(far: Evaluation) -> list[tuple[str, SectionCurve]]:
 
 
 def _rays(marks: Evaluation) -> list[BlockValues]:
-    """Chief rays from their mirror points to the lens, every 15 degrees."""
+    """Return the chief rays between mirror and lens every 15 deg."""
     ways = ways_to_lens(marks.sensor, marks.x_mm)
     rays = zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True)
     return [_lines(f"ray {omega:g}", SectionCurve(*np.array([(x, z), *way]).T)) for x, z, omega, way in rays]

@@ -1,4 +1,5 @@
-"""Files of the bench: sensors and requirements opened and written, reports, drawings, tables, and pictures taken."""
+"""File import and export of the bench: sensors, requirements, reports, drawings, tables and
+rendered images."""
 
 from __future__ import annotations
 
@@ -26,13 +27,13 @@ from .messages import Download, Opened, PictureAsk, Taken, distance_of
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
 MOST_ACROSS = 4096
-"""Pixels of a panorama's width, and of an imager's longer side in a report."""
+"""Maximum width of a panorama and maximum longer side of the imager in a report, pixels."""
 VERY_FAR = 1e12
-"""Millimetres: as good as infinite, which JSON cannot hold."""
+"""Finite stand-in for an infinite distance in JSON, mm."""
 
 
 class File(NamedTuple):
-    """A file to be handed down."""
+    """Downloadable file."""
 
     name: str
     kind: str
@@ -40,12 +41,12 @@ class File(NamedTuple):
 
 
 def opened(name: str, data: bytes) -> Opened:
-    """A sensor file, or a requirement file (which has a ``[field]``), that was handed up.
+    """Read an uploaded sensor file or requirement file (recognised by its ``[field]`` table).
 
     Raises
     ------
     OmnimirrorError
-        It is neither, or wrong; the message says where.
+        Invalid or unknown file; the message contains the position.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -59,7 +60,7 @@ def opened(name: str, data: bytes) -> Opened:
 
 
 def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
-    """The tables of a requirement file, once they are known to be right."""
+    """Validate and return the tables of a requirement file."""
     from ....design.criteria.requirement_file import requirements_of
 
     requirements_of(tables, where)
@@ -68,7 +69,7 @@ def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
 
 
 def _replaced(value: Any, old: float, new: float) -> Any:
-    """The same data with one number in the place of another, and without entries that are nothing."""
+    """Return the data with one number replaced and entries of value None removed."""
     if isinstance(value, dict):
         return {k: _replaced(v, old, new) for k, v in value.items() if v is not None}
     if isinstance(value, list):
@@ -77,12 +78,12 @@ def _replaced(value: Any, old: float, new: float) -> Any:
 
 
 def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
-    """The text of a requirement file; what it leaves out is taken from the sensor.
+    """Format a requirement file; missing entries are taken from the sensor.
 
     Raises
     ------
     SpecError
-        The requirements are wrong.
+        Invalid requirements.
     """
     sensor = in_place(sensor)
     requirements = requirements_for(tables, sensor)
@@ -92,18 +93,18 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     return tomli_w.dumps(_replaced({**own, **tables}, VERY_FAR, float("inf")))
 
 
-# -- handed down -----------------------------------------------------------------------------------
+# -- download --------------------------------------------------------------------------------------
 
 
 def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
-    """A file of a design: what ``omnimirror evaluate``, ``export`` and ``demo`` write of it.
+    """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
-    A report tells what of it is being made, and the share that is done.
+    For reports, ``tell`` receives the current step and the completed fraction.
 
     Raises
     ------
     OmnimirrorError
-        The sensor cannot be, or has no such file.
+        Invalid sensor, or a sensor without such a file.
     """
     sensor = sensor_on_bench(asked.tables)
     if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
@@ -156,7 +157,7 @@ SLOW_KINDS = ("drawing", "report")
 
 
 OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
-"""Files of what holds from the axis to the rim, whichever way."""
+"""Files of rotationally symmetric quantities, valid in any meridian."""
 
 
 def _exported(sensor: Sensor, name: str, kind: str) -> File:
@@ -166,7 +167,7 @@ def _exported(sensor: Sensor, name: str, kind: str) -> File:
 
 
 def _written(name: str, kind: str, write: Callable[[Path], object]) -> File:
-    """What a function writes to a path, as bytes."""
+    """Return the bytes that a function writes to a path."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         write(path)
@@ -177,16 +178,16 @@ def _stem(sensor: Sensor) -> str:
     return safe_name(sensor.name)
 
 
-# -- pictures --------------------------------------------------------------------------------------
+# -- images ----------------------------------------------------------------------------------------
 
 
 def taken(ask: PictureAsk) -> bytes:
-    """The picture of the room that a sensor takes, and its panorama, on an imager of fewer pixels.
+    """Render the image of the room and its panorama at a reduced imager resolution.
 
     Raises
     ------
     OmnimirrorError
-        The sensor cannot be.
+        Invalid sensor.
     """
     from ....dewarp import Dewarper, views
     from ....simulation.rendering.picture import take_picture
@@ -195,7 +196,7 @@ def taken(ask: PictureAsk) -> bytes:
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
     picture = take_picture(sensor, Room(), samples=ask.samples)
     view = views.panorama(sensor)
-    if view.size[0] > MOST_ACROSS:  # of a narrow field
+    if view.size[0] > MOST_ACROSS:  # narrow vertical field
         view = views.panorama(sensor, (MOST_ACROSS, None))
     panorama = Dewarper(sensor, view)(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
@@ -203,7 +204,8 @@ def taken(ask: PictureAsk) -> bytes:
 
 
 def coarser(sensor: Sensor, longest_px: int) -> Sensor:
-    """The same sensor before an imager of the same size with so many pixels along its longer side.
+    """Return the sensor with an imager of the same size and ``longest_px`` pixels along its longer
+    side.
 
     >>> import omnimirror as om
     >>> small = coarser(om.load_sensor("paper-spherical"), 256)

@@ -1,4 +1,4 @@
-"""What the bench's sliders are made from: the parameters that the parts describe themselves."""
+"""Slider metadata of the bench, from the parameter descriptions of the parts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DISTANCE = Parameter("mm", 1e-3, 1e7, "from the lens's principal point to the mi
 
 @cache
 def bench_start() -> BenchStart:
-    """All parts with their parameters, and what can be asked of them.
+    """Return all parts with their parameters, and the quantities available for requirements.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def bench_start() -> BenchStart:
     [('radius_mm', 'mm'), ('rim_radius_mm', 'mm')]
     """
     distance = _parameter("mirror_distance_mm", DISTANCE, float, dataclasses.MISSING)
-    mirrors = dict(MIRRORS.items())  # without those of other packages that cannot be used
+    mirrors = dict(MIRRORS.items())  # without mirrors of other packages that fail to load
     return BenchStart(
         mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
         secondaries=tuple(
@@ -60,7 +60,7 @@ def _quantity(q: Quantity) -> QuantityOf:
 
 
 def part_of(kind: str, cls: type[Any]) -> PartOf:
-    """A part by what its class says of itself."""
+    """Describe a part from the metadata of its class."""
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS

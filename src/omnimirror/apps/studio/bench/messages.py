@@ -1,7 +1,9 @@
-"""What the server and the design bench tell each other; the page's types are made from these.
+"""Messages between server and design bench; the TypeScript types of the page are generated from
+them.
 
-A sensor travels as the tables of its file (``specs.tables_of``), requirements as those of a requirement file.
-Numbers that are not finite travel as null.
+Sensors are transferred as the tables of their file (``specs.tables_of``), requirements as those of
+a requirement file,
+non-finite numbers as null.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ Part = Literal["mirror", "lens"]
 
 
 class ParameterOf(Message):
-    """A parameter as a part describes it: what a slider, a number field and a tooltip need."""
+    """Metadata of a parameter for its slider, number field and tooltip."""
 
     name: str
     unit: str
@@ -37,14 +39,14 @@ class ParameterOf(Message):
 
 
 class PartOf(Message):
-    """A part that can be chosen, and its parameters in their order."""
+    """Selectable part with its parameters in order."""
 
     kind: str
     parameters: tuple[ParameterOf, ...]
 
 
 class QuantityOf(Message):
-    """A quantity of the vocabulary: what plots, requirements and the optimiser call it."""
+    """Quantity of the vocabulary of plots, requirements and optimiser."""
 
     name: str
     symbol: str
@@ -55,7 +57,7 @@ class QuantityOf(Message):
 
 
 class BenchStart(Message):
-    """What the bench is made from."""
+    """Initial data of the bench."""
 
     mirrors: tuple[PartOf, ...]
     secondaries: tuple[PartOf, ...]
@@ -73,21 +75,21 @@ class BenchStart(Message):
 
 
 class Trouble(Message):
-    """Why something cannot be: the entry it is about, if it is about one, and a sentence."""
+    """Error message with the entry that it concerns, if any."""
 
     path: tuple[str, ...]
     sentence: str
 
 
 class BenchSensor(Message):
-    """A sensor on the bench."""
+    """Sensor on the bench."""
 
     tables: Tables
     follows: bool = Field(description="whether the lens stands where the mirror's mapping needs it")
 
 
 class BenchAlone(Message):
-    """What a page holds of the bench that no server helps."""
+    """Bench data of a page without a server."""
 
     start: BenchStart
     sensors: tuple[BenchSensor, ...] = Field(description="in the order of their names in start")
@@ -97,14 +99,14 @@ class BenchAlone(Message):
 
 
 class Opened(Message):
-    """A file that was opened: a sensor, or requirements."""
+    """Imported file: a sensor or requirements."""
 
     sensor: BenchSensor | None
     requirements: Tables | None
 
 
 class Change(ClientMessage):
-    """A change that takes more than a number: another kind of mirror or lens, or the best focus by a merit."""
+    """Change of the kind of mirror or lens, or refocus by a merit."""
 
     tables: Tables
     what: Literal["mirror", "lens", "focus"]
@@ -113,7 +115,7 @@ class Change(ClientMessage):
 
 
 class Bend(ClientMessage):
-    """A curve of the design that is pulled through a point by hand."""
+    """Manual deformation of a design curve through a point."""
 
     of: Literal["profile", "mapping"]
     at: float = Field(description="where it is held: distance from the axis, mm, or field angle, deg")
@@ -121,7 +123,7 @@ class Bend(ClientMessage):
 
 
 class Ask(ClientMessage):
-    """What a page wants to know of a design."""
+    """Evaluation request for a design."""
 
     slot: int = Field(ge=0, le=8, description="which of the designs shown")
     number: int
@@ -136,7 +138,7 @@ class Ask(ClientMessage):
 
 
 class Facts(Message):
-    """What holds for the whole design."""
+    """Scalar properties of a design."""
 
     name: str
     field_deg: tuple[float, float]
@@ -156,7 +158,7 @@ class Facts(Message):
 
 
 class JudgementOf(Message):
-    """A requirement, and what is reached of it."""
+    """Requirement with its achieved value."""
 
     name: str
     unit: str
@@ -171,7 +173,7 @@ class JudgementOf(Message):
 
 
 class Block(Message):
-    """Part of the float32 values: so many rows of named columns, column by column."""
+    """Block of float32 values: named columns of equal length, stored column by column."""
 
     name: str
     columns: tuple[str, ...]
@@ -179,19 +181,19 @@ class Block(Message):
 
 
 class BlockValues(NamedTuple):
-    """A block and its values, (columns, rows)."""
+    """Block with its values, (columns, rows)."""
 
     block: Block
     values: NDArray[np.float64]
 
 
 def columns_of(name: str, columns: tuple[str, ...], values: NDArray[np.float64]) -> BlockValues:
-    """A block of values (columns, rows)."""
+    """Return a block of values (columns, rows)."""
     return BlockValues(Block(name=name, columns=columns, rows=values.shape[1]), values)
 
 
 class Answer(Message):
-    """What a design does; float32 values follow, block by block, not finite where there is nothing."""
+    """Evaluation of a design; followed by float32 values block by block, non-finite if undefined."""
 
     slot: int
     number: int
@@ -205,14 +207,14 @@ class Answer(Message):
 
 
 class Slide(ClientMessage):
-    """A number of the design, and values that it could have."""
+    """Number of a design with its candidate values."""
 
     path: tuple[str, ...] = Field(min_length=2, max_length=3, description="table, entry, and which of a list")
     values: tuple[float, ...] = Field(min_length=1, max_length=33)
 
 
 class SlidesAsk(ClientMessage):
-    """Where the numbers of a design could stand, for its requirements to be met."""
+    """Request for the feasible ranges of sliders."""
 
     tables: Tables
     follows: bool
@@ -221,13 +223,13 @@ class SlidesAsk(ClientMessage):
 
 
 class SlidesOf(Message):
-    """By what share of what is asked each requirement is missed, below 0 kept; null where the design cannot be."""
+    """Relative violation of each requirement, negative if satisfied; null for an invalid design."""
 
     missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(description="of each slide at each value")
 
 
 class PictureAsk(ClientMessage):
-    """The picture that a design takes of the room, and its panorama."""
+    """Request for a rendered image of the room and its panorama."""
 
     tables: Tables
     width_px: int = Field(ge=32, le=1024)
@@ -235,14 +237,14 @@ class PictureAsk(ClientMessage):
 
 
 class Taken(Message):
-    """Two JPEG files that follow: the picture, and its panorama."""
+    """Header of two JPEG files: image and panorama."""
 
     picture_bytes: int
     panorama_bytes: int
 
 
 class Download(ClientMessage):
-    """A file of a design."""
+    """Download request for a file of a design."""
 
     tables: Tables
     kind: Literal["sensor", "table", "sag", "drawing", "report"]
@@ -250,21 +252,21 @@ class Download(ClientMessage):
 
 
 class FileUnderWay(Message):
-    """How far a file is that takes long."""
+    """Progress of a file export."""
 
     sentence: str
     share: float = Field(description="how much is done")
 
 
 class RequirementFile(ClientMessage):
-    """A requirement file to be written, and the sensor that it is for."""
+    """Export request for a requirement file of a sensor."""
 
     requirements: Tables
     tables: Tables
 
 
 class Task(ClientMessage):
-    """Something that takes time: to optimise a mirror, or to design a sensor from requirements."""
+    """Long-running task: mirror optimisation or design from requirements."""
 
     what: Literal["optimise", "design"]
     tables: Tables
@@ -280,7 +282,7 @@ class Task(ClientMessage):
 
 
 class News(Message):
-    """How a task is getting on."""
+    """Progress of a task."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
 
@@ -292,5 +294,5 @@ class News(Message):
 
 
 def distance_of(value_mm: float | None) -> float:
-    """A distance as it travels, mm; null is infinite."""
+    """Decode a transferred distance, mm; null is infinite."""
     return math.inf if value_mm is None else value_mm

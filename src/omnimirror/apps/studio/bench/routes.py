@@ -1,4 +1,4 @@
-"""The routes of the design bench."""
+"""HTTP and WebSocket routes of the design bench."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from ..studio import Studio
 
 MOST_SEARCHES = 2
-"""At once."""
+"""Maximum number of simultaneous searches."""
 
 
 def add_bench(app: FastAPI, studio: Studio) -> None:
-    """Put the bench's routes into a server."""
+    """Register the routes of the bench."""
     _add_questions(app, studio)
     _add_files(app, studio)
     _add_tolerances(app, studio)
@@ -54,24 +54,24 @@ def add_bench(app: FastAPI, studio: Studio) -> None:
 def _add_questions(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/bench")
     def start() -> BenchStart:
-        """What the bench is made from: every part with its parameters."""
+        """Return the initial data of the bench: all parts with their parameters."""
         return bench_start()
 
     @app.get("/api/bench/sensor")
     def bundled(name: str) -> BenchSensor:
-        """A bundled sensor, on the bench."""
+        """Return a bundled sensor."""
         if name not in bench_start().sensors:
             raise OmnimirrorError(f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}")
         return on_bench(load_sensor(name))
 
     @app.post("/api/bench/slides")
     async def slides(asked: SlidesAsk) -> SlidesOf:
-        """By how much requirements are missed or kept, wherever sliders stand."""
+        """Return the relative violation of the requirements along all sliders."""
         return await studio.slid.run(asked.model_dump_json(), lambda: slid(asked))
 
     @app.post("/api/bench/change")
     def change(asked: Change) -> BenchSensor:
-        """The sensor with another kind of mirror or lens, or at its best focus."""
+        """Return the sensor with another kind of mirror or lens, or at its best focus."""
         return on_bench(changed(asked))
 
     @app.post("/api/bench/open", openapi_extra=FILE_BODY)
@@ -95,12 +95,12 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/bench/making")
     async def making(asked: Download) -> FileUnderWay | None:
-        """How far a file is that was asked for."""
+        """Return the progress of a requested file."""
         return under_way.get(asked.model_dump_json())
 
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
     async def file(asked: Download) -> Response:
-        """A file of a design: its sensor file, tables, drawing or report."""
+        """Return a file of a design: sensor file, tables, drawing or report."""
         if asked.kind in SLOW_KINDS:
             key = asked.model_dump_json()
             made = await studio.reported.run(key, lambda: made_slowly(asked, key))
@@ -111,12 +111,13 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
     def requirements(asked: RequirementFile) -> str:
-        """The text of a requirement file."""
+        """Return the text of a requirement file."""
         return requirement_file(asked.requirements, sensor_on_bench(asked.tables))
 
     @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
     async def picture(ask: PictureAsk) -> Response:
-        """The simulated picture of a room and its panorama, two JPEG files after a header that has their lengths."""
+        """Return the rendered image of a room and its panorama: two JPEG files after a header with
+        their lengths."""
         pictures = await studio.simulated.run(ask.model_dump_json(), lambda: taken(ask))
         return Response(pictures, media_type="application/octet-stream")
 
@@ -124,14 +125,14 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
 def _add_tolerances(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/errors")
     def errors(asked: ErrorsAsk) -> ErrorsOf:
-        """The errors that a sensor can have when it is built."""
-        from .tolerances import errors_known  # brings trials with it, which not every studio needs
+        """Return the error sources of a sensor."""
+        from .tolerances import errors_known  # deferred import: requires the tolerancing modules
 
         return errors_known(asked)
 
     @app.post("/api/bench/built", response_class=Response, responses={200: BYTES})
     async def as_built(asked: BuiltAsk) -> Response:
-        """A sensor with errors: what moves in its picture, as numbers after a header."""
+        """Return the image motion of a sensor with errors, as numbers after a header."""
         from .tolerances import built
 
         found = await studio.built.run(asked.model_dump_json(), lambda: built(asked))
@@ -139,7 +140,7 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/bench/yield")
     async def yields(asked: YieldAsk) -> YieldOf:
-        """How many sensors will be good, and what each error does alone."""
+        """Return the predicted yield and the effect of each error source."""
         from .tolerances import yielded
 
         return await studio.toleranced.run(asked.model_dump_json(), lambda: yielded(asked))
@@ -148,13 +149,14 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
 def _add_sockets(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/bench/ask")
     async def ask(socket: WebSocket) -> None:
-        """Questions about designs, each answered at once; of several that wait the newest of each slot."""
+        """Answer evaluation requests; among pending requests of one slot, only the newest is
+        evaluated."""
         await socket.accept()
         await _answer_newest(socket)
 
     @app.websocket("/api/bench/work")
     async def work(socket: WebSocket) -> None:
-        """One task, and its news; closing the socket ends it."""
+        """Run one task and send its progress; closing the socket cancels it."""
         await while_open(socket, lambda socket: _work(socket, workers))
 
 
@@ -167,7 +169,7 @@ async def _answer_newest(socket: WebSocket) -> None:
             await news.wait()
             news.clear()
             while waiting:
-                newest = waiting.pop(min(waiting))  # slot 0 is the design in hand
+                newest = waiting.pop(min(waiting))  # slot 0 is the current design
                 await socket.send_bytes(await asyncio.to_thread(_answered, newest))
     except (WebSocketDisconnect, RuntimeError, OSError):
         return
@@ -176,13 +178,13 @@ async def _answer_newest(socket: WebSocket) -> None:
 
 
 def _answered(ask: Ask) -> bytes:
-    from .answers import answer  # brings the figures with it, which not every studio needs
+    from .answers import answer  # deferred import: requires the analysis modules
 
     return answer(ask)
 
 
 async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Event) -> None:
-    """Put questions where they wait, a newer one in the place of an older."""
+    """Queue incoming requests; a newer request replaces an older one of the same slot."""
     try:
         while True:
             asked = await receive_message(socket, Ask)

@@ -1,6 +1,7 @@
-"""A design in space: its parts as profiles about axes, its chief rays as they really run, and the room around it.
+"""3-D view of a design: profiles of its parts about their axes, traced chief rays, and the
+surrounding room.
 
-All places are in mm in the world's frame, whose origin is where the mirror's vertex is meant to be.
+Coordinates are in mm in the world frame, with the origin at the nominal mirror vertex.
 """
 
 from __future__ import annotations
@@ -29,21 +30,21 @@ from .messages import BlockValues, columns_of
 
 Array = NDArray[np.float64]
 
-TURNS = 12  # meridians in which rays run
-PROFILE = 37  # points of a mirror from axis to rim
-ARC = 33  # of a dome
-BARREL = 1.2  # length of the lens that is drawn, in its half-widths
-AWAY = 12.0  # rim radii that rays are followed where the sensor is not in the room
-FRAME_SHARE = 0.3  # how wide the opaque surroundings of a window are drawn, in its radii
+TURNS = 12  # meridians with traced rays
+PROFILE = 37  # samples of a mirror profile, axis to rim
+ARC = 33  # samples of a dome profile
+BARREL = 1.2  # drawn length of the lens, in half-widths
+AWAY = 12.0  # length of rays if the sensor is outside the room, in rim radii
+FRAME_SHARE = 0.3  # drawn width of the opaque frame of a window, in window radii
 NODES = ("lens", "second", "mirror", "wall", "end")
-"""Places that a ray goes by, from the lens outwards; not finite where it goes by none."""
+"""Nodes of a ray, from the lens outwards; non-finite if the ray skips a node."""
 READINGS = ("omega_deg", "incidence_deg", "u_px", "v_px", "x_mm", "y_mm", "z_mm", "turn_deg", "is_hidden")
-"""What is read of a ray: x, y and z are of its mirror point in the mirror's own frame."""
+"""Readings of a ray; x, y and z are those of its mirror point in the mirror frame."""
 RAYS = (*READINGS, *(f"{node}_{axis}" for node in NODES for axis in "xyz"))
 
 
 class TurnedPart(NamedTuple):
-    """A part that is round about an axis: radii and heights of its profile, and where the axis stands."""
+    """Rotationally symmetric part: radii and heights of its profile, and its pose."""
 
     name: str
     radius_mm: Array
@@ -52,14 +53,15 @@ class TurnedPart(NamedTuple):
 
 
 def space_blocks(sensor: Sensor, heights_px: Array) -> list[BlockValues]:
-    """Parts of a sensor as it stands, chief rays of image heights (n,) in several meridians, and a room's boxes.
+    """Return the parts of a sensor, chief rays of image heights (n,) in several meridians, and the
+    boxes of a room.
 
     Parameters
     ----------
     sensor
-        Perhaps with a mirror, a cover or an imager out of place.
+        Sensor, possibly with a misaligned mirror, cover or imager.
     heights_px
-        Image heights of the field angles that are shown, as they are of the sensor in place.
+        Image heights of the displayed field angles, computed for the aligned sensor.
     """
     world = _world_of(sensor)
     blocks = [b for part in _parts(sensor) for b in _blocks_of(part, world)]
@@ -69,20 +71,22 @@ def space_blocks(sensor: Sensor, heights_px: Array) -> list[BlockValues]:
 
 
 def _world_of(sensor: Sensor) -> Array:
-    """World directions (3, 3), in columns, of the camera frame, which is turned over by a second mirror."""
+    """Return the axes (3, 3) of the camera frame in world coordinates, as columns; a second mirror
+    inverts the frame."""
     rotation = sensor.mount.rotation()
     world: Array = rotation * [1.0, 1.0, np.sign(-sensor.axis @ rotation[:, 2])]
     return world
 
 
 def _blocks_of(part: TurnedPart, world: Array) -> Iterator[BlockValues]:
-    """Its profile, and the frame that it stands in: three axes and the origin, in columns."""
+    """Yield the profile of a part and its pose: three axes and the origin, as columns."""
     yield columns_of(f"part {part.name}", ("r_mm", "z_mm"), np.stack([part.radius_mm, part.height_mm]))
     frame = np.column_stack([world @ part.pose.rotation(), world @ part.pose.shift])
     yield columns_of(f"frame {part.name}", ("x", "y", "z", "origin"), frame.T)
 
 
-# -- parts -----------------------------------------------------------------------------------------------
+# -- parts
+# -----------------------------------------------------------------------------------------------
 
 
 def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
@@ -104,7 +108,7 @@ def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
 
 
 def _bodies(sensor: Sensor, straight: Sensor) -> Iterator[TurnedPart]:
-    """Both mirrors, and the body of the first with its rim."""
+    """Yield both mirrors, and the body of the first with its rim."""
     curve, envelope = mirror_curve(straight, 2 * PROFILE - 1), sensor.obstructions.envelope
     half = (curve.x >= 0) & np.isfinite(curve.z)
     x, z = curve.x[half], curve.z[half]
@@ -120,7 +124,7 @@ def _bodies(sensor: Sensor, straight: Sensor) -> Iterator[TurnedPart]:
 
 
 def _lens(straight: Sensor) -> Iterator[TurnedPart]:
-    """The front of the lens, and its barrel behind."""
+    """Yield the front surface and the barrel of the lens."""
     half, height = lens_half_width(straight), lens_height(straight)
     behind = height + (BARREL * half if straight.secondary is not None else -BARREL * half)
     yield TurnedPart("lens", np.array([0.0, half]), np.full(2, height))
@@ -128,7 +132,7 @@ def _lens(straight: Sensor) -> Iterator[TurnedPart]:
 
 
 def _wall(shell: Shell, base_mm: float, back_mm: float, outer_mm: float) -> TurnedPart:
-    """The closed outline of a clear wall."""
+    """Return the closed outline of a transparent wall."""
     pose = MirrorPose() if shell.is_axial else pose_of(shell)
     if isinstance(shell, FlatWindow):
         radius = (shell.diameter_mm or 2 * outer_mm) / 2
@@ -147,24 +151,26 @@ def _wall(shell: Shell, base_mm: float, back_mm: float, outer_mm: float) -> Turn
     return TurnedPart("dome", np.concatenate([r0, [np.nan], r1]), np.concatenate([z0, [np.nan], z1]), pose)
 
 
-# -- rays ------------------------------------------------------------------------------------------------
+# -- rays
+# ------------------------------------------------------------------------------------------------
 
 
 class _Legs(NamedTuple):
-    """Rays (n, 3), mm, from the lens to the mirror, in the camera frame; not finite where there is none."""
+    """Rays (n, 3), mm, from the lens to the mirror in the camera frame; non-finite if vignetted."""
 
     lens: Array
     second: Array
     mirror: Array
     before: Array
-    """Directions in which they come to the mirror."""
+    """Directions of incidence on the mirror."""
     after: Array
-    """And leave it."""
+    """Directions after reflection."""
     normals: Array
 
 
 def _rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
-    """What is read of rays, and where they go by (columns, n): meridian by meridian, first that which looks forward."""
+    """Return readings and nodes of rays (columns, n), by meridian, starting with the forward
+    meridian."""
     turns = np.repeat(np.arange(TURNS) * 360 / TURNS, len(heights_px))
     azimuth = np.radians(sensor.mount.forward_azimuth_deg + turns)
     places = np.tile(heights_px, TURNS)[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
@@ -173,7 +179,7 @@ def _rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
     legs = _legs(sensor, pixels)
     wall, end, outside, is_hidden = _ways_out(sensor, legs, world)
     cosines = -outside[:, 2], np.abs((legs.before * legs.normals).sum(axis=1))
-    omega, incidence = np.degrees(np.arccos(np.clip(cosines, -1, 1)))  # rounded, one may exceed 1
+    omega, incidence = np.degrees(np.arccos(np.clip(cosines, -1, 1)))  # rounding errors can exceed 1
     at = sensor.mirror_pose.to_mirror(legs.mirror)
     nodes = [turned(node, world.T) for node in (legs.lens, legs.second, legs.mirror, wall)]
     return np.stack(
@@ -182,8 +188,8 @@ def _rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
 
 
 def _legs(sensor: Sensor, pixels: Array) -> _Legs:
-    """The chief rays of pixels (n, 2) from the lens to where they leave the mirror."""
-    bare = replace(sensor, housing=Housing())  # what a tube does to the light follows
+    """Trace the chief rays of pixels (n, 2) from the lens to the mirror."""
+    bare = replace(sensor, housing=Housing())  # the tube is traced afterwards
     mirror = bare.optical_train.posed_mirror
     lens, towards = bare.lens_rays(pixels, np.zeros(2))
     found = mirror.trace(lens, towards)
@@ -191,7 +197,7 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
     if isinstance(mirror, FoldedMirror):
         second, before = mirror.off_secondary(lens, towards)
         lens, towards = mirror.over(lens), towards * (1, 1, -1)
-    if sensor.lens.TELECENTRIC:  # which may stand anywhere
+    if sensor.lens.TELECENTRIC:  # at an arbitrary axial position
         lens = lens + ((lens_height(in_place(sensor)) - lens[:, 2]) / towards[:, 2])[:, None] * towards
     lens = np.where(found.valid[:, None], lens, np.nan)
     unit = before / np.linalg.norm(before, axis=1, keepdims=True)
@@ -199,7 +205,9 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
 
 
 def _ways_out(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Where rays (n, 3) leave a cover and, in the world's frame, end; whereto they lead, and which are hidden."""
+    """Return the exit points from a cover and the end points of rays (n, 3) in the world frame,
+    with the next points and an
+    obscuration mask."""
     standing, shell = sensor.obstructions, sensor.obstructions.housing.shell
     points, towards = legs.mirror, legs.after
     masks = standing.met_by(points, towards, -legs.before, sensor.mirror_pose).values()
@@ -220,7 +228,7 @@ def _ways_out(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, 
 
 
 def _stopped_after(standing: Obstructions, points: Array, towards: Array) -> Array:
-    """After what way (n,), mm, rays end at a disc; infinite if at none."""
+    """Return the path length (n,), mm, to the first opaque disc; infinite without intersection."""
     way = np.full(len(points), np.inf)
     for disc in standing.discs:
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,4 +1,5 @@
-"""What the server and the bench's tolerances tell each other; the page's types are made from these."""
+"""Messages between server and tolerance panel of the bench; the types of the page are generated
+from them."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ Refocus = Literal["none", "rms", "worst"]
 
 
 class ErrorOf(Message):
-    """An error that a sensor can have, and how shops hold it."""
+    """Error source of a sensor with its typical manufacturing tolerance."""
 
     name: str
     unit: str
@@ -25,13 +26,13 @@ class ErrorOf(Message):
 
 
 class ErrorsAsk(ClientMessage):
-    """Which errors a sensor can have."""
+    """Request for the error sources of a sensor."""
 
     tables: Tables
 
 
 class ErrorsOf(Message):
-    """The errors of a sensor, and what calibrations are called."""
+    """Error sources of a sensor and names of the calibration models."""
 
     errors: tuple[ErrorOf, ...]
     calibrations: tuple[str, ...]
@@ -39,7 +40,7 @@ class ErrorsOf(Message):
 
 
 class BuiltAsk(ClientMessage):
-    """A sensor with errors."""
+    """Sensor with errors."""
 
     tables: Tables
     values: dict[str, float]
@@ -47,7 +48,8 @@ class BuiltAsk(ClientMessage):
 
 
 class Built(Message):
-    """What errors do; float32 values follow: x, y px of objects, and by calibrations dx, dy px of what is left."""
+    """Effect of errors; followed by float32 values: x, y px of objects, and residuals dx, dy px for
+    each calibration."""
 
     objects: int
     lost: int = Field(description="objects that are not shown")
@@ -61,14 +63,14 @@ class Built(Message):
 
 
 class ToleranceOf(ClientMessage):
-    """An error and its tolerance."""
+    """Error source with its tolerance."""
 
     name: str
     tolerance: float = Field(ge=0)
 
 
 class YieldAsk(ClientMessage):
-    """How many sensors will be good."""
+    """Request for a yield prediction."""
 
     tables: Tables
     errors: tuple[ToleranceOf, ...] = Field(max_length=200)
@@ -80,7 +82,8 @@ class YieldAsk(ClientMessage):
 
 
 class ErrorAlone(Message):
-    """What an error does alone at its tolerance: the largest motion in px by calibrations, and the limited merit."""
+    """Effect of a single error at its tolerance: largest motion in px for each calibration, and the
+    limited merit."""
 
     name: str
     tolerance: float
@@ -89,7 +92,7 @@ class ErrorAlone(Message):
 
 
 class YieldOf(Message):
-    """How many of the sensors built are good, with a confidence of .95."""
+    """Predicted yield with its 0.95 confidence interval."""
 
     trials: int
     lost: int

@@ -1,4 +1,4 @@
-"""Tolerances on the bench: what errors do to the picture while sliders move, and how many sensors will be good."""
+"""Tolerance panel of the bench: image motion of interactively set errors, and the predicted yield."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from .tolerance_messages import Built, BuiltAsk, ErrorAlone, ErrorOf, ErrorsAsk,
 Array = NDArray[np.float64]
 
 LAST_ZERNIKE = 11
-"""Beyond it form errors have no sliders: there would be eighty more."""
+"""Highest Zernike term with a slider; the remaining terms would add 80 sliders."""
 SLOW_TRIALS = 60
-"""Of sensors that are built one by one, so that an answer takes seconds and not minutes."""
+"""Trials of sensors that require sequential tracing, limited to keep the response time at seconds."""
 STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
-KEPT = 8  # judges, each of a sensor and of what is asked of it
+KEPT = 8  # cached evaluators, one per sensor and set of requirements
 
 
 def errors_known(ask: ErrorsAsk) -> ErrorsOf:
-    """The errors that the sensor of some tables can have."""
+    """Return the error sources of the sensor of given tables."""
     sensor = in_place(sensor_on_bench(ask.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     known = tuple(
@@ -53,12 +53,12 @@ def _has_slider(name: str) -> bool:
 
 
 def built(ask: BuiltAsk) -> bytes:
-    """A sensor with errors: where it shows objects, and what calibrations leave of that.
+    """Return the image motion of a sensor with errors and its residuals after calibrations.
 
     Raises
     ------
     OmnimirrorError
-        The sensor cannot be, or an error is none that it can have.
+        Invalid sensor, or an error source that does not apply to it.
     """
     meant = in_place(sensor_on_bench(ask.tables))
     check_error_names(meant, ask.values)
@@ -86,17 +86,17 @@ def built(ask: BuiltAsk) -> bytes:
 def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:
     try:
         return tables_of(perturbed(meant, values))
-    except OmnimirrorError:  # no sensor has these numbers
+    except OmnimirrorError:  # infeasible combination of values
         return None
 
 
 def yielded(ask: YieldAsk) -> YieldOf:
-    """What each error does alone, and how many sensors are good.
+    """Return the effect of each error and the predicted yield.
 
     Raises
     ------
     OmnimirrorError
-        The sensor cannot be, an error is none that it can have, or the limit is none.
+        Invalid sensor, inapplicable error source, or invalid limit.
     """
     check_limits({ask.merit: ask.limit})
     sensor = in_place(sensor_on_bench(ask.tables))
@@ -109,7 +109,7 @@ def yielded(ask: YieldAsk) -> YieldOf:
 
 
 def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tuple[ErrorAlone, ...]:
-    """Of all errors at once, at plus and minus their tolerances."""
+    """Return the effects of all errors, each evaluated at plus and minus its tolerance."""
     sizes = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
     if not sizes:
         return ()
@@ -125,7 +125,7 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tup
 
 
 def _worst(name: str, values: Array) -> float | None:
-    """The worse of two; None where rays are lost."""
+    """Return the worse of two values; None if rays are lost."""
     return finite(float(values.min() if is_lower_limit(name) else values.max()))
 
 
@@ -145,11 +145,11 @@ def _told_yield(statistics: YieldStatistics, merit: str, rows: tuple[ErrorAlone,
 
 
 def _told(tables: Mapping[str, Any]) -> str:
-    """Tables as a key."""
+    """Serialise tables as a cache key."""
     return json.dumps(tables, sort_keys=True)
 
 
 @lru_cache(maxsize=KEPT)
 def _judge(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
-    """Of the sensor of some tables; what it is judged against takes longer than a trial."""
+    """Return the cached trial evaluator of a sensor; its set-up takes longer than a trial."""
     return TrialEvaluator.of(in_place(sensor_on_bench(json.loads(tables))), refocus, required)

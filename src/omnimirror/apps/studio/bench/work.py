@@ -1,7 +1,8 @@
-"""Searches: the best mirror by a merit, a sensor from requirements.
+"""Search process: mirror optimisation and design from requirements.
 
-Run as ``python -m omnimirror.apps.studio.bench.work`` it reads one task from its input and writes its news, a line
-each.
+Run as ``python -m omnimirror.apps.studio.bench.work``, it reads one task from standard input and
+writes one progress
+message per line.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Tell = Callable[[News], None]
 
 
 def perform(task: Task, tell: Tell) -> None:
-    """Do a task and tell of it; the last news has the sensor, or says why there is none."""
+    """Run a task and report its progress; the last message contains the sensor or an error."""
     try:
         sensor = sensor_on_bench(task.tables)
         (_optimise if task.what == "optimise" else _design)(task, sensor, tell)
@@ -37,14 +38,15 @@ def perform(task: Task, tell: Tell) -> None:
 
 
 def optimisable(sensor: Sensor, task: Task) -> Requirements:
-    """Requirements as the sensor keeps them, for the objects, the merit and the shape of a task.
+    """Derive requirements from the sensor for the object distance, merit and shape of a task.
 
-    Its whole field counts, and its imager is as large as the image of its rim: a mirror is looked for, not an imager.
+    They cover its whole field, with an imager of the size of the rim image, because the task
+    optimises the mirror only.
 
     Raises
     ------
     InvalidParameter
-        The sensor has two mirrors, or one out of its place.
+        A sensor with two mirrors or a misaligned mirror.
     """
     if (reason := why_not_optimised(sensor)) is not None:
         raise InvalidParameter(reason)
@@ -58,7 +60,8 @@ def optimisable(sensor: Sensor, task: Task) -> Requirements:
 
 
 def _filled(sensor: Sensor) -> Imager:
-    """An imager that the image of the rim fills: the magnification of a telecentric lens follows from it."""
+    """Return an imager filled by the rim image; it determines the magnification of a telecentric
+    lens."""
     radius = sensor.rim_radius_px
     side = int(np.ceil(2 * radius))
     return Imager(side, side, sensor.imager.pixel_pitch_um, (radius - 0.5, radius - 0.5))
@@ -99,7 +102,7 @@ def _news(
 
 
 def main() -> None:
-    """Perform the task on the standard input."""
+    """Run the task from standard input."""
     task = Task.model_validate_json(sys.stdin.buffer.readline())
     perform(task, lambda news: print(news.model_dump_json(), flush=True))
 

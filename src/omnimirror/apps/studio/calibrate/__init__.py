@@ -1,1 +1,1 @@
-"""The tab Calibrate: boards found in pictures, and the camera that they tell."""
+"""Calibrate tab: board detection in images, and camera calibration."""

@@ -1,8 +1,8 @@
-"""A process that looks for boards. It imports no more than that takes: who hands up a picture waits for its start.
+"""Board detection process; imports the required modules only, because uploads wait for its start.
 
-Run as ``python -m omnimirror.apps.studio.calibrate.board_process`` it reads questions from its input, each a line of
-JSON, a
-line with the length of the picture, and the picture; to each it answers with a line.
+Run as ``python -m omnimirror.apps.studio.calibrate.board_process``, it reads requests from standard
+input, each a line of
+JSON, a line with the length of the image, and the image; it answers each with a line.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from ..uploads import picture_in
 from .messages import BoardAsked, BoardLook, BoardSeen
 
 PLACES = 4
-"""Decimals of a pixel that travel: a hundredth of what a corner is known to."""
+"""Transferred decimals of a pixel, 0.01 of the corner uncertainty."""
 
 
 def board_of(asked: BoardAsked) -> Board:
-    """The board that is asked about.
+    """Return the board of a request.
 
     Raises
     ------
     InvalidParameter
-        There is none such.
+        Invalid board parameters.
     """
     a = asked
     return Board(a.kind, a.columns, a.rows, a.square_mm, a.marker_mm, a.spacing, a.family, a.legacy)
 
 
 def told(found: Detection) -> BoardSeen:
-    """What was found, as a message."""
+    """Convert a detection to a message."""
     return BoardSeen(
         name=found.name,
         image_size=found.image_size,
@@ -53,7 +53,7 @@ def told(found: Detection) -> BoardSeen:
 
 
 def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
-    """What is found in a picture, or why it cannot be looked at."""
+    """Detect the board in an image; return the detection or a problem."""
     try:
         return told(find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick))
     except OmnimirrorError as e:
@@ -63,7 +63,7 @@ def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
 
 
 def answer_all(questions: BinaryIO) -> None:
-    """Answer questions until there are no more."""
+    """Answer requests until the end of input."""
     while line := questions.readline():
         data = questions.read(int(questions.readline()))
         print(look(BoardLook.model_validate_json(line), data).model_dump_json(), flush=True)

@@ -1,4 +1,4 @@
-"""Boards as messages tell them, and as the engine takes them."""
+"""Conversion of board detections between messages and the calibration engine."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .messages import BoardSeen, CoverageShown, Together, TogetherAsk
 
 
 def taken(seen: BoardSeen, board: Board) -> Detection:
-    """What a message tells of a picture, if it can be.
+    """Convert the message of one image to a detection, if usable.
 
     Raises
     ------
     InvalidParameter
-        It tells of corners that the board does not have, or that lie beside the picture.
+        Corners outside the board or outside the image.
     """
     ids, corners = np.asarray(seen.ids, dtype=int), np.asarray(seen.corners_px, dtype=float).reshape(-1, 2)
     sigma = None if seen.sigma_px is None else np.asarray(seen.sigma_px, dtype=float)
@@ -41,12 +41,13 @@ def taken(seen: BoardSeen, board: Board) -> Detection:
 
 
 def together(ask: TogetherAsk) -> Together:
-    """What pictures of one camera are together: which belong to the others, what of the field they cover, what is next.
+    """Analyse images of one camera together: consistency, field coverage and the recommended next
+    image.
 
     Raises
     ------
     InvalidParameter
-        There is no such board, or it is not what the pictures show.
+        Invalid board, or a board that does not match the detections.
     """
     board = board_of(ask.board)
     detections = compared([taken(seen, board) for seen in ask.pictures], board)
@@ -68,7 +69,7 @@ def _coverage(used: list[Detection], ask: TogetherAsk) -> Coverage:
 
 
 def coverage_shown(spread: Coverage) -> CoverageShown:
-    """As a message."""
+    """Convert a coverage to a message."""
     return CoverageShown(
         centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
         radii_px=tuple(float(r) for r in spread.radii_px),

@@ -1,4 +1,4 @@
-"""Boards looked for in pictures that are handed up, by processes of their own: one picture may take seconds."""
+"""Board detection in uploaded images by worker processes, because one image can take seconds."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .messages import BoardLook, BoardSeen
 
 MOST_AT_ONCE = 2
 IDLE_S = 60.0
-"""After which a process that nobody needs is let go."""
+"""Idle time after which a worker process is terminated, s."""
 
 
 class Lookers:
-    """Processes that look for boards, each with one picture at a time; begun when they are needed first."""
+    """Pool of board detection processes, each with one image at a time; started on demand."""
 
     def __init__(self) -> None:
         self._turn = asyncio.Semaphore(MOST_AT_ONCE)
@@ -30,14 +30,14 @@ class Lookers:
         self._letting_go: asyncio.TimerHandle | None = None
 
     async def look(self, ask: BoardLook, data: bytes, request: Request) -> BoardSeen:
-        """What is found in a picture; the search ends when who asked goes.
+        """Detect the board in an image; a disconnect of the client cancels the search.
 
         Raises
         ------
         ServerBusy
-            Too many wait for their turn.
+            Too many queued requests.
         OmnimirrorError
-            It is no picture, or there is no such board.
+            Unreadable image or invalid board.
         """
         if self._asked >= MAX_QUEUED_JOBS:
             raise ServerBusy("more pictures are looked at than can be waited for; try again in a while")
@@ -56,7 +56,7 @@ class Lookers:
         return BoardSeen.model_validate_json(answer)
 
     def close(self) -> None:
-        """Let go of the processes that have nothing to do."""
+        """Terminate the idle processes."""
         while self._idle:
             ended(self._idle.pop())
 
@@ -73,7 +73,7 @@ class Lookers:
             if answer:
                 self._idle.append(looker)
             else:
-                ended(looker)  # with it the thread that waits for its answer
+                ended(looker)  # also ends the thread that waits for its answer
         if not answer:
             raise InvalidParameter(f"looking at {ask.name} was cut off; try again")
         return answer
@@ -82,7 +82,7 @@ class Lookers:
 def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> bytes:
     assert looker.stdin is not None
     assert looker.stdout is not None
-    with suppress(OSError, ValueError):  # it was ended meanwhile
+    with suppress(OSError, ValueError):  # terminated in the meantime
         looker.stdin.write(b"%s\n%d\n" % (ask.model_dump_json().encode(), len(data)))
         looker.stdin.write(data)
         looker.stdin.flush()
@@ -91,6 +91,6 @@ def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> byte
 
 
 async def _gone(request: Request) -> None:
-    """Wait until who asked has gone."""
+    """Wait until the client disconnects."""
     while (await request.receive())["type"] != "http.disconnect":
         continue

@@ -1,7 +1,8 @@
-"""What the server and the tab Calibrate tell each other; the page's types are made from these.
+"""Messages between server and Calibrate tab; the types of the page are generated from them.
 
-The page keeps the pictures and what was found in them, and hands it up with each question, so that nothing is lost when
-the server is started anew. Numbers that are not finite travel as null.
+The page stores the images and their detections and uploads them with each request; a restart of the
+server loses no
+data. Non-finite numbers are transferred as null.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from ..messages import ClientMessage, Message
 
 Pixel = tuple[float, float]
 STOP = "stop"
-"""What a page says to a calibration that is to end with what it has found."""
+"""Message that ends a calibration early with its best result."""
 MOST_PICTURES = 200
-"""Of one calibration; frames of a video count."""
+"""Maximum number of images of a calibration, including video frames."""
 
 
 class BoardAsked(ClientMessage):
-    """A calibration board, as :class:`omnimirror.Board` takes it."""
+    """Calibration board with the parameters of :class:`omnimirror.Board`."""
 
     kind: Literal["chessboard", "charuco", "aprilgrid"] = "chessboard"
     columns: int
@@ -33,14 +34,14 @@ class BoardAsked(ClientMessage):
 
 
 class BoardLook(BoardAsked):
-    """A question about one picture: where in it the board is."""
+    """Board detection request for one image."""
 
     name: str = Field(default="picture", max_length=200)
     quick: bool = Field(default=False, description="as for pictures of a camera that runs")
 
 
 class BoardSeen(ClientMessage):
-    """What was found of a board in a picture, or why nothing was."""
+    """Board detection in an image, or the reason for its failure."""
 
     name: str = Field(max_length=250)
     image_size: tuple[int, int]
@@ -56,7 +57,7 @@ class BoardSeen(ClientMessage):
 
 
 class TogetherAsk(ClientMessage):
-    """A question about pictures of one camera: what they are together."""
+    """Analysis request for several images of one camera."""
 
     board: BoardAsked
     pictures: tuple[BoardSeen, ...] = Field(max_length=MOST_PICTURES)
@@ -66,7 +67,8 @@ class TogetherAsk(ClientMessage):
 
 
 class CoverageShown(Message):
-    """How corners are spread over the picture: rings of equal areas, sectors from the right over the bottom."""
+    """Distribution of corners over the image: rings of equal area, sectors from the right clockwise
+    (via the bottom)."""
 
     centre_px: Pixel
     radii_px: tuple[float, ...]
@@ -75,7 +77,7 @@ class CoverageShown(Message):
 
 
 class Together(Message):
-    """What pictures of one camera are together."""
+    """Joint analysis of images of one camera."""
 
     reasons: tuple[str | None, ...] = Field(description="why each of them is not used")
     coverage: CoverageShown | None
@@ -84,7 +86,7 @@ class Together(Message):
 
 
 class CalibrationAsk(ClientMessage):
-    """A calibration to be made; what was found in its pictures follows, a message each."""
+    """Calibration request; followed by one message per image with its detection."""
 
     board: BoardAsked
     pictures: int = Field(ge=1, le=MOST_PICTURES)
@@ -99,7 +101,7 @@ class CalibrationAsk(ClientMessage):
 
 
 class PictureOutcome(Message):
-    """What became of a picture."""
+    """Calibration result of one image."""
 
     name: str
     found: int
@@ -112,7 +114,7 @@ class PictureOutcome(Message):
 
 
 class ParameterFound(Message):
-    """A parameter of the camera or of the board."""
+    """Estimated parameter of the camera or the board."""
 
     name: str
     value: float
@@ -121,7 +123,7 @@ class ParameterFound(Message):
 
 
 class ModelTried(Message):
-    """A model that was compared."""
+    """Camera model of the model comparison."""
 
     kind: str
     parameters: int
@@ -131,7 +133,7 @@ class ModelTried(Message):
 
 
 class OutlierFound(Message):
-    """A corner that was left out."""
+    """Outlier corner."""
 
     picture: str
     corner: int
@@ -139,7 +141,7 @@ class OutlierFound(Message):
 
 
 class BoardPlace(ClientMessage):
-    """Where a board stood: what a straightened picture of it is made from."""
+    """Pose of a board, used for its dewarped image."""
 
     picture: str
     rotation: tuple[float, ...] = Field(min_length=9, max_length=9, description="from the board's frame to the world's")
@@ -152,7 +154,7 @@ class BoardPlace(ClientMessage):
 
 
 class CalibrationFound(Message):
-    """A camera measured from its pictures."""
+    """Result of a camera calibration."""
 
     kind: str
     summary: str
@@ -174,7 +176,7 @@ class CalibrationFound(Message):
 
 
 class CalibrationNews(Message):
-    """How a calibration is doing: on its way, the camera it ended with and then its report, or why there is none."""
+    """Progress of a calibration: status, estimated camera, report, or error."""
 
     state: Literal["running", "done", "reported", "failed"]
     sentence: str
@@ -184,7 +186,7 @@ class CalibrationNews(Message):
 
 
 class StraightAsk(ClientMessage):
-    """A picture of a board to be straightened by a camera; the picture follows."""
+    """Dewarp request for an image of a board; the image follows."""
 
     camera_file: str = Field(max_length=1 << 20)
     place: BoardPlace
@@ -192,7 +194,7 @@ class StraightAsk(ClientMessage):
 
 
 class CalibrateStart(Message):
-    """What the tab is made from."""
+    """Initial data of the tab."""
 
     models: tuple[str, ...] = Field(description="kinds that can be estimated, simple ones first")
     mirrors_only: tuple[str, ...] = Field(description="those that no fisheye is")

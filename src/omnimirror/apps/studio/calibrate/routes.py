@@ -1,4 +1,5 @@
-"""The routes of calibrating: boards in pictures, pictures together, a calibration, straightened boards."""
+"""HTTP and WebSocket routes of calibration: detection, joint analysis, calibration, dewarped
+boards."""
 
 from __future__ import annotations
 
@@ -32,11 +33,11 @@ if TYPE_CHECKING:
     from ..studio import Studio
 
 MOST_CALIBRATIONS = 2
-"""At once."""
+"""Maximum number of simultaneous calibrations."""
 
 
 def add_calibrate(app: FastAPI, studio: Studio) -> None:
-    """Put the routes of calibrating into a server."""
+    """Register the routes of calibration."""
     _add_questions(app, studio.lookers)
     _add_straight(app, studio)
     _add_socket(app, Workers("omnimirror.apps.studio.calibrate.work", MOST_CALIBRATIONS, "calibrations"))
@@ -45,7 +46,7 @@ def add_calibrate(app: FastAPI, studio: Studio) -> None:
 def _add_questions(app: FastAPI, lookers: Lookers) -> None:
     @app.get("/api/calibrate")
     def start() -> CalibrateStart:
-        """What can be asked for."""
+        """Return the available options."""
         from ....calibration.estimation.ladder.models import KINDS
         from ....calibration.physical import SensorModel
         from ....calibration.targets.boards import families
@@ -54,21 +55,21 @@ def _add_questions(app: FastAPI, lookers: Lookers) -> None:
 
     @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
     async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
-        """The corners of a board in a picture, or why it is not found."""
+        """Return the corners of a board in an image, or the reason for the failed detection."""
         data = await collected(request)
         return await lookers.look(ask, data, request)
 
     @app.post("/api/calibrate/together")
     def pictures_together(ask: TogetherAsk) -> Together:
-        """Which pictures belong together, what of the field they cover, and which to take next."""
+        """Return the consistency and field coverage of images, and the recommended next image."""
         return together(ask)
 
 
 def _add_straight(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/calibrate/straight", openapi_extra=FILE_BODY, response_class=Response, responses={200: BYTES})
     async def straight(request: Request) -> Response:
-        """A board straightened by a camera, as JPEG; what is asked stands before the picture."""
-        from .straight import straightened  # brings the dewarper with it
+        """Return a dewarped board as JPEG; the request header precedes the image."""
+        from .straight import straightened  # deferred import: requires the dewarper
 
         ask, picture = unframed(await collected(request), StraightAsk)
         made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
@@ -78,7 +79,8 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
 def _add_socket(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/calibrate/work")
     async def work(socket: WebSocket) -> None:
-        """One calibration: what is asked, each picture's board, then its news; closing the socket ends it."""
+        """Run one calibration: request, detections, then progress messages; closing the socket
+        cancels it."""
         await while_open(socket, lambda socket: _work(socket, workers))
 
 
@@ -100,7 +102,7 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
 
 
 async def _stopped(socket: WebSocket, worker: Worker) -> None:
-    """Hand on that it is to stop, until the page goes."""
+    """Forward stop requests until the page disconnects."""
     while (message := await socket.receive())["type"] != "websocket.disconnect":
         if message.get("text") == STOP:
             worker.tell(STOP)

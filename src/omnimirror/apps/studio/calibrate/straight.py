@@ -1,4 +1,4 @@
-"""A board as one would read it, straightened by the camera that saw it: what shows whether the camera is right."""
+"""Dewarped frontal view of a calibration board, a visual check of the calibration."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from .messages import BoardPlace, StraightAsk
 
 Array = NDArray[np.float64]
 
-MARGIN = 1.5  # squares
-FINER = 2.5  # pixels of the view for one of the picture
+MARGIN = 1.5  # margin around the board, squares
+FINER = 2.5  # pixels of the view per pixel of the image
 LONGEST_PX = 1200
 LARGEST_MM = 1e5
-LEAST_OF_LINE = 3  # corners that say whether a line is straight
+LEAST_OF_LINE = 3  # minimum number of corners for a straightness residual
 
 
 @dataclass(frozen=True)
 class BoardScreen:
-    """The plane of a board, as it is read: a perspective view that looks straight at it.
+    """Board plane as a frontal perspective view.
 
     Parameters
     ----------
     place
-        Where the board stood.
+        Pose of the board.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class BoardScreen:
 
     @property
     def sides_mm(self) -> Array:
-        """Width and height of what is shown."""
+        """Width and height of the view, mm."""
         return np.subtract(self.place.high_mm, self.place.low_mm) + 2 * self.place.margin_mm
 
     @property
@@ -59,14 +59,14 @@ class BoardScreen:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Size (width, height) in pixels."""
         width, height = np.ceil(self.sides_mm * self._px_per_mm).astype(int) + 1
         return max(int(width), 2), max(int(height), 2)
 
     is_distant = False
 
     def targets_at(self, u: Array, v: Array) -> Array:
-        """Points (..., 3) mm of the world."""
+        """Return world points (..., 3), mm."""
         x = self.place.low_mm[0] - self.place.margin_mm + np.asarray(u) / self._px_per_mm
         down = np.asarray(v) / self._px_per_mm - self.place.margin_mm
         y = self.place.high_mm[1] - down if self.place.is_upwards else self.place.low_mm[1] + down
@@ -79,7 +79,7 @@ class BoardScreen:
 
 
 def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace:
-    """Where a board stood that was seen, in the world's frame."""
+    """Return the pose of an observed board in the world frame."""
     assert sighting.motion is not None
     to_world = model.mount.rotation()
     low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
@@ -96,13 +96,13 @@ def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace
 
 
 def _px_per_mm(sighting: Sighting) -> float:
-    """How large the board is seen: the root of areas."""
+    """Return the image scale of a board, from the square root of area ratios."""
     areas = [np.linalg.det(np.cov(values.T)) for values in (sighting.pixels, sighting.points[:, :2])]
     return float((areas[0] / areas[1]) ** 0.25)
 
 
 def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
-    """Where (k, 2) on the plane of the board its corners are seen."""
+    """Intersect the rays of the observed corners with the board plane; return (k, 2), mm."""
     place = place_of(sighting, model, board)
     rays = model.backproject(sighting.pixels)
     rotation = np.reshape(place.rotation, (3, 3))
@@ -113,9 +113,10 @@ def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
 
 
 def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> float:
-    """How far a corner lies at most from the line that fits its row or its column best, on the straightened board.
+    """Return the largest distance of a corner from the best-fit line of its row or column on the
+    dewarped board.
 
-    In pixels as large as the picture's are there, on the average.
+    The unit is the mean pixel size of the image on the board.
     """
     met = on_board_mm(sighting, model, board) * _px_per_mm(sighting)
     points = sighting.points[:, :2]
@@ -130,12 +131,12 @@ def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> flo
 
 
 def straightened(ask: StraightAsk, data: bytes) -> bytes:
-    """The picture of a board as it is read, JPEG.
+    """Render the frontal view of a board as JPEG.
 
     Raises
     ------
     OmnimirrorError
-        It is no picture, no camera, or not a picture of that camera; or there is no such board.
+        Unreadable image, invalid camera or board, or an image of another size than the camera's.
     """
     screen = BoardScreen(ask.place)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):

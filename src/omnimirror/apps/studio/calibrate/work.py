@@ -1,8 +1,9 @@
-"""A calibration from boards that were found, with its report, in a process of its own.
+"""Calibration process: estimates a camera from detected boards and writes its report.
 
-Run as ``python -m omnimirror.apps.studio.calibrate.work`` it reads what is asked and each picture's board from its
-input, a
-line each, and writes its news, a line each; the line ``stop`` makes it end with the best camera that it has found.
+Run as ``python -m omnimirror.apps.studio.calibrate.work``, it reads the request and one detection
+per line from standard
+input and writes one progress message per line; the line ``stop`` ends it early with the best
+camera.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ Tell = Callable[[CalibrationNews], None]
 
 
 def perform(ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]) -> None:
-    """Calibrate and tell of it: how far it is, the camera, and the report; or why there is no camera."""
+    """Calibrate a camera and send progress, camera and report, or an error."""
     try:
         board = board_of(ask.board)
         found = _calibrated(ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop)
@@ -51,7 +52,7 @@ def perform(ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop
 
 
 def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
-    """Each with what speaks against it beside the others; of a video's frames the ones that differ."""
+    """Mark inconsistent detections; select the distinct frames of a video."""
     judged = compared(detections, board)
     frames = [d for d in judged if d.time_s is not None]
     told = {id(before): after for before, after in zip(frames, chosen(frames, board), strict=True)}
@@ -72,7 +73,7 @@ def _calibrated(
 
 
 def _plain(sentence: str) -> str:
-    """A sentence of the command line's, as the page says it."""
+    """Convert a message of the command line to the labels of the page."""
     return sentence.replace("say --flipped", "say that the driver reverses them").replace("--optics", "kind of camera")
 
 
@@ -82,11 +83,11 @@ def _report(found: Calibration, command: str) -> str:
     return calibration_html(found, command)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 
 def found_message(found: Calibration) -> CalibrationFound:
-    """A calibration as a message."""
+    """Convert a calibration to a message."""
     fit = found.adjustment
     used = {p.name for p in found.pictures if p.used}
     return CalibrationFound(
@@ -141,12 +142,12 @@ def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
 
 
 def finite(value: float) -> float | None:
-    """A number that JSON can hold."""
+    """Convert to a JSON-serialisable number: None for non-finite values."""
     return value if np.isfinite(value) else None
 
 
 def main(given: TextIO) -> None:
-    """Do what the input asks."""
+    """Run the calibration of the input."""
     ask = CalibrationAsk.model_validate_json(given.readline())
     pictures = [BoardSeen.model_validate_json(given.readline()) for _ in range(ask.pictures)]
     stopping = threading.Event()

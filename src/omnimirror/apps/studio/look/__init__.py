@@ -1,1 +1,1 @@
-"""The tab that looks around in pictures, videos and streams."""
+"""Look tab: interactive views of images, videos and streams."""

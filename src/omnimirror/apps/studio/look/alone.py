@@ -1,4 +1,4 @@
-"""The page that looks through any of the bundled sensors without a server: from disk, or from any web server."""
+"""Page that dewarps images of the bundled sensors without a server, from disk or any web server."""
 
 from __future__ import annotations
 
@@ -19,23 +19,25 @@ from .tables import camera_tables
 from .viewer import base64_of, inside, page_holding
 
 BALLS = ("ball:260", "ball:160")
-"""Besides the first: those that the page's card offers who opens a picture."""
+"""Mirror balls offered by the page in addition to the first sensor."""
 JPEG_QUALITY = 85
 
 
 def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None) -> str:
-    """The text of a page that straightens pictures which are dropped on it, and needs nothing else.
+    """Return a self-contained page that dewarps images dropped on it.
 
-    It knows the bundled sensors and mirror balls, with a picture of a room for each sensor, and has the design bench
-    for mirrors by a formula before ideal lenses. Circles are fitted by hand; what is computed from pictures (their
-    rims, levels, restoration), searches, tolerances and calibrations need the server.
+    The page contains the bundled sensors and mirror balls with a rendered image of a room for each
+    sensor, and the design
+    bench for analytic mirrors with ideal lenses. Mirror outlines are fitted manually; automatic
+    outline detection, levelling,
+    restoration, searches, tolerances and calibrations require the server.
 
     Parameters
     ----------
     sensors
-        Names of bundled sensors, and balls as ``ball:340``, a field in degrees; all of them by default.
+        Names of bundled sensors, and balls as ``ball:340`` with a field in degrees; all by default.
     progress
-        Called with the number of cameras done and of all of them.
+        Called with the number of completed cameras and their total number.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, in
     Raises
     ------
     InvalidParameter
-        A name is not that of a bundled sensor.
+        Unknown sensor name.
 
     Examples
     --------
@@ -63,7 +65,7 @@ def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, in
 
 
 def _cameras(sensors: Sequence[str] | None) -> list[Known]:
-    """Those that symmetry makes tables of a few kilobytes of."""
+    """Return the rotationally symmetric cameras; their tables take a few kilobytes each."""
     cameras = Cameras()
     everything = [*(entry.id for entry in cameras.entries()), *BALLS]
     try:

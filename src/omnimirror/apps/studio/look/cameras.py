@@ -1,4 +1,4 @@
-"""The cameras that the studio knows: bundled sensors, mirror balls, and files that were given or handed up."""
+"""Cameras of the studio: bundled sensors, mirror balls, and files given or uploaded."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_UPLOADED = 64
 
 @dataclass(frozen=True)
 class Known:
-    """A camera, and how the command line names it."""
+    """Camera with its command-line options."""
 
     id: str
     name: str
@@ -48,18 +48,19 @@ class Known:
         )
 
     def standing(self, mount: Mount) -> AnyCamera:
-        """The camera, mounted otherwise."""
+        """Return the camera with another mount."""
         return replace(self.camera, mount=mount)
 
     def model(self, mount: Mount | None = None) -> CameraShown:
-        """What the page must know of it, standing as its file says or as given."""
+        """Return the description of the camera for the page, with its own or another mount."""
         camera = self.camera if mount is None else self.standing(mount)
         model = camera_model(self.id, self.name, self.title, self.options, camera)
         return model.model_copy(update={"mount_in_file": mount_message(self.camera.mount)})
 
 
 class Cameras:
-    """Cameras by their names; those handed up are kept while the server runs, the oldest forgotten first."""
+    """Cameras by name; uploaded cameras are kept while the server runs, and the oldest are removed
+    first."""
 
     def __init__(self, given: Known | None = None) -> None:
         self._bundled = {name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()}
@@ -67,20 +68,20 @@ class Cameras:
         self._uploaded: OrderedDict[str, Known] = OrderedDict()
 
     def entries(self) -> list[SensorEntry]:
-        """All that can be chosen."""
+        """Return all selectable cameras."""
         ball = [] if any(k.startswith("ball:") for k in self._given) else [ball_of(BALL_FIELD_DEG)]
         known = [*self._given.values(), *self._bundled.values(), *ball, *self._uploaded.values()]
         return [k.entry for k in known]
 
     def find(self, id: str) -> Known:
-        """A camera by its name.
+        """Return a camera by name.
 
         Raises
         ------
         KeyError
-            There is none of that name.
+            Unknown name.
         InvalidParameter
-            For the field of a mirror ball that is none.
+            Invalid field of a mirror ball.
         """
         for shelf in (self._given, self._bundled, self._uploaded):
             if id in shelf:
@@ -90,12 +91,12 @@ class Cameras:
         raise KeyError(id)
 
     def add(self, name: str, data: bytes, optics: str = "mirror") -> Known:
-        """Read a calibration that was handed up: a sensor file, a camera file, or OCamCalib's text.
+        """Read an uploaded calibration: a sensor file, a camera file, or OCamCalib text.
 
         Raises
         ------
         OmnimirrorError
-            It is none, or wrong; the message says where and what would be valid.
+            Unknown or invalid file; the message contains the position and the valid values.
         """
         known = read_calibration(name, data, optics)
         self._uploaded[known.id] = known
@@ -105,19 +106,19 @@ class Cameras:
         return known
 
     def file_of(self, wanted: SensorFile) -> str:
-        """The text of the file of a sensor whose circle was moved to fit a picture.
+        """Return the sensor file of a sensor with its image circle fitted to an image.
 
         Raises
         ------
         KeyError
-            There is no such sensor.
+            Unknown sensor.
         InvalidParameter
-            The camera has no sensor file, or its circle cannot be moved.
+            A camera without a sensor file, or with a fixed image circle.
         """
         return format_sensor(self.fitted(wanted))
 
     def looking(self, wanted: SensorFile) -> Sensor | MirrorBall:
-        """The sensor or mirror ball whose circle was moved to fit a picture."""
+        """Return the sensor or mirror ball with its image circle fitted to an image."""
         camera = self.find(wanted.id).camera
         if isinstance(camera, MirrorBall):
             mount = Mount(**wanted.mount.model_dump())
@@ -125,7 +126,8 @@ class Cameras:
         return self.fitted(wanted)
 
     def fitted(self, wanted: SensorFile) -> Sensor:
-        """The sensor whose circle was moved to fit a picture; refused as its file is."""
+        """Return the sensor with its image circle fitted to an image; raises the errors of
+        ``file_of``."""
         camera = self.find(wanted.id).camera
         if not isinstance(camera, Sensor) or camera.symmetry is None:
             raise InvalidParameter(f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors")
@@ -133,7 +135,7 @@ class Cameras:
 
 
 def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
-    """The sensor whose rim is seen at a given circle of a picture: its pixels become as large as that needs."""
+    """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
     if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
         raise InvalidParameter(f"a circle at {wanted.centre_px} of radius {wanted.rim_radius_px} is none")
     width, height = wanted.image_size
@@ -146,7 +148,7 @@ def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
 
 
 def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
-    """A camera from the bytes of a calibration file that the command line reads too."""
+    """Read a camera from the bytes of a calibration file in any format of the command line."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -167,7 +169,8 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
 
 
 def ball_of(field_deg: float) -> Known:
-    """A mirror ball with so many degrees of field, in a picture of its own; the page moves its circle."""
+    """Return a mirror ball with the given field in an image of its own; the page moves its image
+    circle."""
     centre = (BALL_SIZE[0] - 1) / 2, (BALL_SIZE[1] - 1) / 2
     ball = MirrorBall(centre, 500.0, field_deg, BALL_SIZE)
     options = ("--ball", f"{centre[0]:g},{centre[1]:g},500,{field_deg:g}")

@@ -1,4 +1,5 @@
-"""Functions on a square lattice that few exact values are enough for, and that go on beyond where they end."""
+"""Adaptive interpolation on a square lattice from few exact values, with extrapolation beyond the
+boundary."""
 
 from __future__ import annotations
 
@@ -11,36 +12,42 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Exact = Callable[[Array], Array]
-"""Values (n, m) at places (n, 2); NaN in all of them where there are none."""
+"""Function that returns values (n, m) at points (n, 2); rows of NaN outside the domain."""
 Index = NDArray[np.intp]
 PartOf = Callable[[Array], Index]
-"""Numbers (...) of the parts that values (..., m) are of."""
+"""Function that returns the part indices (...) of values (..., m)."""
 
-STEP = 4  # nodes from one exact value to the next
-OFF_MIDDLE = (2, 1)  # of a cell, down and right or the other way: in the middle errors of both may cancel
-TAPS = 10  # exact values that are interpolated between, in each direction
-MARGIN = TAPS // 2 - 1  # of them before the cell
-CLOSE = 0.5  # of the rounding of float32: what may lie between where it is looked, so that all of it elsewhere does not
-TOGETHER = 64  # cells of a product
+STEP = 4  # test point of a cell, off centre, where interpolation errors of both axes can cancel
+OFF_MIDDLE = (
+    2,
+    1,
+)  # test point of a cell, off centre, since interpolation errors of both axes can cancel at the centre
+TAPS = 10  # taps of the interpolation in each direction
+MARGIN = TAPS // 2 - 1  # taps before the cell
+CLOSE = 0.5  # accepted error in float32 roundings at the test point; errors elsewhere in the cell remain below 1
+TOGETHER = 64  # cells per matrix product
 ALONG = [(1, 0), (-1, 0), (0, 1), (0, -1)]
 AROUND = [*ALONG, (1, 1), (-1, -1), (1, -1), (-1, 1)]
-BEYOND = 4  # nodes past the end, so that cubic interpolation reaches it
+BEYOND = 4  # extrapolated nodes beyond the boundary, for cubic interpolation
 
 
 def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Array:
-    """Values (n, n, m) at ``(side[column], side[row])``, each right to the rounding of float32.
+    """Return values (n, n, m) at ``(side[column], side[row])``, accurate to float32 rounding.
 
-    Every fourth node is exact, and Lagrange's polynomials of ten of them lie between: where these are known, or go on
-    from those that are, and where further exact values in the cell or in those beside it agree. All others are exact.
+    Exact values are computed at every fourth node. Cells between them use 10-point Lagrange
+    interpolation if the values
+    exist, or can be extrapolated, and test points in the cell or its neighbours agree; all other
+    nodes are computed exactly.
 
     Parameters
     ----------
     exact
-        What is wanted. Cells of STEP nodes are looked into where it is known next to them.
+        Exact function. It is evaluated in cells of STEP nodes next to its domain.
     side : (n,)
-        Evenly spaced; n - 1 is a multiple of STEP.
+        Evenly spaced coordinates; n - 1 is a multiple of STEP.
     part_of
-        The parts of the lattice, between which values may have a step or a bend. One part by default.
+        Parts of the lattice, with discontinuities of value or derivative between them. One part by
+        default.
 
     Examples
     --------
@@ -78,7 +85,8 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
 
 
 def _interpolated(coarse: Array, known: Mask, at: Callable[[Index, Index], Array]) -> tuple[Index, Index, Array]:
-    """Rows and columns (c,) of cells that are smooth, by those known of exact values (k, k, m), and values
+    """Return rows and columns (c,) of smooth cells, from the mask of known coarse values (k, k, m),
+    and interpolated values
     (c, STEP, STEP, m) of their nodes."""
     filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, ALONG, TAPS - 2)
     inside, smooth = (
@@ -91,9 +99,11 @@ def _interpolated(coarse: Array, known: Mask, at: Callable[[Index, Index], Array
 
 
 def _agree(row: Index, column: Index, between: Array, inside: Mask, at: Callable[[Index, Index], Array]) -> Mask:
-    """Whether exact values in cells (k, k) are those between: beside some that are, and beside none that are not.
+    """Check interpolated values in cells (k, k) at test points; return the cells that pass and have
+    no failing neighbour.
 
-    They are taken in every other cell, and in two places of each cell whose polynomials use values beyond an end.
+    Test points are taken in every other cell, and twice in each cell whose stencil contains
+    extrapolated values.
     """
     close = CLOSE * np.spacing(np.abs(between).max(axis=(0, 1, 2), initial=0.0).astype(np.float32))
     answers = np.zeros((2, len(inside) + 2, len(inside) + 2), np.bool_)
@@ -110,7 +120,7 @@ def _agree(row: Index, column: Index, between: Array, inside: Mask, at: Callable
 
 
 def weights_between(at: Array, first: Index) -> Array:
-    """How much values one apart count at places (n,) between them, by Lagrange's polynomials of TAPS of them each.
+    """Return the Lagrange weights of TAPS equidistant values at points (n,) between them.
 
     >>> (weights_between(np.array([4.5]), np.array([0])) * 2**16)[0, :4]
     array([   35.,  -405.,  2268., -8820.])
@@ -123,9 +133,11 @@ def weights_between(at: Array, first: Index) -> Array:
 
 
 def _between(exact: Array, row: Index, column: Index) -> Array:
-    """Values (c, STEP, STEP, m) in cells (c,) of exact ones (k, k, m).
+    """Interpolate coarse values (k, k, m) in cells (c,); return (c, STEP, STEP, m).
 
-    By products so small that BLAS leaves them to this thread: others wait for more a tenth of a second, busily.
+    The matrix products are small enough for BLAS to run them in the calling thread; larger ones
+    start threads that
+    busy-wait for up to 0.1 s.
     """
     along = weights_between(MARGIN + np.arange(STEP) / STEP, np.zeros(STEP, np.intp))
     weights = np.kron(along, along).T
@@ -139,7 +151,7 @@ def _between(exact: Array, row: Index, column: Index) -> Array:
 
 
 def _nodes_of(cells: Mask) -> Mask:
-    """The nodes (n, n) in and around cells (k, k)."""
+    """Return the mask (n, n) of the nodes in and around cells (k, k)."""
     count = STEP * len(cells) + 1
     nodes = np.zeros((count, count), np.bool_)
     wide = cells.repeat(STEP, axis=0).repeat(STEP, axis=1)
@@ -150,19 +162,21 @@ def _nodes_of(cells: Mask) -> Mask:
 
 
 def _windows(combine: np.ufunc, values: Mask, side: int) -> Mask:
-    """Every ``side`` x ``side`` values combined to one."""
+    """Combine every ``side`` x ``side`` window of values."""
     for _ in range(2):
         values = combine.reduce([values[i : len(values) - side + 1 + i] for i in range(side)]).T
     return values
 
 
 def continued(values: Array) -> Array:
-    """A lattice (n, n, m), filled in for some nodes around where it is known, as its third differences go on."""
+    """Extrapolate a lattice (n, n, m) by several nodes beyond its known values, with third
+    differences."""
     return _filled(values, 4, AROUND, BEYOND)
 
 
 def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int) -> Array:
-    """Values (n, n, m), and in layers about those known what polynomials through so many in a line come to."""
+    """Extrapolate values (n, n, m) layer by layer with polynomials through ``terms`` collinear
+    nodes."""
     known: Mask = np.asarray(np.isfinite(values).all(axis=2))
     for _ in range(layers):
         beside = _windows(np.logical_or, np.pad(known, 1), 3)
@@ -173,9 +187,10 @@ def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int)
 
 
 def _next(values: Array, known: Mask, row: Index, column: Index, terms: int, ways: list[tuple[int, int]]) -> Array:
-    """Values (k, m) of nodes: those that they have, or the mean of what the lines of nodes around them come to."""
+    """Return values (k, m) of nodes: the known values, or the mean extrapolation along the given
+    directions."""
     total, told = np.zeros((len(row), values.shape[2])), np.zeros((len(row), values.shape[2]))
-    ahead = [-comb(terms, k) * (-1) ** k for k in range(1, terms + 1)]  # a polynomial's differences end
+    ahead = [-comb(terms, k) * (-1) ** k for k in range(1, terms + 1)]  # finite differences of order ``terms`` vanish
     around = np.pad(known, terms)
     for dx, dy in ways:
         line = [(row + k * dy, column + k * dx) for k in range(1, terms + 1)]

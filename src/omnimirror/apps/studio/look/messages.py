@@ -1,4 +1,4 @@
-"""What the server and the tab Look tell each other: cameras as tables, sources, streams."""
+"""Messages between server and Look tab: cameras as tables, sources, streams."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Kind = Literal["sensor", "ocam", "ball"]
 
 
 class MountOf(ClientMessage):
-    """How a camera stands."""
+    """Mount of a camera."""
 
     camera_looks: CameraLooks
     forward_azimuth_deg: float
@@ -26,7 +26,7 @@ class MountOf(ClientMessage):
 
 
 class CameraAsk(ClientMessage):
-    """Which camera, and how it stands; what is not said is as its file has it."""
+    """Camera request with an optional mount; missing values are those of the camera file."""
 
     id: str
     camera_looks: CameraLooks | None = None
@@ -37,7 +37,7 @@ class CameraAsk(ClientMessage):
 
 
 class SensorEntry(Message):
-    """A camera that can be chosen."""
+    """Selectable camera."""
 
     id: str
     name: str
@@ -47,7 +47,7 @@ class SensorEntry(Message):
 
 
 class TableLayout(Message):
-    """What the float32 values of a camera's tables are, in this order; those that are absent count 0."""
+    """Layout of the float32 values of camera tables, in this order; absent tables have count 0."""
 
     first: float = Field(description="sin(Omega/2) of the first radius")
     last: float = Field(description="sin(Omega/2) of the last radius, or where the lattice ends")
@@ -62,7 +62,7 @@ class TableLayout(Message):
 
 
 class CameraShown(Message):
-    """A camera, as far as looking through it needs to know."""
+    """Description of a camera for interactive views."""
 
     id: str
     name: str
@@ -87,7 +87,7 @@ class CameraShown(Message):
 
 
 class SensorFile(ClientMessage):
-    """A sensor file to be made: a known sensor whose circle was moved to fit a picture."""
+    """Sensor file request: a known sensor with its image circle fitted to an image."""
 
     id: str
     mount: MountOf
@@ -97,20 +97,21 @@ class SensorFile(ClientMessage):
 
 
 class LevelAsk(SensorFile):
-    """How the camera leaned is asked, of a picture that comes behind; its circle may have been moved to fit it."""
+    """Levelling request; the image follows, and the image circle may be fitted to it."""
 
     name: str
 
 
 class RestoreAsk(SensorFile):
-    """A picture to be restored, which comes behind: through a sensor whose circle may have been moved to fit it."""
+    """Restoration request; the image follows, and the image circle of the sensor may be fitted to
+    it."""
 
     name: str
     object_distance_mm: float | None = Field(gt=0, description="of what is seen; none: far away")
 
 
 class RimFound(Message):
-    """The circle of a mirror, as it was found in a picture."""
+    """Detected mirror outline in an image."""
 
     centre_px: Pixel
     radius_px: float
@@ -119,7 +120,7 @@ class RimFound(Message):
 
 
 class LevelFound(Message):
-    """How the camera leaned that took a picture, by the edges that stand upright in it."""
+    """Tilt of the camera of an image, estimated from vertical edges."""
 
     pitch_deg: float
     roll_deg: float
@@ -129,7 +130,7 @@ class LevelFound(Message):
 
 
 class Source(Message):
-    """A picture, video, camera or stream at the server's side."""
+    """Image, video, camera or stream on the server."""
 
     id: str
     name: str
@@ -138,7 +139,7 @@ class Source(Message):
 
 
 class Start(Message):
-    """What the page opens with."""
+    """Initial data of the page."""
 
     version: str
     sources: tuple[Source, ...]
@@ -148,14 +149,14 @@ class Start(Message):
 
 
 class StreamState(Message):
-    """How a stream is doing; pictures come beside it, as binary messages."""
+    """State of a stream; frames are sent separately as binary messages."""
 
     state: Literal["waiting", "playing", "lost", "ended"]
     sentence: str
 
 
 class Embedded(Message):
-    """What a page that does without a server holds."""
+    """Data embedded in a page without a server."""
 
     camera: CameraShown
     tables: str = Field(description="float32 values, little-endian, in base64")
@@ -165,7 +166,7 @@ class Embedded(Message):
 
 
 class CameraAlone(Message):
-    """A camera of a page that no server helps, however it stands."""
+    """Camera of a page without a server, for any mount."""
 
     entry: SensorEntry
     standing: tuple[CameraShown, ...] = Field(
@@ -176,7 +177,7 @@ class CameraAlone(Message):
 
 
 class Alone(Message):
-    """What a page for any picture holds that no server helps."""
+    """Data of a page without a server for arbitrary images."""
 
     version: str
     cameras: tuple[CameraAlone, ...]

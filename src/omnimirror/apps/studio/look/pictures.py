@@ -1,4 +1,4 @@
-"""Pictures that the server hands down as PNG of 8 bits: those it shows, and rooms as cameras would see them."""
+"""Images served as 8-bit PNG: files of the server, and rendered rooms."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from .cameras import Known
 from .messages import LevelAsk, LevelFound, RestoreAsk, RimFound
 
 MOST_PIXELS = 4096 * 4096
-"""Of a simulated picture, which takes 60 bytes a pixel."""
+"""Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
 RIMS_KEPT = 256
-"""Before all are forgotten: they are a hundred bytes each."""
+"""Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
 
 _rims: dict[bytes, RimFound] = {}
-"""Of pictures that were looked at, by their digests."""
+"""Cached mirror outlines by image digest."""
 
 
 def shown_picture(path: Path) -> bytes:
-    """A picture of the server's."""
+    """Return an image of the server."""
     return encoded(eight_bits(read_image(path)), ".png")
 
 
 def rim_in(data: bytes, name: str) -> RimFound:
-    """The rim of the mirror in a picture that was handed up; it is looked for once, however often a page is loaded."""
+    """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
     from ....calibration.rim import find_rim
 
     key = sha256(data).digest()
@@ -48,7 +48,7 @@ def rim_in(data: bytes, name: str) -> RimFound:
 
 
 def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
-    """How the camera leaned that took a picture which was handed up; None where too few edges stand upright in it."""
+    """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
     from ....calibration.lines import level_in
 
     picture = eight_bits(picture_in(data, safe_name(ask.name)))
@@ -62,12 +62,12 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
 
 
 def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
-    """A picture that was handed up without the blur that its sensor's optics left in it.
+    """Restore an uploaded image: remove the optical blur of its sensor.
 
     Raises
     ------
     OmnimirrorError
-        It is no picture, or none of that sensor.
+        Unreadable image, or an image of another sensor.
     """
     from ....dewarp.restoration.sharpening import restore
 
@@ -78,12 +78,12 @@ def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
 
 @lru_cache(maxsize=8)
 def room_picture(known: Known) -> bytes:
-    """The picture that a camera takes of a room, simulated.
+    """Render the image of a room by a camera.
 
     Raises
     ------
     OmnimirrorError
-        It would be too large.
+        Image too large.
     """
     from ....simulation.rendering.picture import SHOWN_SAMPLES, take_picture
     from ....simulation.scenes.worlds.room import Room

@@ -1,4 +1,4 @@
-"""The routes of looking: cameras as tables, pictures, streams."""
+"""HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:
-    """Put the routes of looking into a server."""
+    """Register the routes of the Look tab."""
     _add_start(app, studio)
     _add_cameras(app, studio.cameras)
     _add_files(app, studio.cameras)
@@ -47,7 +47,7 @@ def add_look(app: FastAPI, studio: Studio) -> None:
 def _add_start(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/start")
     def start() -> Start:
-        """What there is to look at, and through what."""
+        """Return the available sources and cameras."""
         first = next(iter(studio.sources.given), None)
         return Start(
             version=__version__,
@@ -61,14 +61,14 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
     @app.get("/api/camera")
     def camera(ask: Annotated[CameraAsk, Query()]) -> CameraShown:
-        """A camera, standing as its file says or as asked."""
+        """Return a camera with its own or the requested mount."""
         known = _known(cameras, ask.id)
         stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)
         return known.model(Mount(**stands))
 
     @app.get("/api/camera/tables", response_class=Response, responses={200: BYTES})
     def tables(id: str, image_flipped: bool | None = None) -> Response:
-        """Its tables as little-endian float32; how a camera stands does not change them."""
+        """Return the tables of a camera as little-endian float32; they do not depend on the mount."""
         known = _known(cameras, id)
         flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
         stands = known.standing(Mount(image_flipped=flipped))
@@ -78,13 +78,13 @@ def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
 def _add_files(app: FastAPI, cameras: Cameras) -> None:
     @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
     async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
-        """Take a calibration file: a sensor file, a camera file, or OCamCalib's text."""
+        """Read a calibration file: a sensor file, a camera file, or OCamCalib text."""
         data = await collected(request)
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
 
     @app.post("/api/sensor-file", response_class=PlainTextResponse)
     def sensor_file(wanted: SensorFile) -> str:
-        """The file of a sensor whose circle was moved to fit a picture."""
+        """Return the file of a sensor with its image circle fitted to an image."""
         _known(cameras, wanted.id)
         return cameras.file_of(wanted)
 
@@ -92,13 +92,13 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
 def _add_pictures(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/room", response_class=Response, responses={200: PNG})
     async def room(id: str) -> Response:
-        """The picture that a camera takes of a room, simulated."""
+        """Return the rendered image of a room by a camera."""
         known = _known(studio.cameras, id)
         return _png(await studio.simulated.run(known, lambda: room_picture(known)))
 
     @app.get("/api/picture", response_class=Response, responses={200: PNG})
     async def picture(id: str) -> Response:
-        """A picture of the server's, as PNG of 8 bits."""
+        """Return an image of the server as 8-bit PNG."""
         try:
             shown = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
@@ -110,19 +110,19 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def convert(request: Request, name: FileName = "picture") -> Response:
-        """A picture that browsers do not read, as PNG of 8 bits."""
+        """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await collected(request)
         return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name))))
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
     async def rim(request: Request, name: FileName = "picture") -> RimFound:
-        """The rim of the mirror in a picture, and how sure it is."""
+        """Return the mirror outline in an image with its confidence."""
         data = await collected(request)
         return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> LevelFound | None:
-        """How the camera leaned that took a picture, if that can be told; what is asked stands before the picture."""
+        """Estimate the camera tilt of an image; the request header precedes the image."""
         ask, picture = unframed(await collected(request), LevelAsk)
         _known(studio.cameras, ask.id)
         camera = studio.cameras.looking(ask)
@@ -130,7 +130,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def restore(request: Request) -> Response:
-        """A picture without the blur of the sensor that took it; what is asked stands before the picture."""
+        """Restore an image; the request header precedes the image."""
         ask, picture = unframed(await collected(request), RestoreAsk)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
@@ -140,7 +140,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
 def _add_streams(app: FastAPI, studio: Studio) -> None:
     @app.websocket("/api/stream")
     async def stream(socket: WebSocket, id: str) -> None:
-        """Frames as JPEG, each when the page asks for one; what becomes of the stream as text."""
+        """Send frames as JPEG on request, and state changes of the stream as text."""
         await socket.accept()
         try:
             shown = studio.sources.find(id)
@@ -165,7 +165,7 @@ def _png(data: bytes) -> Response:
 
 
 async def _serve(socket: WebSocket, watched: Stream) -> None:
-    """To one page: a state when it changes, and after each of its requests the newest frame."""
+    """Serve one page: state changes, and the newest frame after each request."""
     count, state = 0, None
     asked = asyncio.create_task(socket.receive())
     wants = False

@@ -1,4 +1,4 @@
-"""What the server may show: the sources it was started with, and the files of the folders it was given."""
+"""Sources that the server may serve: its given sources and the files of given folders."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_LISTED = 2000
 
 @dataclass(frozen=True)
 class Shown:
-    """One source and where it is; the page knows its ``id`` alone."""
+    """Source with its location; the page receives only its ``id``."""
 
     id: str
     name: str
@@ -28,28 +28,28 @@ class Shown:
 
     @property
     def command(self) -> str:
-        """Its place, as short as it can be said from here."""
+        """Location of the source, relative to the working directory if shorter."""
         here = Path.cwd()
         is_near = self.kind != "live" and Path(self.place).is_relative_to(here)
         return str(Path(self.place).relative_to(here)) if is_near else self.place
 
 
 class Sources:
-    """What can be shown. A page chooses from the list and never names a path.
+    """Available sources. A page selects from the list and never sends a path.
 
     Parameters
     ----------
     given
-        Pictures, videos, cameras and streams; the page opens with the first.
+        Images, videos, cameras and streams; the page opens the first.
     folders
-        Whose pictures and videos are offered too.
+        Folders of additional images and videos.
     live
-        Those of the given that are cameras or streams.
+        Given sources that are cameras or streams.
 
     Raises
     ------
     MediaError
-        What is given is live, and there can be no such camera or stream.
+        Invalid address of a live camera or stream.
     """
 
     def __init__(self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()) -> None:
@@ -59,23 +59,23 @@ class Sources:
         self._folders = [folder.resolve() for folder in folders]
 
     def list(self) -> list[Shown]:
-        """All sources there are just now."""
+        """Return all currently available sources."""
         found = list(self.given)
         for number, folder in enumerate(self._folders):
             for path in sorted(folder.iterdir()):
-                inside = path.resolve().is_relative_to(folder)  # a link may lead out
+                inside = path.resolve().is_relative_to(folder)  # symbolic links can point outside the folder
                 if inside and path.is_file() and kind_of_file(path) and len(found) < MOST_LISTED:
                     shown = _shown(f"{number}/{path.name}", str(path), False)
                     found.append(shown)
         return found
 
     def find(self, id: str) -> Shown:
-        """A source of the list.
+        """Return a source by id.
 
         Raises
         ------
         KeyError
-            There is none of that name.
+            Unknown id.
         """
         for shown in self.list():
             if shown.id == id:
@@ -84,7 +84,7 @@ class Sources:
 
 
 def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
-    """What a file is, going by its name.
+    """Return the kind of a file by its suffix.
 
     >>> kind_of_file(Path("room.PNG")), kind_of_file(Path("ride.mp4")), kind_of_file(Path("notes.txt"))
     ('picture', 'video', None)

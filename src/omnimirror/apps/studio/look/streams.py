@@ -1,7 +1,8 @@
-"""Videos, cameras and streams for any number of pages: read and coded once, and to each the newest frame.
+"""Videos, cameras and streams for any number of pages, decoded and encoded once.
 
-A page asks for a frame when it has drawn the last one and gets the newest that there is; frames that
-came meanwhile it never sees. So a slow page lags behind nobody, and nobody waits for it.
+A page requests a frame after it has drawn the previous one and receives the newest; intermediate
+frames are dropped.
+A slow page therefore accumulates no delay and does not slow down other pages.
 """
 
 from __future__ import annotations
@@ -19,39 +20,41 @@ from .sources import Shown
 
 State = Literal["waiting", "playing", "lost", "ended"]
 OPENING_S = 60.0
-LINGER_S = 2.0  # a page that is loaded anew finds its stream running
+LINGER_S = 2.0  # a reloaded page finds its stream still running
 
 
 class Stream:
-    """One source, read in a thread for as long as anyone watches."""
+    """Source that is read in a thread while pages watch it."""
 
     def __init__(self, shown: Shown, loop: asyncio.AbstractEventLoop) -> None:
         self.shown = shown
         self.viewers = 0
         self.count = 0
-        """Frames so far; the newest is number ``count``."""
+        """Number of frames so far; also the index of the newest frame."""
         self.state = StreamState(state="waiting", sentence=f"waiting for {shown.name}")
         self._newest: bytes | None = None
         self._loop = loop
         self._news = asyncio.Event()
         from ....io.live.playing import Playing
 
-        # what has played comes back some day; what never answered is none, and a reload asks again
+        # A source that has played before is reopened after a failure; one that never opened is
+        # reported as an error, and a
+        # reload tries again.
         self._playing = Playing(shown.place, shown.kind == "live", self._report, OPENING_S)
         self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
         self._thread.start()
 
     async def after(self, count: int, state: StreamState | None) -> tuple[int, bytes | None, StreamState]:
-        """The newest frame, once it is not number ``count``, or the state of the stream once it is another."""
+        """Wait for a frame newer than ``count`` or a change of state; return both."""
         while self.count == count and self.state == state:
             await self._news.wait()
         return self.count, (self._newest if self.count != count else None), self.state
 
     def stop(self) -> None:
-        """Let the source go."""
+        """Close the source."""
         self._playing.stop()
 
-    # -- in the reading thread -------------------------------------------------------------------
+    # -- reader thread -------------------------------------------------------------------------
 
     def _run(self) -> None:
         from ....io.video.frames import image_of_frame
@@ -74,19 +77,19 @@ class Stream:
         if jpeg is not None:
             self._newest, self.count = jpeg, self.count + 1
         self.state = state
-        self._news.set()  # wakes all that wait, and none that come later
+        self._news.set()  # wakes all current waiters, not later ones
         self._news = asyncio.Event()
 
 
 class Streams:
-    """The streams that are watched just now."""
+    """Streams that are currently watched."""
 
     def __init__(self) -> None:
         self._running: dict[str, Stream] = {}
 
     @asynccontextmanager
     async def watch(self, shown: Shown) -> AsyncIterator[Stream]:
-        """A stream shared with all who watch the same source."""
+        """Return a stream shared by all pages that watch the source."""
         stream = self._running.get(shown.id)
         if stream is None or stream.state.state == "ended":
             stream = self._running[shown.id] = Stream(shown, asyncio.get_running_loop())
@@ -98,7 +101,7 @@ class Streams:
             asyncio.get_running_loop().call_later(LINGER_S, self._leave, stream)
 
     def close(self) -> None:
-        """Stop all of them."""
+        """Stop all streams."""
         for stream in self._running.values():
             stream.stop()
         self._running.clear()

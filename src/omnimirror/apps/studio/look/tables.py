@@ -1,9 +1,11 @@
-"""A camera as tables that a graphics card reads: pixels of directions and points, to some thousandths of a pixel.
+"""Camera projection as lookup tables for the GPU, accurate to a few 0.001 px.
 
-A camera with an axis of symmetry is its tables over sin(Omega/2), as in :mod:`omnimirror.dewarp.maps.radial_table`,
-but shorter.
-One without is a lattice of pixels over the disk ``sin(Omega/2) (cos phi, sin phi)`` about its axis, which
-looks much like the picture itself, a table of where the field ends and, of a mirror, a lattice of where the rays start.
+A rotationally symmetric camera is tabulated over sin(Omega/2), as in
+:mod:`omnimirror.dewarp.maps.radial_table`, with
+fewer entries. Other cameras are sampled on a lattice of pixels over the disk ``sin(Omega/2) (cos
+phi, sin phi)`` about
+their axis, which resembles the image, with a table of the field boundary and, for mirrors, a
+lattice of ray origins.
 """
 
 from __future__ import annotations
@@ -28,25 +30,25 @@ from .messages import CameraShown, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
 
-ENTRIES = 2048  # what every WebGL2 texture can be wide
+ENTRIES = 2048  # texture width that every WebGL2 implementation supports
 LATTICE = 513
 LIMITS = 1024
-STEP = 2e-7  # of sin(Omega/2), to which the end of the field is known
-FEW = 64  # azimuths at which it is looked for first
-CALL = 1024  # places that take as long as what every call takes besides
-NEAR = (STEP / 2, 2.0**-12)  # to both sides of where the others tell it
+STEP = 2e-7  # accuracy of the field boundary in sin(Omega/2)
+FEW = 64  # azimuths of the initial boundary search
+CALL = 1024  # number of points whose evaluation takes as long as the overhead of a call
+NEAR = (STEP / 2, 2.0**-12)  # half-widths of the bracket around the interpolated boundary
 MARGIN = 1.02
 
 
 class CameraTables(NamedTuple):
-    """What the values are, and the values."""
+    """Table values with their layout."""
 
     layout: TableLayout
     values: NDArray[np.float32]
 
 
 class Frame(NamedTuple):
-    """World directions (3,) of the axis of a camera, and of the right and the lower side of its picture."""
+    """World directions (3,) of the camera axis and of the right and lower sides of the image."""
 
     axis: Array
     right: Array
@@ -54,7 +56,7 @@ class Frame(NamedTuple):
 
 
 def frame_of(camera: AnyCamera) -> Frame:
-    """The frame in which the tables of a camera are."""
+    """Return the frame of the tables of a camera."""
     symmetry = camera.symmetry
     if symmetry is not None:
         return Frame(symmetry.axis, symmetry.right, symmetry.down)
@@ -64,7 +66,7 @@ def frame_of(camera: AnyCamera) -> Frame:
 
 @lru_cache(maxsize=32)
 def camera_tables(camera: AnyCamera) -> CameraTables:
-    """The tables of a camera.
+    """Compute the tables of a camera.
 
     Examples
     --------
@@ -86,7 +88,7 @@ def camera_tables(camera: AnyCamera) -> CameraTables:
 
 @lru_cache(maxsize=64)
 def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: AnyCamera) -> CameraShown:
-    """What the page must know of a camera, besides its tables."""
+    """Return the description of a camera for the page, without its tables."""
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
     return CameraShown(
@@ -114,12 +116,12 @@ def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camer
 
 
 def kind_of(camera: AnyCamera) -> Kind:
-    """Which option of the command line names such a camera."""
+    """Return the command-line option for a camera of this kind."""
     return "ocam" if isinstance(camera, OCam) else "ball" if isinstance(camera, MirrorBall) else "sensor"
 
 
 def title_of(camera: AnyCamera) -> str:
-    """What a camera is, in a line."""
+    """Return a one-line description of a camera."""
     if isinstance(camera, Sensor):
         return (camera.notes.strip().splitlines() or [f"{camera.mirror.KIND} mirror"])[0]
     if isinstance(camera, OCam):
@@ -130,7 +132,7 @@ def title_of(camera: AnyCamera) -> str:
 
 
 def mount_message(mount: Mount) -> MountOf:
-    """A mount, to be told."""
+    """Convert a mount to a message."""
     return MountOf(
         camera_looks=mount.camera_looks,
         forward_azimuth_deg=mount.forward_azimuth_deg,
@@ -140,7 +142,8 @@ def mount_message(mount: Mount) -> MountOf:
     )
 
 
-# -- cameras without an axis of symmetry -----------------------------------------------------------
+# -- cameras without rotational symmetry
+# ------------------------------------------------------------
 
 
 def _lattice_tables(camera: AnyCamera) -> CameraTables:
@@ -159,7 +162,7 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
 
 
 def _within(limits: Array, margin: float, ask: Exact) -> Exact:
-    """The same, without asking about places (n, 2) that lie farther than a margin beyond the end of the field."""
+    """Wrap a function to skip points (n, 2) farther than a margin outside the field boundary."""
 
     def asked(places: Array) -> Array:
         end = np.interp(np.arctan2(*places.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0]))
@@ -173,7 +176,8 @@ def _within(limits: Array, margin: float, ask: Exact) -> Exact:
 
 
 def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
-    """Pixels of places, and where (n, 3) their rays start, mm along axis, right and down; NaN outside the field."""
+    """Return a function of pixels and ray origins (n, 3), mm along axis, right and down; NaN
+    outside the field."""
     axes = np.stack(frame_of(camera), axis=-1)
     if isinstance(camera, Sensor) and not camera.is_axial and camera.secondary is None:
         return _traced_once(camera, axes)
@@ -189,7 +193,8 @@ def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
 
 
 def _traced_once(sensor: Sensor, axes: Array) -> Exact:
-    """The same of a sensor that is traced in space, where what finds a pixel comes by where its ray starts."""
+    """Return the same function for a sensor that is ray-traced; the tracer returns pixel and ray
+    origin together."""
     train, rotation = sensor.optical_train, sensor.mount.rotation()
 
     def traced(places: Array) -> Array:
@@ -206,7 +211,8 @@ def _traced_once(sensor: Sensor, axes: Array) -> Exact:
 
 
 def _sides_of_tube(camera: AnyCamera) -> PartOf | None:
-    """Whether rays start on the mirror (0), past an end of the tube about it, or on the tube (1); None without one."""
+    """Return a function of the ray origin: mirror (0), beyond an end of the tube (1), tube (1);
+    None without tube."""
     shell = camera.housing.shell if isinstance(camera, Sensor) else None
     if not isinstance(camera, Sensor) or not isinstance(shell, Tube):
         return None
@@ -215,7 +221,7 @@ def _sides_of_tube(camera: AnyCamera) -> PartOf | None:
 
 
 def _projection(camera: AnyCamera) -> Exact:
-    """Pixels (n, 2) of places (n, 2) in the disk; NaN outside the field."""
+    """Return a function of pixels (n, 2) of points (n, 2) in the disk; NaN outside the field."""
     frame = np.stack(frame_of(camera))
 
     def project(places: Array) -> Array:
@@ -228,18 +234,20 @@ def _projection(camera: AnyCamera) -> Exact:
 
 
 def _directions_of(places: Array, frame: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Which of places (n, 2) lie in the disk, and the directions (k, 3) of these."""
-    sine2 = np.einsum("ni,ni->n", places, places)  # of half the angle
+    """Return the mask of points (n, 2) inside the disk, and their directions (k, 3)."""
+    sine2 = np.einsum("ni,ni->n", places, places)  # sin^2 of half the angle
     inside = sine2 <= 1
     across = 2 * np.sqrt(1 - sine2[inside, None]) * places[inside]
     return inside, np.concatenate([1 - 2 * sine2[inside, None], across], axis=1) @ frame
 
 
 def _limits(project: Exact) -> Array:
-    """Where the field ends, sin(Omega/2), in even steps of the azimuth.
+    """Return the field boundary, sin(Omega/2), at equidistant azimuths.
 
-    Some azimuths tell the others. Of each of these it is asked whether the field ends between two places close to each
-    other, of which the inner one is seen; if not, between two farther apart; if not, it is looked for everywhere.
+    The boundary is searched at some azimuths and interpolated at the others. There, two nearby
+    points test if the boundary is
+    between them, with the inner one visible; on failure the bracket is widened, and finally the
+    whole range is searched.
     """
     phi = _azimuths()[:-1]
     few = _narrowed(project, phi[:: LIMITS // FEW], np.zeros(FEW), 1.0)
@@ -257,8 +265,8 @@ def _limits(project: Exact) -> Array:
 
 
 def _narrowed(project: Exact, phi: Array, low: Array, width: float) -> Array:
-    """Ends (n,) of the field at azimuths (n,), which lie by no more than a width above others, to :data:`STEP`."""
-    parts = min(max(CALL // max(len(phi), 1), 2), 16)  # into which a width is divided at once
+    """Refine the boundary (n,) at azimuths (n,) within a bracket of given width to :data:`STEP`."""
+    parts = min(max(CALL // max(len(phi), 1), 2), 16)  # simultaneous subdivisions of the bracket
     while width > STEP and len(phi):
         width /= parts
         tried = low + width * np.arange(1, parts)[:, None]
@@ -268,17 +276,17 @@ def _narrowed(project: Exact, phi: Array, low: Array, width: float) -> Array:
 
 
 def _seen(project: Exact, phi: Array, sine: Array) -> NDArray[np.bool_]:
-    """Whether directions at azimuths (n,) and sin(Omega/2) (n,) are seen."""
+    """Check if directions at azimuths (n,) and sin(Omega/2) (n,) are in the field."""
     return np.asarray(np.isfinite(project(sine[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1))[:, 0]))
 
 
 def _azimuths() -> Array:
-    """Of the ends of the field, once around."""
+    """Return the azimuths of the field boundary over one turn."""
     return np.linspace(0.0, 2 * np.pi, LIMITS + 1)
 
 
 def _circle(camera: AnyCamera) -> tuple[tuple[float, float], float]:
-    """Image of the axis, and radius of the end of the field; their best circle where it is none."""
+    """Return the image of the axis and the radius of the field boundary, or of its best-fit circle."""
     symmetry = camera.symmetry
     if symmetry is not None:
         return symmetry.centre_px, float(symmetry.radius_px(np.array([symmetry.omega_max]))[0])

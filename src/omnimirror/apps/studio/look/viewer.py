@@ -1,4 +1,5 @@
-"""The page with a picture or video and its camera inside: it works from disk, no server, nothing installed."""
+"""Self-contained page with an image or video and its camera; works from disk without server or
+installation."""
 
 from __future__ import annotations
 
@@ -24,36 +25,38 @@ from .tables import camera_model, camera_tables, title_of
 
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
-"""Pictures that go into the page as they are."""
+"""Image formats that are embedded unchanged."""
 VIDEO_KINDS = {".mp4": "video/mp4", ".m4v": "video/mp4", ".mov": "video/mp4", ".webm": "video/webm"}
 CODECS = ("h264", "hevc", "vp8", "vp9", "av1")
-"""What browsers play."""
+"""Video codecs supported by browsers."""
 LARGEST_INSIDE = 64 << 20
-"""Bytes of a video that goes into the page; a larger one stays beside it."""
+"""Maximum size of an embedded video, bytes; a larger video remains a separate file."""
 
 
 def viewer_of(
     camera: AnyCamera, name: str, options: tuple[str, ...], path: Path | None, image: NDArray[np.generic]
 ) -> str:
-    """The text of a page that shows one picture, with the picture and its camera inside.
+    """Return a page with one image and its camera.
 
     Parameters
     ----------
     camera
+        Camera of the image.
     name
-        Of the camera, for people.
+        Displayed name of the camera.
     options
-        What names the camera on the command line, which the page shows.
+        Command-line options of the camera, displayed on the page.
     path
-        Where the picture came from, if it was a file. A PNG or JPEG without an orientation tag is embedded as it is,
-        anything else as PNG of 8 bits.
+        File of the image, if any. A PNG or JPEG without an orientation tag is embedded unchanged,
+        any other image as
+        8-bit PNG.
     image : (h, w) or (h, w, 3) or (h, w, 4) array
-        The picture, read.
+        Decoded image.
 
     Raises
     ------
     InvalidParameter
-        The picture is not of the camera's size.
+        The image size differs from that of the camera.
     """
     _check_size(camera, (image.shape[1], image.shape[0]), "picture")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
@@ -73,28 +76,30 @@ def video_viewer_of(
     *,
     stored_orientation: bool = False,
 ) -> str:
-    """The text of a page that shows a video, again and again.
+    """Return a page that plays a video in a loop.
 
-    A video of up to 64 MB goes into the page. A larger one stays beside it: from a web server the page finds it
-    by itself, from disk it asks for the file, which browsers let no page read unasked.
+    Videos up to 64 MB are embedded. A larger video remains a separate file: a page on a web server
+    loads it directly, a page
+    on disk requests the file from the user, because browsers block automatic access.
 
     Parameters
     ----------
     camera, name, options
-        As for :func:`viewer_of`.
+        See :func:`viewer_of`.
     path
-        The video.
+        Video file.
     page
-        Where the page will be written.
+        Path of the page to be written.
     stored_orientation
-        Require that frames are displayed as stored, which browsers do only for videos without a rotation.
+        Require frames in their stored orientation; browsers support this only for videos without a
+        rotation.
 
     Raises
     ------
     MediaError
-        It is no video that browsers play.
+        Video format not supported by browsers.
     InvalidParameter
-        Its frames are not of the camera's size.
+        The frame size differs from that of the camera.
     """
     from ....io.video.reader import VideoReader
 
@@ -122,10 +127,10 @@ def _check_size(camera: AnyCamera, size: tuple[int, int], what: str) -> None:
 
 
 def _beside(path: Path, page: Path) -> str:
-    """The address of a file as seen from a page."""
+    """Return the address of a file relative to a page."""
     try:
         relative = os.path.relpath(path.resolve(), page.resolve().parent)
-    except ValueError:  # another drive
+    except ValueError:  # different drive
         raise InvalidParameter(f"{path} and {page} are on different drives; put them beside each other") from None
     return quote(Path(relative).as_posix())
 
@@ -142,7 +147,7 @@ def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: st
 
 
 def page_holding(**messages: Message) -> str:
-    """The page with messages inside, each for the part of it that looks for its name (with hyphens)."""
+    """Return the page with embedded messages, identified by their names (with hyphens)."""
     held = "".join(
         f'<script type="application/json" id="{name.replace("_", "-")}">'
         f"{script_json(message.model_dump_json())}</script>"
@@ -152,10 +157,10 @@ def page_holding(**messages: Message) -> str:
 
 
 def inside(data: bytes, kind: str) -> str:
-    """An address that holds what it leads to."""
+    """Return a data URL."""
     return f"data:{kind};base64,{base64_of(data)}"
 
 
 def base64_of(data: bytes) -> str:
-    """Bytes as text."""
+    """Encode bytes as base64 text."""
     return base64.b64encode(data).decode()

@@ -1,1 +1,1 @@
-"""Designs on the bench: as tables, judged by their requirements, bent by hand."""
+"""Designs on the bench: tables, requirement checks and manual shape editing."""

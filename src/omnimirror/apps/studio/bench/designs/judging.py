@@ -1,4 +1,5 @@
-"""Requirements against a sensor that was not made from them: any on the bench."""
+"""Requirement checks of arbitrary sensors on the bench, independent of the requirements of their
+design."""
 
 from __future__ import annotations
 
@@ -19,18 +20,19 @@ from .....optics.sensor_files import tables_of
 from ..messages import BlockValues, JudgementOf, columns_of
 
 DIGITS = 6
-ANGLES = 181  # at which limits are looked at while a slider moves
+ANGLES = 181  # field angles at which limits are evaluated while a slider moves
 OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
-"""Entries that are judged only where the requirements themselves have them."""
+"""Entries that are checked only if the requirements contain them explicitly."""
 
 
 def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
-    """Requirements from their tables; what they leave out (mirror, lens, imager) is the sensor's.
+    """Build requirements from tables; missing parts (mirror, lens, imager) are taken from the
+    sensor.
 
     Raises
     ------
     SpecError
-        They are wrong; the message says where and what would be valid.
+        Invalid tables; the message contains the position and the valid values.
     """
     data = dict(tables)
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
@@ -40,22 +42,24 @@ def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
 
 
 def lens_table(sensor: Sensor) -> dict[str, Any]:
-    """The lens of a sensor as a requirement file states it, in numbers that people read."""
+    """Return the lens of a sensor as a table of a requirement file, with rounded numbers."""
     return {name: round(v, DIGITS) if isinstance(v, float) else v for name, v in lens_like(sensor).items()}
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What requirements say of a sensor: each with what is reached, or why they cannot be judged; what is limited."""
+    """Result of a requirement check: achieved values or an error message, and the limited
+    quantities."""
 
     rows: tuple[JudgementOf, ...] = ()
     trouble: str | None = None
     curves: tuple[BlockValues, ...] = ()
-    """One block, "limits": the limited quantities over the field, each called as its row is."""
+    """One block, "limits": limited quantities over the field, named after their rows."""
 
 
 def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
-    """The sensor of an evaluation by requirements from their tables; its limits at the same field angles too."""
+    """Check an evaluated sensor against requirements from tables, with limits at the same field
+    angles."""
     sensor = curve.sensor
     try:
         requirements = requirements_for(tables, sensor)
@@ -68,14 +72,14 @@ def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
 
 
 def rows_of(tables: dict[str, Any], requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
-    """The requirements that their tables state, judged; the limits last, in their order."""
+    """Return the checked requirements of the tables; limits last, in their order."""
     asked = {*tables.get("mirror", {}), *tables.get("lens", {})}
     rows = judge(requirements, sensor, angles=angles).rows
     return [row for row in rows if row.name not in OWN or row.name in asked]
 
 
 def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
-    """What limits are set to, where it differs over the field; of near and far objects what is worse."""
+    """Return the limits over the field, the stricter of near and far objects."""
     omega = curve.omega_deg
     fields = [values_of_evaluation(result) for result in evaluations(requirements, curve.sensor, omega)]
     columns = {"omega_deg": omega}

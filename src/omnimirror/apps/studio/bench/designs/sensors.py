@@ -1,4 +1,5 @@
-"""Sensors as the bench holds them: tables of a sensor file, their errors by entry, and other kinds of parts."""
+"""Sensors on the bench: tables of a sensor file, errors by entry, and conversion between kinds of
+parts."""
 
 from __future__ import annotations
 
@@ -22,20 +23,21 @@ from .....optics.sensor import Sensor
 from .....optics.sensor_files import EntryError, NoFile, sensor_of, tables_of
 from ..messages import BenchSensor, Change, Trouble, distance_of
 
-NODES = 25  # of a profile, a spline or a table taken from another mirror
+NODES = 25  # samples of a profile, spline or table derived from another mirror
 SLOPES = 13
 ELLIPSOID_CONIC = -0.4
-NARROWER = 15.0  # degrees below the field angle that a mapping cannot reach
-AROUND = 10.0  # rim radii from the mirror to a plane or a cylinder
-FOCUS_DIGITS = 3  # of a millimetre, finer than a lens can be set
+NARROWER = 15.0  # deg below the field angle that a mapping cannot reach
+AROUND = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
+FOCUS_DIGITS = 3  # decimals of the focus distance in mm, finer than lenses can be set
 TABLE_ROWS = 9
-THETA_DEG = 12.0  # where nothing says how wide the lens sees
+THETA_DEG = 12.0  # default viewing angle of the lens, deg
 NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
-"""The entry that an error names first."""
+"""First entry that an error message names."""
 
 
 class Form(NoFile):
-    """Says which entry of the bench's form an error is about, also where only its sentence names it."""
+    """Locator of the form entry that an error concerns, also for errors that only name it in their
+    message."""
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
         named = NAMED.search(message)
@@ -43,23 +45,23 @@ class Form(NoFile):
 
 
 def trouble_of(error: OmnimirrorError) -> Trouble:
-    """What the page says about an error, and beside which entry."""
+    """Return the message of an error with the entry that it concerns."""
     return Trouble(path=getattr(error, "path", ()), sentence=str(error))
 
 
 def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
-    """The sensor of the tables, its lens where the mapping needs it if it follows.
+    """Build the sensor of the tables; ``follows`` adapts the lens to a mapping that requires it.
 
     Raises
     ------
     EntryError
-        It cannot be; the error says which entry is why.
+        Invalid sensor; the error contains the entry.
     """
     form = Form()
     mount = tables.get("mount", {})
     if not follows or not isinstance(mount, dict):
         return sensor_of(tables, form)
-    mount = {**mount, "mirror_distance_mm": 1.0}  # any, until the mirror says which
+    mount = {**mount, "mirror_distance_mm": 1.0}  # arbitrary value, replaced by that of the mirror
     sensor = sensor_of({**tables, "mount": mount}, form)
     if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
         return sensor_of(tables, form)
@@ -68,12 +70,13 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
 
 
 def in_place(sensor: Sensor) -> Sensor:
-    """The sensor with its mirror and cover on the lens's axis, for what holds in one meridian alone."""
+    """Return the sensor with mirror and cover aligned to the lens axis, for rotationally symmetric
+    quantities."""
     return sensor if sensor.is_axial else sensor.aligned()
 
 
 def remark_on(sensor: Sensor) -> str | None:
-    """What of a sensor is not in its plots, in a sentence; None where all is."""
+    """Return a remark on properties of a sensor that its plots do not include; None if complete."""
     pose = sensor.mirror_pose
     if pose.is_axial and sensor.is_ideal_but_for_pose:
         return None
@@ -92,7 +95,7 @@ def remark_on(sensor: Sensor) -> str | None:
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
-    """Why the mirror of a sensor cannot be optimised, in a sentence; None where it can."""
+    """Return the reason for which the mirror cannot be optimised; None if it can."""
     if sensor.secondary is not None:
         return "Mirrors are optimised one at a time, and this sensor has two."
     if not sensor.mirror_pose.is_axial:
@@ -103,7 +106,7 @@ def why_not_optimised(sensor: Sensor) -> str | None:
 
 
 def on_bench(sensor: Sensor) -> BenchSensor:
-    """A sensor as the bench holds it."""
+    """Convert a sensor to its bench representation."""
     mirror = sensor.mirror
     is_mapped = isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
@@ -111,15 +114,16 @@ def on_bench(sensor: Sensor) -> BenchSensor:
 
 
 def changed(change: Change) -> Sensor:
-    """The sensor with another kind of mirror or lens, or at its best focus.
+    """Return the sensor with another kind of mirror or lens, or at its best focus.
 
-    Another mirror keeps the radius and the viewing angle of the rim, and the field where its kind can reach it;
-    kinds with many numbers take the shape of the mirror before.
+    A new mirror keeps the radius and viewing angle of the rim, and the field if its kind can reach
+    it; kinds with many
+    parameters approximate the shape of the previous mirror.
 
     Raises
     ------
     OmnimirrorError
-        There is no such kind, or none for this field.
+        Unknown kind, or a kind that does not support this field.
     """
     stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
     sensor = in_place(stands)
@@ -141,7 +145,7 @@ def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
 
 
 def recast(sensor: Sensor, kind: str) -> MountedMirror:
-    """A mirror of another kind for the same rim.
+    """Return a mirror of another kind with the same rim.
 
     >>> import omnimirror as om
     >>> mounted = recast(om.load_sensor("paper-spherical"), "hyperboloid")
@@ -162,14 +166,14 @@ def recast(sensor: Sensor, kind: str) -> MountedMirror:
 
 
 def rim_of(sensor: Sensor) -> RimRay:
-    """Field angle, viewing angle and radius of the rim of a sensor."""
+    """Return field angle, viewing angle and radius of the rim of a sensor."""
     theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
     omega = sensor.field_deg[1]
     return RimRay(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
 
 
 def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
-    """A generated mirror, for as much of the field as its mapping reaches."""
+    """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
     M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
     own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
@@ -187,7 +191,7 @@ def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
 
 
 def spline_like(sensor: Sensor) -> SlopeSpline:
-    """The mirror as a spline of slopes; one that is a spline stays as it is."""
+    """Convert the mirror to a slope spline; a slope spline is returned unchanged."""
     mirror, rim = sensor.mirror, sensor.mirror.rim_radius_mm
     return (
         mirror
@@ -197,7 +201,7 @@ def spline_like(sensor: Sensor) -> SlopeSpline:
 
 
 def mapping_like(sensor: Sensor) -> TabulatedMapping:
-    """The mapping as a table at even heights; one that is a table stays as it is."""
+    """Convert the mapping to a table at equidistant image heights; a table is returned unchanged."""
     if isinstance(sensor.mirror, TabulatedMapping):
         return sensor.mirror
     rim = rim_of(sensor)
@@ -213,11 +217,11 @@ AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
     SlopeSpline: lambda sensor, rim: spline_like(sensor),
     TabulatedMapping: lambda sensor, rim: mapping_like(sensor),
 }
-"""Kinds that can take any shape, and how they take that of the mirror before."""
+"""Functions of the freeform kinds that approximate the previous mirror."""
 
 
 def _as_table(sensor: Sensor) -> TabulatedLens:
-    """The lens as a table, a little past the rim."""
+    """Return the lens as a table that extends slightly beyond the rim."""
     lens = sensor.lens
     if not isinstance(lens, GaussianLens):
         raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
@@ -232,7 +236,7 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
 
 
 def _with_lens(sensor: Sensor, kind: str) -> Sensor:
-    """The other kind of lens, with the rim's image as large as before."""
+    """Return the sensor with another kind of lens and the same image size of the rim."""
     if kind == sensor.lens.KIND:
         return sensor
     M, height = sensor.mirror.rim_radius_mm, sensor.rim_radius_px * sensor.imager.pitch_mm
@@ -255,14 +259,16 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
 
 
 def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
-    """A generated mirror made for another viewing angle; any other stays as it is."""
+    """Solve a prescribed-mapping mirror for another viewing angle; other mirrors are returned
+    unchanged."""
     if isinstance(mirror, Mapped):
         return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
     return mirror
 
 
 def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
-    """At its best focus if it has one; if it has none, the evaluation will say why."""
+    """Return the sensor at its best focus, or unchanged if none exists (the evaluation reports the
+    reason)."""
     try:
         best = best_focus(sensor, object_distance_mm=object_distance_mm)
     except OmnimirrorError:

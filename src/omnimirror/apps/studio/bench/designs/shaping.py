@@ -1,4 +1,5 @@
-"""Mirrors bent by hand: a profile or a mapping is pulled through a point, and what is beside it follows smoothly."""
+"""Manual shape editing: moves one point of a profile or mapping and deforms its neighbourhood
+smoothly."""
 
 from __future__ import annotations
 
@@ -18,20 +19,21 @@ from .sensors import mapping_like, rim_of, spline_like, why_not_optimised
 Array = NDArray[np.float64]
 
 CLEAR = 0.02
-"""Of the rim radius or the field, from the ends at which a curve is held fast."""
+"""Minimum distance from fixed curve ends, relative to the rim radius or the field."""
 
 
 def bent(sensor: Sensor, bend: Bend) -> Sensor:
-    """The sensor with its mirror bent so that its profile, or its mapping, goes through a point.
+    """Deform the mirror so that its profile or mapping passes through a given point.
 
-    The profile bends as a rod that is clamped at the vertex, the mapping as a beam that lies on image centre and rim:
-    the shapes of least curvature. The mirror becomes one of free form, or one made for a table.
+    Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
+    as a beam supported at the
+    image centre and the rim. The result is a freeform mirror or a tabulated mapping.
 
     Raises
     ------
     InvalidParameter
-        The sensor has two mirrors or one out of its place, the point is too near to where the curve is held, or no
-        mirror goes through it.
+        A sensor with two mirrors or a misaligned mirror, a point too close to a fixed end, or no
+        feasible mirror.
 
     Examples
     --------
@@ -55,18 +57,19 @@ def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:
     before = spline_like(sensor)
     slopes, held = np.array(before.slopes), min(x_mm / rim, 1.0)
     rod = _rod_slope(np.linspace(0.0, 1.0, len(slopes)), held)
-    unit = _sag(slopes + rod, held) - _sag(slopes, held)  # linear in the slopes
+    unit = _sag(slopes + rod, held) - _sag(slopes, held)  # the sag is linear in the slopes
     pulled = z_mm / rim - _sag(slopes, held)
     return replace(sensor, mirror=SlopeSpline(tuple(slopes + pulled / unit * rod), rim))
 
 
 def _rod_slope(u: Array, held: float) -> Array:
-    """Slope (n,), up to a factor, of a rod that is clamped at 0 and pushed at ``held``: straight beyond."""
+    """Return the slope (n,), up to a factor, of a rod clamped at 0 and loaded at ``held``; straight
+    beyond."""
     return np.where(u < held, u * (2 * held - u), held**2)
 
 
 def _sag(slopes: Array, u: float) -> float:
-    """Of the spline of slopes, in rim radii."""
+    """Return the sag of the slope spline at u, in rim radii."""
     sag = spline_of_slopes(slopes).antiderivative()
     return float(sag(u) - sag(0.0))
 
@@ -92,7 +95,8 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
 
 
 def _beam(x: Array, held: float, length: float) -> Array:
-    """How far (n,) a beam that lies on 0 and ``length`` is bent where it is bent by 1 at ``held``."""
+    """Return the deflection (n,) of a beam supported at 0 and ``length``, normalised to 1 at
+    ``held``."""
     rest = length - held
     near = rest * x * (length**2 - rest**2 - x**2)
     far = held * (length - x) * (length**2 - held**2 - (length - x) ** 2)
@@ -100,7 +104,8 @@ def _beam(x: Array, held: float, length: float) -> Array:
 
 
 def _shares(sensor: Sensor, x_mm: Array) -> Array:
-    """Image heights of mirror points (n,) as mappings count them: shares of tan(theta), or of x, at the rim."""
+    """Return the relative image heights of mirror points (n,) as used by mappings: tan(theta) or x
+    over the rim value."""
     if sensor.lens.TELECENTRIC:
         return x_mm / sensor.mirror.rim_radius_mm
     shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(np.radians(rim_of(sensor).theta_max_deg))
@@ -108,7 +113,7 @@ def _shares(sensor: Sensor, x_mm: Array) -> Array:
 
 
 def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> None:
-    """Refuse to pull so far that the image height would no longer grow with the field angle."""
+    """Reject a deformation after which the image height no longer increases with the field angle."""
     if np.all(steps + pulled * beam > 0):
         return
     side = np.sign(pulled)

@@ -1,4 +1,4 @@
-"""Where each slider could stand for the requirements to be met."""
+"""Feasible ranges of sliders with respect to the requirements."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from .judging import requirements_for, rows_of
 from .sensors import in_place, sensor_on_bench
 
 ANGLES = 61
-"""At which limits are looked at: marks on a slider are some hundred pixels from end to end."""
+"""Field angles at which limits are evaluated; slider tracks are only a few hundred pixels long."""
 
 
 def slid(asked: SlidesAsk) -> SlidesOf:
-    """How far each requirement is missed or kept with each number at each of its values, the others as they are.
+    """Return the relative violation of each requirement for every value of each number, one number
+    at a time.
 
     Raises
     ------
     OmnimirrorError
-        The requirements themselves are wrong.
+        Invalid requirements.
     """
     requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
     return SlidesOf(
@@ -39,7 +40,7 @@ def _missed(asked: SlidesAsk, slide: Slide, value: float) -> tuple[float, ...] |
 
 
 def _with(tables: dict[str, Any], path: tuple[str, ...], value: float) -> dict[str, Any]:
-    """The tables with one number changed.
+    """Return the tables with one number replaced.
 
     >>> _with({"mirror": {"coefficients": [1.0, 2.0]}}, ("mirror", "coefficients", "1"), 3.0)
     {'mirror': {'coefficients': [1.0, 3.0]}}
