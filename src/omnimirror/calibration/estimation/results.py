@@ -211,7 +211,7 @@ class Calibration:
         if isinstance(self.model, SensorModel):
             return replace(without_fold(self.model.sensor), uncertainty=known)
         if isinstance(self.model, RadialModel):
-            return replace(self.model, uncertainty=known)  # every model is a dataclass
+            return replace(self.model, uncertainty=known)  # type: ignore[type-var]  # every model is a dataclass
         return self.model
 
     def save(self, path: str | Path) -> None:

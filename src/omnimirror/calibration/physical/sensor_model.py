@@ -70,8 +70,8 @@ class SensorModel(CameraModel):
     """
 
     sensor: Sensor
-    free: tuple[str, ...] = None  # None only until chosen
-    priors: tuple[ParameterPrior, ...] = None  # None only until created
+    free: tuple[str, ...] = None  # type: ignore[assignment]  # None only until chosen
+    priors: tuple[ParameterPrior, ...] = None  # type: ignore[assignment]  # None only until created
 
     KIND: ClassVar[str] = "sensor"
 
@@ -90,7 +90,7 @@ class SensorModel(CameraModel):
     # -- camera model interface ------------------------------------------------------------------
 
     @property
-    def optics(self) -> Literal["mirror"]:  # a field of other models
+    def optics(self) -> Literal["mirror"]:  # type: ignore[override]  # a field of other models
         """Type of optics, ``"mirror"``: the image centre looks back past the lens."""
         return "mirror"
 

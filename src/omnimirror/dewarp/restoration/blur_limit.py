@@ -124,7 +124,7 @@ class BlurLimit:
                 continue
             here = problem.within(roots)
             left = problem.left_over(here, problem.fitted(here, noise, EFFORT)) / noise.by_pixel[..., None]
-            saturated = (here >= SATURATED).any(axis=2).astype(np.uint8)
+            saturated = np.asarray((here >= SATURATED).any(axis=2), np.uint8)
             near = cv2.dilate(saturated, np.ones((SATURATED_PX, SATURATED_PX), np.uint8)) > 0
             whole = problem.known_pixels & counted & ~near
             squares += float((left[whole] ** 2).mean(axis=1).sum())
