@@ -146,7 +146,6 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
-    from .optics import mirrors as mirrors
     from .optics.mirrors import register_mirror as register_mirror
     from .optics.sensor import Sensor as Sensor
     from .optics.sensor_files import bundled_sensors as bundled_sensors

@@ -45,7 +45,7 @@ def in_threads(*acts: Callable[[], object]) -> list[object]:
 def test_a_value_is_worked_out_once_and_documented():
     link = Link(Link())
     assert (link.left, link.left, link.times) == (1, 1, 1)
-    assert Link.left.__doc__ == "Links to the end."
+    assert Link.left.__doc__ == "Number of links to the end."
 
 
 def test_threads_that_need_two_values_crosswise_end():
