@@ -101,7 +101,7 @@ class RadialModel(CameraModel):
     @property
     @abstractmethod
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Return the parameters of the projection function, and of the matrix."""
+        """Parameters of the projection function, and of the matrix."""
 
     @property
     def matrix(self) -> Array:

@@ -131,7 +131,7 @@ class Side(NamedTuple):
 
     @property
     def curvatures(self) -> tuple[Any, Any]:
-        """Return tangential and sagittal curvature, 1/mm, relative to the normal to the axis."""
+        """Tangential and sagittal curvature, 1/mm, relative to the normal to the axis."""
         if self.kind == "plane":
             return 0.0, 0.0
         return (1 / self.radius if self.kind == "sphere" else 0.0), 1 / self.radius
@@ -214,7 +214,7 @@ class Cover:
 
     @property
     def in_air(self) -> bool:
-        """Check if the media inside and outside have the same refractive index."""
+        """True if the media inside and outside have the same refractive index."""
         return self.shell.outer_index == 1.0
 
     def left_by(self, rays: ChiefRays) -> ChiefRays:
