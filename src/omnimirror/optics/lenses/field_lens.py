@@ -34,7 +34,7 @@ class FieldLens(GaussianLens):
     def pupil(self) -> EntrancePupil:
         return self.field.entrance_pupil
 
-    # -- image --------------------------------------------------------------------------------------------
+    # -- image -------------------------------------------------------------------------------------
 
     def distorted_height(self, ideal: Array) -> Array:
         tangent = ideal / self.principal_distance

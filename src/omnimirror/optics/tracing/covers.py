@@ -318,6 +318,8 @@ def _refracted(ray: Pencil, side: Side, before: float, after: float) -> tuple[Pe
     curvature_t, curvature_s = side.curvatures
     i = ray.omega - normal
     cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
+    # Snell's law n sin(i) = n' sin(i'); its derivative n cos(i) di = n' cos(i') di' gives the rate,
+    # with the rotation of the normal between neighbouring rays, curvature_t times their separation
     behind = np.arcsin(sin_behind)
     cos_behind = np.cos(behind)
     gain = after * cos_behind - before * cos_i

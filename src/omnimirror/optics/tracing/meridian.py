@@ -149,6 +149,7 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntranceP
     z, slope, curvature = mirror.profile(x)
     beta = np.arctan(slope)
     w, drift = pupil.aim(x, m + z)
+    # law of reflection: gamma = beta + theta, Omega = beta + gamma = 2 beta + theta (Eqs. 3, 4)
     theta = np.arctan2(x, w)
     gamma = beta + theta
     return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift)

@@ -151,6 +151,7 @@ def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, 
         length += distance
         pull += u
         ux, uy = u[:, 0] + sx * u[:, 2], u[:, 1] + sy * u[:, 2]
+        # Hessian of |p - e| over the surface: (t_i . t_j - (u . t_i)(u . t_j)) / |p - e| + u_z z_ij
         xx += (1 + sx * sx - ux * ux) / distance
         xy += (sx * sy - ux * uy) / distance
         yy += (1 + sy * sy - uy * uy) / distance
