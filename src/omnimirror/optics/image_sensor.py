@@ -149,7 +149,7 @@ class ImagerPose:
         return not (self.tilt_x_deg or self.tilt_y_deg)
 
     def _plane(self) -> Array:
-        """Directions (3, 2) of the imager's right and down axes."""
+        """Return the directions (3, 2) of the imager's right and down axes."""
         x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
         about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])

@@ -207,9 +207,9 @@ class Sensor:
         what
             Computation, for the message.
         needs
-            ``"one mirror"``; ``"thin lens"``: not defined by a table or surfaces; ``"square
-            imager"``: without tilt; ``"ideal but for poses"``: without form error and imager
-            misalignment.
+            ``"one mirror"``; ``"thin lens"``: not defined by a table or surfaces;
+            ``"square imager"``: without tilt; ``"ideal but for poses"``: without form error and
+            imager misalignment.
 
         Raises
         ------

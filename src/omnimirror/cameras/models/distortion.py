@@ -258,8 +258,7 @@ def _tangential_terms(x: Array, y: Array, s: Array) -> tuple[Rows, Rows]:
     return (2 * x * y, s + 2 * y * y), (s + 2 * x * x, 2 * x * y)
 
 
-# -- inversion
-# -------------------------------------------------------------------------------------------
+# -- inversion -------------------------------------------------------------------------------------
 
 
 def undone(distortion: AnyDistortion, radius: Array, end: float) -> Array:

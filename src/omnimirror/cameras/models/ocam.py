@@ -1,10 +1,10 @@
 """OCamCalib calibration files and camera model.
 
-OCamCalib (Scaramuzza, Martinelli and Siegwart, IROS 2006) defines a pixel's ray as ``(row - xc, col
-- yc, f(rho))`` with a polynomial f of the distance rho from the centre, f(0) < 0, in a frame whose
-third axis points from the scene to the camera. In the camera frame used here (X right, Y down, Z
-ahead), the image centre of a mirror is directed backwards and that of a fisheye forwards: ``Z = f``
-for a mirror and ``Z = -f`` for a fisheye. The file does not distinguish the two.
+OCamCalib (Scaramuzza, Martinelli and Siegwart, IROS 2006) defines a pixel's ray as
+``(row - xc, col - yc, f(rho))`` with a polynomial f of the distance rho from the centre, f(0) < 0,
+in a frame with its third axis from the scene to the camera. In the camera frame used here (X right,
+Y down, Z ahead), the image centre of a mirror is directed backwards and that of a fisheye forwards:
+``Z = f`` for a mirror and ``Z = -f`` for a fisheye. The file does not distinguish the two.
 
 The inverse polynomial of the file is a fit, accurate to about 0.1 px: it is compared with the
 direct polynomial and then ignored; projection solves the direct polynomial.
@@ -119,7 +119,7 @@ class OCam(RadialModel):
 
     @property
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Return all parameters except a1 (0) and e (equivalent to a rotation)."""
+        """All parameters except a1 (0) and e (equivalent to a rotation)."""
         half = min(self.image_size) / 2
         law = tuple(Place(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
         return law, (Place("c", "affine", 0, "", 0.01), Place("d", "affine", 1, "", 0.01))

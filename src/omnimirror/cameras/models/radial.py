@@ -101,7 +101,7 @@ class RadialModel(CameraModel):
     @property
     @abstractmethod
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Return the parameters of the projection function, and of the matrix."""
+        """Parameters of the projection function, and of the matrix."""
 
     @property
     def matrix(self) -> Array:
@@ -191,7 +191,7 @@ class RadialModel(CameraModel):
         """Distortion of the model; zero if it has no such parameters."""
         return Distortion(**{name: getattr(self, name) for name in self.LENS})
 
-    # -- projection with derivatives -----------------------------------------------------------------
+    # -- projection with derivatives ---------------------------------------------------------------
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
         """Project points or directions in the camera frame, with derivatives.
@@ -279,7 +279,7 @@ class RadialModel(CameraModel):
                     result[:, row, i] = step.matrix[row, 0] * dx + step.matrix[row, 1] * dy
         return result
 
-    # -- limits of the field -------------------------------------------------------------------------
+    # -- limits of the field -----------------------------------------------------------------------
 
     @cached_property
     def model_end(self) -> float:
@@ -392,7 +392,7 @@ class RadialModel(CameraModel):
         """Matrix (2, 2) from the circular image, px, to the image, both (right, down)."""
         return self.matrix / self.scale_px
 
-    # -- Camera interface ----------------------------------------------------------------------------
+    # -- Camera interface --------------------------------------------------------------------------
 
     @property
     def symmetry(self) -> AxialSymmetry | None:

@@ -127,10 +127,10 @@ class Unified(FocalModel):
 class EnhancedUnified(FocalModel):
     """Enhanced unified model: an ellipsoid instead of the sphere.
 
-    ``r = sin(Omega) / (alpha q + (1 - alpha) cos(Omega))`` with ``q = sqrt(beta sin(Omega)^2 +
-    cos(Omega)^2)``. The field ends at the maximum of r, at ``cos(Omega) = -w q`` with w = alpha /
-    (1 - alpha), or 1/w for alpha > 1/2. The unified sphere has alpha = xi / (1 + xi) and beta = 1;
-    alpha = 0 is a pinhole.
+    ``r = sin(Omega) / (alpha q + (1 - alpha) cos(Omega))`` with
+    ``q = sqrt(beta sin(Omega)^2 + cos(Omega)^2)``. The field ends at the maximum of r, at
+    ``cos(Omega) = -w q`` with w = alpha / (1 - alpha), or 1/w for alpha > 1/2. The unified sphere
+    has alpha = xi / (1 + xi) and beta = 1; alpha = 0 is a pinhole.
 
     Parameters
     ----------
@@ -217,9 +217,10 @@ class EnhancedUnified(FocalModel):
 class DoubleSphere(FocalModel):
     """Double sphere model: projection onto two unit spheres in sequence.
 
-    ``r = sin(Omega) / (alpha d + (1 - alpha) (xi + cos(Omega)))`` with ``d^2 = 1 + 2 xi cos(Omega)
-    + xi^2``. The field ends at the maximum of r, at ``(xi + cos(Omega)) / d = -w`` with w = alpha /
-    (1 - alpha), or 1/w for alpha > 1/2; the bound of the paper is inside.
+    ``r = sin(Omega) / (alpha d + (1 - alpha) (xi + cos(Omega)))`` with
+    ``d^2 = 1 + 2 xi cos(Omega) + xi^2``. The field ends at the maximum of r, at
+    ``(xi + cos(Omega)) / d = -w`` with w = alpha / (1 - alpha), or 1/w for alpha > 1/2; the bound
+    of the paper is inside.
 
     Parameters
     ----------

@@ -124,7 +124,8 @@ class FreeForm(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> FreeForm:
-        """
+        """Parse a freeform family, for example ``spline:12``.
+
         >>> FreeForm.parse("spline:12")
         FreeForm(name='slope-spline', terms=12)
         >>> FreeForm.parse("polynomial")

@@ -119,7 +119,7 @@ class IdealAreas:
 
     @property
     def range(self) -> tuple[Array, Array]:
-        """Return the ends (n, 1) of the vergences to scan."""
+        """Ends (n, 1) of the vergences to scan."""
         return _range(self.vergence_t, self.vergence_s, self.model.bounds)
 
     def worst(self, v: Array) -> Found:
@@ -178,7 +178,7 @@ class RealAreas:
 
     @property
     def range(self) -> tuple[Array, Array]:
-        """Return the ends (n, 1) of the vergences to scan."""
+        """Ends (n, 1) of the vergences to scan."""
         return _range(self.middle_t, self.middle_s, self.camera.bounds)
 
     def worst(self, v: Array) -> Found:

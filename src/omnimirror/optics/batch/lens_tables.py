@@ -1,11 +1,11 @@
 """Tables of real lenses over viewing angle and focus, for batch evaluation.
 
 The focus parameter is ``q = f v / (1 - (f - e) v)``, with the vergence v in focus at the entrance
-pupil: the imager is ``f + f q`` behind the principal point, and the principal distance is ``f + (f
-- e) q``. Image quantities are linear in q except for vignetting and aberrations; a parabola through
-three focus settings represents them. Over the tangent of the viewing angle there are cubic pieces
-between equally spaced nodes, also used by the compiled evaluator. Imaginary parts of complex
-tangents carry derivatives.
+pupil: the imager is ``f + f q`` behind the principal point, and the principal distance is
+``f + (f - e) q``. Image quantities are linear in q except for vignetting and aberrations; a
+parabola through three focus settings represents them. Over the tangent of the viewing angle there
+are cubic pieces between equally spaced nodes, also used by the compiled evaluator. Imaginary parts
+of complex tangents carry derivatives.
 """
 
 from __future__ import annotations

@@ -98,8 +98,11 @@ def node_optics(
     sine = 2 * w * slope_over_x + 1 - slope * slope  # sin(Omega) steep rho / x
     omega = 2 * np.arctan(slope) + np.arctan(x / w)
     near = inverse_distance(x, z, omega) if callable(inverse_distance) else inverse_distance
+    # Coddington's mirror equations (Eqs. 14, 18):
+    # 1/q_t = 2/(R_t cos(gamma)) + 1/p, 1/q_s = 2 cos(gamma)/R_s + 1/p
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near)
+    # dOmega/dx = 2 dbeta/dx + dtheta/dx (Eq. 8)
     domega_dx = 2 * curvature / steep + front / to_lens
     return NodeOptics(
         omega=omega,

@@ -204,7 +204,7 @@ class Lens(ABC):
         """F-number setting: f/D focused at infinity; on the image side for a telecentric lens."""
 
     def image_f_number(self) -> float:
-        """Working F-number F_w of the cone of light at the imager; determines the Airy disk."""
+        """Compute the working F-number F_w of the cone of light at the imager."""
         return float(self.through_focus(self.focus_coordinate(self.focus_distance_mm)).f_number)
 
     def focused_at(self, focus_distance_mm: float) -> Self:

@@ -34,7 +34,7 @@ class FieldLens(GaussianLens):
     def pupil(self) -> EntrancePupil:
         return self.field.entrance_pupil
 
-    # -- image --------------------------------------------------------------------------------------------
+    # -- image -------------------------------------------------------------------------------------
 
     def distorted_height(self, ideal: Array) -> Array:
         tangent = ideal / self.principal_distance
@@ -115,10 +115,10 @@ class FieldLens(GaussianLens):
     def image_cosines(self, points: Array, directions: Array) -> Array:
         """Return direction cosines (.., 2) of rays at the imager, for an upright image.
 
-        Chief rays have 0. To first order in the aperture, by the Lagrange invariant: ``dy
-        cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the sagittal
-        direction. A change of the slope u through a pupil point y moves the image point by dh; a
-        change of y rotates the ray at the imager by dL.
+        Chief rays have 0. To first order in the aperture, by the Lagrange invariant:
+        ``dy cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the
+        sagittal direction. A change of the slope u through a pupil point y moves the image point by
+        dh; a change of y rotates the ray at the imager by dL.
         """
         chief, places, found = self._belonging(points, directions)
         t, s = axes(chief)

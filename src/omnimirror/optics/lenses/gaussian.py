@@ -1,11 +1,11 @@
 """Gaussian optics of lenses at finite distance, relative to the entrance pupil.
 
 Let e be the distance of the entrance pupil from the principal point towards the mirror. Relative to
-the pupil, a thick lens is equivalent to a thin one of principal distance ``c = f / (1 - (f - e)
-v)``, with the vergence ``v = 1/s0`` of the plane in focus, and its blur is ``(f/F) c (v - 1/s)``.
-For e = 0 these are Eqs. 25 and 28. Both follow from the lens equation at the principal planes: the
-ray from the pupil centre meets the plane in focus at ``s0 tan(theta)``, imaged with the
-magnification ``b0/L0``.
+the pupil, a thick lens is equivalent to a thin one of principal distance
+``c = f / (1 - (f - e) v)``, with the vergence ``v = 1/s0`` of the plane in focus, and its blur is
+``(f/F) c (v - 1/s)``. For e = 0 these are Eqs. 25 and 28. Both follow from the lens equation at the
+principal planes: the ray from the pupil centre meets the plane in focus at ``s0 tan(theta)``,
+imaged with the magnification ``b0/L0``.
 """
 
 from __future__ import annotations

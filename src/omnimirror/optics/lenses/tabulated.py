@@ -194,7 +194,7 @@ class TabulatedLens(FieldLens):
         return {"barrel": (radius**2 - (across**2).sum(axis=-1)) / (2 * radius)}
 
     def _at_table(self) -> float:
-        """Displacement (mm) of the imager from its position for the table."""
+        """Return the displacement (mm) of the imager from its position for the table."""
         assert self.table_focus_mm is not None
         f, zero = self.focal_length_mm, self.principal_point_mm
         focus, before = self.focus_distance_mm - zero, self.table_focus_mm - zero
@@ -320,8 +320,8 @@ def _of_defocus(tangent: Array, behind: Array, scale_t: Array, scale_s: Array) -
     """Return the vergence (1/mm) at the pupil per mm of defocus at the imager.
 
     By the Lagrange invariant between a ray of the fan and the adjacent chief ray: in the meridian
-    ``y cos(theta) dtheta = dh cos(theta') dtheta'``, sagittally ``y sin(theta) = h cos(theta')
-    dtheta'``.
+    ``y cos(theta) dtheta = dh cos(theta') dtheta'``, sagittally
+    ``y sin(theta) = h cos(theta') dtheta'``.
     """
     cos, cos_behind = (1 + tangent**2) ** -0.5, (1 + behind**2) ** -0.5
     return (cos / cos_behind) ** 3 / scale_t**2, cos / cos_behind / scale_s**2

@@ -1,8 +1,8 @@
 """Conic mirrors: sphere, hyperboloid, paraboloid, ellipsoid.
 
-All conics share one formula in the vertex radius ``R`` and the conic constant ``k`` (``k =
--e**2``): sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0, oblate > 0.
-Each class has its customary parameters and uses the same three kernels.
+All conics share one formula in the vertex radius ``R`` and the conic constant ``k``
+(``k = -e**2``): sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0,
+oblate > 0. Each class has its customary parameters and uses the same three kernels.
 """
 
 from __future__ import annotations

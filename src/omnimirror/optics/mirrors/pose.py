@@ -80,7 +80,7 @@ class MirrorPose:
         return np.array([self.decentre_x_mm, self.decentre_y_mm, self.displacement_mm])
 
     def rotation(self) -> Array:
-        """Rotation (3, 3) from the mirror frame to the camera frame."""
+        """Return the rotation (3, 3) from the mirror frame to the camera frame."""
         (cx, cy), (sx, sy) = (f(np.radians([self.tilt_x_deg, self.tilt_y_deg])) for f in (np.cos, np.sin))
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
         about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])

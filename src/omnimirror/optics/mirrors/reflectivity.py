@@ -45,6 +45,7 @@ def reflectance(gamma: ArrayLike, reflectivity: Reflectivity) -> Array:
     if isinstance(index, float):
         return np.full_like(cos, index)
     inside = np.sqrt(1 - (1 - cos**2) / index**2)  # cosine in the metal, complex
+    # Fresnel's equations, s and p polarisation
     s = (cos - index * inside) / (cos + index * inside)
     p = (index * cos - inside) / (index * cos + inside)
     mean: Array = (np.abs(s) ** 2 + np.abs(p) ** 2) / 2

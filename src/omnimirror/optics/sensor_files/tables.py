@@ -71,8 +71,7 @@ def _annotation(hint: Any, p: Parameter) -> Any:
     return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
-# -- validation, each error with its location in the file
-# --------------------------------------------
+# -- validation, each error with its location in the file ------------------------------------------
 
 
 class EntryError(SpecError):

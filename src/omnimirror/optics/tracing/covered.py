@@ -244,7 +244,7 @@ class CoveredMirror:
 
     @property
     def _is_compiled(self) -> bool:
-        """Check if a kernel is available: kernels do not support form errors."""
+        """True if a kernel is available: kernels do not support form errors."""
         return backend.is_compiled and self.mirror.form.is_empty
 
     def _settled(self, pupils: Ends, targets: Ends, start: Array) -> tuple[Array, Mask]:

@@ -131,7 +131,7 @@ class Side(NamedTuple):
 
     @property
     def curvatures(self) -> tuple[Any, Any]:
-        """Return tangential and sagittal curvature, 1/mm, relative to the normal to the axis."""
+        """Tangential and sagittal curvature, 1/mm, relative to the normal to the axis."""
         if self.kind == "plane":
             return 0.0, 0.0
         return (1 / self.radius if self.kind == "sphere" else 0.0), 1 / self.radius
@@ -214,7 +214,7 @@ class Cover:
 
     @property
     def in_air(self) -> bool:
-        """Check if the media inside and outside have the same refractive index."""
+        """True if the media inside and outside have the same refractive index."""
         return self.shell.outer_index == 1.0
 
     def left_by(self, rays: ChiefRays) -> ChiefRays:
@@ -318,6 +318,8 @@ def _refracted(ray: Pencil, side: Side, before: float, after: float) -> tuple[Pe
     curvature_t, curvature_s = side.curvatures
     i = ray.omega - normal
     cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
+    # Snell's law n sin(i) = n' sin(i'); its derivative n cos(i) di = n' cos(i') di' gives the rate,
+    # with the rotation of the normal between neighbouring rays, curvature_t times their separation
     behind = np.arcsin(sin_behind)
     cos_behind = np.cos(behind)
     gain = after * cos_behind - before * cos_i

@@ -107,7 +107,7 @@ class FoldedMirror:
         second, from_lens = self.over(seen_at), -to_pupils * OVER
         return clearances(self.mirror, self.secondary, self.mirror_distance_mm, from_lens, second, points, to_targets)
 
-    # -- reflection points of a target ----------------------------------------------------------------------
+    # -- reflection points of a target -------------------------------------------------------------
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
         """Return the points (n, 3) on both mirrors that image targets in pupils.

@@ -64,14 +64,15 @@ class ChiefRays:
         return self if self.seen_in is None else self.seen_in
 
     def dfirst_dx(self) -> Array:
-        """Derivative, by x, of the coordinate on the mirror facing the lens, dimensionless."""
+        """Compute the derivative, by x, of the coordinate on the mirror facing the lens."""
         return np.ones_like(self.x) if self.seen_in is None else self._dtheta_dx() / self.seen_in.domega_dx()
 
     def pupil_distance(self) -> Array:
-        """Distance (mm) from the mirror point to the focus of neighbouring chief rays.
+        """Compute the distance (mm) to the focus of neighbouring chief rays.
 
-        The focus is the entrance pupil if it is fixed, the caustic of the chief rays if it moves
-        with their angle, or its tangential image in a second mirror.
+        The distance is along the chief ray. The focus is the entrance pupil if it is fixed, the
+        caustic of the chief rays if it moves with their angle, or its tangential image in a second
+        mirror.
         """
         if self.seen_in is None:
             return self.path - self.drift * np.sin(self.theta)
@@ -79,7 +80,7 @@ class ChiefRays:
         return self.path + np.cos(second.gamma) / (np.cos(second.beta) * second.domega_dx())
 
     def domega_dx(self) -> Array:
-        """Derivative dOmega/dx, 1/mm."""
+        """Compute the derivative dOmega/dx, 1/mm."""
         return self._rate if self.outside is None else self.outside.rate
 
     @cached_property
@@ -92,7 +93,7 @@ class ChiefRays:
         return self.beta + self.gamma
 
     def dreflected_dx(self) -> Array:
-        """Derivative of this angle by x, 1/mm."""
+        """Compute the derivative of :attr:`reflected` by x, 1/mm."""
         return 2 * self.curvature / (1 + self.slope**2) + self._dtheta_dx()
 
     def _dtheta_dx(self) -> Array:
@@ -112,11 +113,12 @@ class ChiefRays:
         return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(self.omega)
 
     def spread(self) -> Array:
-        """Transverse separation of neighbouring rays at that point, per mm of mirror."""
+        """Compute the transverse separation of neighbouring rays at :attr:`start`, per mm of
+        mirror."""
         return np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
 
     def viewpoint_offset(self) -> Array:
-        """Axial distance z_v - z (mm) from mirror point to viewpoint: x / tan(Omega).
+        """Compute the axial distance z_v - z (mm) to the viewpoint, x / tan(Omega).
 
         On the axis the limit is m R/(2 m + R) for a smooth mirror, and 0 for a pointed one.
         """
@@ -127,11 +129,11 @@ class ChiefRays:
         return np.where(self.x == 0.0, on_axis, offset)
 
     def radius_t(self) -> Array:
-        """Tangential radius of curvature, mm (Eq. 14)."""
+        """Compute the tangential radius of curvature, mm (Eq. 14)."""
         return tangential_radius(self.slope, self.curvature)
 
     def radius_s(self) -> Array:
-        """Sagittal radius of curvature, mm (Eq. 18)."""
+        """Compute the sagittal radius of curvature, mm (Eq. 18)."""
         return sagittal_radius(self.x, self.slope, self.curvature)
 
 
@@ -147,6 +149,7 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntranceP
     z, slope, curvature = mirror.profile(x)
     beta = np.arctan(slope)
     w, drift = pupil.aim(x, m + z)
+    # law of reflection: gamma = beta + theta, Omega = beta + gamma = 2 beta + theta (Eqs. 3, 4)
     theta = np.arctan2(x, w)
     gamma = beta + theta
     return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift)

@@ -1,8 +1,9 @@
 """Proof that the field angle of a polynomial mirror increases everywhere, also between nodes.
 
-With w = m + z, the sign of dOmega/dx (Eq. 8) is that of ``2 z'' (w^2 + x^2) + (w - x z')(1 +
-z'^2)``, or of z'' for an orthographic lens: a polynomial on each piece. The Bernstein coefficients
-of a polynomial bound its range; the bounds converge as a piece is bisected.
+With w = m + z, the sign of dOmega/dx (Eq. 8) is that of
+``2 z'' (w^2 + x^2) + (w - x z')(1 + z'^2)``, or of z'' for an orthographic lens: a polynomial on
+each piece. The Bernstein coefficients of a polynomial bound its range; the bounds converge as a
+piece is bisected.
 """
 
 from __future__ import annotations

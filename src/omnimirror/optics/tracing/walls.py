@@ -34,6 +34,7 @@ def wall_transmission(
     second = first
     if behind is not None:
         second = _fresnel(np.asarray(behind, dtype=float), refractive_index / medium_index)
+    # incoherent sum over multiple reflections: T = (1 - R1)(1 - R2) / (1 - R1 R2)
     each = [(1 - a) * (1 - b) / np.maximum(1 - a * b, 1e-300) for a, b in zip(first, second, strict=True)]
     passed: Array = (each[0] + each[1]) / 2
     return passed
@@ -321,5 +322,6 @@ def _refracted(d: Array, normal: Array, ratio: float) -> Array:
     """Return unit directions after refraction; ``ratio`` is the index before over that behind."""
     cosine = -_dot(d, normal)
     behind = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0))
+    # t = r d + (r cos(i) - cos(t)) n, with cos(t)^2 = 1 - r^2 (1 - cos(i)^2)
     turned: Array = ratio * d + (ratio * cosine - behind)[:, None] * normal
     return turned

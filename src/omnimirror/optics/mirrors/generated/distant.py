@@ -27,8 +27,8 @@ class Equidistant(Generated):
     """Equidistant mirror: image height exactly proportional to the field angle.
 
     ``Omega = Omega_min + k tan(theta)`` for a perspective lens at :attr:`design_distance` from the
-    vertex. (The paper's polynomial E-DI deviates by 0.49 %.) For an orthographic lens it is ``z =
-    -(2/k) ln cos(k x/2)``, the paper's Eq. 22 with corrected sign.
+    vertex. (The paper's polynomial E-DI deviates by 0.49 %.) For an orthographic lens it is
+    ``z = -(2/k) ln cos(k x/2)``, the paper's Eq. 22 with corrected sign.
 
     >>> mirror = Equidistant(omega_max_deg=135.0, theta_max_deg=12.0, rim_radius_mm=1.0)
     >>> round(mirror.design_distance, 11)

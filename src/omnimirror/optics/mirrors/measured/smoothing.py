@@ -194,7 +194,7 @@ def _lonely(x: Array, z: Array) -> Mask:
 
 
 def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple[Array, Array]:
-    """Return deviations (n,) in local (or given) standard deviations, and these deviations, mm."""
+    """Return residuals (n,) in local (or given) standard deviations, and the latter, mm."""
     size = np.abs(_unforetold(x, z, ORDERS[0]))
     padded = np.pad(size, WINDOW, constant_values=np.nan)
     views = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1).copy()

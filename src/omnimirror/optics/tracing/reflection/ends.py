@@ -58,7 +58,7 @@ class Specular(NamedTuple):
 
     @property
     def chief_slopes(self) -> Array:
-        """Return the slopes (n, 2), against the axis, of the rays to the pupils."""
+        """Slopes (n, 2), against the axis, of the rays to the pupils."""
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes: Array = self.to_pupils[:, :2] / self.to_pupils[:, 2:]
         return slopes

@@ -2,10 +2,10 @@
 
 The optical path length from the object over the mirror to the pupil is stationary. On a convex
 mirror seen from its front, every stationary path is a strict minimum: the Hessian over the surface
-is the sum of two non-negative terms of the distances and of the surface curvature times ``2
-cos(gamma)``. A damped Newton method therefore minimises the path length. The result is verified:
-the law of reflection holds, both ends are in front of the surface, the point is within the rim, and
-a concave zone of the mirror does not block the path.
+is the sum of two non-negative terms of the distances and of the surface curvature times
+``2 cos(gamma)``. A damped Newton method therefore minimises the path length. The result is
+verified: the law of reflection holds, both ends are in front of the surface, the point is within
+the rim, and a concave zone of the mirror does not block the path.
 
 All coordinates are in the mirror frame. An end is a point, or the direction of a distant point.
 """
@@ -151,6 +151,7 @@ def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, 
         length += distance
         pull += u
         ux, uy = u[:, 0] + sx * u[:, 2], u[:, 1] + sy * u[:, 2]
+        # Hessian of |p - e| over the surface: (t_i . t_j - (u . t_i)(u . t_j)) / |p - e| + u_z z_ij
         xx += (1 + sx * sx - ux * ux) / distance
         xy += (sx * sy - ux * uy) / distance
         yy += (1 + sy * sy - uy * uy) / distance
