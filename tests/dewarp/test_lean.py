@@ -121,8 +121,8 @@ def test_only_a_plumb_camera_draws_panoramas_without_a_map():
 
 
 def test_elevations_are_those_of_the_level_world():
-    """For a field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir
-    is still included."""
+    """A field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir is
+    still included."""
     sensor = om.load_sensor("paper-spherical")
     seen = om.views.panorama(replace(sensor, mount=replace(sensor.mount, pitch_deg=20.0)))
     assert (seen.tilt_min_deg, seen.tilt_max_deg) == pytest.approx((-90.0, 65.0), abs=0.05)

@@ -101,7 +101,7 @@ def magnified(sensor, omega_deg):
 
 
 def test_the_picture_goes_dark_at_these_angles(sensor):
-    """To 0.01 deg, in the compiled kernels and in the ground truth."""
+    """Agreement to 0.01 deg, in the compiled kernels and in the ground truth."""
     white, edges = Environment(np.ones((4, 8, 3), np.float32)), set(sensor.clear_field_deg) - set(sensor.field_deg)
     for edge in edges:
         near = magnified(sensor, edge)

@@ -230,8 +230,7 @@ VIGNETTED = {
 
 @pytest.mark.parametrize("case", few(VIGNETTED, "two rims, off-centre", "behind a bore, vignetted"))
 def test_the_mtf_of_a_vignetting_lens_is_that_of_waves_through_the_glass(case, tmp_path):
-    """By the line spread function of waves from the mirror, through bore, glass and clear
-    apertures."""
+    """Line spread function of waves from the mirror, through bore, glass and clear apertures."""
     clear, key, fold, omega = VIGNETTED[case]
     truth, filled = mtf_of_waves(omega, clear, fold)
     second = None if fold is None else Secondary(Flat(fold[1]), fold[0], fold[2])

@@ -147,7 +147,7 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("kind", [k for k in SENSORS if k != "telecentric"])
 def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
-    """From the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
+    """Trace from the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
     sensor = SENSORS[kind]
     sensor = replace(sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0))
     rng = np.random.default_rng(3)

@@ -148,7 +148,7 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
 
 @pytest.mark.full
 def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
-    """In an image of another size than the sensor's, off its centre."""
+    """Image of another size than the sensor's, off its centre."""
     v, u = np.mgrid[:480, :700]
     turn = np.arctan2(v - 215, u - 390)
     disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)

@@ -324,8 +324,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
-    """Where float32 has gaps of 1 and 2 pixels, integer positions yield their pixel and those
-    beyond the last one none."""
+    """Integer positions at float32 gaps of 1 and 2 pixels yield their pixel, and those beyond the
+    last one none."""
     width = 2**24 + 5
     picture = np.zeros((16, width, 1), dtype)  # few pages are touched
     beyond = width + 1, width + 3, 2.0**30

@@ -159,7 +159,7 @@ def test_what_is_lost_is_said(tmp_path):
 
 
 def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
-    """As declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
+    """Siting declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
     them."""
     frame, (y, u, v) = empty_frame((64, 48))
     y[:], u[:], v[:] = 128, 128, 64 + 4 * np.arange(32)

@@ -407,8 +407,8 @@ def test_materials_have_the_indices_that_were_published(name):
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 @pytest.mark.parametrize("name", COVERS)
 def test_compiled_walls_are_numpys(name):
-    """From inside and outside, along the axis, from the wrong side: to the last digits, with equal
-    validity."""
+    """Rays from inside and outside, along the axis, from the wrong side: to the last digits, with
+    equal validity."""
     shell, rng = covered(name).obstructions.housing.shell, np.random.default_rng(5)
     reach = 70.0 if "window" in name else 1.2 * shell.radii_mm[0]
     points, directions = rng.uniform(-reach, reach, (3000, 3)), rng.normal(size=(3000, 3))
