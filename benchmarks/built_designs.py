@@ -2,10 +2,9 @@
 evaluations.
 
 The lens is a triplet with six surfaces, with pupil aberration and blur of its own; the dome is
-acrylic. Each design is
-evaluated at 100 field angles at its own best focus: mapping, tangential and sagittal images, blur.
-Variants are
-interleaved in one process; results are medians of wall-clock and processor time.
+acrylic. Each design is evaluated at 100 field angles at its own best focus: mapping, tangential and
+sagittal images, blur. Variants are interleaved in one process; results are medians of wall-clock
+and processor time.
 
     python benchmarks/built_designs.py --out out/benchmarks
 """

@@ -2,8 +2,7 @@
 real photographs.
 
 Results do not depend on the machine except for the reported seconds. Corners are those of boards
-rendered with a grid of
-rays per pixel; edges are detected in an image of the simulated room.
+rendered with a grid of rays per pixel; edges are detected in an image of the simulated room.
 
     python benchmarks/calibration.py --out out/benchmarks --data ../shared/data
     python benchmarks/tables_to_docs.py --tables out/benchmarks
@@ -87,8 +86,7 @@ def corners(_: Path | None) -> str:
 
 def _boards(taken: Taken) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield for each board: errors (n, 3) of its corners in u, v and radially, those of OpenCV,
-    corner spacing in px, and number
-    of corners."""
+    corner spacing in px, and number of corners."""
     for name in SENSORS:
         sensor = om.load_sensor(name)
         for seed, (azimuth, elevation) in enumerate(AROUND):

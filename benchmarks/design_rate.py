@@ -2,13 +2,10 @@
 Optiland.
 
 Each design is evaluated at 100 field angles at its own best focus: mapping, tangential and sagittal
-images, blur.
-Variants are interleaved in one process; results are medians of wall-clock and processor time. A
-batch of 2,000 designs
-corresponds to a generation of a global search; 20,000 designs take 160 MB, and the system clears
-each page first.
-Optiland's analysis yields tangential and sagittal focus only, for fields below 90 deg, without best
-focus.
+images, blur. Variants are interleaved in one process; results are medians of wall-clock and
+processor time. A batch of 2,000 designs corresponds to a generation of a global search; 20,000
+designs take 160 MB, and the system clears each page first. Optiland's analysis yields tangential
+and sagittal focus only, for fields below 90 deg, without best focus.
 
     python benchmarks/design_rate.py --out out/benchmarks
 """

@@ -2,12 +2,10 @@
 Optiland.
 
 Both are interleaved in one process; results are medians of many runs. Optiland's analysis yields
-two columns (tangential
-and sagittal focus) for fields below 90 deg; omnimirror yields 27 over the whole field. Optiland
-aims its rays at a stop
-behind the mirror, with pupil aberrations, and beyond about 15 deg the rays miss the lens. The table
-lists this error,
-because the comparison concerns cost and not accuracy.
+two columns (tangential and sagittal focus) for fields below 90 deg; omnimirror yields 27 over the
+whole field. Optiland aims its rays at a stop behind the mirror, with pupil aberrations, and beyond
+about 15 deg the rays miss the lens. The table lists this error, because the comparison concerns
+cost and not accuracy.
 
     python benchmarks/evaluation_time.py --out out/benchmarks
 """

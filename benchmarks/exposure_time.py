@@ -2,13 +2,10 @@
 error.
 
 Images have 1000 x 1000 px with 64 rays per pixel and an environment of 512 x 1024. Variants are
-interleaved on all cores;
-results are medians of wall-clock time, and of processor time, which depends less on other load.
-Mitsuba renders the same
-lens, mirror (a mesh of 500,000 triangles, or its own sphere), environment and box filter; only
-rendering is timed, after a
-warm-up. Each variant runs in its own process, since llvm_ad_rgb aborts without LLVM 16 or newer;
-DRJIT_LIBLLVM_PATH is
+interleaved on all cores; results are medians of wall-clock time, and of processor time, which
+depends less on other load. Mitsuba renders the same lens, mirror (a mesh of 500,000 triangles, or
+its own sphere), environment and box filter; only rendering is timed, after a warm-up. Each variant
+runs in its own process, since llvm_ad_rgb aborts without LLVM 16 or newer; DRJIT_LIBLLVM_PATH is
 the path of its library if it is not found automatically.
 
     python benchmarks/exposure_time.py --out out/benchmarks

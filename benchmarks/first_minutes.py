@@ -2,13 +2,10 @@
 result.
 
 A photographer dewarps an image of a mirror ball; a student compares two mirrors of the paper and
-views an image of one;
-an integrator watches four cameras; an engineer designs a sensor from a requirement file and
-analyses errors. Each starts
-with the empty page (the integrator with the page of ``omnimirror view``). An interaction is a
-click, a selection, a chosen
-file, or a drag. Seconds are wall-clock time from the page request, in a headless Chromium without a
-graphics card.
+views an image of one; an integrator watches four cameras; an engineer designs a sensor from a
+requirement file and analyses errors. Each starts with the empty page (the integrator with the page
+of ``omnimirror view``). An interaction is a click, a selection, a chosen file, or a drag. Seconds
+are wall-clock time from the page request, in a headless Chromium without a graphics card.
 Screenshots of each step, on three screens and in both themes, are written to ``--pictures``.
 
     python benchmarks/first_minutes.py --out out/benchmarks --pictures out/first-minutes

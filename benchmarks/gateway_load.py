@@ -2,12 +2,10 @@
 25 frames/s.
 
 First, each step is measured separately: processor time of all threads per frame of the source or
-per frame of a view.
-Then the gateway runs: a second process sends the stream over loopback in real time, a third
-receives all views. Results
-are the processor time of the gateway, dropped frames, and the delay between decoding of a frame and
-output of its view,
-in addition to the delay of FFmpeg (see ``live_delay.py``).
+per frame of a view. Then the gateway runs: a second process sends the stream over loopback in real
+time, a third receives all views. Results are the processor time of the gateway, dropped frames, and
+the delay between decoding of a frame and output of its view, in addition to the delay of FFmpeg
+(see ``live_delay.py``).
 
     python benchmarks/gateway_load.py --out out/benchmarks --picture photograph.jpg
 """

@@ -1,12 +1,10 @@
 """Image quality of dewarping: PSNR of each interpolation against the true view.
 
 The paper's spherical sensor renders the room with 64 rays per pixel. The reference of a view is the
-image of an ideal
-camera with the same screen: the mean radiance of the scene over each output pixel, 8 x 8 rays,
-computed from the scene and
-not from the sensor image. The room is infinitely distant, which removes the effect of the mirror's
-viewpoints. Only pixels
-inside the field are evaluated.
+image of an ideal camera with the same screen: the mean radiance of the scene over each output
+pixel, 8 x 8 rays, computed from the scene and not from the sensor image. The room is infinitely
+distant, which removes the effect of the mirror's viewpoints. Only pixels inside the field are
+evaluated.
 
     python benchmarks/interpolation_quality.py --out out/benchmarks
 """

@@ -1,13 +1,10 @@
 """Rate, delay and dropped frames of a live stream on loopback with a continuously moving view.
 
 A second process sends pre-encoded H.264 of 1000 x 1000 px at a constant rate. The number of each
-frame is drawn into its
-corner. The delay is measured from the transmission of a frame to its completed view of 1280 x 720
-px. For reference, the
-delay of FFmpeg decoding alone is listed: it outputs a frame at the start of the next one, in
-MPEG-TS one frame later.
-``unparsed`` streams are opened with ``options={"fflags": "+noparse+nofillin"}``, which removes one
-frame of delay.
+frame is drawn into its corner. The delay is measured from the transmission of a frame to its
+completed view of 1280 x 720 px. For reference, the delay of FFmpeg decoding alone is listed: it
+outputs a frame at the start of the next one, in MPEG-TS one frame later. ``unparsed`` streams are
+opened with ``options={"fflags": "+noparse+nofillin"}``, which removes one frame of delay.
 
     python benchmarks/live_delay.py --out out/benchmarks --picture photograph.jpg
 """

@@ -1,10 +1,9 @@
 """Peak memory of commands on images of 20,000 x 20,000 px.
 
 The table also lists the size of all input and output images in memory (3 bytes per pixel) or of
-tables. The sensor is
-that of the paper with smaller pixels; the first command renders its image. This program uses little
-memory itself, because
-the measured peak of a child includes that of its parent at the fork.
+tables. The sensor is that of the paper with smaller pixels; the first command renders its image.
+This program uses little memory itself, because the measured peak of a child includes that of its
+parent at the fork.
 
     python benchmarks/memory.py --out out/benchmarks
 """

@@ -1,11 +1,9 @@
 """Synthetic photographs of mirrors with exactly known outlines, in front of cluttered backgrounds.
 
 The image of an environment by a sensor is mapped to an ellipse in a larger image, possibly cut by
-the image border, with
-or without a plain frame, in front of a dark, plain or cluttered background, with a reflection of
-the camera. Glare, uneven
-illumination, blur, noise and JPEG compression are then applied. All parameters follow from the
-seed.
+the image border, with or without a plain frame, in front of a dark, plain or cluttered background,
+with a reflection of the camera. Glare, uneven illumination, blur, noise and JPEG compression are
+then applied. All parameters follow from the seed.
 """
 
 from __future__ import annotations

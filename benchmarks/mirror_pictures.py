@@ -1,13 +1,10 @@
 """Four generators of mirror images with known outlines, independent of ``mirror_photographs``.
 
 ``taken``: a misaligned, decentred sensor renders a scene; the surroundings of the mirror are black,
-visible to the camera,
-or clutter. ``housed``: the same in frames, with a defocused background. ``pasted``: an image of a
-sensor, optionally with
-its black surroundings, is rotated, stretched and pasted on clutter. ``drawn``: a panorama of blocks
-is wrapped to a disc
-without ray tracing. All images contain saturated hard discs, outlines cut by the image border,
-blur, noise and JPEG
+visible to the camera, or clutter. ``housed``: the same in frames, with a defocused background.
+``pasted``: an image of a sensor, optionally with its black surroundings, is rotated, stretched and
+pasted on clutter. ``drawn``: a panorama of blocks is wrapped to a disc without ray tracing. All
+images contain saturated hard discs, outlines cut by the image border, blur, noise and JPEG
 compression. All parameters follow from the seed.
 """
 

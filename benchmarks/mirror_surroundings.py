@@ -2,16 +2,12 @@
 mirrors.
 
 ``bare``: a plain mirror on black that fills the image, or spokes. ``ball``: a mirror ball on a
-table, or in a dark double
-frame. ``ridged``: a mirror in a turned frame with several ridges. ``enclosed``: a mirror in a dark
-ring in front of a
-bright, blurred housing, with a circular lens image. ``cut``: a grey image that cuts the mirror at
-top and bottom, with
-dark, uneven surroundings. ``outdoors``: low contrast with a bright sky in the mirror and in the
-background. The mirrors
-show an environment under a random mapping from radius to field angle, without ray tracing.
-``rings`` contain no mirror:
-plates, frames, a plain ball. All parameters follow from the seed.
+table, or in a dark double frame. ``ridged``: a mirror in a turned frame with several ridges.
+``enclosed``: a mirror in a dark ring in front of a bright, blurred housing, with a circular lens
+image. ``cut``: a grey image that cuts the mirror at top and bottom, with dark, uneven surroundings.
+``outdoors``: low contrast with a bright sky in the mirror and in the background. The mirrors show
+an environment under a random mapping from radius to field angle, without ray tracing. ``rings``
+contain no mirror: plates, frames, a plain ball. All parameters follow from the seed.
 """
 
 from __future__ import annotations

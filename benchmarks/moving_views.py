@@ -2,17 +2,13 @@
 NumPy map.
 
 A spherical mirror in 1000 x 1000 px is dewarped to views of 1280 x 720 px, bilinear, uint8 RGB;
-each run uses another
-direction. ``table map`` is the fastest solution with NumPy and OpenCV: one product per pixel,
-radius from a table, float32,
-reused buffers, and ``cv2.remap``. ``NumPy map`` is a straightforward implementation. Both are
-limited to distant objects.
-Variants are interleaved in one process with the same number of threads, several consecutive frames
-each as in a video,
-with reused output images; results are medians. *Samples alone* uses a precomputed map, a lower
-bound for moving views with
-the same sampler. The last row is a view of 1920 x 1080 px in images of 3840 x 2160 px, YUV 4:2:0,
-plane by plane.
+each run uses another direction. ``table map`` is the fastest solution with NumPy and OpenCV: one
+product per pixel, radius from a table, float32, reused buffers, and ``cv2.remap``. ``NumPy map`` is
+a straightforward implementation. Both are limited to distant objects. Variants are interleaved in
+one process with the same number of threads, several consecutive frames each as in a video, with
+reused output images; results are medians. *Samples alone* uses a precomputed map, a lower bound for
+moving views with the same sampler. The last row is a view of 1920 x 1080 px in images of 3840 x
+2160 px, YUV 4:2:0, plane by plane.
 
     python benchmarks/moving_views.py --out out/benchmarks --picture photograph.jpg
 """

@@ -2,8 +2,8 @@
 combination.
 
 The catalogue is random with a fixed seed and typical focal lengths, F-numbers, image circles,
-pixels and prices. Searches
-are for the ten cheapest feasible combinations, and for the whole Pareto front of price and blur.
+pixels and prices. Searches are for the ten cheapest feasible combinations, and for the whole Pareto
+front of price and blur.
 
     python benchmarks/parts_search.py --processes 2 --out out/benchmarks
 """

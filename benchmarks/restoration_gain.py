@@ -2,18 +2,14 @@
 image radius.
 
 Weights were tuned on three scenes only: the room, the street, and noise clouds with 1/f amplitudes
-as in natural scenes.
-Results are for other kinds of scenes, excluded from tuning: the calibration hall, dead leaves with
-lettering, and
-photographs in equirectangular files. The image without blur samples the same areas of the same
-pixels through a pinhole.
+as in natural scenes. Results are for other kinds of scenes, excluded from tuning: the calibration
+hall, dead leaves with lettering, and photographs in equirectangular files. The image without blur
+samples the same areas of the same pixels through a pinhole.
 
 Gains refer to the 8-bit sRGB image, over the inner 2/3 and the outer 1/3 of the radius, and over
-the worst of ten radial
-zones. *Blur alone* is the PSNR without noise; noise alone has 40 dB. With --best, an additional
-column contains the largest
-gain for noise values from 0.5 to 2 times the true one: other weights, selected with knowledge of
-the reference.
+the worst of ten radial zones. *Blur alone* is the PSNR without noise; noise alone has 40 dB. With
+--best, an additional column contains the largest gain for noise values from 0.5 to 2 times the true
+one: other weights, selected with knowledge of the reference.
 
     python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
     python benchmarks/restoration_gain.py --tuning                # scenes used for tuning

@@ -2,10 +2,9 @@
 mirror.
 
 The classifier was trained on seeds below 1000 (``rim_learning.py``, with `--learn`). Failures of
-those seeds, of 1000 to
-1059, 5000 to 5199 and 7000 to 7199 were examined during development. The reported seeds from 9100,
-and those from 12000
-and 20000, were evaluated once each after its completion.
+those seeds, of 1000 to 1059, 5000 to 5199 and 7000 to 7199 were examined during development. The
+reported seeds from 9100, and those from 12000 and 20000, were evaluated once each after its
+completion.
 
     python benchmarks/rim.py --environments ../shared/data/environments --ways composed --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --first 5000 --out out/benchmarks

@@ -4,12 +4,9 @@ images.
     python benchmarks/rim.py --environments ../shared/data/environments --learn 260 --jobs 2
 
 writes ``committee.json`` to the package of the detector. Each image contributes the feature rows of
-its candidates, and
-labels for those within 1 % of the true outline after refinement in the full image. Members differ
-by their initial
-values and by the 20 % of the images that each excludes. The calibration of the odds maximises the
-likelihood of the
-excluded images.
+its candidates, and labels for those within 1 % of the true outline after refinement in the full
+image. Members differ by their initial values and by the 20 % of the images that each excludes. The
+calibration of the odds maximises the likelihood of the excluded images.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """Ray-triangle intersections per core second, and render time of the bundled scenes.
 
 Bumpy balls of triangles surround the sensor and are rendered by the mirror of `paper-spherical` at
-512 x 512 px: 16 rays
-per pixel through the aperture, or the chief ray; one thread. Complete images have 1000 x 1000 px
-with 16 rays per pixel on
-all cores. Seconds are processor time, which depends less on other load. Memory is the growth of the
-process, including the
-input arrays of the triangles; it is not measurable for few triangles.
+512 x 512 px: 16 rays per pixel through the aperture, or the chief ray; one thread. Complete images
+have 1000 x 1000 px with 16 rays per pixel on all cores. Seconds are processor time, which depends
+less on other load. Memory is the growth of the process, including the input arrays of the
+triangles; it is not measurable for few triangles.
 
     python benchmarks/scene_rate.py --out out/benchmarks
 """

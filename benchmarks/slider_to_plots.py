@@ -1,13 +1,10 @@
 """Response time of the studio's design bench to a slider: plots, rendered image, and 3-D view.
 
 A headless Chromium without a graphics card runs the page; the server runs on the same machine. All
-plots are displayed
-except the rendered image, which is updated after the last movement. ``server`` is the processor
-time of the response in
-the server without the connection; ``page`` is that of the main thread of the page, including
-painting. ``picture`` is the
-wall-clock time of the response with image and panorama of the room: small during a movement, large
-after it.
+plots are displayed except the rendered image, which is updated after the last movement. ``server``
+is the processor time of the response in the server without the connection; ``page`` is that of the
+main thread of the page, including painting. ``picture`` is the wall-clock time of the response with
+image and panorama of the room: small during a movement, large after it.
 
     python benchmarks/slider_to_plots.py --out out/benchmarks
 """

@@ -1,16 +1,13 @@
 """Dewarping time per frame: compiled samplers compared with cv2.remap and fixed-point maps.
 
 Variants are interleaved in one process with the same number of threads; results are medians.
-Bilinear and bicubic, uint8
-RGB. Maps are precomputed. The last two columns compute panoramas directly from r(row) and (cos,
-sin)(column).
+Bilinear and bicubic, uint8 RGB. Maps are precomputed. The last two columns compute panoramas
+directly from r(row) and (cos, sin)(column).
 
 *Copy* is a plain copy of the bytes that a frame requires on one thread: the map, the 64-byte cache
-lines of the image with
-sampled values, and the output. *In cache* is the packed-map sampler with the same fractions in an
-image of 64 x 64 px that
-fits into the L1 cache: its arithmetic without memory latency. The larger of both is a lower bound
-for this sampler.
+lines of the image with sampled values, and the output. *In cache* is the packed-map sampler with
+the same fractions in an image of 64 x 64 px that fits into the L1 cache: its arithmetic without
+memory latency. The larger of both is a lower bound for this sampler.
 
     python benchmarks/straightening_rate.py --out out/benchmarks --picture photograph.jpg
 """

@@ -1,10 +1,8 @@
 """Server load of one video of 1024 x 1024 px at 25 frames/s, watched by 20 pages of one studio.
 
 The pages are plain sockets in a separate process; they request a frame after each received one,
-accept compression as
-browsers do, and do not decode. Results are the frames received by each page, and the processor time
-of the server, which
-is independent of other load.
+accept compression as browsers do, and do not decode. Results are the frames received by each page,
+and the processor time of the server, which is independent of other load.
 
     python benchmarks/stream_load.py --out out/benchmarks
 """

@@ -2,12 +2,10 @@
 sweep.
 
 Scheduler and workers, one per core, are started on the loopback interface beforehand and are idle.
-The processor time of
-all processes is then measured, including the start of the client and the first import of the
-workers. The idle load of
-scheduler and workers per second of wall-clock time is measured separately and added for the
-duration of the work without
-other load. An estimate for 64 workers is derived.
+The processor time of all processes is then measured, including the start of the client and the
+first import of the workers. The idle load of scheduler and workers per second of wall-clock time is
+measured separately and added for the duration of the work without other load. An estimate for 64
+workers is derived.
 
     python benchmarks/tolerance_cluster.py --out out/benchmarks
 """

@@ -2,18 +2,13 @@
 same launched rays.
 
 A spherical mirror is decentred, tilted about two axes and displaced along its axis; rays are traced
-from the lens to the
-mirror and back. Four variants of Optiland: its tolerancing module, one Monte Carlo trial with a
-direction of each ray as an
-operand; the same with one operand; and manual perturbations with one vectorised call of all rays,
-of its tracer or, as the
-minimum, of the mirror surface with prelaunched rays. In omnimirror, a trial also finds the image of
-each fixed object,
+from the lens to the mirror and back. Four variants of Optiland: its tolerancing module, one Monte
+Carlo trial with a direction of each ray as an operand; the same with one operand; and manual
+perturbations with one vectorised call of all rays, of its tracer or, as the minimum, of the mirror
+surface with prelaunched rays. In omnimirror, a trial also finds the image of each fixed object,
 focuses, and computes blur and five calibrations. Variants are interleaved in one process on one
-thread; results are
-medians of processor time. A preceding check compares both tracers: rays of the perturbed sensor
-towards its objects,
-launched in Optiland, leave its mirror towards these objects.
+thread; results are medians of processor time. A preceding check compares both tracers: rays of the
+perturbed sensor towards its objects, launched in Optiland, leave its mirror towards these objects.
 
     python benchmarks/tolerance_peers.py --out out/benchmarks
 """

@@ -1,10 +1,9 @@
 """Time of a tolerance trial: a sensor with random errors, traced, with blur and five calibrations.
 
 Error sources are decentre, displacement and tilt of the mirror and twelve Zernike terms; 97
-objects, exact image motion,
-tangential and sagittal blur, each sensor focused for minimum RMS blur. The kernel on one and two
-threads, and the NumPy
-implementation, are interleaved in one process; results are medians.
+objects, exact image motion, tangential and sagittal blur, each sensor focused for minimum RMS blur.
+The kernel on one and two threads, and the NumPy implementation, are interleaved in one process;
+results are medians.
 
     python benchmarks/tolerance_rate.py --out out/benchmarks
 """

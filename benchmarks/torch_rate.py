@@ -2,12 +2,10 @@
 card.
 
 Each case has 10^6 rays in double precision: pixels to rays, and points at 0.5 to 5 m to pixels, for
-the aligned and the
-misaligned spherical sensor of the paper, with and without learnable parameters. Forward passes are
-without gradients;
-backward passes differentiate the sum of all outputs and are listed with their recording forward
-pass. On a card, 16 million
-rays are evaluated at once in both precisions, timed by the clock of the card.
+the aligned and the misaligned spherical sensor of the paper, with and without learnable parameters.
+Forward passes are without gradients; backward passes differentiate the sum of all outputs and are
+listed with their recording forward pass. On a card, 16 million rays are evaluated at once in both
+precisions, timed by the clock of the card.
 
     python benchmarks/torch_rate.py --out out/benchmarks
     python benchmarks/torch_rate.py --device cuda --out out/benchmarks

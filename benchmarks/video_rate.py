@@ -2,10 +2,9 @@
 sizes and threads.
 
 v360 runs in a PyAV filter graph that replaces the omnimirror function between the same reader and
-writer, and in the
-``ffmpeg`` program if available. Both interpret the image as a mirror ball; the views differ (v360
-supports one mirror and
-reverses the image), but the amount of work is equal. Variants are interleaved; results are medians.
+writer, and in the ``ffmpeg`` program if available. Both interpret the image as a mirror ball; the
+views differ (v360 supports one mirror and reverses the image), but the amount of work is equal.
+Variants are interleaved; results are medians.
 
     python benchmarks/video_rate.py --out out/benchmarks --picture photograph.jpg
 """

@@ -2,10 +2,9 @@
 images.
 
 A JPEG of 3840 x 2160 px with a mirror ball is converted to a panorama by each program from a shell:
-``DePolar`` of
-ImageMagick, which has no mirror model, and ``v360`` of ffmpeg, which models a distant ball. A
-folder of JPEGs of
-1024 x 1024 px is compared with reading and writing the same files by OpenCV in a separate process.
+``DePolar`` of ImageMagick, which has no mirror model, and ``v360`` of ffmpeg, which models a
+distant ball. A folder of JPEGs of 1024 x 1024 px is compared with reading and writing the same
+files by OpenCV in a separate process.
 
     python benchmarks/whole_commands.py --out out/benchmarks
 """

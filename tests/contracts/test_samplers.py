@@ -2,8 +2,8 @@
 float64.
 
 The definition is documented in :mod:`omnimirror.dewarp.sampling`. Each map is created from a
-formula for the position of
-any view pixel and intermediate point; the reference evaluates the formula and never the map.
+formula for the position of any view pixel and intermediate point; the reference evaluates the
+formula and never the map.
 """
 
 from __future__ import annotations

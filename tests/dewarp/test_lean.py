@@ -23,8 +23,7 @@ PITCH, ROLL = 24.0, -7.0
 
 def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
     """Return the rotation from the sensor frame (forward, left, up) to the levelled one, written
-    out: about forward, which lowers
-    the right side, then about left, which raises forward."""
+    out: about forward, which lowers the right side, then about left, which raises forward."""
     (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in np.radians([pitch_deg, roll_deg]))
     rises = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
     right_sinks = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])

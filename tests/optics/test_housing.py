@@ -54,8 +54,7 @@ def test_sizes_of_covers_are_refused_outside_their_bounds(name):
 
 def test_covers_are_as_wide_as_the_mirror_needs():
     """Minimum diameters by Pythagoras, from the back of the mirror; default diameters have a
-    clearance of 3 mm, rounded up to
-    1 mm."""
+    clearance of 3 mm, rounded up to 1 mm."""
     envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
     tube, dome = Tube(wall_mm=4.0), Dome(wall_mm=4.0, centre_mm=-50.0)
     assert tube.diameters(45.0) == (98.0, 104.0)

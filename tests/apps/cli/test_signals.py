@@ -1,6 +1,5 @@
 """Signals end each command with one message and its exit code, without leftover files or processes;
-`main` restores the
-state of the calling process."""
+`main` restores the state of the calling process."""
 
 from __future__ import annotations
 

@@ -143,8 +143,7 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
     """Free unified model, with a curved valley of xi, focal length and radial terms.
 
     With the curvature at the estimate, RMS errors of xi were 3 standard deviations, and a
-    combination was reported for some
-    seeds only.
+    combination was reported for some seeds only.
     """
     truth = replace(TRUTH, xi=xi, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     errors = []
@@ -222,8 +221,7 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(opt
 )
 def test_flipped_pictures_are_named_and_left_out(count, numbers):
     """A chessboard is valid in its mirror image too: only the offset between mirror and image
-    centres reveals the flip, and
-    camera and poses absorb nearly all of it."""
+    centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
     left_out = {p.name: p.reason for p in found.pictures if not p.used}
     assert left_out.keys() == {f"picture {number + 1}" for number in numbers}

@@ -240,11 +240,9 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
 
 
 # Effect of float32 rounding, in light: if each root is perturbed in its last bit, the sparse
-# implementation differs from
-# itself by so much in 0.1 % of the values, and by so little in half of them, at worst of twelve
-# images. Three times that
-# are accepted; the two implementations differ by up to 2.5 times as much. Single values can diverge
-# after many steps (3e-2).
+# implementation differs from itself by so much in 0.1 % of the values, and by so little in half of
+# them, at worst of twelve images. Three times that are accepted; the two implementations differ by
+# up to 2.5 times as much. Single values can diverge after many steps (3e-2).
 @needs_compiled
 @pytest.mark.parametrize(
     ("tile_px", "effort", "of_thousandth", "of_half"),

@@ -275,8 +275,7 @@ def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lo
 )
 def test_coded_pictures_lose_nothing(small: Restorer, kind: str, quality: int, request: pytest.FixtureRequest):
     """Blind noise estimation: neither blocks nor ringing are sharpened, and clouds, which are
-    texture everywhere, lose no more
-    than by coding."""
+    texture everywhere, lose no more than by coding."""
     scene = request.getfixturevalue("scene") if kind == "leaves" else clouds(1024)
     assert gains(small, scene, quality=quality).tenths_db.min() > -0.3
 

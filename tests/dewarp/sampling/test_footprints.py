@@ -1,6 +1,5 @@
 """Footprint averages against their definition in float64, against image content, and at the limits
-of fields, views and
-memory."""
+of fields, views and memory."""
 
 import math
 from functools import cache

@@ -35,9 +35,8 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
     """Return values (n, n, m) at ``(side[column], side[row])``, accurate to float32 rounding.
 
     Exact values are computed at every fourth node. Cells between them use 10-point Lagrange
-    interpolation if the values
-    exist, or can be extrapolated, and test points in the cell or its neighbours agree; all other
-    nodes are computed exactly.
+    interpolation if the values exist, or can be extrapolated, and test points in the cell or its
+    neighbours agree; all other nodes are computed exactly.
 
     Parameters
     ----------
@@ -136,8 +135,7 @@ def _between(exact: Array, row: Index, column: Index) -> Array:
     """Interpolate coarse values (k, k, m) in cells (c,); return (c, STEP, STEP, m).
 
     The matrix products are small enough for BLAS to run them in the calling thread; larger ones
-    start threads that
-    busy-wait for up to 0.1 s.
+    start threads that busy-wait for up to 0.1 s.
     """
     along = weights_between(MARGIN + np.arange(STEP) / STEP, np.zeros(STEP, np.intp))
     weights = np.kron(along, along).T

@@ -79,8 +79,8 @@ def video_viewer_of(
     """Return a page that plays a video in a loop.
 
     Videos up to 64 MB are embedded. A larger video remains a separate file: a page on a web server
-    loads it directly, a page
-    on disk requests the file from the user, because browsers block automatic access.
+    loads it directly, a page on disk requests the file from the user, because browsers block
+    automatic access.
 
     Parameters
     ----------
