@@ -83,8 +83,7 @@ def blocked_by_fold(rays, distance, radius, bore):
     frame.
 
     Heights are measured from the vertex of the ball to its back: the lens is at M - 2 distance, the
-    second mirror at
-    -distance.
+    second mirror at -distance.
     """
 
     def distance_at(height, start, way):

@@ -48,8 +48,7 @@ def viewer_of(
         Command-line options of the camera, displayed on the page.
     path
         File of the image, if any. A PNG or JPEG without an orientation tag is embedded unchanged,
-        any other image as
-        8-bit PNG.
+        any other image as 8-bit PNG.
     image : (h, w) or (h, w, 3) or (h, w, 4) array
         Decoded image.
 
