@@ -39,10 +39,7 @@ TRIES = 200
 def feasible_requirements(seed: int) -> om.Requirements:
     """Return requirements that a random sensor meets, with the values of that sensor inside ranges."""
     rng = np.random.default_rng(seed)
-    housing, objects = (
-        str(rng.choice(HOUSINGS)),
-        str(rng.choice(OBJECTS)),
-    )  # not redrawn in retries
+    housing, objects = str(rng.choice(HOUSINGS)), str(rng.choice(OBJECTS))  # not redrawn in retries
     for _ in range(TRIES):
         tables, numbers = _tables(rng, housing, objects)
         try:

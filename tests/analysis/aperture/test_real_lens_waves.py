@@ -94,9 +94,7 @@ def blocked_by_fold(rays, distance, radius, bore):
     start, way = rays.met * turn - [0, 0, M], rays.towards_lens * turn
     lens, edge = M - 2 * distance, A - np.sqrt(A**2 - bore**2)
     blocked = distance_at(-distance, start, way) > radius
-    blocked |= (
-        distance_at(np.minimum(start[:, 2], lens), start, way) < bore
-    )  # reaches the bore before the second mirror
+    blocked |= distance_at(np.minimum(start[:, 2], lens), start, way) < bore  # bore in front of the second mirror
     if lens > edge:  # through the bore after the second mirror
         blocked |= distance_at(-2 * distance - edge, start, way) > bore
     out = -rays.incoming * turn

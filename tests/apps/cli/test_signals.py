@@ -292,9 +292,7 @@ def test_a_signal_ends_a_command_without_leftovers(name, number, place, request)
     assert run.returncode == 128 + number, said
     assert "Traceback" not in said
     assert "ignored" not in said
-    lines = [
-        line for line in said.split("\n") if not line.endswith("trying again")
-    ]  # message of a publisher, at any time
+    lines = [line for line in said.split("\n") if not line.endswith("trying again")]  # of a publisher
     assert sum("omnimirror: stopped" in line for line in lines) == 1, said
     assert len([line for line in lines if line]) <= 1 + name.startswith(KEEP), said
     assert [path.name for path in work.rglob("*") if ".omnimirror-" in path.name] == []

@@ -371,9 +371,7 @@ def test_weights_that_interpolate_nothing_are_refused():
         for weights in ((wrong, good), (good, wrong)):
             with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
                 MODULE.remap_lattice(picture, x, y, *weights, cells, patches, out, 1, 0)
-    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
-        step, axis=1
-    )  # sum 1, but far from Lagrange weights
+    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(step, axis=1)  # sum 1, far from Lagrange weights
     x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
     MODULE.remap_lattice(picture, x, y, far, far, cells, patches, out, 1, 7)
     assert (out == 7).all()

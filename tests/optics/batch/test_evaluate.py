@@ -110,9 +110,7 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
     angles = np.minimum(batch.omega_deg[0], sensor.field_deg[1])
     best = om.best_focus(sensor, "worst_floored_area_deg2", omega_deg=angles, mode=mode, image_radius_px=radius)
     assert batch.worst_floored_area_deg2[0] <= best.value * (1 + 1e-9)
-    if batch.worst_floored_area_deg2[0] >= best.value * (
-        1 - 1e-9
-    ):  # otherwise the golden sections ended in another valley
+    if batch.worst_floored_area_deg2[0] >= best.value * (1 - 1e-9):  # else another valley
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
