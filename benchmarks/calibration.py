@@ -85,8 +85,7 @@ def corners(_: Path | None) -> str:
 
 def _boards(taken: Taken) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield for each board: errors (n, 3) of its corners in u, v and radially, those of OpenCV,
-    corner spacing in px, and number
-    of corners."""
+    corner spacing in px, and number of corners."""
     for name in SENSORS:
         sensor = om.load_sensor(name)
         for seed, (azimuth, elevation) in enumerate(AROUND):

@@ -1,11 +1,9 @@
 """Success rate of `design_sensor` on requirement files that are feasible by construction.
 
 Each file takes the values of a random sensor, relaxed by 0.5 %, as limits, and replaces rim radius,
-focal length and
-F-number by wide asymmetric ranges that contain those of the sensor. Files cover families and
-mappings, fits, domes, tubes
-in air and water, near objects (distances, a cylinder, a plane), and lenses and imagers of the
-catalogue.
+focal length and F-number by wide asymmetric ranges that contain those of the sensor. Files cover
+families and mappings, fits, domes, tubes in air and water, near objects (distances, a cylinder, a
+plane), and lenses and imagers of the catalogue.
 
     python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
 """
@@ -41,10 +39,7 @@ TRIES = 200
 def feasible_requirements(seed: int) -> om.Requirements:
     """Return requirements that a random sensor meets, with the values of that sensor inside ranges."""
     rng = np.random.default_rng(seed)
-    housing, objects = (
-        str(rng.choice(HOUSINGS)),
-        str(rng.choice(OBJECTS)),
-    )  # not redrawn in retries
+    housing, objects = str(rng.choice(HOUSINGS)), str(rng.choice(OBJECTS))  # not redrawn in retries
     for _ in range(TRIES):
         tables, numbers = _tables(rng, housing, objects)
         try:

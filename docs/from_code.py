@@ -3,8 +3,8 @@
     python docs/from_code.py
 
 Layers are those of the import rules in pyproject.toml. Each package is labelled with the first line
-of its docstring. In
-the matrix, a dot marks an import of the package above by the package on the left.
+of its docstring. In the matrix, a dot marks an import of the package above by the package on the
+left.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     python docs/gallery.py [NAME ...]
 
 Each example is a program of fewer than 30 lines that writes an image with its own name to the
-working directory. Images
-are generated for the given names, or for all examples; the page is always generated.
+working directory. Images are generated for the given names, or for all examples; the page is always
+generated.
 """
 
 from __future__ import annotations

@@ -3,9 +3,8 @@
     python docs/site_pages.py
 
 The site consists of the pages of docs/, the README as its index, CONTRIBUTING and CHANGELOG, and a
-generated reference:
-signature and docstring of each public name, and the help of each command. mkdocs.yml defines their
-order.
+generated reference: signature and docstring of each public name, and the help of each command.
+mkdocs.yml defines their order.
 """
 
 from __future__ import annotations

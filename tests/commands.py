@@ -1,12 +1,9 @@
 """Command line in separate processes, with their streams and exit codes.
 
 On systems with fork, these processes are forked from one with preloaded modules: the start of
-Python and the import of
-NumPy, SciPy and Matplotlib take ten times as long as most commands. That process computes no
-results and has no threads;
-a command therefore runs as in a new process. Tests of the program start (deferred imports, unusual
-streams, signals) run
-the program directly.
+Python and the import of NumPy, SciPy and Matplotlib take ten times as long as most commands. That
+process computes no results and has no threads; a command therefore runs as in a new process. Tests
+of the program start (deferred imports, unusual streams, signals) run the program directly.
 """
 
 from __future__ import annotations

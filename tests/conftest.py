@@ -8,8 +8,7 @@ import shutil
 import subprocess
 
 # As in commands, and before NumPy is imported: test processes already share the cores, and BLAS
-# threads that synchronise
-# for each small product would triple the time of a calibration.
+# threads that synchronise for each small product would triple the time of a calibration.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from collections.abc import Callable
@@ -174,8 +173,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give each process its share of the long tests first, so none remains at the end.
 
     Initially, ``--dist worksteal`` gives each process an equal part of the list; later, idle
-    processes take tests from the
-    ends of other parts.
+    processes take tests from the ends of other parts.
     """
     processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
     long, short = [i for i in items if is_long(i)], [i for i in items if not is_long(i)]

@@ -33,7 +33,7 @@ def test_arrows_run_downwards_only():
 
 
 def test_nothing_runs_in_circles():
-    """In each package, with its subpackages as units, imports have one direction."""
+    """Imports have one direction in each package, with its subpackages as units."""
     graph = grimp.build_graph("omnimirror", exclude_type_checking_imports=True, cache_dir=None)
     for room in sorted(m for m in graph.modules if graph.find_children(m)):
         whole = {child: {child} | graph.find_descendants(child) for child in graph.find_children(room)}

@@ -138,7 +138,7 @@ def environment(tmp_path_factory) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def installed(environment) -> Iterator[Forks]:
-    """That Python, with a separate process for each command."""
+    """Python environment with a separate process for each command."""
     forks = Forks(environment)
     yield forks
     forks.kill()

@@ -22,8 +22,8 @@ def run() -> None:
         sys.exit(130)
     finally:
         # If Ctrl-C arrives while text is executed, as for each dataclass definition, `python -m`
-        # ends with SIGINT instead of the
-        # exit code although the exception was handled. Another execution of text resets this state.
+        # ends with SIGINT instead of the exit code although the exception was handled. Another
+        # execution of text resets this state.
         exec("")
 
 

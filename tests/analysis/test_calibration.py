@@ -17,7 +17,8 @@ STEP = 1e-5
 
 @pytest.mark.parametrize("camera", MODELS.values(), ids=MODELS)
 def test_resolution_is_that_of_the_projection(camera):
-    """Of 1 deg radially and tangentially, from pixels of directions, undistorted to one side."""
+    """Radial and tangential resolution of 1 deg, from pixels of directions, undistorted to one
+    side."""
     table = om.evaluate_camera(camera)
     assert table.omega_deg[0] == 0.0
     assert np.radians(table.omega_deg[-1]) == pytest.approx(camera.omega_max)
@@ -88,7 +89,7 @@ def test_what_was_estimated_of_a_sensor_is_free_in_its_model():
 
 
 def misaligned():
-    """With uncertainties of a typical calibration."""
+    """A misaligned sensor with uncertainties of a typical calibration."""
     pose = MirrorPose(0.4, -0.3, tilt_x_deg=0.5, tilt_y_deg=-0.6)
     sensor = replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
     names = ("lens.focal_length_mm", "mirror_pose.decentre_x_mm")

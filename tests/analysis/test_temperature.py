@@ -162,12 +162,9 @@ def test_the_command_line_says_how_far_the_picture_moves(tmp_path):
 
 
 # Expansion near room temperature, 1e-6/K, and density, g/cm^3; a second copy of the table, which
-# detects typing errors.
-# Aluminium 6061, titanium grade 2, nickel 200, copper: ASM Handbook, volume 2; Carpenter Invar 36;
-# Schott N-BK7; Corning
-# 7980; silicon: CRC Handbook; Plexiglas GS. Other alloys and plastics, which vary by several per
-# cent: mean values of
-# data sheets.
+# detects typing errors. Aluminium 6061, titanium grade 2, nickel 200, copper: ASM Handbook, volume
+# 2; Carpenter Invar 36; Schott N-BK7; Corning 7980; silicon: CRC Handbook; Plexiglas GS. Other
+# alloys and plastics, which vary by several per cent: mean values of data sheets.
 HANDBOOK = {
     "abs": (90.0, 1.05),
     "acrylic": (70.0, 1.19),

@@ -72,7 +72,7 @@ def test_the_number_of_threads_is_checked():
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here")
 def test_as_many_threads_as_the_process_may_use_cores():
-    """With affinity to one core, as by taskset, a process starts no second thread that would wait
+    """A process with affinity to one core, as by taskset, starts no second thread that would wait
     for the first."""
     script = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
@@ -105,9 +105,7 @@ def test_hostile_arguments_crash_nothing(seed):
     command = [sys.executable, "-m", "tests.fuzz.native_arguments", "--calls", "1500", "--seed", str(seed)]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert all(
-        " 0 answered" not in line for line in run.stdout.splitlines()
-    )  # every function passed its argument checks
+    assert all(" 0 answered" not in line for line in run.stdout.splitlines())  # passed the checks
 
 
 @needs_compiled
@@ -181,8 +179,8 @@ print(errors, np.array_equal(evaluated(), before, equal_nan=True))
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are those of Linux")
 @pytest.mark.parametrize(("first", "threads"), [(4, 4), (1, 4), (1, 1)])
 def test_tasks_without_memory_raise(first, threads):
-    """In running threads, in threads that cannot be started, and without threads; the state is
-    restored afterwards."""
+    """Failure in running threads, in threads that cannot be started, and without threads; the state
+    is restored afterwards."""
     script = SCARCE.replace("{first}", str(first)).replace("{threads}", str(threads))
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280)
     assert (run.returncode, run.stdout.split()) == (0, ["5", "True"]), run.stderr

@@ -122,7 +122,7 @@ def test_the_command_says_it_and_draws_it(tmp_path):
 
 
 def test_every_door_says_the_same_error_of_a_direction():
-    """From a calibration, from pixels of its camera, and from the covariance itself."""
+    """Results of a calibration, of pixels of its camera, and of the covariance itself."""
     board = om.Board("chessboard", 11, 7, 30.0)
     truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
     found = om.calibrate_camera(om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified")
@@ -152,7 +152,7 @@ def field_angles_deg(camera, pixels):
 
 @pytest.mark.parametrize("camera", MODELS, ids=lambda c: f"{c.KIND}-{c.optics}")
 def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
-    """For all models: via files, for directions, floors, maps, tables and figures."""
+    """All models: via files, for directions, floors, maps, tables and figures."""
     known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 80.0)
     om.save_camera(replace(camera, uncertainty=known), tmp_path / "camera.toml")
     read = om.load_camera(tmp_path / "camera.toml")

@@ -49,8 +49,7 @@ def off_straight_px(camera, detection):
 @pytest.mark.long
 def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
     """Calibrated from noisy corners and evaluated with other, noise-free boards. Without the
-    calibrated misalignment, the lines
-    are bent four times as much."""
+    calibrated misalignment, the lines are bent four times as much."""
     drawn = om.load_sensor("paper-spherical")
     built = replace(drawn, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, 0.0))
     seen = om.simulate_detections(built, BOARD, 8, noise_px=0.1, seed=1)

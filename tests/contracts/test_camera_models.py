@@ -129,7 +129,7 @@ def test_parameters_have_names_of_their_own_and_come_back(model):
 
 @pytest.mark.parametrize("model", CASES)
 def test_the_image_is_what_the_camera_projects(model):
-    """In image coordinates; the world frame is the camera frame rotated by the mount."""
+    """Projection to image coordinates; the world frame is the camera frame rotated by the mount."""
     points = points_of(model)
     turn = model.mount.rotation()
     for distant, project in ((False, model.project), (True, model.project_directions)):

@@ -334,9 +334,7 @@ def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(mo
     e1 = np.cross(axis, [0.36, 0.48, 0.8])
     e2 = np.cross(axis, e1)  # looking along the axis, from e1 to e2 is clockwise
     around = [e1, e2 - e1 / 2, -e2 - e1 / 2]
-    aside = 0.3 + 2 * np.tan(
-        model.symmetry.omega_min if model.symmetry else 0.0
-    )  # outside the obscuration of a second mirror
+    aside = 0.3 + 2 * np.tan(model.symmetry.omega_min if model.symmetry else 0.0)  # outside the obscuration
     pixels, valid = model.project_directions([axis + aside * e for e in around])
     assert valid.all()
     (du1, dv1), (du2, dv2) = pixels[1] - pixels[0], pixels[2] - pixels[0]

@@ -114,9 +114,7 @@ def exact_finite_points(mirror: Mapped):
 )
 def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
-    mp.mp.dps = (
-        15 if kind in ("ground-plane", "cylinder") else 30
-    )  # numerical integration, which takes seconds with 30 digits
+    mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # slow with 30 digits
     if kind in ("ground-plane", "cylinder"):
         points = exact_finite_points(mirror)
     elif isinstance(mirror, Mapped):

@@ -2,8 +2,8 @@
 float64.
 
 The definition is documented in :mod:`omnimirror.dewarp.sampling`. Each map is created from a
-formula for the position of
-any view pixel and intermediate point; the reference evaluates the formula and never the map.
+formula for the position of any view pixel and intermediate point; the reference evaluates the
+formula and never the map.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def polar(centre: tuple[float, float], radii: tuple[float, float], size: tuple[i
 
 
 def refined(size: tuple[int, int]) -> Case:
-    """As for a camera whose field boundary crosses the view."""
+    """Map of a camera whose field boundary crosses the view."""
 
     def at(x, y):
         x, y = np.broadcast_arrays(x, y)
@@ -272,7 +272,7 @@ def border_of(depth: str, channels: int) -> list[float]:
 
 @pytest.mark.parametrize(("depth", "channels"), few(KINDS, ("uint8", 3), ("float32", 1)))
 def test_single_samples_are_the_formulas(depth, channels, request, case, sampler):
-    """For the first image, and for the second, after which a map may have been packed."""
+    """Check the first image, and the second, after which a map may have been packed."""
     image, name = picture(depth, channels), request.node.callspec.params["case"]
     border = border_of(depth, channels)
     for interpolation in SINGLE:
@@ -493,7 +493,7 @@ def test_what_does_not_fit_is_refused(case, sampler):
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 @pytest.mark.parametrize("interpolation", few(INTERPOLATIONS, "nearest", "cubic"))
 def test_a_real_photograph_is_the_same_by_all(interpolation, shared_data, uncompiled):
-    """With maps created from cameras and screens: a panorama, a view, and a mosaic."""
+    """Maps created from cameras and screens: a panorama, a view, and a mosaic."""
     image = om.read_image(shared_data / "mirrorball" / "store.jpg")
     image = cv2.resize(image, (1024, 1024), interpolation=cv2.INTER_AREA)
     ball, screens = om.MirrorBall((511.5, 509.5), 480.0, 270.0, (1024, 1024)), om.screens

@@ -1,8 +1,7 @@
 """Contract of all screens with all cameras: world points are imaged at the expected pixel.
 
 Pixel directions are written explicitly from the conventions; the position in a camera image is
-checked in reverse, by the
-ray of its pixel.
+checked in reverse, by the ray of its pixel.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def test_only_panoramas_about_a_vertical_axis_are_separable():
 
 
 def test_a_camera_cut_by_its_picture_is_separable_too():
-    """With the centre near a corner, only some pixels around it determine the handedness of the
+    """If the centre is near a corner, only some pixels around it determine the handedness of the
     image."""
     camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
     view = om.screens.Cylinder((300, 100), -90.0, 0.0)
@@ -120,7 +120,7 @@ def test_screens_at_a_finite_distance_use_the_true_reflection():
 
 
 def test_sampling_is_at_the_coordinates():
-    """For an image whose values are its coordinates, sampling returns these.
+    """Sampling an image whose values are its coordinates returns these.
 
     OpenCV's cubic kernel (a = -0.75) bends a ramp by up to 0.047.
     """

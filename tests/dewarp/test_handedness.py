@@ -1,8 +1,7 @@
 """Handedness of dewarped images against rays reflected in 3-D by brute force.
 
 The brute-force side is independent of the optics of the package: world points are imaged by the
-shortest path over a
-sphere (Fermat), with manually written camera axes for each mount.
+shortest path over a sphere (Fermat), with manually written camera axes for each mount.
 """
 
 import numpy as np

@@ -23,8 +23,7 @@ PITCH, ROLL = 24.0, -7.0
 
 def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
     """Return the rotation from the sensor frame (forward, left, up) to the levelled one, written
-    out: about forward, which lowers
-    the right side, then about left, which raises forward."""
+    out: about forward, which lowers the right side, then about left, which raises forward."""
     (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in np.radians([pitch_deg, roll_deg]))
     rises = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
     right_sinks = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
@@ -121,8 +120,8 @@ def test_only_a_plumb_camera_draws_panoramas_without_a_map():
 
 
 def test_elevations_are_those_of_the_level_world():
-    """For a field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir
-    is still included."""
+    """A field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir is
+    still included."""
     sensor = om.load_sensor("paper-spherical")
     seen = om.views.panorama(replace(sensor, mount=replace(sensor.mount, pitch_deg=20.0)))
     assert (seen.tilt_min_deg, seen.tilt_max_deg) == pytest.approx((-90.0, 65.0), abs=0.05)

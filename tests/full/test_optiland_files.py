@@ -56,7 +56,7 @@ def test_the_surface_is_the_mirror(kind, load, tmp_path):
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, beside):
-    """From the imager through the lens: its own field points, up to 135 deg and more."""
+    """Trace from the imager through the lens: its own field points, up to 135 deg and more."""
     sensor = sensor_of(kind)
     write_zmx(tmp_path / "s.zmx", sensor)
     system = load(tmp_path / "s.zmx")

@@ -3,8 +3,7 @@
     python -m tests.fuzz.native_arguments [--calls 3000] [--seed 0]
 
 Every call must return or raise a Python exception, and write only to its arrays. Run as a separate
-process, since a fault
-ends it; `native/sanitize.sh` runs it with sanitizers.
+process, since a fault ends it; `native/sanitize.sh` runs it with sanitizers.
 """
 
 from __future__ import annotations

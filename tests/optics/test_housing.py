@@ -54,8 +54,7 @@ def test_sizes_of_covers_are_refused_outside_their_bounds(name):
 
 def test_covers_are_as_wide_as_the_mirror_needs():
     """Minimum diameters by Pythagoras, from the back of the mirror; default diameters have a
-    clearance of 3 mm, rounded up to
-    1 mm."""
+    clearance of 3 mm, rounded up to 1 mm."""
     envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
     tube, dome = Tube(wall_mm=4.0), Dome(wall_mm=4.0, centre_mm=-50.0)
     assert tube.diameters(45.0) == (98.0, 104.0)
@@ -101,7 +100,7 @@ def magnified(sensor, omega_deg):
 
 
 def test_the_picture_goes_dark_at_these_angles(sensor):
-    """To 0.01 deg, in the compiled kernels and in the ground truth."""
+    """Agreement to 0.01 deg, in the compiled kernels and in the ground truth."""
     white, edges = Environment(np.ones((4, 8, 3), np.float32)), set(sensor.clear_field_deg) - set(sensor.field_deg)
     for edge in edges:
         near = magnified(sensor, edge)

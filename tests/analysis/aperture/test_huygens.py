@@ -149,8 +149,8 @@ def line_mtf(light, phase, steps, nu, wave_mm=WAVE):
     Fourier transform.
 
     Light and phase (side, side) are given at direction cosines ``steps`` apart at the imager. The
-    image points of the
-    discrete transform span one period of the sampled pupil, which conserves the light.
+    image points of the discrete transform span one period of the sampled pupil, which conserves the
+    light.
     """
     side = len(light)
     wave = np.sqrt(light) * np.exp(2j * np.pi / wave_mm * phase)

@@ -83,8 +83,7 @@ def blocked_by_fold(rays, distance, radius, bore):
     frame.
 
     Heights are measured from the vertex of the ball to its back: the lens is at M - 2 distance, the
-    second mirror at
-    -distance.
+    second mirror at -distance.
     """
 
     def distance_at(height, start, way):
@@ -95,9 +94,7 @@ def blocked_by_fold(rays, distance, radius, bore):
     start, way = rays.met * turn - [0, 0, M], rays.towards_lens * turn
     lens, edge = M - 2 * distance, A - np.sqrt(A**2 - bore**2)
     blocked = distance_at(-distance, start, way) > radius
-    blocked |= (
-        distance_at(np.minimum(start[:, 2], lens), start, way) < bore
-    )  # reaches the bore before the second mirror
+    blocked |= distance_at(np.minimum(start[:, 2], lens), start, way) < bore  # bore in front of the second mirror
     if lens > edge:  # through the bore after the second mirror
         blocked |= distance_at(-2 * distance - edge, start, way) > bore
     out = -rays.incoming * turn
@@ -230,8 +227,7 @@ VIGNETTED = {
 
 @pytest.mark.parametrize("case", few(VIGNETTED, "two rims, off-centre", "behind a bore, vignetted"))
 def test_the_mtf_of_a_vignetting_lens_is_that_of_waves_through_the_glass(case, tmp_path):
-    """By the line spread function of waves from the mirror, through bore, glass and clear
-    apertures."""
+    """Line spread function of waves from the mirror, through bore, glass and clear apertures."""
     clear, key, fold, omega = VIGNETTED[case]
     truth, filled = mtf_of_waves(omega, clear, fold)
     second = None if fold is None else Secondary(Flat(fold[1]), fold[0], fold[2])

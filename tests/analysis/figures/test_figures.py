@@ -278,8 +278,7 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
         assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=0.5)
         assert text.get_fontsize() == 6.5
         # the leader line starts at the centre of the left edge of the label, with Matplotlib's
-        # padding of 2 pt and 0.5 pt, and ends
-        # 1 pt before the point; 1 pt is 2 px
+        # padding of 2 pt and 0.5 pt, and ends 1 pt before the point; 1 pt is 2 px
         start, end = text.arrow_patch.get_path().vertices[[0, -1]]
         point, edge = ax.transData.transform(text.xy), np.array([box.x0, (box.y0 + box.y1) / 2])
         towards = (point - edge) / np.hypot(*(point - edge))

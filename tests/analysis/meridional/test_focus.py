@@ -312,8 +312,7 @@ def test_blur_in_degrees_is_blur_over_resolution():
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
 def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
     """Section 6: marginal rays of the aperture, traced from a distant object over the real mirror,
-    hit the imager within a few
-    0.01 px of the predicted blur."""
+    hit the imager within a few 0.01 px of the predicted blur."""
     lens, m, mirror = sensor.lens, sensor.mirror_distance_mm, sensor.mirror
     angles = np.array([15.0, 60.0, 105.0, 130.0])
     result = om.evaluate(sensor, angles)

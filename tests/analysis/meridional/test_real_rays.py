@@ -1,10 +1,9 @@
 """Evaluation against finite real rays, traced here from sag and the law of reflection only.
 
 A fan of rays from the object hits the mirror close to both sides of the mirror point of the chief
-ray, in the meridian
-plane (tangential) and perpendicular to it (sagittal). The intersection of the reflected rays with
-the chief ray is a
-virtual image at finite spacing; Richardson extrapolation yields the limit of zero spacing.
+ray, in the meridian plane (tangential) and perpendicular to it (sagittal). The intersection of the
+reflected rays with the chief ray is a virtual image at finite spacing; Richardson extrapolation
+yields the limit of zero spacing.
 """
 
 from __future__ import annotations

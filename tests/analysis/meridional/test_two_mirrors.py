@@ -136,9 +136,7 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
         def sagittal(spacing, obj=obj, d=d, x=x):
             psi = spacing / x
             p, r = to_lens(sensor, obj, d, x * np.cos(psi), x * np.sin(psi))
-            return 1 / (
-                reference - (p - p[1] / r[1] * r)[2]
-            )  # intersects its counterpart from -psi in the meridian plane
+            return 1 / (reference - (p - p[1] / r[1] * r)[2])  # with its counterpart from -psi
 
         assert 1 / result.distance_t_mm[i] == pytest.approx(extrapolated(tangential), rel=3e-6), omega[i]
         assert 1 / result.distance_s_mm[i] == pytest.approx(extrapolated(sagittal), rel=3e-6), omega[i]
@@ -147,7 +145,7 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("kind", [k for k in SENSORS if k != "telecentric"])
 def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
-    """From the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
+    """Trace from the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
     sensor = SENSORS[kind]
     sensor = replace(sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0))
     rng = np.random.default_rng(3)
@@ -159,9 +157,7 @@ def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
     assert valid.all()
     second = sensor.secondary
     to_secondary = sensor.mirror_distance_mm - second.distance_mm
-    vertex = np.array(
-        [0.0, 0.0, to_secondary - second.distance_mm]
-    )  # of the primary, behind the camera or in front of it
+    vertex = np.array([0.0, 0.0, to_secondary - second.distance_mm])  # of the primary
     for pixel, origin, direction in zip(pixels, origins, directions, strict=True):
         on_imager = (pixel - sensor.imager.centre) * sensor.imager.pitch_mm
         ray = np.array([*on_imager, sensor.lens.image_distance])

@@ -1,6 +1,5 @@
 """Signals end each command with one message and its exit code, without leftover files or processes;
-`main` restores the
-state of the calling process."""
+`main` restores the state of the calling process."""
 
 from __future__ import annotations
 
@@ -350,7 +349,7 @@ def test_signals_are_sent_to_every_command():
 
 
 def test_hang_ups_that_are_ignored_stay_so(tmp_path):
-    """As under nohup: the command continues, and another signal ends it."""
+    """The command continues under nohup, and another signal ends it."""
     with subprocess.Popen(
         [sys.executable, "-m", "omnimirror", "studio", "--no-open"], text=True, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
@@ -422,8 +421,8 @@ def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatc
 
 
 def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
-    """In a separate process with standard error at descriptor 2: C code of the caller can write to
-    it again."""
+    """Separate process with standard error at descriptor 2: C code of the caller can write to it
+    again."""
     code = (
         "import os, signal, sys, omnimirror.apps.cli as cli\n"
         "cli.main(['sensors', '--quiet'])\n"
@@ -442,8 +441,8 @@ def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
 
 @pytest.mark.parametrize("where", ["cli.app.invoke", "cli.main"])
 def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
-    """As during definitions of dataclasses: the interpreter would end with SIGINT even if the
-    exception is handled."""
+    """Case of dataclass definitions: the interpreter would end with SIGINT even if the exception is
+    handled."""
     (tmp_path / "interrupted.py").write_text(
         "import signal, sys, omnimirror.apps.cli as cli\n"
         "from omnimirror.__main__ import run\n"

@@ -236,9 +236,7 @@ def test_a_straightened_board_is_a_board_with_square_squares(number, client, new
     assert again.used, again.reason
     scale = place["px_per_mm"]
     lattice = scale * (BOARD.points_mm[again.ids, :2] + place["margin_mm"])
-    turned = scale * (
-        BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"]
-    )  # the origin of a board can be at either end
+    turned = scale * (BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"])  # either end is valid
     off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
     assert off < 1.0
     outcome = found["pictures"][number]

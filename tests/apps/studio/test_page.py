@@ -95,9 +95,7 @@ def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
     circle = page.locator("#overlay")
     box = circle.bounding_box()
     circle.scroll_into_view_if_needed()
-    circle.dblclick(
-        position={"x": box["width"] * 0.8, "y": box["height"] * 0.5}
-    )  # the right of the image is the left of the room
+    circle.dblclick(position={"x": box["width"] * 0.8, "y": box["height"] * 0.5})  # left of the room
     rays = om.load_sensor("paper-spherical").backproject([[1024 * 0.8 - 0.5, 511.5]])
     ahead = rays.directions[0]
     assert state(page)["pan"] == pytest.approx(np.degrees(np.arctan2(-ahead[1], ahead[0])), abs=1)
@@ -148,7 +146,7 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
 
 @pytest.mark.full
 def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
-    """In an image of another size than the sensor's, off its centre."""
+    """Image of another size than the sensor's, off its centre."""
     v, u = np.mgrid[:480, :700]
     turn = np.arctan2(v - 215, u - 390)
     disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)

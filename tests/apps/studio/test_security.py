@@ -138,7 +138,7 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
 
 
 def test_no_question_is_larger_than_what_is_taken(client):
-    """By the announced length."""
+    """Limit of the announced length."""
     huge = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in ("/api/bench/change", "/api/bench/file", "/api/bench/requirements", "/api/sensor-file", "/api/sensors"):
         answer = client.post(path, content=huge, headers={"content-type": "application/json"})

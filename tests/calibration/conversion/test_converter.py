@@ -151,7 +151,7 @@ def test_a_sensor_without_a_viewpoint_costs_by_distance(tmp_path, to):
 
 @pytest.mark.full
 def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
-    """Of z = -B + B/A sqrt(A^2 + x^2), observed from one focus, the other: sqrt(A^2 + B^2) - B
+    """Foci of z = -B + B/A sqrt(A^2 + x^2): one is the lens, the other is sqrt(A^2 + B^2) - B
     behind the vertex."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     made = convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=0.001)

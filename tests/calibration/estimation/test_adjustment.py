@@ -77,8 +77,8 @@ def test_points_are_placed_where_their_targets_stand():
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])
 def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
-    """For any pixel displacement per millimetre along the line; a line imaged end-on is handled
-    too."""
+    """Any pixel displacement per millimetre along the line is supported, including a line imaged
+    end-on."""
     slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
     both = np.array([[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]])
     found = without_slides(

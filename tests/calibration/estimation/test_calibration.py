@@ -143,8 +143,7 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
     """Free unified model, with a curved valley of xi, focal length and radial terms.
 
     With the curvature at the estimate, RMS errors of xi were 3 standard deviations, and a
-    combination was reported for some
-    seeds only.
+    combination was reported for some seeds only.
     """
     truth = replace(TRUTH, xi=xi, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     errors = []
@@ -164,7 +163,8 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
 
 
 def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
-    """With three radial terms, xi = 1.14 fits the corners of a camera with 1.3 equally well."""
+    """A model with three radial terms and xi = 1.14 fits the corners of a camera with 1.3 equally
+    well."""
     truth = replace(TRUTH, xi=1.3, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     found = calibrated(detections(truth, count=12, seed=0))
     xi = found.parameters[0]
@@ -221,8 +221,7 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(opt
 )
 def test_flipped_pictures_are_named_and_left_out(count, numbers):
     """A chessboard is valid in its mirror image too: only the offset between mirror and image
-    centres reveals the flip, and
-    camera and poses absorb nearly all of it."""
+    centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
     left_out = {p.name: p.reason for p in found.pictures if not p.used}
     assert left_out.keys() == {f"picture {number + 1}" for number in numbers}
@@ -247,8 +246,8 @@ def test_none_is_called_flipped_where_none_was(seed):
     [(5, 2), *(pytest.param(count, seed, marks=pytest.mark.full) for count in (4, 6) for seed in range(12))],
 )
 def test_few_pictures_lead_to_the_camera_too(count, seed):
-    """With all mirror parameters free too early, five images led to no solution, with residuals of
-    1.5 px."""
+    """Five images led to no solution, with residuals of 1.5 px, if all mirror parameters were free
+    too early."""
     random = np.random.default_rng([count, seed])
     middle = (326.0, 236.0) if seed == 2 else tuple(np.array([319.5, 239.5]) + random.uniform(-8, 8, 2))
     found = calibrated(detections(replace(TRUTH, centre_px=middle), count=count, seed=seed))

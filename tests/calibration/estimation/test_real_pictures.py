@@ -106,7 +106,7 @@ def test_a_wrong_board_is_said(tmp_path):
 
 
 def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
-    """As for all other commands; missing files are reported."""
+    """Same behaviour as all other commands; missing files are reported."""
     run = omnimirror("calibrate", "*.jpg", "--board", "11x7", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 1
     assert "there is no file *.jpg" in run.stderr

@@ -112,7 +112,7 @@ def test_the_boards_shape_is_not_that_of_the_room():
 @pytest.mark.full
 @pytest.mark.long
 def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
-    """With a third of the 28 points, any mirror fits; the others then keep residuals of 26 px."""
+    """Any mirror fits 9 of the 28 points; the others then keep residuals of 26 px."""
     camera, random = om.load_sensor("paper-hyperboloidal"), np.random.default_rng(2)
     points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]
     found = camera.project(points)

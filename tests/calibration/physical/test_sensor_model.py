@@ -189,7 +189,7 @@ def test_errors_say_what_would_be_valid(free, priors, words):
 
 
 def test_the_viewpoint_is_where_rays_meet_the_axis():
-    """For a hyperboloid with a single viewpoint, at its focus."""
+    """The viewpoint of a single-viewpoint hyperboloid is its focus."""
     sensor = sensor_of("hyperboloid")
     focus = np.hypot(sensor.mirror.a_mm, sensor.mirror.b_mm) - sensor.mirror.b_mm
     np.testing.assert_allclose(om.SensorModel(sensor).viewpoint_mm, [0, 0, focus], atol=1e-6)

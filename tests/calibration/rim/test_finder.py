@@ -194,8 +194,7 @@ def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(first):
 @pytest.mark.parametrize("size", few([720], [600, 720, 1080]))
 def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
     """A bright band of 2 % of the radius in front of a dark room, with a uniform sky in the mirror:
-    the outer edge of the band is
-    the clearest, and both coincide at the initial working size."""
+    the outer edge of the band is the clearest, and both coincide at the initial working size."""
     v, u = np.mgrid[:size, :size] / size
     away, turn = np.hypot(u - 0.52, v - 0.47) * size, np.arctan2(v - 0.47, u - 0.52)
     radius = 0.33 * size

@@ -82,7 +82,7 @@ def test_the_rim_of_a_tilted_mirror_goes_back_to_its_pose():
 
 
 def test_two_tilts_show_the_same_rim_and_the_camera_in_the_middle_tells_which():
-    """For a pose that the solution of smaller decentre does not reproduce."""
+    """A pose that the solution of smaller decentre does not reproduce."""
     pose, sensor = MirrorPose(6.0, -5.0, 0.0, -3.0, -3.0), large("paper-spherical")
     true = replace(sensor, mirror_pose=pose)
     rim = rim_of(true)

@@ -12,7 +12,7 @@ MATRIX = np.array([[300.0, 0.0, 322.0], [0.0, 310.0, 237.0], [0.0, 0.0, 1.0]])
 
 
 def test_pixels_and_derivatives_are_opencvs():
-    """In front of the camera; OpenCV has no projection beyond 90 deg."""
+    """Points in front of the camera; OpenCV has no projection beyond 90 deg."""
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-300, 300, (400, 2)), rng.uniform(20, 200, 400)])
     expected, jacobian = cv2.fisheye.projectPoints(
@@ -33,7 +33,7 @@ def test_pixels_and_derivatives_are_opencvs():
 
 
 def test_it_goes_on_behind_the_camera():
-    """As r = Omega (1 + ...) requires, up to 180 deg."""
+    """Radii of r = Omega (1 + ...), up to 180 deg."""
     omega = np.radians([100.0, 130.0, 170.0])
     camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=0.01)
     directions = np.stack([np.sin(omega), 0 * omega, np.cos(omega)], axis=-1)

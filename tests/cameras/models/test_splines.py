@@ -90,8 +90,7 @@ def test_one_viewpoint_is_the_central_model():
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
 def test_it_can_be_a_mirror_that_is_not_central(name):
     """Points at finite distances by the rays of the sensor: the spline of eight knots has small
-    errors, a central one much
-    larger ones."""
+    errors, a central one much larger ones."""
     sensor = om.load_sensor(name)
     symmetry = sensor.symmetry
     end = 0.995 * symmetry.omega_max

@@ -167,8 +167,8 @@ TUBE, DOME = (
 
 def finite_resolution(sensor, h, surface):
     """Return field angle and resolution, px/deg along and around, by rays of neighbouring pixels
-    refracted with Snell's law:
-    size on the object surface, across the ray, over the length of the optical path from the mirror."""
+    refracted with Snell's law: size on the object surface, across the ray, over the length of the
+    optical path from the mirror."""
     shell, A, m = sensor.housing.shell, sensor.mirror.radius_mm, sensor.mirror_distance_mm
     b = 1 / (1 / sensor.lens.focal_length_mm - 1 / sensor.lens.focus_distance_mm)
     middle = shell.centres_mm[1] if isinstance(shell, Dome) else None

@@ -226,9 +226,7 @@ def test_a_dome_stands_around_the_mirror_where_it_fits():
     wanted = asked(om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True)
     wanted = replace(wanted, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89))
     found = om.design_from_parts(wanted, SHELF, most=100)
-    assert {design.combination.dome.name for design in found.found} == {
-        "dome 200"
-    }  # the mirror has a diameter of 60 mm
+    assert {design.combination.dome.name for design in found.found} == {"dome 200"}  # mirror of 60 mm
     for design in found.found:
         assert design.design.sensor.housing.shell.diameter_mm == 200.0
         assert whole_of(design.design.sensor).diameter_mm == 200.0

@@ -96,7 +96,7 @@ def test_a_panorama_at_f_4_needs_next_to_nothing():
 
 
 def test_a_limit_in_the_middle_of_the_field_is_focused_for_there():
-    """With the area merit of the whole field, 0.335 deg of geometric blur remained there."""
+    """The area merit of the whole field left 0.335 deg of geometric blur there."""
     found = best(parse_requirements(SURVEY))
     reached = next(r.reached for r in found.rows if r.is_limit)
     sensor, omega = found.sensor, np.linspace(85, 95, 41)
@@ -334,8 +334,7 @@ def conflict_in(text):
     ],
 )
 def test_what_gives_at_once_is_what_has_to(text):
-    """With any one of them reset to the original, a requirement is violated; with all of them, all
-    are met.
+    """Any one of them reset to the original violates a requirement; all of them together meet all.
 
     On the ceiling, resolution is the limit, which no F-number improves.
     """

@@ -148,7 +148,7 @@ def test_what_gives_jointly_is_enough(missed):
 
 @pytest.mark.full  # as for mirrors without optimisation, each of which runs daily
 def test_what_gives_jointly_has_to(missed):
-    """With each reset to the original and the others relaxed, a requirement is violated."""
+    """Each one reset to the original, with the others relaxed, violates a requirement."""
     joint = missed.conflict.joint
     assert len(joint) >= 2
     for r in joint:

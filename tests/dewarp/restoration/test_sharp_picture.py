@@ -29,7 +29,7 @@ def small_tiles(monkeypatch: pytest.MonkeyPatch):
 
 
 def blur_of(fineness: int) -> Blur:
-    """For a cropped image, with kernels that extend beyond its border."""
+    """Blur of a cropped image, with kernels that extend beyond its border."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     sensor = replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0)))
     known = round_blur_of(sensor)
@@ -100,7 +100,7 @@ def _box(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("channels", [1, 3])
 def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(blur: Blur, kind, channels: int):
-    """With known fine values: initially, each is the mean of the pixels it touches."""
+    """Image with known fine values: initially, each is the mean of the pixels it touches."""
     roots = random_roots(blur, channels)
     fine = np.repeat(np.repeat(roots, 2, axis=0), 2, axis=1)
     padded = np.pad(fine, ((1, 0), (1, 0), (0, 0)), "edge")
@@ -240,11 +240,9 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
 
 
 # Effect of float32 rounding, in light: if each root is perturbed in its last bit, the sparse
-# implementation differs from
-# itself by so much in 0.1 % of the values, and by so little in half of them, at worst of twelve
-# images. Three times that
-# are accepted; the two implementations differ by up to 2.5 times as much. Single values can diverge
-# after many steps (3e-2).
+# implementation differs from itself by so much in 0.1 % of the values, and by so little in half of
+# them, at worst of twelve images. Three times that are accepted; the two implementations differ by
+# up to 2.5 times as much. Single values can diverge after many steps (3e-2).
 @needs_compiled
 @pytest.mark.parametrize(
     ("tile_px", "effort", "of_thousandth", "of_half"),

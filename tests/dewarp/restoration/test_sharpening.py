@@ -211,8 +211,8 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scen
 
 @pytest.mark.long
 def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(smaller: Restorer, scene: om.Environment):
-    """With the image of a sensor, and the blur specified in each form: equal to that of the sensor,
-    up to the rim."""
+    """Image of a sensor with the blur specified in each form: equal to that of the sensor, up to
+    the rim."""
     picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
     centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
     ball = om.MirrorBall(centre, rim, 360.0, (160, 160))
@@ -229,8 +229,7 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(sm
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
 def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Environment, times: float):
-    """With the correct blur nothing is reduced; with a larger one, about the actual blur is
-    removed."""
+    """The correct blur is not reduced; a larger one is reduced to about the actual blur."""
     noisy = om.take_picture(small.camera, scene, samples=64, blur=True) + 2.55 * np.random.default_rng(
         1
     ).standard_normal(3)
@@ -275,9 +274,8 @@ def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lo
     ("kind", "quality"), [pytest.param("leaves", 90, marks=pytest.mark.full), ("leaves", 75), ("clouds", 75)]
 )
 def test_coded_pictures_lose_nothing(small: Restorer, kind: str, quality: int, request: pytest.FixtureRequest):
-    """With blind noise estimation: neither blocks nor ringing are sharpened, and clouds, which are
-    texture everywhere, lose no
-    more than by coding."""
+    """Blind noise estimation: neither blocks nor ringing are sharpened, and clouds, which are
+    texture everywhere, lose no more than by coding."""
     scene = request.getfixturevalue("scene") if kind == "leaves" else clouds(1024)
     assert gains(small, scene, quality=quality).tenths_db.min() > -0.3
 

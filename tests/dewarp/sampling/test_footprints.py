@@ -1,6 +1,5 @@
 """Footprint averages against their definition in float64, against image content, and at the limits
-of fields, views and
-memory."""
+of fields, views and memory."""
 
 import math
 from functools import cache
@@ -218,7 +217,7 @@ def test_the_first_frame_is_the_others_to_the_bit():
 
 
 def test_stripes_finer_than_a_pixel_become_grey(sampler):
-    """With one sample per pixel, they alias to broad bands."""
+    """Stripes sampled once per pixel alias to broad bands."""
     stripes = np.zeros((400, 400), np.uint8)
     stripes[:, ::4] = stripes[:, 1::4] = 200
     places = affine([[4.3, 0.3], [-0.3, 4.3]], (199.5, 199.5), (80, 80))

@@ -324,8 +324,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
-    """Where float32 has gaps of 1 and 2 pixels, integer positions yield their pixel and those
-    beyond the last one none."""
+    """Integer positions at float32 gaps of 1 and 2 pixels yield their pixel, and those beyond the
+    last one none."""
     width = 2**24 + 5
     picture = np.zeros((16, width, 1), dtype)  # few pages are touched
     beyond = width + 1, width + 3, 2.0**30
@@ -371,9 +371,7 @@ def test_weights_that_interpolate_nothing_are_refused():
         for weights in ((wrong, good), (good, wrong)):
             with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
                 MODULE.remap_lattice(picture, x, y, *weights, cells, patches, out, 1, 0)
-    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
-        step, axis=1
-    )  # sum 1, but far from Lagrange weights
+    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(step, axis=1)  # sum 1, far from Lagrange weights
     x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
     MODULE.remap_lattice(picture, x, y, far, far, cells, patches, out, 1, 7)
     assert (out == 7).all()

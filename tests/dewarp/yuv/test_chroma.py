@@ -229,7 +229,7 @@ def test_what_is_no_frame_is_refused(shapes, dtype, more, message):
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_flat_maps_are_met_exactly(data):
-    """For an affine map between any sizes, the chroma map equals the definition of siting."""
+    """The chroma map of an affine map between any sizes equals the definition of siting."""
     sitings = data.draw(st.tuples(*[st.sampled_from(list(SITINGS))] * 2))
     width, height = (data.draw(st.integers(2, 40)) for _ in range(2))
     matrix = np.array(data.draw(st.lists(st.floats(-1, 1), min_size=4, max_size=4))).reshape(2, 2)

@@ -92,7 +92,7 @@ def test_rawvideo_is_nothing_but_pixels(clip):
 
 
 def test_a_reader_that_has_seen_enough_is_no_error(clip):
-    """As for any program on a pipe, the broken pipe is left to the command line, which ignores it."""
+    """The broken pipe is left to the command line, which ignores it, as for any program on a pipe."""
     code = f"""
 import sys
 from omnimirror.io.live.outputs import PipeSink

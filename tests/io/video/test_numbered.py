@@ -83,9 +83,7 @@ def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
     out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
     words = ["dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "512x256", "-o", out / "%d.png", "-o", "-"]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
-        assert (
-            run.stdout.read(9) == b"YUV4MPEG2"
-        )  # a frame exceeds the pipe buffer, so the writer blocks until it is read
+        assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
         run.send_signal(signal.SIGTERM)
         _, said = run.communicate()
     assert run.returncode == 143, said
@@ -159,7 +157,7 @@ def test_what_is_lost_is_said(tmp_path):
 
 
 def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
-    """As declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
+    """Siting declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
     them."""
     frame, (y, u, v) = empty_frame((64, 48))
     y[:], u[:], v[:] = 128, 128, 64 + 4 * np.arange(32)

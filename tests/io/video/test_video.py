@@ -286,15 +286,7 @@ HDR = Colour(1, 9, 9, 16)
         ("a.mkv", "ffv1", "yuv422p10le", "o.mp4", {}, "yuv422p10le", ""),
         ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "ffv1"}, "yuv444p", ""),
         ("a.mkv", "ffv1", "yuva444p12le", "o.mkv", {"codec": "ffv1"}, "yuva444p12le", ""),
-        (
-            "a.mkv",
-            "ffv1",
-            "yuva444p10le",
-            "o.mov",
-            {"codec": "prores_ks"},
-            "yuva444p12le",
-            "",
-        ),  # decoded to this format
+        ("a.mkv", "ffv1", "yuva444p10le", "o.mov", {"codec": "prores_ks"}, "yuva444p12le", ""),  # decoded format
         ("a.mkv", "ffv1", "yuva444p12le", "o.mp4", {}, "yuv444p10le", "12 bits become 10, transparency is lost;"),
         ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "mpeg4"}, "yuv420p", "colours in 4:4:4 become 4:2:0;"),
         ("a.mkv", "ffv1", "bgr0", "o.mp4", {}, "yuv420p", "colours in RGB become 4:2:0;"),

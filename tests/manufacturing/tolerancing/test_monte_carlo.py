@@ -160,7 +160,7 @@ def test_curve_without_valid_trials_is_empty():
 
 
 def test_confidence_interval_coverage():
-    """Of 400 experiments with 200 trials, at least 0.95 minus three sigma cover the truth."""
+    """At least 0.95 minus three sigma of 400 experiments with 200 trials cover the truth."""
     passed = np.random.default_rng(1).binomial(200, 0.9, size=400)
     covered = [clopper_pearson(int(k), 200) for k in passed]
     assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)

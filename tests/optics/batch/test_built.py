@@ -1,6 +1,5 @@
 """Batch evaluation of designs with a real lens behind a dome: against rays traced here through
-every surface, separate
-evaluations, and the compiled evaluator against NumPy."""
+every surface, separate evaluations, and the compiled evaluator against NumPy."""
 
 from __future__ import annotations
 

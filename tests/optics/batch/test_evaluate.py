@@ -110,9 +110,7 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
     angles = np.minimum(batch.omega_deg[0], sensor.field_deg[1])
     best = om.best_focus(sensor, "worst_floored_area_deg2", omega_deg=angles, mode=mode, image_radius_px=radius)
     assert batch.worst_floored_area_deg2[0] <= best.value * (1 + 1e-9)
-    if batch.worst_floored_area_deg2[0] >= best.value * (
-        1 - 1e-9
-    ):  # otherwise the golden sections ended in another valley
+    if batch.worst_floored_area_deg2[0] >= best.value * (1 - 1e-9):  # else another valley
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
@@ -170,8 +168,8 @@ def each_instruction_set(request):
 @pytest.mark.usefixtures("each_instruction_set")
 @pytest.mark.parametrize("angles", [1, 2, 7, 8, 9, 100])
 def test_every_instruction_set_gives_the_numbers_of_numpy(angles):
-    """For any number of remaining lanes, and slopes of all three pieces of the arctangent: up to 4
-    at the rim."""
+    """Any number of remaining lanes, and slopes of all three pieces of the arctangent: up to 4 at
+    the rim."""
     steep = [[0.6409, 0.155, -0.01], [1.0, 0.2, 0.0], [1.2, 0.4, 0.0], [0.2, 0.05, 0.0]]
     designs = Designs(family("even-polynomial", 3), steep, 250.0, M, 11.6, 4.0, 5.2, object_distance_mm=500.0)
     u = np.linspace(1.0 / angles, 1.0, angles)

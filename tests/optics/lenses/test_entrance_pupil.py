@@ -1,8 +1,8 @@
 """Lens with an entrance pupil away from its principal point, against two thin lenses with a stop.
 
 The reference is traced here, lens by lens: a thin lens of focal length f changes the slope of a ray
-by -y/f. Principal
-point and entrance pupil of the pair follow from its matrices, independent of the package.
+by -y/f. Principal point and entrance pupil of the pair follow from its matrices, independent of the
+package.
 """
 
 from dataclasses import replace

@@ -190,7 +190,8 @@ def test_the_finite_rows_tend_to_the_distant_ones():
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize("cls", [Equidistant, Equiangular, Equiareal])
 def test_a_field_that_begins_past_the_camera_takes_a_pointed_mirror(cls, theta):
-    """From 30 deg, obscured by the camera: the mapping distributes the rest over the whole image."""
+    """The field starts at 30 deg, obscured below by the camera: the mapping distributes it over the
+    whole image."""
     mirror = cls(135.0, theta, M, omega_min_deg=30.0)
     omega, tau, _, _ = evaluated(mirror)
     low = np.radians(30)

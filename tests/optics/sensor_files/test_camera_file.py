@@ -112,7 +112,7 @@ def test_any_text_is_read_or_refused(text):
 
 
 def test_whatever_holds_a_camera_is_read(tmp_path):
-    """By content: a sensor name, a sensor file, an OCamCalib file."""
+    """Detection by content: a sensor name, a sensor file, an OCamCalib file."""
     sensor = om.load_sensor("paper-spherical")
     assert om.load_camera("paper-spherical") == sensor
     om.save_camera(sensor, tmp_path / "sensor.toml")

@@ -358,9 +358,7 @@ def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
     with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"):
         om.evaluate(covered("tilted tube"))
-    kept_in = Dome(
-        1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0
-    )  # offset of 240/520 of its radius, times 2.4
+    kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of the radius, times 2.4
     with pytest.raises(SelfObstruction, match="keeps in rays from x = "):
         om.evaluate(replace(SPH, housing=Housing(shell=kept_in)))
 
@@ -407,8 +405,8 @@ def test_materials_have_the_indices_that_were_published(name):
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 @pytest.mark.parametrize("name", COVERS)
 def test_compiled_walls_are_numpys(name):
-    """From inside and outside, along the axis, from the wrong side: to the last digits, with equal
-    validity."""
+    """Rays from inside and outside, along the axis, from the wrong side: to the last digits, with
+    equal validity."""
     shell, rng = covered(name).obstructions.housing.shell, np.random.default_rng(5)
     reach = 70.0 if "window" in name else 1.2 * shell.radii_mm[0]
     points, directions = rng.uniform(-reach, reach, (3000, 3)), rng.normal(size=(3000, 3))

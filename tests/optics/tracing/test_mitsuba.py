@@ -1,8 +1,7 @@
 """Ray interface of Mitsuba 3, with meshes of the mirrors with smooth normals and its own sphere.
 
 A mesh from the product's sag verifies the tracer only; sag and slope have separate tests. The lens
-rays are built here
-from the parameters of the imager only.
+rays are built here from the parameters of the imager only.
 """
 
 from __future__ import annotations

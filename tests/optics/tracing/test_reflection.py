@@ -45,8 +45,7 @@ def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monke
 
 
 def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
-    """From far away along the axis, a direction at any angle is observed at half of it from the
-    axis."""
+    """A direction observed from far away along the axis is at half of its angle from the axis."""
     towards = np.random.default_rng(5).normal(size=(COUNT, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))

@@ -208,7 +208,7 @@ def test_more_rays_than_a_chunk_are_traced_like_one_by_one():
     "mirror", [Sphere(50.0, 44.0), ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0), Cone(50.0, 44.0)]
 )
 def test_the_distance_is_in_units_of_the_direction(mirror, distance):
-    """For rays parallel to the axis, the hit is the sag, for any start height and direction length."""
+    """The hit of rays parallel to the axis is the sag, for any start height and direction length."""
     x = np.array([-43.9, -10.0, 5.0, 30.0])
     origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
     for length in (1.0, 2.0):

@@ -97,7 +97,7 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
 
 
 def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
-    """By the retraced ray of that pixel: static points are unchanged, and body points have moved."""
+    """Retraced ray of that pixel: static points are unchanged, and body points have moved."""
     v, u = np.nonzero(found.seen_again)
     there = np.stack([u, v], axis=1) + found.flow_px[found.seen_again]
     rays = SMALL.backproject(there)

@@ -103,7 +103,7 @@ SENSORS = {
 
 @pytest.mark.parametrize("part", SENSORS)
 def test_a_white_world_is_as_bright_as_the_aperture_is_filled(part, tmp_path):
-    """For pixels right of the axis with partial vignetting: image, spots and illumination."""
+    """Pixels right of the axis with partial vignetting: image, spots and illumination."""
     sensor, plan = SENSORS[part](tmp_path), spread(144, True)
     width, height = sensor.image_size
     first, row = int(sensor.imager.centre[0]) + 4, slice(height // 2, height // 2 + 1)

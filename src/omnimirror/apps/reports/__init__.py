@@ -47,8 +47,7 @@ def write_demo(
         Folder of all files.
     blur
         Whether to render through the whole lens aperture; applies to single-mirror sensors, images
-        of two-mirror sensors are
-        always sharp.
+        of two-mirror sensors are always sharp.
     progress
         Called with the current step and the completed fraction (0 to 1) of the total work.
 
@@ -56,8 +55,7 @@ def write_demo(
     -------
     Path
         Report, ``report.html``. The same folder contains ``circle.png``, ``panorama.png``,
-        ``view.png`` and
-        ``evaluation.csv``.
+        ``view.png`` and ``evaluation.csv``.
 
     Raises
     ------

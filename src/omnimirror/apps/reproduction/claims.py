@@ -1,8 +1,8 @@
 """Statements of the paper, the computed values, and the verdicts.
 
 The verdict follows from the printed statement, the computed value and one tolerance rule
-(:func:`printed_number`,
-:data:`WORDINGS`). A claim also records its known correct verdict, for the detection of regressions.
+(:func:`printed_number`, :data:`WORDINGS`). A claim also records its known correct verdict, for the
+detection of regressions.
 """
 
 from __future__ import annotations

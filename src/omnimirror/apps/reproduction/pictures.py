@@ -62,8 +62,7 @@ def fig16() -> Figure:
     """Draw the prototypes of Sec. 5.2; the paper prints no dimensions, these are assumed.
 
     The clear rod tapers towards the lens along the chief rays; its image equals that of the bare
-    mirror with the camera in
-    the centre. Images have the resolution of the printed panels.
+    mirror with the camera in the centre. Images have the resolution of the printed panels.
     """
     sphere = _sphere()
     pitch = sphere.imager.pixel_pitch_um * sphere.imager.width_px / PANEL_PX

@@ -1,8 +1,7 @@
 """Studio: browser application for sensors and their images, and pages that need no server.
 
 Requires the extra ``omnimirror[studio]``, except :func:`show`, :func:`viewer_of` and
-:func:`page_alone`, which require no
-extra, and :func:`video_viewer_of`, which requires ``[video]``.
+:func:`page_alone`, which require no extra, and :func:`video_viewer_of`, which requires ``[video]``.
 """
 
 from importlib import import_module

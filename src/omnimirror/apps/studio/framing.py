@@ -1,8 +1,7 @@
 """Binary messages: a JSON header and a payload of bytes.
 
 A message consists of the length of a JSON text (4 bytes, little-endian), the text padded with
-blanks to a multiple of 4
-bytes, and the payload.
+blanks to a multiple of 4 bytes, and the payload.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def test_python_and_the_command_line_write_the_same_file(tmp_path):
 
 
 def test_contradictions_in_a_file_are_printed(tmp_path):
-    """As notes of a conversion, and as warnings on standard error when the file is used."""
+    """Notes of a conversion, and warnings on standard error when the file is used."""
     om.convert(om.OCam((-130.0, 0.0, 1.9e-3), (515.0, 380.0), (1024, 768)), tmp_path / "a.txt", to="ocamcalib")
     text = (tmp_path / "a.txt").read_text().replace("380.0 515.0", "515.0 380.0")
     (tmp_path / "a.txt").write_text(text)

@@ -124,7 +124,7 @@ def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
 
 @pytest.mark.full
 def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
-    """For a hyperboloid, the camera reflection is at nearly the same position for both signs of the
+    """The camera reflection in a hyperboloid is at nearly the same position for both signs of the
     tilt."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     imager = replace(sensor.imager, width_px=1100, height_px=1100, centre_px=None)

@@ -119,9 +119,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     """Ctrl-C after the first start: the best design is written, and the same command completes the
     search."""
     search = ("design", "--optimise", "worst_blur_deg", "--terms", "16", "--starts", "12", "--resume", "search.json")
-    listens = (
-        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in a background job
-    )
+    listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in background
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
     program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
     process = subprocess.Popen(program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

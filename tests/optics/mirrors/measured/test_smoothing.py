@@ -35,7 +35,7 @@ def noise(n, seed):
 
 
 def test_exact_points_are_met():
-    """As without smoothing: slope and curvature of a spline through all of them."""
+    """Same result as without smoothing: slope and curvature of a spline through all of them."""
     x, z = points(0.05)
     mirror = SampledProfile(tuple(x), tuple(z), M)
     assert mirror.fit.uncertainty_mm == 0

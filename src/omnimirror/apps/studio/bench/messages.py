@@ -2,8 +2,7 @@
 them.
 
 Sensors are transferred as the tables of their file (``specs.tables_of``), requirements as those of
-a requirement file,
-non-finite numbers as null.
+a requirement file, non-finite numbers as null.
 """
 
 from __future__ import annotations

@@ -206,8 +206,7 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
 
 def _ways_out(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the exit points from a cover and the end points of rays (n, 3) in the world frame,
-    with the next points and an
-    obscuration mask."""
+    with the next points and an obscuration mask."""
     standing, shell = sensor.obstructions, sensor.obstructions.housing.shell
     points, towards = legs.mirror, legs.after
     masks = standing.met_by(points, towards, -legs.before, sensor.mirror_pose).values()

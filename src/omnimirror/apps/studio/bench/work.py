@@ -1,8 +1,7 @@
 """Search process: mirror optimisation and design from requirements.
 
 Run as ``python -m omnimirror.apps.studio.bench.work``, it reads one task from standard input and
-writes one progress
-message per line.
+writes one progress message per line.
 """
 
 from __future__ import annotations

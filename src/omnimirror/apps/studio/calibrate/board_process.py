@@ -1,8 +1,8 @@
 """Board detection process; imports the required modules only, because uploads wait for its start.
 
 Run as ``python -m omnimirror.apps.studio.calibrate.board_process``, it reads requests from standard
-input, each a line of
-JSON, a line with the length of the image, and the image; it answers each with a line.
+input, each a line of JSON, a line with the length of the image, and the image; it answers each with
+a line.
 """
 
 from __future__ import annotations

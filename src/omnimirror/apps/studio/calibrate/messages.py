@@ -1,8 +1,7 @@
 """Messages between server and Calibrate tab; the types of the page are generated from them.
 
 The page stores the images and their detections and uploads them with each request; a restart of the
-server loses no
-data. Non-finite numbers are transferred as null.
+server loses no data. Non-finite numbers are transferred as null.
 """
 
 from __future__ import annotations

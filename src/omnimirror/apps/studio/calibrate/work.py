@@ -1,9 +1,8 @@
 """Calibration process: estimates a camera from detected boards and writes its report.
 
 Run as ``python -m omnimirror.apps.studio.calibrate.work``, it reads the request and one detection
-per line from standard
-input and writes one progress message per line; the line ``stop`` ends it early with the best
-camera.
+per line from standard input and writes one progress message per line; the line ``stop`` ends it
+early with the best camera.
 """
 
 from __future__ import annotations

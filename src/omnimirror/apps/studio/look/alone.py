@@ -27,10 +27,9 @@ def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, in
     """Return a self-contained page that dewarps images dropped on it.
 
     The page contains the bundled sensors and mirror balls with a rendered image of a room for each
-    sensor, and the design
-    bench for analytic mirrors with ideal lenses. Mirror outlines are fitted manually; automatic
-    outline detection, levelling,
-    restoration, searches, tolerances and calibrations require the server.
+    sensor, and the design bench for analytic mirrors with ideal lenses. Mirror outlines are fitted
+    manually; automatic outline detection, levelling, restoration, searches, tolerances and
+    calibrations require the server.
 
     Parameters
     ----------

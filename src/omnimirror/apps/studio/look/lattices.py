@@ -17,11 +17,8 @@ Index = NDArray[np.intp]
 PartOf = Callable[[Array], Index]
 """Function that returns the part indices (...) of values (..., m)."""
 
-STEP = 4  # test point of a cell, off centre, where interpolation errors of both axes can cancel
-OFF_MIDDLE = (
-    2,
-    1,
-)  # test point of a cell, off centre, since interpolation errors of both axes can cancel at the centre
+STEP = 4  # spacing of the exact values, nodes
+OFF_MIDDLE = (2, 1)  # test point of a cell, off centre, where errors of both axes can cancel
 TAPS = 10  # taps of the interpolation in each direction
 MARGIN = TAPS // 2 - 1  # taps before the cell
 CLOSE = 0.5  # accepted error in float32 roundings at the test point; errors elsewhere in the cell remain below 1
@@ -35,9 +32,8 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
     """Return values (n, n, m) at ``(side[column], side[row])``, accurate to float32 rounding.
 
     Exact values are computed at every fourth node. Cells between them use 10-point Lagrange
-    interpolation if the values
-    exist, or can be extrapolated, and test points in the cell or its neighbours agree; all other
-    nodes are computed exactly.
+    interpolation if the values exist, or can be extrapolated, and test points in the cell or its
+    neighbours agree; all other nodes are computed exactly.
 
     Parameters
     ----------
@@ -86,8 +82,7 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
 
 def _interpolated(coarse: Array, known: Mask, at: Callable[[Index, Index], Array]) -> tuple[Index, Index, Array]:
     """Return rows and columns (c,) of smooth cells, from the mask of known coarse values (k, k, m),
-    and interpolated values
-    (c, STEP, STEP, m) of their nodes."""
+    and interpolated values (c, STEP, STEP, m) of their nodes."""
     filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, ALONG, TAPS - 2)
     inside, smooth = (
         np.pad(_windows(np.logical_and, mask, TAPS), MARGIN) for mask in (known, np.isfinite(filled[..., 0]))
@@ -136,8 +131,7 @@ def _between(exact: Array, row: Index, column: Index) -> Array:
     """Interpolate coarse values (k, k, m) in cells (c,); return (c, STEP, STEP, m).
 
     The matrix products are small enough for BLAS to run them in the calling thread; larger ones
-    start threads that
-    busy-wait for up to 0.1 s.
+    start threads that busy-wait for up to 0.1 s.
     """
     along = weights_between(MARGIN + np.arange(STEP) / STEP, np.zeros(STEP, np.intp))
     weights = np.kron(along, along).T

@@ -1,8 +1,7 @@
 """Videos, cameras and streams for any number of pages, decoded and encoded once.
 
 A page requests a frame after it has drawn the previous one and receives the newest; intermediate
-frames are dropped.
-A slow page therefore accumulates no delay and does not slow down other pages.
+frames are dropped. A slow page therefore accumulates no delay and does not slow down other pages.
 """
 
 from __future__ import annotations
@@ -38,8 +37,7 @@ class Stream:
         from ....io.live.playing import Playing
 
         # A source that has played before is reopened after a failure; one that never opened is
-        # reported as an error, and a
-        # reload tries again.
+        # reported as an error, and a reload tries again.
         self._playing = Playing(shown.place, shown.kind == "live", self._report, OPENING_S)
         self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
         self._thread.start()

@@ -1,11 +1,9 @@
 """Camera projection as lookup tables for the GPU, accurate to a few 0.001 px.
 
 A rotationally symmetric camera is tabulated over sin(Omega/2), as in
-:mod:`omnimirror.dewarp.maps.radial_table`, with
-fewer entries. Other cameras are sampled on a lattice of pixels over the disk ``sin(Omega/2) (cos
-phi, sin phi)`` about
-their axis, which resembles the image, with a table of the field boundary and, for mirrors, a
-lattice of ray origins.
+:mod:`omnimirror.dewarp.maps.radial_table`, with fewer entries. Other cameras are sampled on a
+lattice of pixels over the disk ``sin(Omega/2) (cos phi, sin phi)`` about their axis, which
+resembles the image, with a table of the field boundary and, for mirrors, a lattice of ray origins.
 """
 
 from __future__ import annotations
@@ -245,9 +243,8 @@ def _limits(project: Exact) -> Array:
     """Return the field boundary, sin(Omega/2), at equidistant azimuths.
 
     The boundary is searched at some azimuths and interpolated at the others. There, two nearby
-    points test if the boundary is
-    between them, with the inner one visible; on failure the bracket is widened, and finally the
-    whole range is searched.
+    points test if the boundary is between them, with the inner one visible; on failure the bracket
+    is widened, and finally the whole range is searched.
     """
     phi = _azimuths()[:-1]
     few = _narrowed(project, phi[:: LIMITS // FEW], np.zeros(FEW), 1.0)

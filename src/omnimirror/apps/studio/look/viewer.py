@@ -48,8 +48,7 @@ def viewer_of(
         Command-line options of the camera, displayed on the page.
     path
         File of the image, if any. A PNG or JPEG without an orientation tag is embedded unchanged,
-        any other image as
-        8-bit PNG.
+        any other image as 8-bit PNG.
     image : (h, w) or (h, w, 3) or (h, w, 4) array
         Decoded image.
 
@@ -79,8 +78,8 @@ def video_viewer_of(
     """Return a page that plays a video in a loop.
 
     Videos up to 64 MB are embedded. A larger video remains a separate file: a page on a web server
-    loads it directly, a page
-    on disk requests the file from the user, because browsers block automatic access.
+    loads it directly, a page on disk requests the file from the user, because browsers block
+    automatic access.
 
     Parameters
     ----------

@@ -117,8 +117,7 @@ def changed(change: Change) -> Sensor:
     """Return the sensor with another kind of mirror or lens, or at its best focus.
 
     A new mirror keeps the radius and viewing angle of the rim, and the field if its kind can reach
-    it; kinds with many
-    parameters approximate the shape of the previous mirror.
+    it; kinds with many parameters approximate the shape of the previous mirror.
 
     Raises
     ------

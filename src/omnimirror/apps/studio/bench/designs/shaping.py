@@ -26,8 +26,8 @@ def bent(sensor: Sensor, bend: Bend) -> Sensor:
     """Deform the mirror so that its profile or mapping passes through a given point.
 
     Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
-    as a beam supported at the
-    image centre and the rim. The result is a freeform mirror or a tabulated mapping.
+    as a beam supported at the image centre and the rim. The result is a freeform mirror or a
+    tabulated mapping.
 
     Raises
     ------
