@@ -1,12 +1,12 @@
 // Made by web/message_types.py from the server's messages; not to be edited.
 
-/** What a page for any picture holds that no server helps. */
+/** Data of a page without a server for arbitrary images. */
 export interface Alone {
   version: string;
   cameras: CameraAlone[];
 }
 
-/** What a design does; float32 values follow, block by block, not finite where there is nothing. */
+/** Evaluation of a design; followed by float32 values block by block, non-finite if undefined. */
 export interface Answer {
   slot: number;
   number: number;
@@ -21,7 +21,7 @@ export interface Answer {
   bent: BenchSensor | null;
 }
 
-/** What a page wants to know of a design. */
+/** Evaluation request for a design. */
 export interface Ask {
   /** which of the designs shown */
   slot: number;
@@ -39,7 +39,7 @@ export interface Ask {
   bend: Bend | null;
 }
 
-/** What a page holds of the bench that no server helps. */
+/** Bench data of a page without a server. */
 export interface BenchAlone {
   start: BenchStart;
   /** in the order of their names in start */
@@ -52,14 +52,14 @@ export interface BenchAlone {
   script: string;
 }
 
-/** A sensor on the bench. */
+/** Sensor on the bench. */
 export interface BenchSensor {
   tables: Record<string, any>;
   /** whether the lens stands where the mirror's mapping needs it */
   follows: boolean;
 }
 
-/** What the bench is made from. */
+/** Initial data of the bench. */
 export interface BenchStart {
   mirrors: PartOf[];
   secondaries: PartOf[];
@@ -83,7 +83,7 @@ export interface BenchStart {
   sensors: string[];
 }
 
-/** A curve of the design that is pulled through a point by hand. */
+/** Manual deformation of a design curve through a point. */
 export interface Bend {
   of: "profile" | "mapping";
   /** where it is held: distance from the axis, mm, or field angle, deg */
@@ -92,14 +92,14 @@ export interface Bend {
   to: number;
 }
 
-/** Part of the float32 values: so many rows of named columns, column by column. */
+/** Block of float32 values: named columns of equal length, stored column by column. */
 export interface Block {
   name: string;
   columns: string[];
   rows: number;
 }
 
-/** A calibration board, as :class:`omnimirror.Board` takes it. */
+/** Calibration board with the parameters of :class:`omnimirror.Board`. */
 export interface BoardAsked {
   kind: "chessboard" | "charuco" | "aprilgrid";
   columns: number;
@@ -111,7 +111,7 @@ export interface BoardAsked {
   legacy: boolean;
 }
 
-/** A question about one picture: where in it the board is. */
+/** Board detection request for one image. */
 export interface BoardLook {
   kind: "chessboard" | "charuco" | "aprilgrid";
   columns: number;
@@ -126,7 +126,7 @@ export interface BoardLook {
   quick: boolean;
 }
 
-/** Where a board stood: what a straightened picture of it is made from. */
+/** Pose of a board, used for its dewarped image. */
 export interface BoardPlace {
   picture: string;
   /** from the board's frame to the world's */
@@ -143,7 +143,7 @@ export interface BoardPlace {
   is_upwards: boolean;
 }
 
-/** What was found of a board in a picture, or why nothing was. */
+/** Board detection in an image, or the reason for its failure. */
 export interface BoardSeen {
   name: string;
   image_size: [number, number];
@@ -159,7 +159,8 @@ export interface BoardSeen {
   time_s: number | null;
 }
 
-/** What errors do; float32 values follow: x, y px of objects, and by calibrations dx, dy px of what is left. */
+/** Effect of errors; followed by float32 values: x, y px of objects, and residuals dx, dy px for
+each calibration. */
 export interface Built {
   objects: number;
   /** objects that are not shown */
@@ -178,14 +179,14 @@ export interface Built {
   tables: Record<string, any> | null;
 }
 
-/** A sensor with errors. */
+/** Sensor with errors. */
 export interface BuiltAsk {
   tables: Record<string, any>;
   values: Record<string, any>;
   refocus: "none" | "rms" | "worst";
 }
 
-/** What the tab is made from. */
+/** Initial data of the tab. */
 export interface CalibrateStart {
   /** kinds that can be estimated, simple ones first */
   models: string[];
@@ -195,7 +196,7 @@ export interface CalibrateStart {
   families: string[];
 }
 
-/** A calibration to be made; what was found in its pictures follows, a message each. */
+/** Calibration request; followed by one message per image with its detection. */
 export interface CalibrationAsk {
   board: BoardAsked;
   pictures: number;
@@ -210,7 +211,7 @@ export interface CalibrationAsk {
   command: string;
 }
 
-/** A camera measured from its pictures. */
+/** Result of a camera calibration. */
 export interface CalibrationFound {
   kind: string;
   summary: string;
@@ -231,7 +232,7 @@ export interface CalibrationFound {
   camera_file: string;
 }
 
-/** How a calibration is doing: on its way, the camera it ended with and then its report, or why there is none. */
+/** Progress of a calibration: status, estimated camera, report, or error. */
 export interface CalibrationNews {
   state: "running" | "done" | "reported" | "failed";
   sentence: string;
@@ -240,7 +241,7 @@ export interface CalibrationNews {
   report: string | null;
 }
 
-/** A camera of a page that no server helps, however it stands. */
+/** Camera of a page without a server, for any mount. */
 export interface CameraAlone {
   entry: SensorEntry;
   /** plumb, with the top of the picture forward: each way to look, reversed left to right and not */
@@ -251,7 +252,7 @@ export interface CameraAlone {
   room: string;
 }
 
-/** Which camera, and how it stands; what is not said is as its file has it. */
+/** Camera request with an optional mount; missing values are those of the camera file. */
 export interface CameraAsk {
   id: string;
   camera_looks: "up" | "down" | "forward" | null;
@@ -261,7 +262,7 @@ export interface CameraAsk {
   roll_deg: number | null;
 }
 
-/** A camera, as far as looking through it needs to know. */
+/** Description of a camera for interactive views. */
 export interface CameraShown {
   id: string;
   name: string;
@@ -289,7 +290,7 @@ export interface CameraShown {
   tables: TableLayout;
 }
 
-/** A change that takes more than a number: another kind of mirror or lens, or the best focus by a merit. */
+/** Change of the kind of mirror or lens, or refocus by a merit. */
 export interface Change {
   tables: Record<string, any>;
   what: "mirror" | "lens" | "focus";
@@ -298,7 +299,8 @@ export interface Change {
   object_distance_mm: number | null;
 }
 
-/** How corners are spread over the picture: rings of equal areas, sectors from the right over the bottom. */
+/** Distribution of corners over the image: rings of equal area, sectors from the right clockwise
+(via the bottom). */
 export interface CoverageShown {
   centre_px: [number, number];
   radii_px: number[];
@@ -307,14 +309,14 @@ export interface CoverageShown {
   enough: number;
 }
 
-/** A file of a design. */
+/** Download request for a file of a design. */
 export interface Download {
   tables: Record<string, any>;
   kind: "sensor" | "table" | "sag" | "drawing" | "report";
   object_distance_mm: number | null;
 }
 
-/** What a page that does without a server holds. */
+/** Data embedded in a page without a server. */
 export interface Embedded {
   camera: CameraShown;
   /** float32 values, little-endian, in base64 */
@@ -325,7 +327,8 @@ export interface Embedded {
   name: string;
 }
 
-/** What an error does alone at its tolerance: the largest motion in px by calibrations, and the limited merit. */
+/** Effect of a single error at its tolerance: largest motion in px for each calibration, and the
+limited merit. */
 export interface ErrorAlone {
   name: string;
   tolerance: number;
@@ -333,7 +336,7 @@ export interface ErrorAlone {
   merit: number | null;
 }
 
-/** An error that a sensor can have, and how shops hold it. */
+/** Error source of a sensor with its typical manufacturing tolerance. */
 export interface ErrorOf {
   name: string;
   unit: string;
@@ -344,12 +347,12 @@ export interface ErrorOf {
   fine: number;
 }
 
-/** Which errors a sensor can have. */
+/** Request for the error sources of a sensor. */
 export interface ErrorsAsk {
   tables: Record<string, any>;
 }
 
-/** The errors of a sensor, and what calibrations are called. */
+/** Error sources of a sensor and names of the calibration models. */
 export interface ErrorsOf {
   errors: ErrorOf[];
   calibrations: string[];
@@ -357,7 +360,7 @@ export interface ErrorsOf {
   is_quick: boolean;
 }
 
-/** What holds for the whole design. */
+/** Scalar properties of a design. */
 export interface Facts {
   name: string;
   field_deg: [number, number];
@@ -378,20 +381,20 @@ export interface Facts {
   not_optimised: string | null;
 }
 
-/** How far a file is that takes long. */
+/** Progress of a file export. */
 export interface FileUnderWay {
   sentence: string;
   /** how much is done */
   share: number;
 }
 
-/** That the server is there. */
+/** Status of the server. */
 export interface Health {
   status: "ok";
   version: string;
 }
 
-/** A requirement, and what is reached of it. */
+/** Requirement with its achieved value. */
 export interface JudgementOf {
   name: string;
   unit: string;
@@ -407,7 +410,7 @@ export interface JudgementOf {
   limit: number | null;
 }
 
-/** How the camera leaned is asked, of a picture that comes behind; its circle may have been moved to fit it. */
+/** Levelling request; the image follows, and the image circle may be fitted to it. */
 export interface LevelAsk {
   id: string;
   mount: MountOf;
@@ -417,7 +420,7 @@ export interface LevelAsk {
   name: string;
 }
 
-/** How the camera leaned that took a picture, by the edges that stand upright in it. */
+/** Tilt of the camera of an image, estimated from vertical edges. */
 export interface LevelFound {
   pitch_deg: number;
   roll_deg: number;
@@ -429,7 +432,7 @@ export interface LevelFound {
   is_sure: boolean;
 }
 
-/** A model that was compared. */
+/** Camera model of the model comparison. */
 export interface ModelTried {
   kind: string;
   parameters: number;
@@ -438,7 +441,7 @@ export interface ModelTried {
   why: string;
 }
 
-/** How a camera stands. */
+/** Mount of a camera. */
 export interface MountOf {
   camera_looks: "up" | "down" | "forward";
   forward_azimuth_deg: number;
@@ -447,7 +450,7 @@ export interface MountOf {
   roll_deg: number;
 }
 
-/** How a task is getting on. */
+/** Progress of a task. */
 export interface News {
   state: "running" | "done" | "failed";
   sentence: string;
@@ -458,20 +461,20 @@ export interface News {
   sensor: BenchSensor | null;
 }
 
-/** A file that was opened: a sensor, or requirements. */
+/** Imported file: a sensor or requirements. */
 export interface Opened {
   sensor: BenchSensor | null;
   requirements: Record<string, any> | null;
 }
 
-/** A corner that was left out. */
+/** Outlier corner. */
 export interface OutlierFound {
   picture: string;
   corner: number;
   residual_px: number;
 }
 
-/** A parameter of the camera or of the board. */
+/** Estimated parameter of the camera or the board. */
 export interface ParameterFound {
   name: string;
   value: number;
@@ -480,7 +483,7 @@ export interface ParameterFound {
   unit: string;
 }
 
-/** A parameter as a part describes it: what a slider, a number field and a tooltip need. */
+/** Metadata of a parameter for its slider, number field and tooltip. */
 export interface ParameterOf {
   name: string;
   unit: string;
@@ -495,20 +498,20 @@ export interface ParameterOf {
   default: number | null;
 }
 
-/** A part that can be chosen, and its parameters in their order. */
+/** Selectable part with its parameters in order. */
 export interface PartOf {
   kind: string;
   parameters: ParameterOf[];
 }
 
-/** The picture that a design takes of the room, and its panorama. */
+/** Request for a rendered image of the room and its panorama. */
 export interface PictureAsk {
   tables: Record<string, any>;
   width_px: number;
   samples: number;
 }
 
-/** What became of a picture. */
+/** Calibration result of one image. */
 export interface PictureOutcome {
   name: string;
   found: number;
@@ -523,12 +526,12 @@ export interface PictureOutcome {
   residuals: [number, number, number, number][];
 }
 
-/** Why something was refused, in a sentence. */
+/** Error response with the reason. */
 export interface Problem {
   detail: string;
 }
 
-/** A quantity of the vocabulary: what plots, requirements and the optimiser call it. */
+/** Quantity of the vocabulary of plots, requirements and optimiser. */
 export interface QuantityOf {
   name: string;
   symbol: string;
@@ -538,13 +541,14 @@ export interface QuantityOf {
   equation: string;
 }
 
-/** A requirement file to be written, and the sensor that it is for. */
+/** Export request for a requirement file of a sensor. */
 export interface RequirementFile {
   requirements: Record<string, any>;
   tables: Record<string, any>;
 }
 
-/** A picture to be restored, which comes behind: through a sensor whose circle may have been moved to fit it. */
+/** Restoration request; the image follows, and the image circle of the sensor may be fitted to
+it. */
 export interface RestoreAsk {
   id: string;
   mount: MountOf;
@@ -556,7 +560,7 @@ export interface RestoreAsk {
   object_distance_mm: number | null;
 }
 
-/** The circle of a mirror, as it was found in a picture. */
+/** Detected mirror outline in an image. */
 export interface RimFound {
   centre_px: [number, number];
   radius_px: number;
@@ -564,7 +568,7 @@ export interface RimFound {
   is_sure: boolean;
 }
 
-/** A camera that can be chosen. */
+/** Selectable camera. */
 export interface SensorEntry {
   id: string;
   name: string;
@@ -574,7 +578,7 @@ export interface SensorEntry {
   mount: MountOf;
 }
 
-/** A sensor file to be made: a known sensor whose circle was moved to fit a picture. */
+/** Sensor file request: a known sensor with its image circle fitted to an image. */
 export interface SensorFile {
   id: string;
   mount: MountOf;
@@ -583,14 +587,14 @@ export interface SensorFile {
   rim_radius_px: number;
 }
 
-/** A number of the design, and values that it could have. */
+/** Number of a design with its candidate values. */
 export interface Slide {
   /** table, entry, and which of a list */
   path: string[];
   values: number[];
 }
 
-/** Where the numbers of a design could stand, for its requirements to be met. */
+/** Request for the feasible ranges of sliders. */
 export interface SlidesAsk {
   tables: Record<string, any>;
   follows: boolean;
@@ -598,13 +602,13 @@ export interface SlidesAsk {
   slides: Slide[];
 }
 
-/** By what share of what is asked each requirement is missed, below 0 kept; null where the design cannot be. */
+/** Relative violation of each requirement, negative if satisfied; null for an invalid design. */
 export interface SlidesOf {
   /** of each slide at each value */
   missed: ((number[] | null)[])[];
 }
 
-/** A picture, video, camera or stream at the server's side. */
+/** Image, video, camera or stream on the server. */
 export interface Source {
   id: string;
   name: string;
@@ -613,7 +617,7 @@ export interface Source {
   command: string;
 }
 
-/** What the page opens with. */
+/** Initial data of the page. */
 export interface Start {
   version: string;
   sources: Source[];
@@ -624,20 +628,20 @@ export interface Start {
   sensor: string | null;
 }
 
-/** A picture of a board to be straightened by a camera; the picture follows. */
+/** Dewarp request for an image of a board; the image follows. */
 export interface StraightAsk {
   camera_file: string;
   place: BoardPlace;
   name: string;
 }
 
-/** How a stream is doing; pictures come beside it, as binary messages. */
+/** State of a stream; frames are sent separately as binary messages. */
 export interface StreamState {
   state: "waiting" | "playing" | "lost" | "ended";
   sentence: string;
 }
 
-/** What the float32 values of a camera's tables are, in this order; those that are absent count 0. */
+/** Layout of the float32 values of camera tables, in this order; absent tables have count 0. */
 export interface TableLayout {
   /** sin(Omega/2) of the first radius */
   first: number;
@@ -657,13 +661,13 @@ export interface TableLayout {
   starts: number;
 }
 
-/** Two JPEG files that follow: the picture, and its panorama. */
+/** Header of two JPEG files: image and panorama. */
 export interface Taken {
   picture_bytes: number;
   panorama_bytes: number;
 }
 
-/** Something that takes time: to optimise a mirror, or to design a sensor from requirements. */
+/** Long-running task: mirror optimisation or design from requirements. */
 export interface Task {
   what: "optimise" | "design";
   tables: Record<string, any>;
@@ -679,7 +683,7 @@ export interface Task {
   starts: number;
 }
 
-/** What pictures of one camera are together. */
+/** Joint analysis of images of one camera. */
 export interface Together {
   /** why each of them is not used */
   reasons: (string | null)[];
@@ -689,7 +693,7 @@ export interface Together {
   not_new: string | null;
 }
 
-/** A question about pictures of one camera: what they are together. */
+/** Analysis request for several images of one camera. */
 export interface TogetherAsk {
   board: BoardAsked;
   pictures: BoardSeen[];
@@ -701,19 +705,19 @@ export interface TogetherAsk {
   candidate: BoardSeen | null;
 }
 
-/** An error and its tolerance. */
+/** Error source with its tolerance. */
 export interface ToleranceOf {
   name: string;
   tolerance: number;
 }
 
-/** Why something cannot be: the entry it is about, if it is about one, and a sentence. */
+/** Error message with the entry that it concerns, if any. */
 export interface Trouble {
   path: string[];
   sentence: string;
 }
 
-/** How many sensors will be good. */
+/** Request for a yield prediction. */
 export interface YieldAsk {
   tables: Record<string, any>;
   errors: ToleranceOf[];
@@ -724,7 +728,7 @@ export interface YieldAsk {
   seed: number;
 }
 
-/** How many of the sensors built are good, with a confidence of .95. */
+/** Predicted yield with its 0.95 confidence interval. */
 export interface YieldOf {
   trials: number;
   lost: number;
