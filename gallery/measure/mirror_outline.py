@@ -14,5 +14,5 @@ figure, ax = plt.subplots(figsize=(5, 4))
 ax.imshow(picture)
 ax.plot(*rim.points(100).T, "C3--")
 u, v = rim.centre_px
-ax.set_title(f"centre {u:.1f}, {v:.1f}, radius {rim.radius_px:.1f} px: {rim.confidence:.0%} sure")
+ax.set_title(f"centre {u:.1f}, {v:.1f}, radius {rim.radius_px:.1f} px, confidence {rim.confidence:.2f}")
 figure.savefig("mirror_outline.png", bbox_inches="tight")
