@@ -473,3 +473,22 @@ def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert run.returncode == 128 + signal.SIGTERM
     assert run.stderr.strip() == "omnimirror: stopped"
+
+
+def test_a_signal_during_an_import_is_sent_again(tmp_path):
+    """Extension modules such as OpenEXR discard exceptions during their initialisation."""
+    (tmp_path / "discarding.py").write_text(
+        "import signal\n"
+        "try: signal.raise_signal(signal.SIGTERM)\n"
+        "except KeyboardInterrupt: pass\n"
+    )  # fmt: skip
+    code = (
+        "import time, omnimirror.apps.cli as cli\n"
+        "def work(*args, **more):\n"
+        "    import discarding\n"
+        "    time.sleep(60)\n"
+        "cli.app.invoke = work\n"
+        "cli.main(['sensors'])\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGTERM, "omnimirror: stopped")

@@ -10,7 +10,7 @@ import sys
 import threading
 import warnings
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -26,7 +26,11 @@ AGAIN_S = 0.05
 _number: int = signal.SIGINT
 
 
-class Terminated(KeyboardInterrupt):
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C; unlike its base class, instances support weak references."""
+
+
+class Terminated(Interrupted):
     """Termination by a service manager or a closed terminal, handled like Ctrl-C."""
 
 
@@ -66,21 +70,25 @@ def _signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in ENDING}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
     hook = sys.unraisablehook
-    stop = _Stop()
     again: list[threading.Timer] = []
+
+    def send_again(number: int) -> None:
+        again.append(threading.Timer(AGAIN_S, os.kill, (os.getpid(), number)))
+        again[-1].start()
 
     def unraisable(lost: Any) -> None:
         """Resend a signal whose exception Python could not raise, for example in a destructor."""
         if isinstance(lost.exc_value, KeyboardInterrupt):
-            again.append(threading.Timer(AGAIN_S, os.kill, (os.getpid(), _number)))
-            again[-1].start()
+            stop.is_lost = True
+            send_again(_number)
         else:
             hook(lost)
 
+    stop = _Stop(send_again)
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN:
+        if handler is signal.default_int_handler or (number in ENDING and handler is not signal.SIG_IGN):
             signal.signal(number, stop)
     sys.unraisablehook = unraisable
     try:
@@ -95,24 +103,43 @@ def _signals() -> Iterator[None]:
 
 
 class _Stop:
-    """Handler that raises :class:`Terminated` once: systemd and terminals send two signals in
-    succession.
+    """Handler that raises :class:`Interrupted` or :class:`Terminated` once: systemd and
+    terminals send two signals in succession.
 
     The second signal must not interrupt the cleanup after the first. It is raised only if the first
-    exception was suppressed.
+    exception was suppressed. During an import the signal is sent again later: extension modules,
+    among them OpenEXR, discard exceptions or convert them to ImportError.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, send_again: Callable[[int], None]) -> None:
+        self._send_again = send_again
         self._is_raised: Any = lambda: None
+        self.is_lost = False
+        """Whether Python reported the exception as unraisable; it may still exist when the signal is sent again."""
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         global _number
         if self._is_raised() is not None:
+            if self.is_lost:
+                self._send_again(number)
             return
+        if _is_importing(frame):
+            self._send_again(number)
+            return
+        self.is_lost = False
         _number = number
-        error = Terminated()
+        error = Interrupted() if number == signal.SIGINT else Terminated()
         self._is_raised = weakref.ref(error)
         try:
             raise error
         finally:
             del error  # the traceback refers to this frame
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Return whether a frame of the running command belongs to an import."""
+    while frame is not None and frame.f_globals.get("__name__") != __package__:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
