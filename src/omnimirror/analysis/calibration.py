@@ -14,13 +14,12 @@ from ..base.arguments import instance, row
 from ..base.errors import OutsideField
 from ..base.files import write_text
 from ..base.quantities import QUANTITIES
+from ..base.typing import Array
 from ..cameras.camera import inside_image
 from ..cameras.frames import turned
 from ..cameras.models import RadialModel
 from ..cameras.models.base import CameraModel
 from ..cameras.models.spread import direction_sigma_deg
-
-Array = NDArray[np.float64]
 
 STEP_DEG = 5.0
 AZIMUTHS = 36  # azimuths of the mean values

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import distances, instance
 from ..base.errors import InvalidParameter
@@ -20,6 +19,7 @@ from ..base.escaping import csv_cell, json_text
 from ..base.files import write_text
 from ..base.numerics.lazy import cached_property
 from ..base.quantities import QUANTITIES, Quantity
+from ..base.typing import Array
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
@@ -28,7 +28,6 @@ from .meridional.focus import best_focus
 from .meridional.viewpoints import best_viewpoint
 from .whole_picture import WholePicture
 
-Array = NDArray[np.float64]
 Better = Literal["high", "low", ""]
 
 MOST = 6  # maximum number of sensors; limited by the colour-blind-safe palette

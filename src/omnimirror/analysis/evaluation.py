@@ -18,6 +18,7 @@ from ..base.arguments import checked, choice, image_radius, number, numbers
 from ..base.errors import InvalidParameter
 from ..base.files import write_text
 from ..base.quantities import QUANTITIES, described
+from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..optics.mirrors import Mirror
 from ..optics.sensor import Sensor, check_sensor
@@ -25,9 +26,6 @@ from .meridional.coddington import virtual_images
 from .meridional.focus import FocusStudy, best_focus, distance_per_angle
 from .meridional.viewpoints import viewpoint_z
 from .uncertainty import standard_deviations
-
-Array = NDArray[np.float64]
-
 
 LEAST_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")

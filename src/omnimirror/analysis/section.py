@@ -9,16 +9,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.mirrors import Flat
 from ..optics.sensor import Sensor
 from .evaluation import Evaluation
 from .meridional.coddington import virtual_images
 from .meridional.focus import FocusStudy, distance_per_angle
-
-Array = NDArray[np.float64]
 
 NEAR_OBJECTS = 5.0  # distance of the near objects of a section, in rim radii
 TELECENTRIC_LENS = 2.5  # distance of a drawn telecentric lens from the vertex, in rim radii; its real distance is free

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.typing import Array
 from ..optics.mirrors import Mirror, SampledProfile
-
-Array = NDArray[np.float64]
 
 SHARE = 1e-4  # perturbation of the profile relative to a standard deviation
 

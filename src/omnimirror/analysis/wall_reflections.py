@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import checked, row
 from ..base.errors import InvalidParameter
+from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.walls import let_out
 from .evaluation import field_angles
-
-Array = NDArray[np.float64]
 
 LIFT_MM = 1e-6  # offset of a ray start from the surface
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.numerics.lazy import cached_property
+from ..base.typing import Array, Mask
 from ..cameras.frames import camera_direction
 from ..optics.lenses import Lens
 from ..optics.sensor import Sensor
@@ -25,9 +25,6 @@ from .meridional.coddington import virtual_images
 from .meridional.focus import FocusStudy
 from .meridional.focus_merits import FocusedBlur
 from .meridional.imaging import ImagingCharacteristics
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 RINGS, AZIMUTHS = 31, 24
 FINE_RINGS, FINE_AZIMUTHS = 181, 96  # for obscurations

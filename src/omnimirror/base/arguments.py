@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .errors import InvalidParameter
+from .typing import Array
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 P = ParamSpec("P")
 

@@ -6,19 +6,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base.arguments import checked, finite, instance, number, optional_number, vectors, whole
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
+from ..base.typing import Array
 from ..cameras.camera import Rays
 from ..cameras.frames import turned
 from ..cameras.models.base import CameraModel
 from ..cameras.models.spread import direction_sigma_deg, field_angles, larger_sigma, spread_at, within_field
 from ..optics.sensor import Sensor
 from .physical import SensorModel
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 2000  # of a map, whose rows are computed together
 HIGHEST_MM = 1e9  # of a camera above a floor

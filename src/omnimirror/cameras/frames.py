@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import check_fields, checked, number
 from ..base.errors import InvalidParameter
 from ..base.numerics.products import product
+from ..base.typing import Array
 
-Array = NDArray[np.float64]
 CameraLooks = Literal["up", "down", "forward"]
 
 

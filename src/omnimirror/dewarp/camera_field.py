@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import instance
 from ..base.errors import OutsideField
-from ..cameras.camera import EDGE_SLACK, AxialSymmetry, Camera, Mask, inside_image
+from ..base.typing import Array, Mask
+from ..cameras.camera import EDGE_SLACK, AxialSymmetry, Camera, inside_image
 from .contracts import Annulus
 from .screens import Pole
-
-Array = NDArray[np.float64]
 
 SAMPLES = 20_000  # directions on the sphere, and pixels of the image
 ANNULUS_SLACK_PX = 1e-3  # the rim itself is inside the field

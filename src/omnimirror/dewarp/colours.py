@@ -9,7 +9,8 @@ import numpy as np
 from ..base.arguments import shown
 from ..base.errors import InvalidParameter
 from ..base.numerics.lazy import cached_property
-from ..cameras.camera import Camera, Mask
+from ..base.typing import Mask
+from ..cameras.camera import Camera
 from .contracts import Border, Image, Interpolation
 from .dewarper import Dewarper
 from .sampling.borders import border_values, clear_border, with_alpha

@@ -7,12 +7,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import WrongKind, checked, instance, shown
 from ..base.errors import InvalidParameter, OutsideField
 from ..base.numerics.lazy import cached_property
-from ..cameras.camera import Camera, Mask
+from ..base.typing import Array, Mask
+from ..cameras.camera import Camera
 from .camera_field import annulus_of, field_of
 from .contracts import INTERPOLATIONS, Border, Image, Interpolation, Map
 from .maps.coordinates import is_separable, lattice_map_of, polar_map_of, source_pixels
@@ -33,8 +33,6 @@ from .yuv.planes import (
     empty_planes,
     subsampling,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

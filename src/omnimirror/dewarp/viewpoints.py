@@ -11,14 +11,13 @@ from collections.abc import Callable
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import number, shown
 from ..base.errors import InvalidParameter, OutsideField
+from ..base.typing import Array
 from ..cameras.camera import Camera, Projection
 from .screens import Screen
 
-Array = NDArray[np.float64]
 Viewpoint: TypeAlias = float | Literal["exact", "single"]
 
 PLACES = 16  # sampled rows and columns of a screen for its distance

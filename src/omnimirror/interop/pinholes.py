@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import instance, number, whole
 from ..base.errors import OutsideField
+from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..cameras.frames import view_axes
 from ..dewarp import Dewarper, views
@@ -21,8 +22,6 @@ from ..dewarp.screens import Plane, Screen, Sphere
 from ..dewarp.viewpoints import Viewpoint, projection_of
 from ..optics.sensor import Sensor
 from .ray_tables import obscured_pixels
-
-Array = NDArray[np.float64]
 
 SAMPLES_PER_SIDE = 25
 """Rays along each side of a view for position and parallax."""

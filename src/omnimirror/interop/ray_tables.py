@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..base.arguments import checked, instance, whole
 from ..base.errors import OutsideField
 from ..base.escaping import c_string, python_string, visible
+from ..base.typing import Array
 from ..cameras.camera import Camera, Rays
 from ..io.pictures.exr import write_channels, write_exr
 from ..optics.sensor import Sensor
@@ -30,8 +31,6 @@ from .export_formats import (
     write_formats,
     write_script,
 )
-
-Array = NDArray[np.float64]
 
 CHUNK_RAYS = 1 << 17
 """Rays traced at a time."""

@@ -6,17 +6,16 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base.errors import InvalidParameter
 from ..base.parameters import Parameter
+from ..base.typing import Array
 from ..optics.housing import Housing, Rim
 from ..optics.lenses import GaussianLens
 from ..optics.mirrors import Mirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import ROUNDING
-
-Array = NDArray[np.float64]
 
 TAP_DRILLS_MM = {
     "M2": 1.6,

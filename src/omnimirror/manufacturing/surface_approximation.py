@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base.errors import InvalidParameter
+from ..base.typing import Array
 from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
 from ..optics.mirrors.conics import Conic, conic_profile, conic_reach
-
-Array = NDArray[np.float64]
 
 EXACT_UM = 1e-6
 """Deviations below this value are rounding errors; the representation counts as exact, um."""

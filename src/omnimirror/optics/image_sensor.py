@@ -6,13 +6,11 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import numbers
 from ..base.errors import InvalidParameter
 from ..base.parameters import Parameter
-
-Array = NDArray[np.float64]
+from ..base.typing import Array
 
 
 @dataclass(frozen=True)

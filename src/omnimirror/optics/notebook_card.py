@@ -6,16 +6,15 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.errors import OmnimirrorError
 from ..base.html_card import Line, card, field_range, line_drawing, origin
+from ..base.typing import Array
 from .lenses import GaussianLens, Lens
 
 if TYPE_CHECKING:
     from .sensor import Sensor
 
-Array = NDArray[np.float64]
 
 PROFILE_POINTS = 61
 CHIEF_RAYS = 7

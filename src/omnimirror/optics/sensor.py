@@ -13,6 +13,7 @@ from ..base.arguments import finite, instance, numbers, places, shown, vectors
 from ..base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from ..base.numerics.lazy import cached_property
 from ..base.parameters import Uncertainty
+from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Projection, Rays, inside_image
 from ..cameras.frames import Mount, turned
 from .housing import Housing
@@ -36,8 +37,6 @@ from .tracing.obscuration import (
 from .tracing.optical_train import OpticalTrain
 from .tracing.reflection import Ends
 from .tracing.two_mirrors import TwoMirrorMeridian
-
-Array = NDArray[np.float64]
 
 FARTHEST_PUPIL = 1e3  # largest aperture coordinate, in pupil radii
 OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens

@@ -6,12 +6,10 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.parameters import Parameter
+from ..base.typing import Array
 from ..optics.mirrors.reflectivity import Reflectivity, reflectance
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

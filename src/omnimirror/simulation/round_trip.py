@@ -12,6 +12,7 @@ from ..analysis.meridional.viewpoints import best_viewpoint, viewpoint_angle_err
 from ..base.arguments import checked
 from ..base.colour import srgb_from_linear
 from ..base.errors import OutsideField
+from ..base.typing import Array
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
 from ..optics.sensor import Sensor
@@ -20,8 +21,6 @@ from .rendering.picture import pinhole_picture
 from .scenes.contract import Scene
 from .scenes.posed import Pose, PosedScene
 from .scenes.worlds.room import Room
-
-Array = NDArray[np.float64]
 
 SIZE = (600, 300)
 WALL_MM = 800.0

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.colour import Light
+from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..cameras.frames import turned
 from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.walls import Passage, passage
-from .scenes.contract import Array, Scene
+from .scenes.contract import Scene
 
 GHOSTS = 2  # higher-order ghosts have less than 0.001 of the light
 START_MM = 1e-4  # tolerance of a ray origin on a surface: single precision

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import row
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.lenses import GaussianLens
 from ...optics.sensor import Sensor, check_sensor
 from ..evaluation import evaluate, field_angles
 from .pupil import Pupil
 from .spot_diagrams import spots
-
-Array = NDArray[np.float64]
 
 FAN = 81  # rays across a fan
 CLEAR = 0.5  # deg; distance of the field angles from the rim, which would vignette bundles

@@ -11,17 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import distances, finite, row
 from ...base.errors import InvalidParameter, OutsideField
+from ...base.typing import Array, Mask
 from ...cameras.frames import camera_direction
 from ...optics.sensor import Sensor, check_sensor
 from ...optics.tracing.reflection import Ends, Specular
 from .pupil import Pupil
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NEAR = 1e6  # mm, replaces an infinite distance if a finite one is required
 STEP = 1e-4  # radians; the error of the central differences is then 1e-8

@@ -12,13 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.lenses import FieldLens, TabulatedLens
 from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, integral, slopes
-
-Array = NDArray[np.float64]
 
 BOUNDARY = 2 * np.pi * np.arange(96) / 96  # azimuths of the edge of the stop
 ROUND = 2e-3  # relative to the radius: largest deviation of a section treated as an ellipse

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import choice, distances, number, shown
 from ...base.errors import InvalidParameter, OutsideField
+from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from .bundles import trace_bundles
 from .pupil import fibonacci
 from .pupil_fit import FITTED
 from .wavefront import SOFT, Wavefront, wavefronts
 
-Array = NDArray[np.float64]
 Kind = Literal["diffraction", "geometric"]
 KINDS = ("diffraction", "geometric")
 

@@ -8,11 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
-
-Array = NDArray[np.float64]
+from ...base.typing import Array
 
 MOST_RINGS = 500
 

@@ -7,9 +7,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .pupil import gaussian
-
-Array = NDArray[np.float64]
 
 RINGS = 12  # of the fitted pupil
 DEGREE = 10

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import number
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.mirrors.reflectivity import Reflectivity, reflectance
 from ...optics.sensor import Sensor, check_sensor
 from ...optics.tracing.walls import let_out
@@ -16,8 +17,6 @@ from ..evaluation import field_angles
 from .bundles import trace_bundles
 from .pupil import Pupil, gaussian
 from .records import Recorded
-
-Array = NDArray[np.float64]
 
 RINGS = 24
 FINE_RINGS = 48  # for an aperture vignetted by the rim

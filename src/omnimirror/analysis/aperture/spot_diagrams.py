@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import row
+from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
 from .pupil import Pupil, hexapolar
 from .records import Recorded
-
-Array = NDArray[np.float64]
 
 RINGS = 12
 

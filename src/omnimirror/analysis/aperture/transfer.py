@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import choice, finite, number, row
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
@@ -21,8 +22,6 @@ from .pupil import gaussian
 from .pupil_fit import FITTED
 from .records import Recorded
 from .wavefront import Wavefront, wavefronts
-
-Array = NDArray[np.float64]
 
 FINEST = 1e6  # cycles per pixel
 CELLS = (512, 2048)  # minimum and maximum cells per side of the grid of a vignetted aperture

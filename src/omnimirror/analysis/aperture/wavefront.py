@@ -13,17 +13,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...optics.lenses import FieldLens, GaussianLens
 from ...optics.sensor import Sensor
 from .bundles import Bundles
 from .lens_phase import check_wave_is_known, cone_of_light, phase_of_real_lens
 from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, orders, slopes
-
-Array = NDArray[np.float64]
 
 SOFT = 5.0  # divided by the nodes: width of softened edges in radii, the largest distance of neighbouring nodes
 CUT_NODES = 128  # per side, of integrals over a vignetted aperture

@@ -8,17 +8,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.quantities import QUANTITIES
+from ...base.typing import Array
 from ..aperture.point_spread import Psf
 from ..aperture.relative_illumination import Illumination
 from ..aperture.spot_diagrams import Spots
 from ..aperture.transfer import Mtf
 from .labels import EndLabels, axis_title
 from .style import COLUMN, GREY, INK, PAGE, PALETTE, angle_axis, grid_of_axes, new_figure, styled
-
-Array = NDArray[np.float64]
 
 RMS = QUANTITIES["rms_radius_px"]
 FINEST_GRID = 12  # px to each side; the lines of a larger pixel grid would merge

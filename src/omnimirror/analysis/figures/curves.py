@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from ...base.quantities import QUANTITIES
+from ...base.typing import Array
 from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.mirrors import Sphere
 from ...optics.sensor import Sensor
@@ -19,8 +19,6 @@ from ..meridional.viewpoints import best_viewpoint
 from .labels import EndLabels, axis_label, axis_of_both, axis_title
 from .style import COLUMN, GREY, INK, PAGE, angle_axis, grid_of_axes, new_figure, panel_title, zero_line
 from .subjects import Subject, widest
-
-Array = NDArray[np.float64]
 
 DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
 VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic

@@ -12,12 +12,12 @@ from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from ...base.escaping import plot_text
+from ...base.typing import Array
 from ...optics.housing import Dome, Housing
 from ...optics.sensor import Sensor
 from ..evaluation import evaluate
 from .style import GREY, INK, PAGE, PALE, PALETTE, bare, new_figure, panel_title, styled
 
-Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 RAY, OTHER, WALL = PALETTE[0], PALETTE[1], PALETTE[5]

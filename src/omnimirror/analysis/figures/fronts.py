@@ -9,13 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.escaping import plot_text
+from ...base.typing import Array
 from .labels import spread
 from .style import GREY, INK, PAGE, PALETTE, new_figure
-
-Array = NDArray[np.float64]
 
 TEXT = 6.5
 BESIDE, NEAR = 8.0, 30.0  # points: distance of a label from its mark, and search range for neighbouring marks

@@ -9,14 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Annulus, Circle, Ellipse, Polygon, Rectangle
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...cameras.frames import camera_direction
 from .labels import axis_label
 from .style import GREY, INK, PAGE, PALE, bare, grid_of_axes, new_figure, panel_title
 from .subjects import Subject, widest
-
-Array = NDArray[np.float64]
 
 OBJECT_DEG = 15.0  # side of the drawn objects
 ENLARGED = 10.0  # magnification of blur spots relative to the objects

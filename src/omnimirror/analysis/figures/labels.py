@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
 from ...base.quantities import QUANTITIES
-
-Array = NDArray[np.float64]
+from ...base.typing import Array
 
 INDENT_PT = 7.0  # distance of line labels from the axes
 

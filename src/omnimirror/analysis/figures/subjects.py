@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.errors import InvalidParameter
 from ...base.escaping import plot_text
@@ -15,8 +15,6 @@ from ...optics.lenses import BlurMode
 from ...optics.sensor import Sensor
 from ..evaluation import Evaluation, evaluate, field_angles
 from .style import PALETTE
-
-Array = NDArray[np.float64]
 
 NODES = 361  # points of a curve
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.tracing.meridian import ChiefRays
-
-Array = NDArray[np.float64]
 
 
 class VirtualImages(NamedTuple):

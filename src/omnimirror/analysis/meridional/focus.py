@@ -11,20 +11,19 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import choice, distances, image_radius, row
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.minimisation import lowest_with_slopes
+from ...base.typing import Array
 from ...optics.lenses import BLUR_MODES, BlurMode, Lens
 from ...optics.sensor import Sensor, check_sensor
 from ...optics.tracing.meridian import ChiefRays
 from .coddington import VirtualImages, distances_from_lens, virtual_images
 from .focus_merits import FOCUS_MERITS, FocusedBlur, FocusFunction, FocusMerit, Scales, Sides
 from .imaging import ImagingCharacteristics, imaging_characteristics
-
-Array = NDArray[np.float64]
 
 POINTED_CENTRE = 0.1  # relative to the image radius
 

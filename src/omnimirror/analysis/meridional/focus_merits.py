@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from .imaging import ImagingCharacteristics
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

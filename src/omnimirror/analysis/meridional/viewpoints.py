@@ -6,13 +6,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import image_radius, number, row
+from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ...optics.tracing.meridian import ChiefRays
-
-Array = NDArray[np.float64]
 
 
 def viewpoint_z(rays: ChiefRays) -> Array:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ...analysis.figures import render, save_figure
 from ...analysis.figures.calibration import (
@@ -22,10 +21,9 @@ from ...analysis.figures.style import styled
 from ...base.arguments import checked
 from ...base.escaping import html_text
 from ...base.files import write_text
+from ...base.typing import Array
 from ...calibration.estimation.results import Calibration
 from .pages import figure_html, page_html
-
-Array = NDArray[np.float64]
 
 GRID = (48, 36)  # grid of the direction uncertainty
 CAPTIONS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from ...analysis.evaluation import Evaluation, evaluate
@@ -14,13 +14,12 @@ from ...analysis.figures.subjects import EXACT, PAPER, Conditions
 from ...analysis.meridional.focus import BestFocus, best_focus
 from ...analysis.meridional.viewpoints import SingleViewpoint, best_viewpoint, viewpoint_angle_error, viewpoint_z
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...optics.lenses import Orthographic, Perspective
 from ...optics.mirrors import EvenPolynomial, Hyperboloid, Mirror, Sphere
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import load_sensor
 from ...optics.tracing.meridian import ChiefRays, trace_chief_rays
-
-Array = NDArray[np.float64]
 
 NAMES = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
 """Mirror names of the paper with the corresponding bundled sensors."""

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..typing import Array
 
 FIRST_TRUST, LAST_TRUST = 0.1, 1e-9
 FORETOLD_WELL = 0.9  # fraction of the predicted gain; otherwise second-order correction

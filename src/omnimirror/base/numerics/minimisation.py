@@ -13,7 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..typing import Array
+
 Found: TypeAlias = tuple[Array, Array, NDArray[Any]]
 Slopes = Callable[[Array], Found]
 """Maximum of many smooth functions at given positions, its derivative, and the index of the largest

@@ -7,9 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..typing import Array
 
 NEWTON_CLOSE = 1e-9  # relative Newton step whose error is about its square
 BISECTION_CLOSE = 4 * np.finfo(float).eps

@@ -11,7 +11,7 @@ from math import comb, factorial, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from ..typing import Array
 
 
 def noll(j: int) -> tuple[int, int]:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ...cameras.models import CameraModel, Image, OCam
 from .sampling import Sample
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 80
 CLOSE = 1e-10  # relative decrease of the sum of squares that ends the iteration

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import Mount, turned
-
-Array = NDArray[np.float64]
 
 OUTERMOST = 60  # number of pixels at the maximum field angle
 SAME = 1e-9  # radians

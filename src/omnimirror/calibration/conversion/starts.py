@@ -8,9 +8,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...cameras.models import (
     CameraModel,
     DoubleSphere,
@@ -22,8 +22,6 @@ from ...cameras.models import (
     Unified,
 )
 from .sampling import Sample
-
-Array = NDArray[np.float64]
 
 PINHOLE_END = np.radians(89.9)
 ODD = (1, 3, 5, 7)  # powers of the field angle in a smooth rotationally symmetric projection

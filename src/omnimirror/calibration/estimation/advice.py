@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .bundle.observations import Sighting
-
-Array = NDArray[np.float64]
 
 RINGS, SECTORS = 4, 8
 ENOUGH = 5  # minimum number of corners in a cell

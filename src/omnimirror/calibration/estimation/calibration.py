@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import WrongKind, checked, choice, instance, optional_number, shown
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...cameras.frames import Mount
 from ...cameras.models.base import CameraModel
 from ...cameras.models.radial import RadialModel
@@ -36,7 +37,6 @@ from .outliers import Outlier, remaining_outliers
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
 from .results import Calibration, EdgeResult, ParameterResult, PictureResult
 
-Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 FEW_PICTURES = 6

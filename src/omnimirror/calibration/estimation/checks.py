@@ -7,13 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from .bundle.adjustment import Adjustment
 from .bundle.observations import Sighting
-
-Array = NDArray[np.float64]
 
 FEWEST_PICTURES = 3
 FEWEST_POINTS = 12  # per image

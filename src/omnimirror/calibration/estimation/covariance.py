@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ...cameras.models.base import CameraModel
 from ...cameras.models.radial import RadialModel
 from ...cameras.models.spheres import Unified
@@ -27,8 +27,6 @@ from .bundle.adjustment import Adjustment, adjust
 from .bundle.linearisation import UNSEEN_PX, without_slides
 from .bundle.normal_equations import assembled, reduced_system, with_priors
 from .bundle.steps import shared_values
-
-Array = NDArray[np.float64]
 
 FREE_ABOVE = 0.02
 """Fraction of the larger image side.

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...cameras.frames import turned
 from .bundle.adjustment import Adjustment
 from .bundle.observations import Motion
-
-Array = NDArray[np.float64]
 
 MOST_PIXELS = 1000
 CERTAIN = 5.0  # minimum gain in squared noise per additional parameter; chance gains 1

@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ..helpers import Helpers
 from ..physical import SensorModel
 from .bundle.adjustment import Adjustment, adjust
 from .bundle.linearisation import UNSEEN_PX, as_placed
 from .bundle.observations import rms_px
-
-Array = NDArray[np.float64]
 
 EACH_UP_TO = 20  # maximum number of images for leave-one-out; larger sets are split into groups
 GROUPS = 10

@@ -18,8 +18,6 @@ from .bundle.adjustment import MEDIAN_OF_NOISE, Adjustment
 from .bundle.linearisation import UNSEEN_PX
 from .bundle.observations import Sighting
 
-Mask = NDArray[np.bool_]
-
 MOST_REJECTED, MOST_GROSS = 0.01, 0.05  # fraction of all corners
 GROSS = 3.0  # multiple of the noise limit
 ALIKE = 0.5  # fraction of the largest gross error above which others are rejected together with it

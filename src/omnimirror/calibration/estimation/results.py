@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.files import json_plain, write_text
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ...cameras.models.base import CameraModel
 from ...cameras.models.radial import RadialModel
 from ...cameras.models.spread import direction_sigma_deg
@@ -28,8 +29,6 @@ from .choice import TriedModel
 from .covariance import FreeCombination, ParameterCovariance
 from .leaving_out import HeldOut
 from .outliers import Outlier, remaining_outliers
-
-Array = NDArray[np.float64]
 
 
 class PictureResult(NamedTuple):

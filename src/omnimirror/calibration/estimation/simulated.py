@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import checked, finite, number, whole
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ..targets import Board, Detection
 from .bundle.observations import rotation_of
-
-Array = NDArray[np.float64]
 
 MOST_PICTURES = 10_000
 TRIES = 200  # attempts per pose before an error is raised

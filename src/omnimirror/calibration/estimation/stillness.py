@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.typing import Array, Mask
 from .bundle.adjustment import Adjustment
 from .bundle.linearisation import without_slides
 from .bundle.normal_equations import assembled, reduced_system, with_priors
 from .bundle.sides import ends_of, flipped
 from .bundle.steps import shared_values
 from .checks import FEWEST_PICTURES, listed
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MOVED_PX = 1.5
 """Maximum distance of centres that count as equal."""

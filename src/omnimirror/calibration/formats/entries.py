@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import float_of, shown
 from ...base.errors import SpecError
 from ...base.files import TOO_DEEP, compose_yaml, parse_json, parse_xml
+from ...base.typing import Array
 from ...optics.sensor_files.tables import did_you_mean
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

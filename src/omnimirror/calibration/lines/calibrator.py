@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...base.arguments import checked, finite, instance, number
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ...cameras.frames import Mount
 from ...cameras.models import Unified
 from ...cameras.models.base import CameraModel, Optics
@@ -23,8 +24,6 @@ from .chains import edge_chains
 from .fitting import SCALE_PX, Edges, Knobs, LinesFit, edges_of, fitted_lines, gradients_left_out, normal_equations
 from .levelling import Level, level_from
 from .marked import LEAST_POINTS
-
-Array = NDArray[np.float64]
 
 XIS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 1.8)
 FOCALS = np.geomspace(0.2, 2.5, 14)

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import number
+from ...base.typing import Array, Mask
 from ..rim.edges import levels_of
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 BLUR_PX = 1.2

@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array, Mask
 from ...cameras.frames import turned
 from ...cameras.models.base import CameraModel
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NORMAL_STEPS = 3
 MOST_STEPS = 40

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import CameraLooks, Mount, turned
 from .chains import edge_chains
-
-Array = NDArray[np.float64]
 
 MOST_LEAN_DEG = 40.0
 NEAR_DEG = 0.8  # maximum angle between the plane of an upright edge and the vertical

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import checked, shown
 from ...base.errors import InvalidParameter
 from ...base.files import read_text
+from ...base.typing import Array
 from ..tables import cells_of, number_of
-
-Array = NDArray[np.float64]
 
 COLUMNS = ("line", "u_px", "v_px")
 PICTURE, ONLY = "picture", "picture"  # column, and the default name of a single image

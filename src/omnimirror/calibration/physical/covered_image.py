@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...cameras.models.base import Image
 from ...optics.housing import Housing
 from ...optics.sensor import Sensor
@@ -20,8 +20,6 @@ from ...optics.tracing.covered import CoveredMirror
 from ...optics.tracing.reflection import Ends
 from .imaging import image_of_points
 from .names import NamedNumber
-
-Array = NDArray[np.float64]
 
 NEAR, FAR = 1.0, 3.0  # rim radii from the mirror point: points that define the inner ray
 STEP = 1e-5  # rim radii; central differences with an error quadratic in the step

@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...cameras.frames import turned
 from ...cameras.models.base import Image
 from ...optics.mirrors.pose import MirrorPose
@@ -22,8 +22,6 @@ from ...optics.tracing.reflection import Ends, Specular, Surface, specular_point
 from .lens_rates import lens_image
 from .names import DISTANCE, NamedNumber
 from .shape_rates import profile_rates
-
-Array = NDArray[np.float64]
 
 PAST_THE_RIM = 1.25
 """Extension of the mirror surface beyond the rim, relative to the rim radius.

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array, Mask
 from ...optics.lenses import Perspective
 from ...optics.lenses.distortion import TERMS, distorted_rates
 from ...optics.sensor import Sensor
 from .names import DISTANCE, NamedNumber
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def lens_image(sensor: Sensor, seen_at: Array, places: tuple[NamedNumber, ...]) -> tuple[Array, Mask, Array, Array]:

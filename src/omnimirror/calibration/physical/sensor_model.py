@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import vectors
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ...cameras.camera import AxialSymmetry, Projection, Rays
 from ...cameras.frames import Mount
 from ...cameras.models.base import CameraModel, Image, ModelParameter
@@ -22,8 +23,6 @@ from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
 from .starting import RIM_TO_DISTANCE, fitted, radial_law, shaped_like, unknown_sensor
 from .tolerances import USUAL, ParameterPrior, checked_priors, free_names, group_names, guessed_priors, usual_priors
-
-Array = NDArray[np.float64]
 
 PROBES = 96
 """Number of points for the estimate of a parameter's effect."""

@@ -12,9 +12,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror, SlopeSpline
 from ...optics.mirrors.conics import Conic
 from ...optics.mirrors.slope_spline import spline_of_slopes
@@ -23,7 +23,6 @@ from .names import NamedNumber
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
 
 ANALYTIC = (Conic, EvenPolynomial, ConicAsphere)
 """Mirrors whose profile is an analytic function of their parameters and accepts complex values."""

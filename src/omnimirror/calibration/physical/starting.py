@@ -13,9 +13,9 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.typing import Array
 from ...cameras.camera import inside_image
 from ...cameras.models.base import CameraModel
 from ...optics.image_sensor import Imager
@@ -27,7 +27,6 @@ from .names import NamedNumber, changed, place_of, shape_names, value_of
 from .shape_rates import profile_rates
 from .tolerances import ParameterPrior
 
-Array = NDArray[np.float64]
 Model = TypeVar("Model", bound=CameraModel)
 
 RINGS, SPOKES = 60, 16

@@ -9,13 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array, Mask
 from .cues import PARTS, SHARES, STEP_SHARE, TURNS, between, detail, unrolled
 from .edges import LEAST_STEP, USUAL_STEP, Working, strongest
 from .ellipses import Ellipse
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 BANDS = (
     (0.1, 0.3), (0.3, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 0.95), (0.945, 0.985),

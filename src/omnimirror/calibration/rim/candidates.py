@@ -12,8 +12,6 @@ from .edges import FINER_PX, EdgePoints, Working, at_working_size, edges_of
 from .ellipses import FLATTEST, NORMAL_SLACK, Ellipse, Shift, laid_through, shifted
 from .votes import LEAST_RADIUS, circles
 
-Array = NDArray[np.float64]
-
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
 AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
 SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # for voted circles, displaced by other edges

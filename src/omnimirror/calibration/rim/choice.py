@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .bands import numbers_round
 from .cues import Cues, Ring, cues_of
 from .edges import Working
 from .families import relations
-
-Array = NDArray[np.float64]
 
 COMMITTEE = Path(__file__).with_name("committee.json")
 SHORT = 16  # rings on the short list

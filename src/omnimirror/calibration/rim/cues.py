@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .edges import LEAST_STEP, USUAL_STEP, EdgePoints, Working, strongest, turns
 from .ellipses import NORMAL_SLACK, Ellipse
-
-Array = NDArray[np.float64]
 
 SECTORS = 72
 CLOSE_PX, NEAR_PX = 0.7, 1.6  # maximum distance from the ring for its own edges

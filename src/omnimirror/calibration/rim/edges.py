@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...base.typing import Array
+
 Image = NDArray[np.float32]
 
 SHORT_SIDE_PX, FINER_PX = 360, 800

@@ -9,9 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .edges import EdgePoints, turns
-
-Array = NDArray[np.float64]
 
 FLATTEST = 0.16  # limit of the stretch parameters; ratio of axes 0.73
 USUAL_STRETCH = 0.03  # typical stretch by tilt; prior for partially visible rims

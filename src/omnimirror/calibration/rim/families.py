@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .bands import FAINT
 from .cues import FAMILY_OFFSET, Ring
-
-Array = NDArray[np.float64]
 
 STRETCH = 0.04  # maximum difference of the shapes of rings in a family
 SHARES = ((0.2, 0.5), (0.5, 0.8), (0.8, 0.93), (0.93, 0.988), (1.012, 1.06), (1.06, 1.2), (1.2, 1.6))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...base.arguments import check_fields, checked
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from .candidates import rings, rings_of
 from .choice import UNLISTED, confidence, odds
 from .cues import Ring
@@ -20,7 +21,6 @@ from .ellipses import Ellipse
 from .middle import camera_image
 from .placing import clearness, placed
 
-Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 SURE = 0.6

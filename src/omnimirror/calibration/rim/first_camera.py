@@ -10,10 +10,11 @@ import numpy as np
 
 from ...base.arguments import checked, instance
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.typing import Array
 from ...cameras.frames import CameraLooks, Mount
 from ...cameras.models import MirrorBall
 from ...optics.mirrors.pose import MirrorPose
-from ...optics.sensor import Array, Sensor
+from ...optics.sensor import Sensor
 from ...optics.sensor_files import load_sensor
 from .finder import SURE, FoundRim
 

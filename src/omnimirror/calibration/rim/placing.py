@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from .edges import LEAST_STEP, USUAL_STEP, EdgePoints, turns
 from .ellipses import Ellipse, Shift, laid_through, shifted
 
-Array = NDArray[np.float64]
-
 PROFILES = 720
 REACH_PX = 5.0  # working pixels to both sides
 EDGE_PX = 1.5  # working pixels; minimum distance of profiles from the image boundary

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from .edges import EdgePoints, turns
 from .ellipses import Ellipse
 
-Array = NDArray[np.float64]
-
 LEAST_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # relative to the short image side
 RADIUS_STEP = 1.016
 CELL_PX = 2

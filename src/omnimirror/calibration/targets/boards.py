@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...base.arguments import check_fields, choice, number, whole
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 
-Array = NDArray[np.float64]
 Kind = Literal["chessboard", "charuco", "aprilgrid"]
 
 KINDS: tuple[str, ...] = get_args(Kind)

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from ...base.arguments import checked, file_name, instance, number, whole
 from ...base.errors import MediaError
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from .boards import Board
 from .detections import Detection
 from .finding import BLURRED_PX, compared, find_board
 from .search.greys import edge_blur_px, grey, scaled
 from .search.local_maps import maps_about
-
-Array = NDArray[np.float64]
 
 CELLS = 16
 """Number of cells along the longer image side in the count of covered cells."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...base.typing import Array
+
 Ids = NDArray[np.int_]
 
 

@@ -15,10 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from ...base.typing import Array
 
 DEGREES = range(3, 9)
 """Degrees of the polynomials.

@@ -15,9 +15,8 @@ from ...base.arguments import checked, choice, file_name, number
 from ...base.errors import InvalidParameter, MediaError
 from ...base.escaping import xml_text
 from ...base.files import replacing
+from ...base.typing import Array
 from .boards import Board, dictionary
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".pdf", ".svg", ".png")
 PAPERS_MM = {

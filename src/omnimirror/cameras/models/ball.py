@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import number
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ..frames import Mount
 from .base import Optics
 from .radial import Law, Place, RadialModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,15 @@ from collections.abc import Sequence
 from typing import ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import choice, finite, shown
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
+from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Projection, Rays
 from ..frames import Mount
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Optics = Literal["mirror", "fisheye"]
 
 LARGEST_PICTURE_PX = 100_000

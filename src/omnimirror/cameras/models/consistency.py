@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .radial import RadialModel
 
-Array = NDArray[np.float64]
 OFF_CENTRE = 0.03
 """Distance of the centre from the image centre, relative to the shorter side, above which swapped
 values are considered; covers well-mounted mirror cameras."""

@@ -6,12 +6,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polysub
-from numpy.typing import NDArray
 
 from ...base.numerics.roots import increasing_root
+from ...base.typing import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = tuple[Array, Array]
 
 SLOWEST = 0.01  # minimum rate relative to the centre, limit of validity of fitted polynomials

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import finite, number, shown
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from .radial import LARGEST_PX, Place, RadialModel
-
-Array = NDArray[np.float64]
-
 
 SMALLEST_PX = 1e-6
 

@@ -7,19 +7,17 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.polynomial import polysub, polyval
-from numpy.typing import NDArray
 
 from ...base.arguments import number
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import increasing_root
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ..frames import Mount
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT, SLOWEST, first_root
 from .focal import FocalModel
 from .radial import Law, Place
-
-Array = NDArray[np.float64]
 
 NODES = 257  # of the table of initial values for inversion
 

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
-from numpy.typing import NDArray
 
 from ...base.arguments import file_name, finite, float_of, shown
 from ...base.errors import InvalidParameter, OmnimirrorError, OmnimirrorWarning, SpecError, shortened
@@ -26,13 +25,12 @@ from ...base.files import read_text
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import increasing_root
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ..frames import Mount
 from .base import Optics
 from .consistency import doubts, inverse_doubts
 from .distortion import SLOWEST
 from .radial import Law, Place, RadialModel
-
-Array = NDArray[np.float64]
 
 LARGEST_COEFFICIENT = 1e100  # its square is finite
 PAST_THE_PICTURE = 1.5  # of the farthest corner's radius: limit of points outside the image

@@ -6,19 +6,17 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import number
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ..frames import Mount
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT, AnyDistortion, Rational, ThinPrism
 from .focal import FocalModel
 from .kannala_brandt import KannalaBrandt
 from .radial import ROUNDING, Law, Place
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

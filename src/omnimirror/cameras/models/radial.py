@@ -20,6 +20,7 @@ from ...base.arguments import finite, instance, optional_number, places, shown, 
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Uncertainty
+from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Projection, Rays, inside_image
 from ..frames import Mount, turned
 from .base import CameraModel, Image, ModelParameter
@@ -28,8 +29,6 @@ from .distortion import AnyDistortion, Distorted, Distortion, removed, undone
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LARGEST_PX = 1e6  # of a radius, a focal length, a centre
 ROUNDING = 1e-12  # relative tolerance of angles and radii at the rim

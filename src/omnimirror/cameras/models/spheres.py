@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import number
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ..frames import Mount
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT
 from .focal import FocalModel
 from .radial import ROUNDING, Law, Place
-
-Array = NDArray[np.float64]
 
 MOST = 1e4  # largest shape parameter: all larger ones are equivalent
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import finite, number, shown, whole
 from ...base.errors import InvalidParameter
@@ -14,12 +13,11 @@ from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import increasing_root
 from ...base.numerics.splines import Spline, SplineBasis, even_basis, odd_basis
 from ...base.parameters import Uncertainty
+from ...base.typing import Array
 from ..frames import Mount
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT, SLOWEST
 from .radial import LARGEST_PX, AngleRates, Law, Place, RadialModel
-
-Array = NDArray[np.float64]
 
 NODES_PER_CELL = 16  # of the table of initial values for inversion
 FEWEST_KNOTS = 3

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...base.typing import Array
 from .base import CameraModel
-
-Array = NDArray[np.float64]
 
 FIELD_ROUNDING_DEG = 1e-6  # tolerance of the outermost measured direction, which defines the field
 

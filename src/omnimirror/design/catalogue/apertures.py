@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...analysis.meridional.coddington import virtual_images
 from ...analysis.meridional.focus import FocusStudy
@@ -23,8 +22,6 @@ from ...base.errors import InvalidParameter
 from ...base.numerics.minimisation import lowest
 from ...optics.lenses import BlurMode, Lens, Perspective
 from ...optics.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 SIDES = ("tangential", "sagittal", "together")
 ANGLES = 1001

@@ -10,19 +10,17 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...analysis.meridional.focus import best_focus
 from ...base.arguments import checked, distances
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.batch.best_focus import AreaModel, IdealAreas, best_vergences
 from ...optics.batch.optics import PerspectiveCamera, node_optics
 from ...optics.image_sensor import Imager
 from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.sensor import Sensor
 from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricComponent, mounts_fit
-
-Array = NDArray[np.float64]
 
 STOPS = 2.0 ** (np.arange(-4, 25) / 4)  # candidate F-numbers in steps of half a stop
 ANGLES = 181

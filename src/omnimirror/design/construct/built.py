@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.housing import Housing, Tube
 from ...optics.lenses import Lens
 from ...optics.mirrors import TabulatedMapping
@@ -23,8 +23,6 @@ from ...optics.tracing.covers import Cover
 from ...optics.tracing.meridian import ChiefRays, trace_chief_rays
 from ...optics.tracing.obscuration import Obstructions, cover_of
 from .rim import MountedMirror, RimRay
-
-Array = NDArray[np.float64]
 
 NODES = 65  # mirror points of the mapping correction
 STEPS = 12

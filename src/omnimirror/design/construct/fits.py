@@ -14,17 +14,16 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
 from ...optics.mirrors.aspheres import even_polynomial
 from ...optics.mirrors.conics import conic_profile
 from ...optics.tracing.meridian import Meridian
 from .rim import MountedMirror, RimRay
 
-Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
 Aim = Literal["worst-mapping", "mean-mapping", "sag"]

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...optics.sensor import Sensor
 from .requirements import FieldRequirements
-
-Array = NDArray[np.float64]
 
 POINTED_CENTRE = 0.1  # relative to the image radius; the azimuthal scale vanishes at the point
 NO_PART = 1e-6  # deg; smaller exclusions are not reported

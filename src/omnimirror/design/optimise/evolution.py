@@ -9,16 +9,14 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ...optics.batch.optics import DEGREE
 from ..criteria.merits import Merit
 from .objective import requirements_of
 from .optimiser import optimise, start
 from .variables import DesignSpace
-
-Array = NDArray[np.float64]
 
 ANGLES = 161  # of every evaluation
 MARGIN = 0.1  # extension of the search box beyond the first designs, in every coordinate

@@ -20,16 +20,14 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import checked, choice, distances, image_radius
 from ...base.errors import InvalidParameter
 from ...base.numerics.roots import sign_change
+from ...base.typing import Array
 from ...optics.batch.optics import PerspectiveCamera, TelecentricCamera
 from ...optics.lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
 from ...optics.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 LEAST, MOST = 1e-6, 3.0  # radians; search interval of the bound
 POINTS = 401

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.files import LARGEST_TEXT, json_plain, parse_json, read_bytes, write_text
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.minimax import Minimum, minimise_mean, solve_minimax
+from ...base.typing import Array
 from ...optics.image_sensor import Imager
 from ...optics.mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ...optics.sensor import Sensor
@@ -31,8 +31,6 @@ from .lower_bound import BlurBound, blur_bound
 from .objective import Objective, Slack
 from .problem import DesignProblem
 from .variables import DesignSpace
-
-Array = NDArray[np.float64]
 
 COARSE, FINE = 241, 1201  # field angles of the search and of the final refinement
 POLISH_TRUST = 1e-3

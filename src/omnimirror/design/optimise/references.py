@@ -8,11 +8,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...analysis.evaluation import evaluate
 from ...analysis.meridional.focus import best_focus
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import load_sensor
 from ..construct.families import FAMILIES
@@ -22,8 +22,6 @@ from ..criteria.merits import merit_named, values_of_evaluation
 from .optimiser import start
 from .problem import DesignProblem
 from .variables import DesignSpace
-
-Array = NDArray[np.float64]
 
 PAPER = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
 PAPER_FIELD, PAPER_THETA, NEAR = 135.0, 12.0, 0.02  # deg; and tolerance for the rounded mirrors of the paper

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.mirrors.generated.base import Mapped
@@ -28,8 +27,6 @@ from ..criteria.consistency import OF_MAPPINGS
 from ..criteria.ranges import ends, ends_or_none, is_free
 from ..criteria.requirements import FARTHEST_FOCUS, MirrorRequirements, Requirements
 from .focusing import POINTS, Focusing
-
-Array = NDArray[np.float64]
 
 SETTLED, MOST_ROUNDS = 1e-5, 30  # relative tolerance, iterations of the coupled lens and focus
 ANGLES = 1001  # field angles of the comparison with the requested mapping

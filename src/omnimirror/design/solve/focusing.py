@@ -17,9 +17,9 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...optics.batch.best_focus import RealAreas
 from ...optics.batch.built import RealCamera, aim_of, built_optics, walls_around
 from ...optics.batch.lens_tables import NEAREST, LensTables, tables_of
@@ -31,8 +31,6 @@ from ..criteria.limits import Limit
 from ..criteria.merits import OF_THE_WHOLE, FieldValues, values_at, with_whole
 from ..criteria.objects import distances_mm, inverse_distances
 from ..criteria.requirements import FARTHEST_FOCUS, FieldRequirements
-
-Array = NDArray[np.float64]
 
 POINTS = 181  # mirror points in each evaluated part of the field
 SCAN, AGAIN = 33, 9  # vergences of the first scan, and of each refinement

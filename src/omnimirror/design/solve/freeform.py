@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.minimax import Minimum
+from ...base.typing import Array
 from ...optics.batch.bases import FreeForm
 from ...optics.lenses import BlurMode, GaussianLens
 from ...optics.sensor import Sensor
@@ -33,8 +33,6 @@ from ..optimise.variables import DesignSpace
 from .priorities import is_more_met, meeting_the_others, told
 from .space import BestDesign, Point, Reached
 from .verdict import judge
-
-Array = NDArray[np.float64]
 
 SHAPE = "spline"  # default shape
 NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number")

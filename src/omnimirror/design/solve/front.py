@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import checked, file_name, instance
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.files import check_file, parse_json, replacing
+from ...base.typing import Array
 from ...optics.lenses import BlurMode
 from ...optics.sensor import Sensor
 from ..criteria.merits import merit_named
@@ -25,8 +25,6 @@ from ..optimise.optimiser import described, problem_from
 from .designer import Design, design_of
 from .freeform import FreeFormSpace, free_form_notes, problem_of
 from .verdict import judge
-
-Array = NDArray[np.float64]
 
 EPOCH = 20  # generations between two saved states
 FORMAT = 3

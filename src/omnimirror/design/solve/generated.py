@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.minimax import Minimum, ObjectiveValues, Rows, solve_minimax
+from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ..criteria.ranges import ends, ends_or_none, is_free
 from ..criteria.requirements import OF_OPTICS, Requirements
@@ -28,7 +28,6 @@ from .focusing import Focusing, vergences_of
 from .space import Point, Reached
 from .verdict import given_rows, judge
 
-Array = NDArray[np.float64]
 Span = tuple[float, float]
 
 NODES = 91  # mirror points in each evaluated part of the field

@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...analysis.evaluation import Evaluation, evaluate
 from ...analysis.temperature import at_temperature
 from ...base.arguments import instance, whole
 from ...base.errors import InvalidParameter
 from ...base.files import json_plain
+from ...base.typing import Array
 from ...optics.lenses import GaussianLens
 from ...optics.sensor import Sensor, check_sensor
 from ..criteria.field_angles import JudgedRange, counted_field
@@ -22,8 +22,6 @@ from ..criteria.merits import FieldValues, values_of_evaluation
 from ..criteria.objects import distances_of
 from ..criteria.ranges import ends, ends_or_none
 from ..criteria.requirements import FARTHEST_FOCUS, Requirements
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative tolerance of margins
 EDGE_PX = 0.02  # tolerance at the edge of the outermost pixel

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...cameras.camera import AxialSymmetry, Camera
 from ...cameras.frames import pan_tilt_direction
 from ..camera_field import is_vertical
@@ -15,8 +15,6 @@ from .lattice import LatticeMap
 from .polar import PolarMap
 from .radial_table import RadialTable, radial_table
 from .refine import lattice_map
-
-Array = NDArray[np.float64]
 
 STRIP_PX = 1 << 17  # output pixels per strip: their rays fit into the cache
 

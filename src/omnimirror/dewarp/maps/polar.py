@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from ...base.native import backend
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...cameras.camera import inside_image
 from ..contracts import Annulus, Averages, Interpolation, Map, RemapJob
 from ..sampling.footprints import CELL_PX, RULES, Footprints, squared_sides_of_circles
 from .halving import Offset, half, pairs
 from .pixels import PixelMap
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 EVERY_COLUMN = 16  # column spacing of the visibility check

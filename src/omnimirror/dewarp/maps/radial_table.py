@@ -14,14 +14,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.native import AxialCamera, backend, kernel_array
 from ...base.numerics.lazy import cached_property
-from ...cameras.camera import AxialSymmetry, Camera, Mask, inside_image
+from ...base.typing import Array, Mask
+from ...cameras.camera import AxialSymmetry, Camera, inside_image
 from ...cameras.frames import turned
-
-Array = NDArray[np.float64]
 
 ENTRIES = 1 << 15  # linear interpolation error 1e-6 px at 1000 px radius
 ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirror, the worst case

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras.camera import Mask
+from ...base.typing import Array, Mask
 from .lattice import LatticeMap
 
-Array = NDArray[np.float64]
 Exact = Callable[[Array, Array], Array]
 """Function that returns source pixels (..., 2) of broadcast view pixels u and v; NaN outside the
 field.

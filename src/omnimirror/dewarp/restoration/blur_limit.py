@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from .blur_problem import BlurProblem
 from .deconvolution import Effort
 from .noise import Noise, told_noise
@@ -21,7 +22,6 @@ from .round_blur import RoundBlur
 from .sharp_picture import SATURATED
 
 Values = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 TOP = 0.8  # fraction from which the residual up to the full blur is compared first

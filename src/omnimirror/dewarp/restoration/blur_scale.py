@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from .blur_limit import BlurLimit
 from .blur_problem import BlurProblem
 from .deconvolution import Effort
@@ -28,7 +29,6 @@ from .noise import Noise
 from .round_blur import RoundBlur
 
 Values = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 SHARES = (0.6, 0.7, 0.8, 0.9)
 # Second difference of the residual, relative to that of the smallest fraction

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.evaluation import evaluate
+from ...base.typing import Array
 from ...optics.sensor import Sensor
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
 GROUP_PX = 8  # adjacent pixels of a row, which are blurred with SIMD instructions

@@ -19,12 +19,11 @@ from ...analysis.meridional.coddington import virtual_images
 from ...analysis.meridional.focus import FocusStudy
 from ...base.arguments import checked, distances, instance, number, row
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ..maps.pixels import PixelMap
 from ..sampling.samplers import remap
 from .blurring import offsets_from_axis
-
-Array = NDArray[np.float64]
 
 ANGLES, FOCUSES = 541, 1201
 # Allowed ratio of the blur to its minimum over all focus distances if astigmatism dominates

@@ -15,10 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array, Mask
 from ...io.pictures.jpeg import BLOCK, JpegCoding
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 GROUPS = 6  # number of groups of blocks
 MOSTLY_ZERO = 0.97  # fraction from which a frequency is less informative than the others

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from ...base.arguments import checked
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
+from ...base.typing import Array, Mask
 from ...io.pictures.jpeg import BLOCK, coding_of
 from .jpeg_noise import FINE, blocks_of, coefficients_of, detected_coding, error_of, most_noise
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Picture = NDArray[Any]
 
 FULL = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import numbers, shown
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import read_bytes
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.models import RadialModel
 from ...optics.sensor import Sensor
 from .blurring import BlurSize, blur_sizes, offsets_from_axis, whole_radius_px
 
-Array = NDArray[np.float64]
 ToldBlur: TypeAlias = ArrayLike | Callable[[Array], Any]
 
 MOST_BLUR_PX = 30.0

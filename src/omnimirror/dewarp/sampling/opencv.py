@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras.camera import Mask, inside_image
+from ...base.typing import Mask
+from ...cameras.camera import inside_image
 from ..contracts import Annulus, Averages, Image, Pixels, RemapJob
 from .footprints import JUMP2, JUMP2_PX
 

@@ -7,12 +7,12 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import checked, number, numbers, shown
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 
-Array = NDArray[np.float64]
 Offset = tuple[float, float, float]
 
 LARGEST_PX = 100_000

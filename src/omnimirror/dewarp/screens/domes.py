@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import checked, places
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...cameras.frames import view_axes
 from .base import (
     NOT_MOVED,
-    Array,
     CentredScreen,
     Offset,
     check_angle,

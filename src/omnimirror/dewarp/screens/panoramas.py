@@ -11,17 +11,9 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import checked, number, numbers, places
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
-from .base import (
-    NOT_MOVED,
-    Array,
-    CentredScreen,
-    Offset,
-    check_angle,
-    check_choice,
-    check_range,
-    check_zoom,
-)
+from .base import NOT_MOVED, CentredScreen, Offset, check_angle, check_choice, check_range, check_zoom
 
 Rows = Literal["tilt", "height"]
 NARROWEST_DEG = 1e-6

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...base.errors import MediaError
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import Mount
 from ...io.pictures.images import decoded, encoded
 from ...optics.sensor import Sensor
 from ..pinholes import EquivalentPinhole
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 IMAGE = "sensor_msgs/msg/Image"

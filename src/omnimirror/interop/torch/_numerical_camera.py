@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...calibration.physical.names import place_of, value_of
 from ...cameras.camera import Camera
 from ...optics.sensor import Sensor
@@ -20,7 +21,6 @@ from ._camera import TorchCamera, TorchProjection, TorchRays
 from ._library import Tensor, torch
 from ._parameters import SensorParameters
 
-Array = NDArray[np.float64]
 Mapping = Callable[[Camera, Array], tuple[Array, NDArray[np.bool_]]]
 """Function of a camera and inputs (n, k) that returns values (n, m) and validity (n,)."""
 

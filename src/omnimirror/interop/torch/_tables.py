@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.native import backend
+from ...base.typing import Array
 from ...calibration.physical.names import NamedNumber
 from ...calibration.physical.shape_rates import profile_rates
 from ...optics.mirrors import Mirror
@@ -15,7 +15,6 @@ from ...optics.tracing.reflection import CELLS, MirrorTables, cubic_pieces, radi
 from ...optics.tracing.reflection.beginning import NOT_SETTLED, SEEN, SETTLED, Search
 from ._library import Tensor, torch
 
-Array = NDArray[np.float64]
 Vector = tuple[Tensor, Tensor, Tensor]
 
 # -- cubic tables --------------------------------------------------------------------------------

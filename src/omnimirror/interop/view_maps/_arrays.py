@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...io.pictures.exr import write_exr
 from ..export_formats import Deviation, ExportFormat
 from ._spline_grid import spline_grid
 from ._view_map import ViewMap, check_16_bit_size
-
-Array = NDArray[np.float64]
 
 OUTSIDE_PX = -2.0
 """Coordinate of missing pixels in float maps, beyond the support of bilinear kernels."""

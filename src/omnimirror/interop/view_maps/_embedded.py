@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.escaping import python_string
+from ...base.typing import Array
 from ..export_formats import (
     Deviation,
     ExportFormat,
@@ -34,8 +35,6 @@ from ._spline_grid import (
     spline_grid,
 )
 from ._view_map import ViewMap, check_16_bit_size
-
-Array = NDArray[np.float64]
 
 PIXEL_FRACTION_BITS = 15
 FIXED_POINT_PX = 0.002

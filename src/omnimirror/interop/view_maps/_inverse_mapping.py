@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...dewarp.screens import Screen, View, parts_of
 from ...dewarp.viewpoints import Viewpoint, centre_of_projection
-
-Array = NDArray[np.float64]
 
 GRID_NODES = 160
 """Nodes along the longer side of a screen for initial values."""

@@ -16,9 +16,9 @@ from scipy import sparse
 from scipy.sparse.linalg import factorized
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ..export_formats import SourceCode
 
-Array = NDArray[np.float64]
 Runs = list[list[tuple[int, int]]]
 """First column and length of each run of valid pixels, by rows."""
 

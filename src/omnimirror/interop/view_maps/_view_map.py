@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import instance
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp.screens import View
 from ...dewarp.viewpoints import Viewpoint
 from ._inverse_mapping import view_pixels
-
-Array = NDArray[np.float64]
 
 MAX_SIDE_PX = 65534
 """Maximum image side of formats with 16-bit coordinates; 65535 marks missing pixels."""

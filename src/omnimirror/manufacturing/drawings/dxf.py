@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
-from numpy.typing import NDArray
 
 from ...base.escaping import dxf_mtext, dxf_text
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ..body import Body, Part
 from ..surface_approximation import ProfileCurve, chords, conic_parameters, profile_curve
@@ -24,8 +24,6 @@ from ..workshop import PartSpecification, Workshop
 from .drawing import draw_part_sheet
 from .sheet import CAPITAL, POINT, Sheet
 from .tables import DataFile
-
-Array = NDArray[np.float64]
 
 
 class Layer(NamedTuple):

@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import ChiefRays
-
-Array = NDArray[np.float64]
 
 POINTS = 2001
 EDGE = 0.01

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ..body import Body
 from ..surface_approximation import chords, conic_parameters, is_straight
@@ -25,8 +25,6 @@ from .sheet import (
     surface_sign,
     tolerance_frame,
 )
-
-Array = NDArray[np.float64]
 
 ROW = 8.0
 """Distance between dimension lines, mm."""

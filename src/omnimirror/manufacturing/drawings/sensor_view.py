@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...analysis.figures.style import PALETTE
+from ...base.typing import Array
 from ...optics.housing import Dome, FlatWindow, Housing, Rod, Tube, wall_words
 from ...optics.lenses import GaussianLens
 from ...optics.sensor import Sensor
@@ -32,8 +32,6 @@ from .sheet import (
     scale_words,
     tolerance_frame,
 )
-
-Array = NDArray[np.float64]
 
 RAY = PALETTE[0]
 HEADING = 56.0

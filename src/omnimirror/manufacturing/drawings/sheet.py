@@ -18,15 +18,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ... import __version__
 from ...analysis.figures.style import INK
 from ...base.errors import InvalidParameter
 from ...base.escaping import label
+from ...base.typing import Array
 from ..workshop import TitleBlock
-
-Array = NDArray[np.float64]
 
 SHEETS = {"A3": (420.0, 297.0), "A4": (210.0, 297.0)}
 """Width and height, mm (ISO 5457)."""

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ..body import Body
 from ..surface_approximation import chords, deviation_um
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAX_TRIANGLES = 8_000_000

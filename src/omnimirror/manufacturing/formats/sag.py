@@ -11,18 +11,17 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ... import __version__
 from ...base.errors import InvalidParameter
 from ...base.escaping import csv_comment, toml_string
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ...optics.mirrors.base import sagittal_radius, tangential_radius
 from ...optics.sensor import Sensor
 from ..body import mirror_of, omega_of
 from ..surface_approximation import best_fit_sphere, conic_parameters, deviation_um
-
-Array = NDArray[np.float64]
 
 COLUMNS = (
     "x_mm",

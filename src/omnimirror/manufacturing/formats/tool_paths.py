@@ -16,17 +16,15 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import __version__
 from ...base.arguments import check_fields, checked, whole
 from ...base.errors import InvalidParameter
 from ...base.escaping import gcode_comment, line_comment
 from ...base.parameters import Parameter
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ..surface_approximation import step_density
-
-Array = NDArray[np.float64]
 
 FINE = 8193  # samples of the meridian for step selection
 SHARE = 0.8  # share of the tolerance for steps; the rest is for rounding and curvature variation

@@ -17,17 +17,15 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import __version__
 from ...base.escaping import label, visible
+from ...base.typing import Array
 from ...optics.housing import wall_words
 from ...optics.lenses import GaussianLens, Orthographic
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import ChiefRays
 from ..surface_approximation import Asphere, fit_asphere
-
-Array = NDArray[np.float64]
 
 FIELDS = 7
 """Number of field points, in equal steps of the field angle from the axis to the rim."""

@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array, Mask
 from ...optics.mirrors import Mirror
 from ...optics.mirrors.measured.smoothing import NORMAL
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ROUNDS = 60
 MIN_WIDTH = 0.2  # minimum extent, in rim radii

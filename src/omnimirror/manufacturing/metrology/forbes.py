@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import numbers
 from ...base.errors import InvalidParameter
 from ...base.numerics.forbes import qbfs_values
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
-
-Array = NDArray[np.float64]
 
 POINTS = 400
 MAX_TERMS = 16

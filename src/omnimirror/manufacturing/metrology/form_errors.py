@@ -20,12 +20,11 @@ from ...base.arguments import checked, number, row, vectors, whole
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.zernike import noll, terms_of, zernike_values
+from ...base.typing import Array
 from ...optics.mirrors import Mirror, SampledProfile
 from ...optics.mirrors.measured.clouds import check_distance, check_spread
 from ...optics.mirrors.measured.smoothing import NORMAL
 from .alignment import Alignment, aligned, distances, is_line, outline_centre
-
-Array = NDArray[np.float64]
 
 MIN_POINTS = 200
 MIN_PROFILE_POINTS = 50

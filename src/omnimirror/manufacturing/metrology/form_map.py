@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
 from ...base.numerics.zernike import noll
+from ...base.typing import Array
 from .form_errors import FormError
-
-Array = NDArray[np.float64]
 
 MAX_DOTS = 20_000
 GRID = 301

@@ -12,17 +12,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.sensor import Sensor
 from .evaluator import TrialEvaluator
 from .monte_carlo import YieldEstimate, check_limits, format_limit, simulate_trials
 from .perturbation import GRADES, error_sources
 from .requirement_merits import is_lower_limit
 from .tolerances import BLOCK, Tolerances
-
-Array = NDArray[np.float64]
 
 DRAWS = 4096  # trials per step
 STEP = 0.1  # step of the logarithm of a tolerance

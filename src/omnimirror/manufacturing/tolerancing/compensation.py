@@ -14,14 +14,12 @@ from itertools import combinations_with_replacement
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from .object_field import BEYOND, Field
 from .perturbation import error_sources
 from .perturbed_states import Values
 from .trial_images import Refocus, TrialImages, largest_diameter
-
-Array = NDArray[np.float64]
 
 Calibration = Literal["none", "principal-point", "affine", "pose", "radial"]
 CALIBRATIONS: tuple[Calibration, ...] = get_args(Calibration)

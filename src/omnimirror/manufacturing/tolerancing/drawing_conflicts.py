@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import checked
 from ...optics.mirrors import Mirror
@@ -21,8 +20,6 @@ from ..body import Body
 from ..drawings.tables import form_rms_um
 from ..workshop import PartSpecification, Workshop
 from .perturbation import perturbed
-
-Array = NDArray[np.float64]
 
 LENGTHS_MM = (0.5, 3.0, 6.0, 30.0, 120.0, 400.0, 1000.0, 2000.0)
 GENERAL_MM = {

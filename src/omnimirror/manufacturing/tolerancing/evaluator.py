@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.native import backend
+from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import REFLECTS, RIM_SLACK
 from .compensation import LOST, MERITS, ROUNDS, Reference, evaluate_numpy, fit_compensators, merit_names
@@ -16,8 +16,6 @@ from .object_field import field_of
 from .perturbed_states import States, Values, is_vectorised, states_of
 from .requirement_merits import RequiredMerits
 from .trial_images import CLOSE, HALVINGS, REFOCUS, STEPS, Refocus
-
-Array = NDArray[np.float64]
 
 TERMS = (0, 4, 8, 16)
 """Supported numbers of polynomial coefficients; arrays are padded with 0."""

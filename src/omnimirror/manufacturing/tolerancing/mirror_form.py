@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import check_fields, checked, number
 from ...base.errors import InvalidParameter
 from ...base.numerics.zernike import noll, terms_of, zernike_values
+from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ...optics.mirrors.form import LARGEST_ORDER, TERMS, MirrorForm
 from ...optics.sensor import Sensor
@@ -26,8 +26,6 @@ from ..metrology.form_errors import FormError, form_error
 from ..metrology.readers import Unit, read_points
 from .compensation import merit_names
 from .evaluator import TrialEvaluator
-
-Array = NDArray[np.float64]
 
 LOWEST_ORDER = 2  # lower orders are piston and tilt
 GRID = 41  # grid points across the mirror

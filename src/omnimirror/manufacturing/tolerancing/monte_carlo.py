@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from .compensation import merit_names
 from .evaluator import TrialEvaluator
 from .requirement_merits import check_limit, is_lower_limit, is_requirement_merit
 from .tolerances import BLOCK, Tolerances
-
-Array = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
 

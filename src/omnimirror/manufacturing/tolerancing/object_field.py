@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import numbers
 from ...base.errors import InvalidParameter, OmnimirrorError, SelfObstruction
+from ...base.typing import Array
 from ...optics.image_sensor import ImagerPose
 from ...optics.lenses import Perspective
 from ...optics.mirrors.pose import MirrorPose
@@ -24,8 +25,6 @@ from ...optics.tracing.reflection import RIM_SLACK, Ends
 from .perturbation import check_error_names, perturbed
 from .perturbed_states import Values, is_vectorised, states_of
 from .trial_images import Refocus, TrialImages, focus_vergences, form_images, trace_objects
-
-Array = NDArray[np.float64]
 
 EDGE_PX = 0.02
 """Relative aperture height of the rays for blur; aberrations contribute 4e-4 of their marginal

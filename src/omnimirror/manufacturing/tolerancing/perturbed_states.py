@@ -12,18 +12,16 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...base.numerics.zernike import noll, terms_of, zernike_powers
+from ...base.typing import Array
 from ...optics.lenses import Perspective
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
 from ...optics.mirrors.conics import Conic
 from ...optics.mirrors.form import LARGEST_ORDER, MM_PER_UM, TERMS, SurfaceHeights
 from ...optics.sensor import Sensor
 from ...optics.thermal import Thermal
-
-Array = NDArray[np.float64]
 
 NODES = 1024  # nodes of the table; quintic pieces of 0.001 rim radii are accurate to 1e-12
 MIN_RADIUS = 1e-9  # minimum radius for derivatives, in rim radii

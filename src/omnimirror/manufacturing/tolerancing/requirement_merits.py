@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import shown
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.typing import Array
 from ...design.criteria.limits import LIMITABLE, Limit, told_part
 from ...design.criteria.merits import OF_THE_WHOLE
 from ...optics.sensor import Sensor
@@ -36,8 +37,6 @@ from .requirement_values import (
     vectorised_views,
 )
 from .trial_images import Refocus
-
-Array = NDArray[np.float64]
 
 MIN_PREFIX = "min "
 STRAIGHTNESS = "straightness_deg"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ...design.criteria.merits import FieldValues
 from ...optics.batch.optics import light_of
 from ...optics.lenses import FieldLens, Perspective
@@ -29,8 +30,6 @@ from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, imag
 from .perturbation import perturbed
 from .perturbed_states import States, Values, states_of
 from .trial_images import Refocus, TracedObjects, form_images, imaged_at, trace_objects
-
-Array = NDArray[np.float64]
 
 SAG_NODES = 65
 

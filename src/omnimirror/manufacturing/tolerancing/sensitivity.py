@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from .compensation import CALIBRATIONS, OF_MOTION, after, motion
 from .evaluator import TrialEvaluator, image_motions
 from .monte_carlo import satisfies_limit
@@ -32,8 +32,6 @@ from .perturbation import group_of
 from .requirement_merits import MeritRows, is_lower_limit
 from .tolerances import MIN_PROBABILITY, Tolerances
 from .trial_images import TrialImages, diameter_components, largest_diameter
-
-Array = NDArray[np.float64]
 
 NODES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12

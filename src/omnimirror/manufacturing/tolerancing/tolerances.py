@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ...base.arguments import check_fields, choice, number, shown
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ...optics.mirrors.form import MirrorForm
 from ...optics.sensor import Sensor
 from .perturbation import MEASURED, check_name, error_sources, measured
-
-Array = NDArray[np.float64]
 
 Distribution = Literal["uniform", "normal", "truncated-normal", "arcsine", "constant"]
 DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)

@@ -18,10 +18,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ...optics.tracing.reflection import REFLECTS, RIM_SLACK
 from .perturbed_states import MirrorSurfaces, States
-
-Array = NDArray[np.float64]
 
 STEPS = 8
 """Maximum number of Newton steps; three are sufficient from 0.1 mm and 0.1 deg."""

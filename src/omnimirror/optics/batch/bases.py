@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 from ..mirrors import ConicAsphere, EvenPolynomial, Mirror, SlopeSpline
 from ..mirrors.slope_spline import spline_of_slopes
-
-Array = NDArray[np.float64]
 
 
 class Basis(NamedTuple):

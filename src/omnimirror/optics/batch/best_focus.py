@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numerics.minimisation import EDGE, HALVING, MOST_STEPS, Found, Rows, bottoms
+from ...base.typing import Array
 from .built import RealCamera
 from .lens_tables import focus_powers
 from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera
-
-Array = NDArray[np.float64]
 
 SCAN = 17  # vergences sampled for valleys
 MARGIN = 0.05  # of the range of vergences, on both sides

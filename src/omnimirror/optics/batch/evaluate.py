@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.errors import InvalidParameter
 from ...base.native import backend, kernel_array
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ..housing import Housing
 from ..image_sensor import Imager
 from ..lenses import BlurMode, FieldLens, Lens, Orthographic, Perspective
@@ -36,7 +37,6 @@ from .optics import (
     telecentric_optics,
 )
 
-Array = NDArray[np.float64]
 Numbers = Any
 """One number, or an array with one value per design; always an array in :class:`Designs`."""
 

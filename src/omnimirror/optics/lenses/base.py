@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import number
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
+from ...base.typing import Array
 from .pupil import IN_REFERENCE_POINT, EntrancePupil
 
-Array = NDArray[np.float64]
 BlurMode = Literal["exact", "paper"]
 """``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which neglects f against L0 (5.5-6.1 % less)."""
 

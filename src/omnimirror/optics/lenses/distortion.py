@@ -11,9 +11,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...base.typing import Array
+
 Coefficients = tuple[float, float, float, float, float]
 """k1, k2, k3, p1, p2."""
 TERMS = ("k1", "k2", "k3", "p1", "p2")

@@ -13,17 +13,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import increasing_root
+from ...base.typing import Array
 from .pupil import ChiefAim, EntrancePupil
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
 
 DEGREE = 5
 LEAST_NODES = 4

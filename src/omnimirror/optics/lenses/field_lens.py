@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import Array
+from ...base.typing import Array
 from .field import LensField, LensValues
 from .gaussian import GaussianLens
 from .pupil import EntrancePupil

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from ...base.arguments import choice, coordinates, number
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
-from .base import BLUR_MODES, Array, BlurMode, DepthOfField, Lens, ThroughFocus
+from ...base.typing import Array
+from .base import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
 
 
 class GaussianLens(Lens):

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import choice, coordinates, number
 from ...base.parameters import Parameter
-from .base import BLUR_MODES, F_NUMBER, Array, BlurMode, DepthOfField, Lens, ThroughFocus, crossing
+from ...base.typing import Array
+from .base import BLUR_MODES, F_NUMBER, BlurMode, DepthOfField, Lens, ThroughFocus, crossing
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Parameter
-from .base import F_NUMBER, FOCUS, Array, cos4, crossing
+from ...base.typing import Array
+from .base import F_NUMBER, FOCUS, cos4, crossing
 from .distortion import Coefficients, distorted, distorted_radius, fold, shrinkage, undistorted, undistorted_radius
 from .gaussian import GaussianLens
 from .pupil import EntrancePupil

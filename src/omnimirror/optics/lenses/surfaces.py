@@ -12,7 +12,8 @@ import numpy as np
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Parameter
-from .base import F_NUMBER, FOCUS, Array
+from ...base.typing import Array
+from .base import F_NUMBER, FOCUS
 from .field import LensField
 from .field_lens import FieldLens, axes
 from .prescription.dispersion import FRAUNHOFER_NM, through_three

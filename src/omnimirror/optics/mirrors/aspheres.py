@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import coordinates, floats
 from ...base.parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror
+from ...base.typing import Array
+from .base import RIM_RADIUS, Mirror
 from .conics import conic_profile, conic_reach
 
 NORMALIZATION = Parameter("mm", 1e-3, 1e5, "length unit of the coefficients")

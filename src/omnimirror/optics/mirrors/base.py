@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import check_fields, coordinates, number
 from ...base.errors import OutsideMirror
 from ...base.parameters import Parameter
+from ...base.typing import Array
 from .measured.columns import ColumnFile
-
-Array = NDArray[np.float64]
-
 
 APEX = 1e-6  # of the rim radius: odd functions are linear to 1e-12 within
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")

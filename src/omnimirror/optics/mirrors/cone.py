@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import coordinates, number
 from ...base.parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror
+from ...base.typing import Array
+from .base import RIM_RADIUS, Mirror
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import coordinates
 from ...base.parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror
+from ...base.typing import Array
+from .base import RIM_RADIUS, Mirror
 
 
 def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, Array, Array]:

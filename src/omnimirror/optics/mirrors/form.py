@@ -12,8 +12,7 @@ from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.zernike import noll, power_place, terms_of, zernike_powers
 from ...base.parameters import Parameter
-
-Array = NDArray[np.float64]
+from ...base.typing import Array
 
 LARGEST_ORDER = 12
 TERMS = terms_of(LARGEST_ORDER)

@@ -12,12 +12,11 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.parameters import Parameter
+from ...base.typing import Array
 from ...cameras.frames import turned
-
-Array = NDArray[np.float64]
 
 SHIFT = (-1e4, 1e4)
 TILT = (-60.0, 60.0)

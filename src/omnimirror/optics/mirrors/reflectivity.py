@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import number, shown
 from ...base.errors import InvalidParameter
+from ...base.typing import Array
 
-Array = NDArray[np.float64]
 Reflectivity: TypeAlias = float | complex | str
 """Constant from 0 to 1, complex refractive index ``n + 1j k`` of a metal, or name of a metal."""
 

@@ -13,7 +13,8 @@ from ...base.arguments import checked, coordinates, floats, number
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror, near_apex
+from ...base.typing import Array
+from .base import RIM_RADIUS, Mirror, near_apex
 from .measured.columns import CLOUD_FILE, GRID_FILE, PROFILE_FILE, read_columns
 from .measured.smoothing import DEGREE, Fit, fitted
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
-from .base import Array, Mirror
+from ...base.typing import Array
+from .base import Mirror
 
 
 @dataclass(frozen=True)

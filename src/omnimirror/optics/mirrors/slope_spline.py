@@ -17,7 +17,8 @@ from ...base.arguments import coordinates, floats
 from ...base.errors import InvalidParameter
 from ...base.numerics.lazy import cached_property
 from ...base.parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror, near_apex
+from ...base.typing import Array
+from .base import RIM_RADIUS, Mirror, near_apex
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

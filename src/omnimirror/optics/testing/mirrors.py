@@ -10,8 +10,8 @@ import numpy as np
 
 from ...base.arguments import instance
 from ...base.errors import OmnimirrorError
+from ...base.typing import Array
 from ..mirrors import MIRRORS, Mirror
-from ..mirrors.base import Array
 from ..sensor_files import table_model
 
 SHARES = np.array([0.13, 0.31, 0.52, 0.77, 0.93])

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.native import backend, kernel_array
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array, Mask
 from ..housing import Shell, Tube
 from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
 from .covers import Cover
@@ -24,9 +24,6 @@ from .posed import PosedMirror
 from .reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, TIP, Ends, Specular, Surface, meridian_table
 from .space import Reflections, reflect
 from .walls import pose_of, said_to_kernels, way_out
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CHUNK = 1 << 13  # rays per chunk: their arrays fit in the cache
 MAX_STEPS = 40

@@ -15,17 +15,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter, SelfObstruction
 from ...base.numerics.roots import sign_change
+from ...base.typing import Array, Mask
 from ..housing import Dome, FlatWindow, Shell, Tube
 
 if TYPE_CHECKING:
     from .meridian import ChiefRays
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PLACES = 257  # mirror points sampled to find the first ray past the base of a tube
 ON_RAY = 1e-7  # relative distance within which a point is on a ray

@@ -8,9 +8,8 @@ collects those of all parts of a sensor.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...base.typing import Array
 
 
 def past_circle(across: Array, radius: float) -> Array:

@@ -12,19 +12,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import NEWTON_CLOSE
+from ...base.typing import Array
 from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
 from . import space
 from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, Ends, Specular, Surface
 from .space import Reflections
 from .two_mirrors import TwoMirrorMeridian, clearances
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 OVER = np.array([1.0, 1.0, -1.0])  # conversion between secondary and world frames
 CHUNK = 1 << 12

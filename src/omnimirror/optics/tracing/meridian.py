@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import increasing_root
+from ...base.typing import Array
 from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror
 from ..mirrors.base import sagittal_radius, tangential_radius
 from .covers import Cover, Outside
 from .proofs import stops_growing
-
-Array = NDArray[np.float64]
 
 BETWEEN = 8  # points per polynomial piece at which the mapping is checked
 NODES = 1025  # of the table used for initial values and for the proof of monotonicity

@@ -13,18 +13,15 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.numerics.roots import sign_change
+from ...base.typing import Array, Mask
 from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from .covers import Cover
 from .edges import past_circle
 from .meridian import ChiefRays, Meridian
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PLACES = 2049  # mirror points sampled to locate the edges of rings
 TOUCHES_DEG = 1e-6  # distance at which a ring is merged with an end of the field

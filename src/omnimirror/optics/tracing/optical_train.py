@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array, Mask
 from ..lenses import Lens
 from ..mirrors import Mirror, Secondary
 from ..mirrors.form import MirrorForm
@@ -22,9 +22,6 @@ from .obscuration import Obstructions
 from .posed import PosedMirror
 from .reflection import Ends, Specular
 from .space import Reflections
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PUPIL_STEPS = 12  # each reduces the residual to 1 % or less
 PUPIL_CLOSE = 1e-13

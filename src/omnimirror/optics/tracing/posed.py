@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ..mirrors import Mirror
 from ..mirrors.form import NO_FORM, MirrorForm
 from ..mirrors.pose import MirrorPose
@@ -14,8 +15,6 @@ from . import reflection
 from .edges import past_circle
 from .reflection import RIM_SLACK, Ends, Specular, Surface
 from .space import Reflections, reflect, trace
-
-Array = NDArray[np.float64]
 
 FORM_STEPS = 12
 FORM_CLOSE = 1e-12  # rounding tolerance of heights, relative to the rim radius

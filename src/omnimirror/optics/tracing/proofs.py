@@ -11,11 +11,9 @@ from __future__ import annotations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.typing import Array
 from ..mirrors import Mirror
-
-Array = NDArray[np.float64]
 
 MOST_HALVINGS = 48
 ROUNDING = 1e-12  # relative to the coefficients of a piece

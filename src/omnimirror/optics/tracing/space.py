@@ -16,15 +16,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.numerics.roots import NEWTON_CLOSE
+from ...base.typing import Array, Mask
 from ..mirrors import Mirror
 from ..mirrors.conics import Conic
 from .meridian import ROUNDING
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CHUNK = 1 << 14  # rays per chunk: their arrays fit in the cache
 MAX_STEPS = 100  # a grazing ray halves its distance with each step

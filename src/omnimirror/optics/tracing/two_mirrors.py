@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 from ...base.errors import NotOneToOne, SelfObstruction
 from ...base.numerics.lazy import cached_property
 from ...base.numerics.roots import increasing_root, sign_change
+from ...base.typing import Array
 from ..mirrors import Mirror, Secondary
 from .edges import past_circle
-from .meridian import NODES, Array, ChiefRays, Meridian, checked
+from .meridian import NODES, ChiefRays, Meridian, checked
 from .reflection.limits import RIM_SLACK
 
 PROFILE = 129  # points of the secondary's profile tested for clearance

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.errors import InvalidParameter
 from ...base.native import backend, kernel_array
+from ...base.typing import Array, Mask
 from ..housing import FlatWindow, Shell, Tube
 from ..mirrors.pose import MirrorPose
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 AXIS = np.array([0.0, 0.0, 1.0])
 

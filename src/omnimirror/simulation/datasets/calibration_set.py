@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import checked, whole
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.files import replacing, write_text
+from ...base.typing import Array
 from ...io import read_image, write_image
 from ...io.keyframes import Keyframes
 from ...io.pictures.exr import check_exr_can_be_written
@@ -33,8 +33,6 @@ from .ledger import DESCRIPTION, FRAMES, Ledger
 from .recipe import CalibrationRecipe, Recipe, VideoRecipe, format_of, record_of_recipe
 from .truth import ground_truth
 from .video import check_video_can_be_written, encode, frame_at, frame_times
-
-Array = NDArray[np.float64]
 
 FRAME = f"{FRAMES}/frame-%05d.png"
 MOST_VIEWS = 10_000

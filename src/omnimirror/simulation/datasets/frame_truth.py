@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.typing import Array, Mask
 from ...cameras.camera import Camera
 from ..radiometry import Radiometry
 from ..rendering.sight import sights
-from ..scenes.contract import Array, distances_mm
+from ..scenes.contract import distances_mm
 from ..scenes.posed import Pose, PosedScene
 from ..scenes.worlds.bodies import SceneWithBodies
-from .truth import Mask, Truth, ground_truth
+from .truth import Truth, ground_truth
 
 NEIGHBOUR = 2e-4  # radians: rays next to that of a pixel, on the same surface except at edges
 # Maximum distance of a ray endpoint from a point that is visible again: in mm, and relative

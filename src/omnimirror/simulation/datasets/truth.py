@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from ...base.arguments import checked
 from ...base.colour import Light
+from ...base.typing import Array, Mask
 from ...cameras.camera import Camera
 from ..radiometry import Radiometry
 from ..rendering.sight import sights
 from ..scenes.contract import Scene, distances_mm
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ROWS_AT_ONCE = 64
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...base.colour import Light
 from ...base.native import backend
+from ...base.typing import Array
 from ...cameras.frames import turned
 from ...optics.sensor import Sensor
 from ..radiometry import Radiometry
@@ -24,8 +25,6 @@ from .kernel_sensor import SceneFrame, native_optics
 from .samples import Samples
 from .sight import mirror_net
 from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
-
-Array = NDArray[np.float64]
 
 ROWS_AT_ONCE = 64  # rows of an environment between progress reports
 # Relative to the rim radius: maximum distance of ray origins from the box around the mirror grid

@@ -28,7 +28,6 @@ from .samples import Samples, places, spread
 from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, check_housing_is_shown, follow, front_shade
 from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 
-Array = NDArray[np.float64]
 MOST_ACROSS = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
 
 

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.native import backend
+from ...base.typing import Array
 from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.lenses.distortion import fold
 from ...optics.mirrors import Mirror
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import Obstructions
 from ..radiometry import Radiometry
-
-Array = NDArray[np.float64]
 
 NODES = 2049  # nodes of the meridian; cubic interpolation of the sag is accurate to 1e-6 mm
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)

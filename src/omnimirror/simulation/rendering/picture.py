@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import checked
 from ...base.colour import Light, Picture, srgb_bytes
@@ -21,8 +21,6 @@ from ..radiometry import Radiometry
 from ..scenes.contract import Scene
 from .exposure import expose, exposed
 from .tiles import BYTES, Progress
-
-Array = NDArray[np.float64]
 
 MOST_SAMPLES = 16
 SHOWN_SAMPLES = 16

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import numbers, shown
 from ...base.errors import InvalidParameter
-
-Array = NDArray[np.float64]
+from ...base.typing import Array
 
 MOST_SAMPLES = 1 << 16
 PLASTIC = {2: 1.32471795724474602596, 4: 1.16730397826141868426}

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.typing import Array, Mask
 from ...cameras.camera import Camera, Projection, inside_image
 from ...cameras.frames import turned
 from ...optics.sensor import Sensor
@@ -16,8 +17,6 @@ from ..radiometry import Radiometry, camera_front
 from ..scenes.contract import Measured, Scene
 from ..shells import ThroughShell
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Fates = NDArray[np.uint8]
 
 LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # fate of a ray; values of the compiled kernels

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.errors import InvalidParameter
 from ...base.native import backend, kernel_array
+from ...base.typing import Array
 from .contract import rays_from
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 Point = tuple[float, float, float]
 

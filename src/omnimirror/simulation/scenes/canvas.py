@@ -11,13 +11,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.colour import Light, hex_colour
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from .lettering import lettering
-
-Array = NDArray[np.float64]
 
 ALBEDO, EMISSION, CLEAR, SENT = slice(0, 3), slice(3, 6), 6, slice(3, 7)
 """Channels of a canvas: albedo, emitted light, transmitted fraction of outside light, and the last

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import vectors
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
-
-Array = NDArray[np.float64]
+from ...base.typing import Array
 
 
 @runtime_checkable

@@ -14,11 +14,12 @@ from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError
 from ...base.native import backend, kernel_array
 from ...base.numerics.lazy import cached_property
+from ...base.typing import Array
 from ...cameras.frames import turned
 from ...dewarp.maps.pixels import PixelMap
 from ...dewarp.sampling.samplers import remap
 from ...io import read_image
-from .contract import Array, rays_from
+from .contract import rays_from
 
 FEWEST_ROWS = 4
 FULL_OF_DEPTH = {"uint8": 255.0, "uint16": 65535.0}

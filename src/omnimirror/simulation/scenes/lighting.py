@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.colour import Light, hex_colour
+from ...base.typing import Array
 from .boxes import Box, Face, blocked, meet
 from .canvas import CLEAR, EMISSION, SENT, Canvas
-
-Array = NDArray[np.float64]
 
 GRID_MM = 100.0  # grid spacing of the light on a face: shadows are softer than this
 SOURCE_MM = 400.0  # patch size of lamps and windows

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError
+from ...base.typing import Array
 from ...cameras.frames import turned
-from .contract import Array, Scene
+from .contract import Scene
 from .mesh_checks import check_corners, check_faces, check_mesh_file
 from .surfaces import Surfaces, Texture
 from .triangles import combined, facets, halves

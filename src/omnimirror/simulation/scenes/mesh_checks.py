@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import MediaError
 from ...base.files import check_file, open_file, parse_json, read_bytes
-from .contract import Array
+from ...base.typing import Array
 
 SMALLEST_MM, LARGEST_MM = 0.01, 1e9
 ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t](?:.*[ \t/])?0(?=[/ \t\r\n]|$)", re.M)

@@ -10,8 +10,9 @@ import numpy as np
 from ...base.arguments import check_fields
 from ...base.colour import Light
 from ...base.parameters import Parameter
+from ...base.typing import Array
 from ...cameras.frames import turn_of, turned
-from .contract import Array, Scene, distances_mm
+from .contract import Scene, distances_mm
 
 
 @dataclass(frozen=True)

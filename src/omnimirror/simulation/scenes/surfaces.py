@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...base.colour import Light
 from ...base.native import CompiledSurfaces, backend, kernel_array
 from ...base.numerics.lazy import cached_property
-from .contract import Array
+from ...base.typing import Array
 
 BESIDE = 1e-6  # relative to a side: no gaps between surfaces that share an edge
 RAYS_AT_ONCE = 1 << 22  # rays times surfaces, in NumPy

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.colour import Light, hex_colour
+from ...base.typing import Array
 from .boxes import Box
-from .contract import Array
 from .surfaces import Surfaces, Texture
 
 

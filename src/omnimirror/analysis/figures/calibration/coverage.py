@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..style import GREY, INK, PAGE, PALETTE, new_figure
-
-Array = NDArray[np.float64]
 
 
 def coverage_map(

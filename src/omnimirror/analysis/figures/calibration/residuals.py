@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ....base.escaping import plot_text, visible
+from ....base.typing import Array
 from ..style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, new_figure
-
-Array = NDArray[np.float64]
 
 LENGTH = 0.03  # relative to the image width, for a residual of the median length
 BINS = 12

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from ....analysis.aperture.point_spread import KINDS, Kind
 from ....analysis.evaluation import field_angles
 from ....analysis.meridional.focus import best_focus
+from ....base.typing import Array
 from ....optics.sensor import Sensor
 from .common import angle, distance, focus, values
 from .declared import Options, option
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

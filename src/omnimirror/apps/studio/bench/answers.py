@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....analysis.evaluation import Evaluation, evaluate, field_angles
 from ....analysis.section import (
@@ -30,8 +29,6 @@ from .designs.sensors import in_place, on_bench, remark_on, sensor_on_bench, tro
 from .designs.shaping import bent
 from .messages import Answer, Ask, BlockValues, Facts, columns_of, distance_of
 from .space import space_blocks
-
-Array = NDArray[np.float64]
 
 CURVES = (
     "omega_deg", "x_mm", "z_mm", "h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "area_px2", "aspect", "blur_t_px",

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....analysis.section import lens_half_width, lens_height, mirror_curve, secondary_curve
+from ....base.typing import Array
 from ....cameras.camera import inside_image
 from ....cameras.frames import turned
 from ....optics.housing import Dome, FlatWindow, Housing, Shell
@@ -27,8 +28,6 @@ from ....simulation.scenes.worlds.decor import ROOM
 from ....simulation.scenes.worlds.room import SOLIDS
 from .designs.sensors import in_place
 from .messages import BlockValues, columns_of
-
-Array = NDArray[np.float64]
 
 TURNS = 12  # meridians with traced rays
 PROFILE = 37  # samples of a mirror profile, axis to rim

@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.errors import OmnimirrorError
+from ....base.typing import Array
 from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ....manufacturing.tolerancing.evaluator import TrialEvaluator
 from ....manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, simulate_trials
@@ -25,8 +25,6 @@ from ..framing import framed
 from .answers import finite
 from .designs.sensors import in_place, sensor_on_bench
 from .tolerance_messages import Built, BuiltAsk, ErrorAlone, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
-
-Array = NDArray[np.float64]
 
 LAST_ZERNIKE = 11
 """Highest Zernike term with a slider; the remaining terms would add 80 sliders."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.errors import InvalidParameter
+from ....base.typing import Array
 from ....calibration.estimation.bundle.observations import Sighting
 from ....calibration.targets import Board
 from ....cameras.models.base import CameraModel
@@ -15,8 +15,6 @@ from ....dewarp import Dewarper
 from ....optics.sensor_files import parse_camera
 from ..uploads import eight_bits, encoded, picture_in
 from .messages import BoardPlace, StraightAsk
-
-Array = NDArray[np.float64]
 
 MARGIN = 1.5  # margin around the board, squares
 FINER = 2.5  # pixels of the view per pixel of the image

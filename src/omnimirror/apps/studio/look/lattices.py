@@ -9,8 +9,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from ....base.typing import Array, Mask
+
 Exact = Callable[[Array], Array]
 """Function that returns values (n, m) at points (n, 2); rows of NaN outside the domain."""
 Index = NDArray[np.intp]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ....cameras.camera import inside_image
 from ....cameras.frames import Mount, turned
 from ....cameras.models import MirrorBall, OCam, ViewpointSpline
@@ -25,8 +26,6 @@ from ....optics.sensor_files import AnyCamera
 from ....optics.tracing.reflection import Ends
 from .lattices import TAPS, Exact, PartOf, continued, lattice_of, weights_between
 from .messages import CameraShown, Kind, MountOf, TableLayout
-
-Array = NDArray[np.float64]
 
 ENTRIES = 2048  # texture width that every WebGL2 implementation supports
 LATTICE = 513

@@ -12,19 +12,16 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.arguments import checked, choice
 from ....base.errors import InvalidParameter
+from ....base.typing import Array, Mask
 from ....cameras.models.base import CameraModel
 from .board_shape import NAMES, UNITS, BoardShape
 from .edges import StraightEdges
 from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, targets
 from .observations import Sighting, Stack, rms_px, stacked
 from .steps import LEAST_NOISE_PX, SETTLED, Question, least
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MOST_STEPS = 80
 SCALES_ADJUSTED = 4  # re-estimations of the scale of robust weights

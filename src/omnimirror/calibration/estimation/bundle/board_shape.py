@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from ....base.typing import Array
 
 STRETCH_SIGMA = 0.003  # typical relative stretch and shear of a print
 BEND_SIGMA = 0.01  # typical deviation of corners from the plane, relative to 0.5 times the diagonal

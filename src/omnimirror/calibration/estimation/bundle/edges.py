@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.arguments import finite, number
 from ....base.errors import InvalidParameter
+from ....base.typing import Array
 from ....cameras.models.base import CameraModel
 from ...lines.fitting import Knobs, LinesFit, edges_of, fitted_lines
 from ...lines.marked import LEAST_POINTS
-
-Array = NDArray[np.float64]
 
 FEWEST = 3  # minimum number of edges
 INDEPENDENT = 4  # independent values per edge, whatever its number of points

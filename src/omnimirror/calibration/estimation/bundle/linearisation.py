@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.typing import Array, Mask
 from ....cameras.models.base import CameraModel
 from .board_shape import BoardShape
 from .observations import Motion, Sighting, Stack, stacked
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 UNSEEN_PX = 1e3
 """Residual of a point outside the model's field."""

@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.typing import Array
 from .observations import Stack
-
-Array = NDArray[np.float64]
 
 MOST_PRODUCTS = 1 << 16  # multiplications per product; OpenBLAS starts threads above
 FEWEST_ROWS = 32  # minimum rows per product; for wide matrices threads pay off

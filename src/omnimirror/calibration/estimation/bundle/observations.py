@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....base.arguments import finite
 from ....base.errors import InvalidParameter
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from ....base.typing import Array, Mask
 
 
 class Motion(NamedTuple):

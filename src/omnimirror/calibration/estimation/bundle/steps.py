@@ -13,16 +13,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.errors import OmnimirrorError
+from ....base.typing import Array, Mask
 from .edges import Knowledge
 from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, slid, without_slides
 from .normal_equations import Blocks, assembled, solved, with_priors
 from .observations import Stack, moved
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SETTLED = 1e-7  # relative decrease that ends the iteration
 MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-10

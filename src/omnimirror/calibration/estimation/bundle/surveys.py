@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.arguments import checked, shown
 from ....base.errors import InvalidParameter
 from ....base.files import read_text
 from ...tables import cells_of, number_of
 from .observations import Sighting
-
-Array = NDArray[np.float64]
 
 PIXEL = ("u_px", "v_px")
 POINT = ("x_mm", "y_mm", "z_mm")

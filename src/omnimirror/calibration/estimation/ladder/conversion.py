@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.errors import InvalidParameter
+from ....base.typing import Array
 from ....cameras.camera import inside_image
 from ....cameras.models.base import CameraModel
 from ..bundle.adjustment import Adjustment, Prior, adjust
 from ..bundle.linearisation import as_placed
 from ..bundle.observations import Motion, Sighting
-
-Array = NDArray[np.float64]
 
 RINGS, SPOKES = 40, 24  # directions for the comparison of models
 AGREEMENT_PX = 3.0  # typical parallax error of models fitted to near boards; weights priors

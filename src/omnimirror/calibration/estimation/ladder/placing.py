@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..bundle.observations import Motion, Sighting
-
-Array = NDArray[np.float64]
 
 LEAST_POINTS, LEAST_DIRECTIONS = 6, 3  # minimum numbers of points and of directions of a target
 FLAT = 1e-3  # relative to its extent; a target with smaller depth is treated as planar

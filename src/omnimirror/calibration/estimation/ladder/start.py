@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..bundle.observations import Motion, Sighting
 from .placing import placed
-
-Array = NDArray[np.float64]
 
 FOCALS = 25
 FOCAL_RANGE = (0.08, 1.6)  # relative to the larger image side

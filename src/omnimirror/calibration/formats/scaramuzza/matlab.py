@@ -17,15 +17,13 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.arguments import float_of
 from ....base.errors import OmnimirrorError, SpecError
+from ....base.typing import Array
 from ....cameras.models import OCam
 from ..base import CameraFile, CameraFormat, Layout, Reading, Stored, row
 from ..entries import Node
-
-Array = NDArray[np.float64]
 
 LARGEST = 1e100
 SCRIPT = re.compile(rb"fisheyeIntrinsics\s*\(")

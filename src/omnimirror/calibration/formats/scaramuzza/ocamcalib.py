@@ -12,14 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ....cameras.models import OCam
 from ....cameras.models.consistency import inverse_doubts
 from ....cameras.models.ocam import parse_polynomials
 from ..base import CameraFile, CameraFormat, Layout, Reading, Stored, row
-
-Array = NDArray[np.float64]
 
 CLOSE_PX = 0.01  # tolerance of the inverse polynomial, as in OCamCalib's findinvpoly
 MOST_TERMS = 30

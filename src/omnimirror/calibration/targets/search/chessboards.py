@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..boards import Board
 from .greys import Grey, bytes_of, scaled, scales, unscaled_px, upwards
 from .growing import CHECKER, LatticePart, from_grid, goes_on, grown, is_bounded, trimmed
 from .local_maps import maps_about
 from .saddles import fit_saddles
 from .seeds import find_seeds
-
-Array = NDArray[np.float64]
 
 WHOLE = 0.9
 """Minimum fraction of the corners of a lattice."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..boards import Board
 from .greys import Grey
 from .growing import AWAY, CLEARANCE, LIKENESS, MISFIT, likeness
 from .local_maps import LocalMaps, maps_about
 from .saddles import fit_saddles
 
-Array = NDArray[np.float64]
 Ids = NDArray[np.int_]
 
 SUPPORT = 2.0

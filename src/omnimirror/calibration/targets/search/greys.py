@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.errors import InvalidParameter
+from ....base.typing import Array
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 USUAL_PX = 900

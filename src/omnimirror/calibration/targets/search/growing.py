@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.numerics.products import product
+from ....base.typing import Array
 from ..boards import CornerWindow
 from .local_maps import LocalMaps, maps_about
 from .saddles import fit_saddles
 
-Array = NDArray[np.float64]
 Places = NDArray[np.int_]
 Grey = NDArray[np.float32]
 

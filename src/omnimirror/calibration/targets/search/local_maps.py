@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ....base.typing import Array
 
 REACH = 1.3
 """Standard deviation of the Gaussian weights of neighbouring corners, in board units."""

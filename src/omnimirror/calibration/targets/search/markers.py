@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..boards import Board, dictionary
 from .completion import completed, predicted, without_strays
 from .greys import Grey, bytes_of, scaled, scales, unscaled_px
 
-Array = NDArray[np.float64]
 Ids = NDArray[np.int_]
 
 LEAST_MARKERS = 2

@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ....cameras.camera import Camera
 from .greys import Grey
-
-Array = NDArray[np.float64]
 
 FIELD_DEG = 80.0
 APART_DEG = 45.0

@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ..boards import CornerWindow
 from .local_maps import LocalMaps, inverted
-
-Array = NDArray[np.float64]
 
 LARGEST_WINDOW_PX = 14.0
 SMALLEST_WINDOW_PX = 2.5

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.numerics.products import product
+from ....base.typing import Array
 from .growing import LatticePart, coloured
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 BLUR_PX = 1.5  # of the derivatives

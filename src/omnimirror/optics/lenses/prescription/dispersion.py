@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ....base.arguments import number
 from ....base.errors import InvalidParameter
-
-Array = NDArray[np.float64]
+from ....base.typing import Array
 
 FRAUNHOFER_NM = np.array([486.1327, 587.5618, 656.2725])
 """Fraunhofer lines F, d and C."""

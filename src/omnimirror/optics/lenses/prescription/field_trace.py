@@ -11,13 +11,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.errors import InvalidParameter
+from ....base.typing import Array
 from ..field import FieldNodes
 from .sequence import Landed, Sequence
-
-Array = NDArray[np.float64]
 
 NODES = 29
 COLOUR_STEPS = 4  # each reduces the residual to 1 %

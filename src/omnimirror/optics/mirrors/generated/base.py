@@ -13,7 +13,8 @@ from ....base.arguments import coordinates
 from ....base.errors import InvalidParameter
 from ....base.numerics.lazy import cached_property
 from ....base.parameters import Parameter
-from ..base import RIM_RADIUS, Array, Mirror
+from ....base.typing import Array
+from ..base import RIM_RADIUS, Mirror
 from .meridian import GeneratedMeridian, OrthographicMeridian, PerspectiveMeridian
 
 OMEGA_MAX = Parameter("deg", 1.0, 179.0, "field angle at the rim")

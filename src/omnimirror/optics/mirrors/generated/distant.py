@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ....base.arguments import coordinates
 from ....base.numerics.lazy import cached_property
 from ....base.parameters import Parameter
-from ..base import Array
+from ....base.typing import Array
 from ..conics import Hyperboloid, Paraboloid, conic_profile
 from .base import OMEGA_MIN, Generated
 from .meridian import Curve, GeneratedMeridian, OrthographicMeridian, PerspectiveMeridian

@@ -24,7 +24,7 @@ from ....base.arguments import check_fields, coordinates
 from ....base.errors import InvalidParameter
 from ....base.numerics.lazy import cached_property
 from ....base.parameters import Parameter
-from ..base import Array
+from ....base.typing import Array
 from .base import OMEGA_MIN, Generated
 from .meridian import GeneratedMeridian, OrthographicMeridian, PerspectiveMeridian
 

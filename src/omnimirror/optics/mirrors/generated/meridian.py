@@ -20,11 +20,10 @@ from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from ....base.numerics.lazy import cached_property
+from ....base.typing import Array
 
-Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
 CELLS = 1024  # of the table theta(x); cubic pieces are accurate to 1e-14 before the Newton step

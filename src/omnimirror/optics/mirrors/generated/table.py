@@ -13,7 +13,8 @@ from ....base.arguments import WrongKind, coordinates, floats, number, shown
 from ....base.errors import InvalidParameter
 from ....base.numerics.lazy import cached_property
 from ....base.parameters import Parameter
-from ..base import APEX, RIM_RADIUS, Array, near_apex
+from ....base.typing import Array
+from ..base import APEX, RIM_RADIUS, near_apex
 from ..measured.columns import MAPPING_FILE
 from .base import THETA_MAX, Mapped
 

@@ -12,15 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.arguments import float_of, shown
 from ....base.errors import OmnimirrorError
 from ....base.files import read_text
+from ....base.typing import Array
 from .point_rows import parsed_points
 from .smoothing import NORMAL, _least_squares, extended
 
-Array = NDArray[np.float64]
 Columns = tuple[tuple[float, ...], tuple[float, ...]]
 
 FEWEST = 200  # points

@@ -11,12 +11,11 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.arguments import shown
 from ....base.errors import OmnimirrorError
+from ....base.typing import Array
 
-Array = NDArray[np.float64]
 Line = tuple[int, str]
 """Line number and text."""
 Table = tuple[list[str], list[bool], Array]

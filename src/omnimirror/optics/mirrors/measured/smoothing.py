@@ -13,15 +13,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.errors import InvalidParameter
+from ....base.typing import Array, Mask
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 DEGREE = 5  # quintic: the curvature is a smooth cubic spline
 ORDERS = (6, 8, 10)  # neighbours that predict a point

@@ -10,17 +10,15 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.native import backend, kernel_array
+from ....base.typing import Array
 from ...mirrors import Mirror
 from ...mirrors.form import MirrorForm
 from ..space import hollowness
 from .ends import Ends
 from .limits import LONGEST_STEP, RIM_SLACK
 from .tables import BEYOND, CELLS, MirrorTables
-
-Array = NDArray[np.float64]
 
 SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
 NOT_SEEN, SEEN, NOT_SETTLED = 0, 1, 2

@@ -13,9 +13,9 @@ All coordinates are in the mirror frame. An end is a point, or the direction of 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.numerics.roots import NEWTON_CLOSE
+from ....base.typing import Array
 from ...mirrors import Mirror
 from ...mirrors.form import NO_FORM, MirrorForm
 from ..meridian import trace_chief_rays
@@ -25,7 +25,6 @@ from .ends import Ends, Specular
 from .limits import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK
 from .surface import Surface
 
-Array = NDArray[np.float64]
 Shape = tuple[Mirror, MirrorForm]
 
 CHUNK = 1 << 13  # pairs per chunk: their arrays fit in the cache

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ...mirrors import Mirror
 from ...mirrors.form import NO_FORM, MirrorForm, SurfaceHeights
-
-Array = NDArray[np.float64]
 
 
 def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:

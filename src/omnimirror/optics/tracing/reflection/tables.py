@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.typing import Array
 from ...mirrors import Mirror
 from ..meridian import trace_chief_rays
 from .surface import continued_profile
-
-Array = NDArray[np.float64]
 
 CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are accurate to 1e-9 mm and 1e-9
 BEYOND = 256  # cells of the same width beyond the rim, for iterates outside the mirror

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.typing import Array
 from ....cameras.frames import pan_tilt_direction, view_axes
 from ..boxes import Face
 from ..canvas import Canvas, Paint
-from ..contract import Array
 
 SQUARES = (12, 8)
 SQUARE_MM = 100.0

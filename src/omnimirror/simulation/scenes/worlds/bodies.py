@@ -14,10 +14,11 @@ from ....base.arguments import check_fields, checked, file_name, finite
 from ....base.colour import Light, hex_colour
 from ....base.errors import InvalidParameter, MediaError, SpecError
 from ....base.files import read_tables
+from ....base.typing import Array
 from ....cameras.frames import turned
 from ....io.keyframes import Keyframes, keyframes_of
 from ..boxes import FACES, TINY, Box, Face, face_of
-from ..contract import Array, Scene, distances_mm
+from ..contract import Scene, distances_mm
 from ..posed import POSE_NAMES, Pose
 from ..surfaces import joined
 from .painted import Painted, Surroundings, surfaces_of

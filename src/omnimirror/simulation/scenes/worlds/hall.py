@@ -12,9 +12,9 @@ from ....base.arguments import checked, finite
 from ....base.colour import Light
 from ....base.errors import InvalidParameter
 from ....base.parameters import Parameter
+from ....base.typing import Array
 from ..boxes import Box, Face, face_of, rays_inside
 from ..canvas import Canvas, Paint
-from ..contract import Array
 from ..lighting import light_on
 from .boards import HallBoard
 from .painted import Surroundings, finished, outsides, surfaces_of

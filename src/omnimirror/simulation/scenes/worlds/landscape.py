@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....base.colour import Light, hex_colour
-
-Array = NDArray[np.float64]
+from ....base.typing import Array
 
 ZENITH, HAZE = hex_colour("#4f86c6"), hex_colour("#e6edf2")
 SOFTNESS_DEG = 0.15  # edge width of the ridges

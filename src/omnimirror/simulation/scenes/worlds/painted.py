@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....base.colour import Light
+from ....base.typing import Array
 from ..boxes import Box, Face, face_of
 from ..canvas import ALBEDO, CLEAR, EMISSION, Canvas
-from ..contract import Array, Scene
+from ..contract import Scene
 from ..surfaces import Surfaces, Texture
 
 

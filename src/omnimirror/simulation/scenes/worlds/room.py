@@ -14,9 +14,9 @@ from ....base.errors import InvalidParameter
 from ....base.native import backend
 from ....base.numerics.lazy import cached_property
 from ....base.parameters import Parameter
+from ....base.typing import Array
 from ..boxes import FACES, Face, face_of, meet, rays_inside
 from ..canvas import Canvas, Extent
-from ..contract import Array
 from ..lighting import light_on
 from .decor import PIECES, ROOM, paint_room
 from .landscape import landscape_light

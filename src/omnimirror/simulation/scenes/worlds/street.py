@@ -13,9 +13,10 @@ from ....base.arguments import finite
 from ....base.colour import Light
 from ....base.errors import InvalidParameter
 from ....base.parameters import Parameter
+from ....base.typing import Array
 from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
-from ..contract import Array, rays_from
+from ..contract import rays_from
 from ..lighting import under_sky
 from ..triangles import combined, crown
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of

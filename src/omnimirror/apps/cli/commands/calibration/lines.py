@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .....base.errors import InvalidParameter
 from .....base.files import write_json
+from .....base.typing import Array
 from .....calibration.lines import Level, LineCalibration, calibrate_lines, drawn_edges, read_lines
 from .....calibration.lines.marked import ONLY
 from .....calibration.rim import SURE, check_alike, find_rim
@@ -27,8 +28,6 @@ from ...options.common import NUMBER, distance, whole_size
 from ...options.declared import Options, option, takes
 from ...options.orientation import OrientationOptions
 from ...outputs import json_option, output_console, output_option, say, say_written
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from .....analysis.calibration import CameraMapping, evaluate_camera
@@ -19,6 +18,7 @@ from .....analysis.meridional.viewpoints import best_viewpoint
 from .....analysis.temperature import at_temperature, thermal_motion_px
 from .....base.escaping import shell_command
 from .....base.quantities import QUANTITIES
+from .....base.typing import Array
 from .....calibration.physical import SensorModel
 from .....optics.lenses import BlurMode
 from .....optics.mirrors import Cone, SampledProfile
@@ -31,8 +31,6 @@ from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
 from ...options.lens import LensOptions
 from ...outputs import json_option, output_console, output_option, print_rows, say, say_written
-
-Array = NDArray[np.float64]
 
 MOST_NAMED = 5  # outliers listed by name
 TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]

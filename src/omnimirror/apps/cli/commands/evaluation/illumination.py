@@ -11,11 +11,12 @@ import numpy as np
 from .....analysis.aperture.relative_illumination import Illumination, illumination
 from .....base.arguments import float_of
 from .....base.quantities import QUANTITIES
+from .....base.typing import Array
 from .....optics.mirrors.reflectivity import METALS, Reflectivity
 from .....optics.sensor import Sensor
 from .....optics.sensor_files import load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.aperture import Array, angles_of
+from ...options.aperture import angles_of
 from ...options.common import NUMBER, SENSOR, angle, values
 from ...options.declared import Options, option, takes
 from ...outputs import (

@@ -11,9 +11,10 @@ import numpy as np
 
 from .....analysis.aperture.transfer import mtf
 from .....base.quantities import QUANTITIES
+from .....base.typing import Array
 from .....optics.sensor_files import load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.aperture import Array, ImageOptions
+from ...options.aperture import ImageOptions
 from ...options.common import SENSOR, values
 from ...options.declared import option, takes
 from ...outputs import (

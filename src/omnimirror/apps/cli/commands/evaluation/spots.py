@@ -15,10 +15,11 @@ from .....analysis.aperture.blur_check import check_blur
 from .....analysis.aperture.pupil import hexapolar
 from .....analysis.aperture.spot_diagrams import Spots, spots
 from .....base.quantities import QUANTITIES
+from .....base.typing import Array
 from .....optics.sensor import Sensor
 from .....optics.sensor_files import load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.aperture import Array, ObjectOptions
+from ...options.aperture import ObjectOptions
 from ...options.common import SENSOR, WHOLE, values
 from ...options.declared import option, takes
 from ...outputs import (

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from .....analysis.meridional.focus import best_focus
 from .....base.files import name_of, write_json
+from .....base.typing import Array
 from .....dewarp.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from .....io import write_image
 from .....io.pictures.images import format_of
@@ -35,8 +35,6 @@ from ...outputs import (
     say,
     say_written,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .....analysis.evaluation import evaluate
 from .....base.errors import InvalidParameter
+from .....base.typing import Array
 from .....optics.mirrors import SlopeSpline
 from .....optics.mirrors.slope_spline import spline_of_slopes
 from .....optics.sensor import Sensor
 from ..messages import Bend
 from .sensors import mapping_like, rim_of, spline_like, why_not_optimised
-
-Array = NDArray[np.float64]
 
 CLEAR = 0.02
 """Minimum distance from fixed curve ends, relative to the rim radius or the field."""
