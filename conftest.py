@@ -14,14 +14,14 @@ TORCH = "src/omnimirror/interop/torch"
 NEED_TORCH = ("_camera.py", "_factory.py", "_tables.py")
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in NEED_TORCH]
 LONG_EXAMPLES = {
-    "omnimirror.calibration.estimation.calibration.calibrate_camera",
-    "omnimirror.calibration.estimation.results.Calibration",
-    "omnimirror.calibration.targets.finding.find_board",
-    "omnimirror.design.optimise.optimiser.optimise",
+    "omnimirror.calibration.estimation._camera_calibration.calibrate_camera",
+    "omnimirror.calibration.estimation.calibration_result.Calibration",
+    "omnimirror.calibration.targets.board_detection.find_board",
+    "omnimirror.design.optimiser.optimise",
     "omnimirror.apps.reports.calibration.write_calibration_figures",
     "omnimirror.apps.reports.calibration.write_calibration_report",
     "omnimirror.apps.reports.write_demo",
-    "omnimirror.simulation.datasets.calibration_set.write_calibration_set",
+    "omnimirror.simulation.datasets.write_calibration_set",
 }
 """Docstring examples run by `make test-full` only; the tests of the same functions run daily."""
 OPTION, PROPERTY = "--cross-validation", "compared"

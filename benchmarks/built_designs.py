@@ -23,8 +23,8 @@ from timing import measured
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.optics.batch.bases import family
 from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
+from omnimirror.optics.batch.families import family
 from omnimirror.optics.housing import Dome, Housing
 from omnimirror.optics.lenses import SurfaceLens
 

@@ -27,7 +27,7 @@ from circumstances import processor
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.calibration.targets.rendering import photographed, pose
 
 BOARD = om.Board("chessboard", 9, 6, 30.0)

@@ -24,8 +24,8 @@ from timing import measured
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.optics.batch.bases import family
 from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
+from omnimirror.optics.batch.families import family
 
 ANGLES, FEW, MANY, RUNS = 100, 2_000, 20_000, 15
 

@@ -28,8 +28,8 @@ from circumstances import circumstances
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.files import write_text
-from omnimirror.optics.mirrors.pose import MirrorPose
-from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 
 PIXELS, RAYS = 1000, 64
@@ -39,7 +39,7 @@ MOST_RAYS = 4096  # rays per pixel of the reference image
 
 
 def sensor_of(name: str, pixels: int = PIXELS) -> om.Sensor:
-    from tests.simulation.rendering.test_mitsuba_pictures import small
+    from tests.simulation.test_mitsuba_images import small
 
     return small(name, pixels, MirrorPose())
 
@@ -70,7 +70,7 @@ def render_here(variant: str, name: str) -> None:
     import mitsuba as mi
 
     mi.set_variant(variant)
-    from tests.simulation.rendering import test_mitsuba_pictures as pictures
+    from tests.simulation import test_mitsuba_images as pictures
 
     sensor = sensor_of(name)
     _, light = pictures.maps()
@@ -114,7 +114,7 @@ def main() -> None:
     if arguments.mitsuba:
         render_here(*arguments.mitsuba)
         return
-    from tests.simulation.rendering.test_mitsuba_pictures import maps
+    from tests.simulation.test_mitsuba_images import maps
 
     world = Environment(maps()[0])
     lines = [

@@ -20,11 +20,11 @@ import numpy as np
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.base.files import write_text
-from omnimirror.design.catalogue.catalogue import LensComponent, read_catalogue
-from omnimirror.design.criteria.requirement_file import requirements_of
-from omnimirror.design.criteria.requirements import FARTHEST_FOCUS
-from omnimirror.design.solve.candidates import make
-from omnimirror.design.solve.range_search import solve
+from omnimirror.design._candidates import make
+from omnimirror.design._parameter_search import solve
+from omnimirror.design.catalogue import LensComponent, read_catalogue
+from omnimirror.design.requirement_files import requirements_of
+from omnimirror.design.requirements import FARTHEST_FOCUS
 
 LOOSENED = 0.005  # relative relaxation
 AT_MOST = ("total_blur_deg", "total_blur_px", "viewpoint_spread_mm", "sag_mm", "whole_height_mm", "whole_diameter_mm")

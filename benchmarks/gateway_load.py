@@ -30,14 +30,14 @@ import numpy as np
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.dewarp.frames import dewarp_frame
+from omnimirror.dewarp.video_files import dewarp_frame
 from omnimirror.interop.gateway.live_views import Gateway
 from omnimirror.interop.gateway.routes import create_app
 from omnimirror.interop.gateway.stream_outputs import JpegEncoder, StreamOutput, TransportEncoder
 from omnimirror.interop.http_server.server import Server, listen, server_config
-from omnimirror.io.live.sources import TICKS
-from omnimirror.io.video.frames import frame_of_image
-from omnimirror.io.video.writer import VideoWriter
+from omnimirror.io.live_sources import TICKS
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_writer import VideoWriter
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 25
 CAMERA = om.MirrorBall(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0.48 * HEIGHT, 270.0, (WIDTH, HEIGHT))

@@ -20,7 +20,7 @@ import numpy as np
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.dewarp.screens import Screen
-from omnimirror.simulation.rendering.picture import pinhole_picture
+from omnimirror.simulation.rendering import pinhole_picture
 
 SAMPLES = 8  # rays per pixel and side
 RAYS = 1 << 17  # rays per block, limited by the cache size

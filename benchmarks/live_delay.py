@@ -31,10 +31,10 @@ import numpy as np
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.dewarp.frames import dewarp_frame
-from omnimirror.io.live.sources import LOW_DELAY, LiveSource
-from omnimirror.io.video.frames import frame_of_image, planes
-from omnimirror.io.video.writer import VideoWriter
+from omnimirror.dewarp.video_files import dewarp_frame
+from omnimirror.io.live_sources import LOW_DELAY, LiveSource
+from omnimirror.io.video_frames import frame_of_image, planes
+from omnimirror.io.video_writer import VideoWriter
 
 SIDE, SIZE = 1000, (1280, 720)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))

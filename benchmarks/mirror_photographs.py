@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import omnimirror as om
 from omnimirror.cameras.frames import pan_tilt_direction
 from omnimirror.io import read_image
-from omnimirror.simulation.rendering.picture import pinhole_picture
+from omnimirror.simulation.rendering import pinhole_picture
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float64]

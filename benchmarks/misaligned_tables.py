@@ -15,10 +15,10 @@ import numpy as np
 from circumstances import other_load, processor
 
 import omnimirror as om
-from omnimirror.apps.studio.look.tables import camera_model, camera_tables
+from omnimirror.apps.studio._camera_tables import camera_model, camera_tables
 from omnimirror.base.files import write_text
 from omnimirror.optics.housing import Dome, Housing, Tube
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 
 POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)
 

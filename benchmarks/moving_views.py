@@ -24,7 +24,7 @@ from timing import interleaved
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.cameras.frames import view_axes
-from omnimirror.dewarp.maps.coordinates import lattice_map_of, polar_map_of
+from omnimirror.dewarp._source_coordinates import lattice_map_of, polar_map_of
 from omnimirror.optics.image_sensor import Imager
 
 RUNS = 7

@@ -19,7 +19,7 @@ from circumstances import other_load, processor
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.design.catalogue.catalogue import Catalogue, ImagerComponent, LensComponent
+from omnimirror.design.catalogue import Catalogue, ImagerComponent, LensComponent
 
 LENSES, IMAGERS = 200, 50
 

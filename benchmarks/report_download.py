@@ -15,8 +15,8 @@ import numpy as np
 from circumstances import circumstances
 
 import omnimirror as om
-from omnimirror.apps.studio.bench.files import downloaded
-from omnimirror.apps.studio.bench.messages import Download
+from omnimirror.apps.studio._bench_files import downloaded
+from omnimirror.apps.studio.bench_messages import Download
 from omnimirror.base.files import write_text
 from omnimirror.optics.sensor_files import tables_of
 

@@ -34,10 +34,10 @@ import omnimirror as om
 from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.dewarp.restoration.sharpening import Restorer
-from omnimirror.simulation.scenes.contract import Scene
-from omnimirror.simulation.scenes.worlds.hall import Hall
-from omnimirror.simulation.scenes.worlds.street import Street
+from omnimirror.dewarp.restoration.deblurring import Restorer
+from omnimirror.simulation.scenes.calibration_hall import Hall
+from omnimirror.simulation.scenes.scene import Scene
+from omnimirror.simulation.scenes.street import Street
 
 NOISE = 0.01
 RUNS = 3  # of which the median is reported; the first includes memory allocation by the system

@@ -25,7 +25,7 @@ from rim_learning import learned
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.calibration.rim import SURE
-from omnimirror.calibration.rim.choice import COMMITTEE
+from omnimirror.calibration.rim._classifier import CLASSIFIER_FILE
 
 FIRST, MIRRORS = 9100, 200
 RIGHT = 0.01  # relative to the radius
@@ -83,7 +83,7 @@ def main() -> None:
     folder = arguments.environments
     every = WAYS | SURROUNDINGS | MIRRORLESS
     if arguments.learn:
-        write_text(COMMITTEE, learned(every, folder, range(arguments.learn), arguments.jobs))
+        write_text(CLASSIFIER_FILE, learned(every, folder, range(arguments.learn), arguments.jobs))
         return
     chosen = {way: every[way] for way in (arguments.ways.split(",") if arguments.ways else every)}
     each = -(-arguments.count // sum(way not in MIRRORLESS for way in chosen))

@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 import omnimirror as om
-from omnimirror.calibration.rim.candidates import rings_of
-from omnimirror.calibration.rim.choice import FIRST, UNLISTED, Committee, Member, listed_rows
-from omnimirror.calibration.rim.edges import at_working_size, edges_of, levels_of
-from omnimirror.calibration.rim.ellipses import Ellipse
-from omnimirror.calibration.rim.placing import placed
+from omnimirror.calibration.edge_detection import at_working_size, edges_of, levels_of
+from omnimirror.calibration.rim._candidates import candidate_rings
+from omnimirror.calibration.rim._classifier import FIRST, UNLISTED, LogisticMember, RimClassifier, listed_rows
+from omnimirror.calibration.rim._ellipses import Ellipse, refine_ring
 
 Array = NDArray[np.float64]
 
@@ -56,7 +55,7 @@ class Example(NamedTuple):
 def example(way: str, seed: int, photograph: Photograph) -> Example | None:
     """Return the example of a photograph; None without candidates."""
     working = at_working_size(photograph.picture)
-    rings = rings_of(photograph.picture, working, edges_of(working))
+    rings = candidate_rings(photograph.picture, working, edges_of(working))
     if not rings:
         return None
     listed, rows = listed_rows(rings, working)
@@ -66,7 +65,7 @@ def example(way: str, seed: int, photograph: Photograph) -> Example | None:
     for k, i in enumerate(listed):
         ring = rings[i].ellipse.scaled(working.scale)
         if photograph.rim is not None and _error(ring, photograph.rim) < NEARLY:
-            right[k] = _error(placed(levels, ring, working.scale)[0], photograph.rim) < RIGHT
+            right[k] = _error(refine_ring(levels, ring, working.scale)[0], photograph.rim) < RIGHT
     return Example(way, seed, rows, right)
 
 
@@ -87,7 +86,7 @@ def learned(ways: dict[str, Any], folder: Path | None, seeds: Sequence[int], job
     return as_json(with_trust(examples), told)
 
 
-def as_json(committee: Committee, told: str) -> str:
+def as_json(committee: RimClassifier, told: str) -> str:
     """Serialise a classifier with four digits."""
 
     def short(values: Array) -> Any:
@@ -102,7 +101,7 @@ def as_json(committee: Committee, told: str) -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
-def with_trust(examples: list[Example]) -> Committee:
+def with_trust(examples: list[Example]) -> RimClassifier:
     """Train the classifier on all examples, with its calibration from cross-validation."""
     judged: list[tuple[Example, Array]] = []
     for part in range(FOLDS):
@@ -127,18 +126,18 @@ def _probability(odds: Array, right: NDArray[np.bool_]) -> float:
     return max(float(weights[np.append(right, not right.any())].sum() / weights.sum()), 1e-12)
 
 
-def trained(examples: list[Example]) -> Committee:
+def trained(examples: list[Example]) -> RimClassifier:
     """Train a classifier without calibration."""
     rows = np.concatenate([one.rows for one in examples])
     middle = np.nan_to_num(np.nanmedian(rows, axis=0))
     low, high = np.nanpercentile(rows, [10, 90], axis=0)
     spread = np.maximum((high - low) / 2.56, np.maximum(0.3 * np.nanstd(rows, axis=0), 1e-3))
-    empty = Committee(middle, spread, (), 1.0, FIRST_SHARE)
+    empty = RimClassifier(middle, spread, (), 1.0, FIRST_SHARE)
     scaled = [one._replace(rows=empty.scaled(one.rows)) for one in examples]
     return replace(empty, members=tuple(_member(scaled, seed) for seed in range(MEMBERS)))
 
 
-def _member(examples: list[Example], seed: int) -> Member:
+def _member(examples: list[Example], seed: int) -> LogisticMember:
     """Train one member by maximum likelihood: a conditional logit of the candidates and none."""
     rng = np.random.default_rng(seed)
     chosen = [one for one in examples if rng.random() > 0.2]
@@ -176,4 +175,4 @@ def _member(examples: list[Example], seed: int) -> Member:
     linear, bias, hidden, shift, out = parts(
         minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": STEPS}).x
     )
-    return Member(linear, float(bias), hidden, shift, out)
+    return LogisticMember(linear, float(bias), hidden, shift, out)

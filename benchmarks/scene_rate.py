@@ -26,12 +26,12 @@ from circumstances import circumstances
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
+from omnimirror.simulation.pixel_rays import REFLECTED, spread
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering.exposure import REFLECTED, expose, trace
-from omnimirror.simulation.rendering.samples import spread
-from omnimirror.simulation.scenes.triangles import facets
-from omnimirror.simulation.scenes.worlds.hall import Hall
-from omnimirror.simulation.scenes.worlds.street import Street
+from omnimirror.simulation.rendering import expose, trace
+from omnimirror.simulation.scenes.calibration_hall import Hall
+from omnimirror.simulation.scenes.street import Street
+from omnimirror.simulation.scenes.surfaces import facets
 
 RINGS = (36, 143, 570)  # balls of 5,000, 82,000 and 1.3 million triangles
 TRACED, PIXELS, RAYS = 512, 1000, 16

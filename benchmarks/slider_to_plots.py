@@ -25,12 +25,12 @@ from circumstances import circumstances
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
+from omnimirror.apps.studio._bench_evaluation import answer
+from omnimirror.apps.studio._bench_files import taken
+from omnimirror.apps.studio._bench_sensors import changed, on_bench
+from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench.answers import answer
-from omnimirror.apps.studio.bench.designs.sensors import changed, on_bench
-from omnimirror.apps.studio.bench.files import taken
-from omnimirror.apps.studio.bench.messages import Ask, BenchSensor, Change, PictureAsk
-from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.bench_messages import Ask, BenchSensor, Change, PictureAsk
 from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.optics.sensor_files import tables_of

@@ -21,9 +21,8 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.dewarp.maps.pixels import PixelMap
-from omnimirror.dewarp.maps.polar import PolarMap
-from omnimirror.dewarp.sampling.samplers import remap
+from omnimirror.dewarp.maps import PixelMap, PolarMap
+from omnimirror.dewarp.sampling import remap
 from omnimirror.dewarp.screens import Cylinder, Plane
 
 RUNS = 15

@@ -29,8 +29,8 @@ from circumstances import other_load, processor
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.io.video.frames import frame_of_image
-from omnimirror.io.video.writer import VideoWriter
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_writer import VideoWriter
 
 SIDE, RATE, FRAMES = 1024, 25, 100
 HANDSHAKE = (

@@ -30,11 +30,11 @@ from timing import interleaved
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.dewarp.frames import dewarp_frame
-from omnimirror.io.processing import process
-from omnimirror.io.video.frames import frame_of_image
-from omnimirror.io.video.reader import VideoReader
-from omnimirror.io.video.writer import VideoWriter
+from omnimirror.dewarp.video_files import dewarp_frame
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_processing import process
+from omnimirror.io.video_reader import VideoReader
+from omnimirror.io.video_writer import VideoWriter
 
 SIDE, SIZE = 1000, (1440, 360)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))

@@ -61,6 +61,6 @@ export ASAN_OPTIONS=detect_leaks=0:abort_on_error=0:allocator_may_return_null=1 
 libraries=$("$compiler" -print-file-name=libasan.so):$("$compiler" -print-file-name=libubsan.so)
 LD_PRELOAD=$libraries "$python" "$build/run.py" tests.fuzz.native_arguments --calls "${CALLS:-20000}" --seed "$RANDOM"
 LD_PRELOAD=$libraries "$python" "$build/run.py" pytest -p no:cacheprovider -k "not without_memory and not hostile" \
-  tests/base/test_native.py tests/contracts/test_samplers.py tests/dewarp/sampling/test_kernels.py \
-  tests/dewarp/sampling/test_footprints.py tests/dewarp/test_dewarper.py tests/optics/batch tests/manufacturing/tolerancing/test_vectorised_trials.py \
-  tests/interop/torch tests/simulation/scenes/test_scenes.py tests/dewarp/restoration/test_sharp_picture.py "$@"
+  tests/base/test_native.py tests/contracts/test_samplers.py tests/dewarp/test_sampling.py \
+  tests/dewarp/test_footprints.py tests/dewarp/test_dewarper.py tests/optics/batch tests/manufacturing/tolerancing/test_vectorised_trials.py \
+  tests/interop/torch tests/simulation/scenes/test_surfaces.py tests/dewarp/restoration/test_deconvolution.py "$@"

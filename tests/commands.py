@@ -29,7 +29,7 @@ PROGRAM = Path(sys.executable).with_name("omnimirror")
 LATER = """
 matplotlib.figure matplotlib.backends.backend_agg matplotlib.backends.backend_svg PIL.JpegImagePlugin cv2 av
 scipy.integrate scipy.interpolate scipy.ndimage scipy.optimize scipy.spatial scipy.special
-omnimirror.base._native omnimirror.dewarp.pipelines.video omnimirror.analysis.figures.aperture
+omnimirror.base._native omnimirror.dewarp.video_files omnimirror.analysis.figures.aperture
 """.split()  # noqa: SIM905
 """Deferred imports of the commands."""
 

@@ -44,7 +44,7 @@ from omnimirror.optics.mirrors import (
     TabulatedMapping,
     UnitAspect,
 )
-from omnimirror.optics.mirrors.generated import Mapped
+from omnimirror.optics.mirrors.prescribed_mapping import Mapped
 from omnimirror.optics.sensor_files import bundled_sensors
 
 # Shared machines stall occasionally, and a run must not fail for a case that the next run does not

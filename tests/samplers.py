@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from omnimirror.base.native import backend
-from omnimirror.dewarp.maps.pixels import PixelMap
-from omnimirror.dewarp.sampling.samplers import remap
+from omnimirror.dewarp.maps import PixelMap
+from omnimirror.dewarp.sampling import remap
 
 
 def instructions() -> list[str]:

@@ -25,8 +25,8 @@ from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
 from omnimirror.manufacturing.workshop import parse_workshop
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
-from omnimirror.simulation.rendering.exposure import expose
-from omnimirror.simulation.scenes.worlds.bodies import SceneWithBodies
+from omnimirror.simulation.rendering import expose
+from omnimirror.simulation.scenes.moving_objects import SceneWithBodies
 from tests.commands import omnimirror
 from tests.everyday import few
 

@@ -21,7 +21,7 @@ from omnimirror.base.parameters import Parameter
 from omnimirror.base.quantities import Quantity
 from omnimirror.cameras.camera import Projection, Rays
 from omnimirror.design import Limitable
-from omnimirror.design.criteria.limits import LIMITABLE
+from omnimirror.design.limits import LIMITABLE
 from omnimirror.optics.mirrors import MIRRORS, RIM_RADIUS, Mirror
 from omnimirror.optics.sensor_files import load_sensor, save_sensor, tables_of
 from omnimirror.optics.testing import check_mirror
@@ -358,7 +358,9 @@ def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environme
     assert "a mirror 'broken' of bowls (bowls:NotThere) cannot be used" in run.stderr
     assert len(run.stderr.splitlines()) == 1
     assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
-    form = "from omnimirror.apps.studio.bench.form import bench_start; print([m.kind for m in bench_start().mirrors])"
+    form = (
+        "from omnimirror.apps.studio._bench_sensors import bench_start; print([m.kind for m in bench_start().mirrors])"
+    )
     run = subprocess.run([sys.executable, "-c", form], env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert "'bowl'" in run.stdout

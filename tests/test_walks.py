@@ -73,9 +73,9 @@ def scene_to_picture() -> None:
 
 
 def slider_to_plot() -> None:
-    from omnimirror.apps.studio.bench.answers import answer
-    from omnimirror.apps.studio.bench.designs.sensors import on_bench
-    from omnimirror.apps.studio.bench.messages import Ask
+    from omnimirror.apps.studio._bench_evaluation import answer
+    from omnimirror.apps.studio._bench_sensors import on_bench
+    from omnimirror.apps.studio.bench_messages import Ask
 
     sensor = on_bench(om.load_sensor("paper-spherical"))
     answer(

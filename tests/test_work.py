@@ -12,21 +12,20 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.analysis.meridional.focus_merits import FocusFunction
+from omnimirror.analysis.focus import FocusFunction
 from omnimirror.base.colour import srgb_bytes
 from omnimirror.base.native import backend
-from omnimirror.calibration.lines import edge_chains
-from omnimirror.design.construct.built import LensAndCover
-from omnimirror.design.construct.rim import RimRay
-from omnimirror.optics.batch.bases import family
+from omnimirror.calibration.edge_detection import edge_chains
+from omnimirror.design.mirror_construction import LensAndCover, RimRay
 from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
+from omnimirror.optics.batch.families import family
 from omnimirror.optics.housing import Dome, Housing
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import TabulatedMapping
-from omnimirror.optics.mirrors.base import Mirror
+from omnimirror.optics.mirrors.mirror import Mirror
 from omnimirror.optics.tracing.meridian import Meridian
-from omnimirror.simulation.rendering.exposure import exposed
-from omnimirror.simulation.rendering.readout import Readout
+from omnimirror.simulation.detector import Readout
+from omnimirror.simulation.rendering import exposed
 
 
 @pytest.fixture

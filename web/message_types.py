@@ -9,11 +9,11 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from omnimirror.apps.studio import bench_messages as bench
+from omnimirror.apps.studio import bench_messages as tolerances
+from omnimirror.apps.studio import calibration_messages as calibrate
+from omnimirror.apps.studio import look_messages as look
 from omnimirror.apps.studio import messages
-from omnimirror.apps.studio.bench import messages as bench
-from omnimirror.apps.studio.bench import tolerance_messages as tolerances
-from omnimirror.apps.studio.calibrate import messages as calibrate
-from omnimirror.apps.studio.look import messages as look
 
 MODULES = (messages, look, bench, tolerances, calibrate)
 WRITTEN = Path(__file__).parent / "src" / "shared" / "messages.ts"

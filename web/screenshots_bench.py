@@ -19,8 +19,8 @@ import uvicorn
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
+from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.studio import Studio
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod
 from omnimirror.optics.sensor_files import save_sensor
 

@@ -18,7 +18,7 @@ import numpy as np
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_bytes
-from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.simulation.rendering import expose
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT))
 def blender(python: Path, pixels: int = 480) -> None:
     """Render the test box with the misaligned sensor of the paper, in omnimirror and in Blender."""
     from tests.interop.ray_tables.box import Box
-    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.test_mitsuba_images import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     with tempfile.TemporaryDirectory() as folder:
@@ -45,7 +45,7 @@ def blender(python: Path, pixels: int = 480) -> None:
 def newton(python: Path, pixels: int = 480) -> None:
     """Draw depths in the same box from the ray table: exact values, and those of Newton."""
     from tests.interop.ray_tables.box import first_hits
-    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.test_mitsuba_images import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     table = om.ray_table(sensor)
@@ -112,7 +112,7 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
     from omnimirror.interop.pinholes import camera_rig
     from tests.interop.ray_tables.box import Box, colours, first_hits
     from tests.interop.view_maps.consumers import warped
-    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.test_mitsuba_images import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     view = om.views.sphere(sensor, (width, None))
@@ -134,7 +134,7 @@ def mitsuba(pixels: int = 240) -> None:
 
     from tests.interop.ray_tables.box import Box
     from tests.interop.ray_tables.test_mitsuba_sensor import taken
-    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.test_mitsuba_images import MISALIGNED, small
 
     mi.set_variant("scalar_rgb")
     sensor = small("paper-spherical", pixels, MISALIGNED)
@@ -171,8 +171,8 @@ def vlc(side: int = 1024) -> None:
     """Draw a view of a served video in omnimirror and in VLC."""
     from omnimirror.interop.gateway.live_views import Gateway
     from omnimirror.interop.gateway.routes import create_app
-    from omnimirror.io.video.frames import frame_of_image
-    from omnimirror.io.video.writer import VideoWriter
+    from omnimirror.io.video_frames import frame_of_image
+    from omnimirror.io.video_writer import VideoWriter
     from tests.interop.gateway.test_gateway import shown_by_vlc
     from tests.serving import served
 

@@ -7,29 +7,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .analysis.aperture.blur_check import check_blur as check_blur
-    from .analysis.aperture.point_spread import psf as psf
-    from .analysis.aperture.relative_illumination import illumination as illumination
-    from .analysis.aperture.spot_diagrams import spots as spots
-    from .analysis.aperture.transfer import mtf as mtf
-    from .analysis.calibration import evaluate_camera as evaluate_camera
+    from .analysis.camera_evaluation import evaluate_camera as evaluate_camera
     from .analysis.comparison import compare as compare
     from .analysis.evaluation import evaluate as evaluate
     from .analysis.evaluation import field_angles as field_angles
-    from .analysis.meridional.focus import best_focus as best_focus
-    from .analysis.meridional.viewpoints import best_viewpoint as best_viewpoint
-    from .analysis.temperature import at_temperature as at_temperature
-    from .analysis.temperature import thermal_motion_px as thermal_motion_px
-    from .analysis.wall_reflections import ghosts as ghosts
-    from .analysis.wavelength import at_wavelength as at_wavelength
+    from .analysis.focus import best_focus as best_focus
+    from .analysis.ghost_images import ghosts as ghosts
+    from .analysis.operating_conditions import at_temperature as at_temperature
+    from .analysis.operating_conditions import at_wavelength as at_wavelength
+    from .analysis.operating_conditions import thermal_motion_px as thermal_motion_px
+    from .analysis.psf_mtf import mtf as mtf
+    from .analysis.psf_mtf import psf as psf
+    from .analysis.relative_illumination import illumination as illumination
+    from .analysis.spot_diagrams import check_blur as check_blur
+    from .analysis.spot_diagrams import spots as spots
+    from .analysis.viewpoints import best_viewpoint as best_viewpoint
     from .apps.reports import write_demo as write_demo
     from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
     from .apps.reports.calibration import write_calibration_report as write_calibration_report
     from .apps.reports.comparison import write_comparison as write_comparison
     from .apps.reports.tolerances import write_tolerances as write_tolerances
     from .apps.reproduction import reproduce_paper as reproduce_paper
-    from .apps.studio.notebook import LookAround as LookAround
-    from .apps.studio.notebook import show as show
+    from .apps.studio.pages import LookAround as LookAround
+    from .apps.studio.pages import show as show
     from .base.errors import OmnimirrorError as OmnimirrorError
     from .calibration.conversion import convert as convert
     from .calibration.estimation import Calibration as Calibration
@@ -41,19 +41,16 @@ if TYPE_CHECKING:
     from .calibration.estimation import read_surveys as read_surveys
     from .calibration.estimation import simulate_detections as simulate_detections
     from .calibration.formats import register_camera_format as register_camera_format
-    from .calibration.lines import LineCalibration as LineCalibration
-    from .calibration.lines import calibrate_lines as calibrate_lines
-    from .calibration.lines import read_lines as read_lines
-    from .calibration.physical import SensorModel as SensorModel
-    from .calibration.physical import mirror_ball_model as mirror_ball_model
-    from .calibration.propagation import direction_uncertainty as direction_uncertainty
-    from .calibration.propagation import floor_uncertainty as floor_uncertainty
-    from .calibration.propagation import uncertainty_map as uncertainty_map
+    from .calibration.plumb_lines import LineCalibration as LineCalibration
+    from .calibration.plumb_lines import calibrate_lines as calibrate_lines
     from .calibration.rim import FoundRim as FoundRim
     from .calibration.rim import camera_from_rim as camera_from_rim
     from .calibration.rim import find_rim as find_rim
     from .calibration.rim import sensor_from_rim as sensor_from_rim
     from .calibration.rim import sensors_from_rim as sensors_from_rim
+    from .calibration.sensor_model import SensorModel as SensorModel
+    from .calibration.sensor_model import mirror_ball_model as mirror_ball_model
+    from .calibration.straight_edges import read_lines as read_lines
     from .calibration.targets import Board as Board
     from .calibration.targets import Detection as Detection
     from .calibration.targets import choose_frames as choose_frames
@@ -62,6 +59,9 @@ if TYPE_CHECKING:
     from .calibration.targets import find_boards as find_boards
     from .calibration.targets import refine_corners as refine_corners
     from .calibration.targets import write_board as write_board
+    from .calibration.uncertainty import direction_uncertainty as direction_uncertainty
+    from .calibration.uncertainty import floor_uncertainty as floor_uncertainty
+    from .calibration.uncertainty import uncertainty_map as uncertainty_map
     from .cameras.models import DoubleSphere as DoubleSphere
     from .cameras.models import EnhancedUnified as EnhancedUnified
     from .cameras.models import KannalaBrandt as KannalaBrandt
@@ -92,24 +92,24 @@ if TYPE_CHECKING:
     from .design import pareto as pareto
     from .design import register_quantity as register_quantity
     from .design import requirements_like as requirements_like
-    from .design.catalogue.apertures import best_apertures as best_apertures
-    from .design.catalogue.catalogue import read_catalogue as read_catalogue
-    from .design.catalogue.selection import choose_parts as choose_parts
-    from .design.catalogue.template import sensor_template as sensor_template
-    from .design.construct.survey import mappings as mappings
-    from .design.solve.temperatures import temperature_range as temperature_range
+    from .design.catalogue import read_catalogue as read_catalogue
+    from .design.component_selection import best_apertures as best_apertures
+    from .design.component_selection import choose_parts as choose_parts
+    from .design.mirror_construction import mappings as mappings
+    from .design.requirement_check import temperature_range as temperature_range
+    from .design.sensor_template import sensor_template as sensor_template
     from .dewarp import ColourDewarper as ColourDewarper
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
-    from .dewarp import views as views
-    from .dewarp.pipelines import Recording as Recording
-    from .dewarp.pipelines.folders import dewarp_pictures as dewarp_pictures
-    from .dewarp.pipelines.restoring import Restoration as Restoration
-    from .dewarp.pipelines.video import dewarp_video as dewarp_video
-    from .dewarp.restoration.bracketing import merge_bracket as merge_bracket
-    from .dewarp.restoration.bracketing import plan_bracket as plan_bracket
+    from .dewarp import views
+    from .dewarp.image_folders import dewarp_pictures as dewarp_pictures
+    from .dewarp.request import Recording as Recording
+    from .dewarp.restoration.deblurring import Restoration as Restoration
+    from .dewarp.restoration.deblurring import restore as restore
+    from .dewarp.restoration.focus_bracketing import merge_bracket as merge_bracket
+    from .dewarp.restoration.focus_bracketing import plan_bracket as plan_bracket
     from .dewarp.restoration.noise import estimate_noise as estimate_noise
-    from .dewarp.restoration.sharpening import restore as restore
+    from .dewarp.video_files import dewarp_video as dewarp_video
     from .dewarp.views import register_view as register_view
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
@@ -156,47 +156,47 @@ if TYPE_CHECKING:
     from .optics.sensor_files import save_camera as save_camera
     from .optics.sensor_files import save_sensor as save_sensor
     from .optics.thermal import Thermal as Thermal
-    from .simulation.datasets.calibration_set import write_calibration_set as write_calibration_set
-    from .simulation.datasets.calibration_set import write_video_set as write_video_set
-    from .simulation.datasets.learning_set import write_learning_set as write_learning_set
-    from .simulation.datasets.truth import ground_truth as ground_truth
-    from .simulation.datasets.video import load_path as load_path
-    from .simulation.datasets.video import write_video as write_video
+    from .simulation.datasets import write_calibration_set as write_calibration_set
+    from .simulation.datasets import write_learning_set as write_learning_set
+    from .simulation.datasets import write_video_set as write_video_set
     from .simulation.detector import Detector as Detector
+    from .simulation.ground_truth_maps import ground_truth as ground_truth
     from .simulation.radiometry import Radiometry as Radiometry
-    from .simulation.rendering.exposure import expose as expose
-    from .simulation.rendering.picture import take_picture as take_picture
+    from .simulation.rendering import expose as expose
+    from .simulation.rendering import take_picture as take_picture
     from .simulation.round_trip import measure_round_trip as measure_round_trip
+    from .simulation.scenes.calibration_hall import Hall as Hall
     from .simulation.scenes.environment import Environment as Environment
-    from .simulation.scenes.posed import Pose as Pose
-    from .simulation.scenes.posed import PosedScene as PosedScene
-    from .simulation.scenes.sources import load_scene as load_scene
-    from .simulation.scenes.worlds.bodies import MovingBox as MovingBox
-    from .simulation.scenes.worlds.bodies import load_bodies as load_bodies
-    from .simulation.scenes.worlds.hall import Hall as Hall
-    from .simulation.scenes.worlds.room import Room as Room
-    from .simulation.scenes.worlds.street import Street as Street
+    from .simulation.scenes.moving_objects import MovingBox as MovingBox
+    from .simulation.scenes.moving_objects import load_bodies as load_bodies
+    from .simulation.scenes.room import Room as Room
+    from .simulation.scenes.scene import Pose as Pose
+    from .simulation.scenes.scene import PosedScene as PosedScene
+    from .simulation.scenes.scene_sources import load_scene as load_scene
+    from .simulation.scenes.street import Street as Street
+    from .simulation.simulated_video import load_path as load_path
+    from .simulation.simulated_video import write_video as write_video
 
 __version__ = "0.2.0"
 
 _HOMES = {
-    "best_focus": "analysis.meridional.focus",
-    "best_viewpoint": "analysis.meridional.viewpoints",
-    "temperature_range": "design.solve.temperatures",
-    "at_temperature": "analysis.temperature",
-    "at_wavelength": "analysis.wavelength",
-    "thermal_motion_px": "analysis.temperature",
+    "best_focus": "analysis.focus",
+    "best_viewpoint": "analysis.viewpoints",
+    "temperature_range": "design.requirement_check",
+    "at_temperature": "analysis.operating_conditions",
+    "at_wavelength": "analysis.operating_conditions",
+    "thermal_motion_px": "analysis.operating_conditions",
     "Thermal": "optics.thermal",
-    "check_blur": "analysis.aperture.blur_check",
+    "check_blur": "analysis.spot_diagrams",
     "compare": "analysis.comparison",
     "evaluate": "analysis.evaluation",
-    "evaluate_camera": "analysis.calibration",
+    "evaluate_camera": "analysis.camera_evaluation",
     "field_angles": "analysis.evaluation",
-    "ghosts": "analysis.wall_reflections",
-    "illumination": "analysis.aperture.relative_illumination",
-    "mtf": "analysis.aperture.transfer",
-    "psf": "analysis.aperture.point_spread",
-    "spots": "analysis.aperture.spot_diagrams",
+    "ghosts": "analysis.ghost_images",
+    "illumination": "analysis.relative_illumination",
+    "mtf": "analysis.psf_mtf",
+    "psf": "analysis.psf_mtf",
+    "spots": "analysis.spot_diagrams",
     "adjust": "calibration.estimation",
     "calibrate_camera": "calibration.estimation",
     "read_surveys": "calibration.estimation",
@@ -205,16 +205,16 @@ _HOMES = {
     "Prior": "calibration.estimation",
     "Sighting": "calibration.estimation",
     "simulate_detections": "calibration.estimation",
-    "direction_uncertainty": "calibration.propagation",
-    "floor_uncertainty": "calibration.propagation",
-    "uncertainty_map": "calibration.propagation",
+    "direction_uncertainty": "calibration.uncertainty",
+    "floor_uncertainty": "calibration.uncertainty",
+    "uncertainty_map": "calibration.uncertainty",
     "Board": "calibration.targets",
     "Detection": "calibration.targets",
-    "mirror_ball_model": "calibration.physical",
-    "calibrate_lines": "calibration.lines",
-    "read_lines": "calibration.lines",
-    "LineCalibration": "calibration.lines",
-    "SensorModel": "calibration.physical",
+    "mirror_ball_model": "calibration.sensor_model",
+    "calibrate_lines": "calibration.plumb_lines",
+    "read_lines": "calibration.straight_edges",
+    "LineCalibration": "calibration.plumb_lines",
+    "SensorModel": "calibration.sensor_model",
     "DoubleSphere": "cameras.models",
     "EnhancedUnified": "cameras.models",
     "KannalaBrandt": "cameras.models",
@@ -240,10 +240,10 @@ _HOMES = {
     "ThinPrismFisheye": "cameras.models",
     "Unified": "cameras.models",
     "ViewpointSpline": "cameras.models",
-    "best_apertures": "design.catalogue.apertures",
-    "read_catalogue": "design.catalogue.catalogue",
-    "choose_parts": "design.catalogue.selection",
-    "sensor_template": "design.catalogue.template",
+    "best_apertures": "design.component_selection",
+    "read_catalogue": "design.catalogue",
+    "choose_parts": "design.component_selection",
+    "sensor_template": "design.sensor_template",
     "blur_bound": "design",
     "design_from_parts": "design",
     "design_sensor": "design",
@@ -263,7 +263,7 @@ _HOMES = {
     "Requirements": "design",
     "requirements_like": "design",
     "SearchOptions": "design",
-    "mappings": "design.construct.survey",
+    "mappings": "design.mirror_construction",
     "ColourDewarper": "dewarp",
     "Dewarper": "dewarp",
     "screens": "dewarp",
@@ -303,27 +303,27 @@ _HOMES = {
     "Detector": "simulation.detector",
     "Environment": "simulation.scenes.environment",
     "estimate_noise": "dewarp.restoration.noise",
-    "expose": "simulation.rendering.exposure",
-    "merge_bracket": "dewarp.restoration.bracketing",
-    "PosedScene": "simulation.scenes.posed",
-    "plan_bracket": "dewarp.restoration.bracketing",
-    "Pose": "simulation.scenes.posed",
-    "restore": "dewarp.restoration.sharpening",
-    "Room": "simulation.scenes.worlds.room",
-    "Hall": "simulation.scenes.worlds.hall",
-    "Street": "simulation.scenes.worlds.street",
+    "expose": "simulation.rendering",
+    "merge_bracket": "dewarp.restoration.focus_bracketing",
+    "PosedScene": "simulation.scenes.scene",
+    "plan_bracket": "dewarp.restoration.focus_bracketing",
+    "Pose": "simulation.scenes.scene",
+    "restore": "dewarp.restoration.deblurring",
+    "Room": "simulation.scenes.room",
+    "Hall": "simulation.scenes.calibration_hall",
+    "Street": "simulation.scenes.street",
     "Radiometry": "simulation.radiometry",
-    "ground_truth": "simulation.datasets.truth",
-    "take_picture": "simulation.rendering.picture",
-    "write_calibration_set": "simulation.datasets.calibration_set",
-    "write_video_set": "simulation.datasets.calibration_set",
-    "write_learning_set": "simulation.datasets.learning_set",
-    "MovingBox": "simulation.scenes.worlds.bodies",
-    "load_bodies": "simulation.scenes.worlds.bodies",
-    "load_path": "simulation.datasets.video",
-    "write_video": "simulation.datasets.video",
+    "ground_truth": "simulation.ground_truth_maps",
+    "take_picture": "simulation.rendering",
+    "write_calibration_set": "simulation.datasets",
+    "write_video_set": "simulation.datasets",
+    "write_learning_set": "simulation.datasets",
+    "MovingBox": "simulation.scenes.moving_objects",
+    "load_bodies": "simulation.scenes.moving_objects",
+    "load_path": "simulation.simulated_video",
+    "write_video": "simulation.simulated_video",
     "measure_round_trip": "simulation.round_trip",
-    "load_scene": "simulation.scenes.sources",
+    "load_scene": "simulation.scenes.scene_sources",
     "bundled_sensors": "optics.sensor_files",
     "load_camera": "optics.sensor_files",
     "load_sensor": "optics.sensor_files",
@@ -331,12 +331,12 @@ _HOMES = {
     "parse_sensor": "optics.sensor_files",
     "save_camera": "optics.sensor_files",
     "save_sensor": "optics.sensor_files",
-    "Recording": "dewarp.pipelines",
-    "dewarp_pictures": "dewarp.pipelines.folders",
-    "Restoration": "dewarp.pipelines.restoring",
-    "dewarp_video": "dewarp.pipelines.video",
-    "LookAround": "apps.studio.notebook",
-    "show": "apps.studio.notebook",
+    "Recording": "dewarp.request",
+    "dewarp_pictures": "dewarp.image_folders",
+    "Restoration": "dewarp.restoration.deblurring",
+    "dewarp_video": "dewarp.video_files",
+    "LookAround": "apps.studio.pages",
+    "show": "apps.studio.pages",
     "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
     "perturbed": "manufacturing.tolerancing.perturbation",

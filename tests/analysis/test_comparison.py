@@ -14,8 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.form import MirrorForm
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from tests.conftest import sensor_of
 
 NAMES = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal", "folded-spherical", "paraboloid-telecentric")

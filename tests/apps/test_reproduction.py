@@ -10,17 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnimirror.apps.reproduction import ALL_FIGURES, all_claims, check, claims, draw_figures, reproduce_paper
-from omnimirror.apps.reproduction.claims import (
+from omnimirror.apps.reproduction import ALL_FIGURES, _claims, all_claims, check, draw_figures, reproduce_paper
+from omnimirror.apps.reproduction._claims import (
     AS_INTERPRETED,
     ASSUMED,
     DIFFERS,
+    HEADINGS,
     NOT_REPRODUCED,
     WORDINGS,
+    number,
     printed_number,
+    summary,
 )
-from omnimirror.apps.reproduction.paper import Paper
-from omnimirror.apps.reproduction.tables import HEADINGS, number, summary
+from omnimirror.apps.reproduction._paper_sensors import Paper
 from omnimirror.base.errors import InvalidParameter
 
 ERRATA = Path(__file__).parents[2] / "docs" / "errata.md"
@@ -57,17 +59,17 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
 @pytest.mark.parametrize(
     ("claim", "agreeing", "differing"),
     [
-        (claims.Claim("", "", "", float, "1", 1.0), [1.0], [1.0 + 1e-9, 1.0 - 1e-9, np.inf]),
-        (claims.printed("", "", "", "13.7", float), [13.65, 13.7, 13.75], [13.6499, 13.7501, -13.7]),
-        (claims.worded("", "", "", "constant", 2.0, float), [1.95, 2.05], [1.949, 2.051]),
-        (claims.worded("", "", "", "proportional", 200.0, float), [195.0, 205.0], [194.9, 205.1]),
-        (claims.worded("", "", "", "almost", 10.0, float), [8.5, 11.5], [8.49, 11.51]),
-        (claims.ordered("", "", "", "<=", 3.0, float), [3.0, 2.0, -9.0], [3.0 + 1e-9]),
-        (claims.ordered("", "", "", ">=", 3.0, float), [3.0, 9.0], [3.0 - 1e-9, -3.0]),
-        (claims.identity("", "", "", float), [1.0, 1 + 9e-10], [1 + 2e-9, 0.0]),
-        (claims.zero("", "", "", float), [0.0, -9e-10], [2e-9, -2e-9]),
-        (claims.formula("", "", "", -50.0, float), [-50.0, -50.0049, -49.9951], [-50.0051, -49.9949, 50.0]),
-        (claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
+        (_claims.Claim("", "", "", float, "1", 1.0), [1.0], [1.0 + 1e-9, 1.0 - 1e-9, np.inf]),
+        (_claims.printed("", "", "", "13.7", float), [13.65, 13.7, 13.75], [13.6499, 13.7501, -13.7]),
+        (_claims.worded("", "", "", "constant", 2.0, float), [1.95, 2.05], [1.949, 2.051]),
+        (_claims.worded("", "", "", "proportional", 200.0, float), [195.0, 205.0], [194.9, 205.1]),
+        (_claims.worded("", "", "", "almost", 10.0, float), [8.5, 11.5], [8.49, 11.51]),
+        (_claims.ordered("", "", "", "<=", 3.0, float), [3.0, 2.0, -9.0], [3.0 + 1e-9]),
+        (_claims.ordered("", "", "", ">=", 3.0, float), [3.0, 9.0], [3.0 - 1e-9, -3.0]),
+        (_claims.identity("", "", "", float), [1.0, 1 + 9e-10], [1 + 2e-9, 0.0]),
+        (_claims.zero("", "", "", float), [0.0, -9e-10], [2e-9, -2e-9]),
+        (_claims.formula("", "", "", -50.0, float), [-50.0, -50.0049, -49.9951], [-50.0051, -49.9949, 50.0]),
+        (_claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
     ],
 )
 def test_each_kind_of_statement_has_its_tolerance(claim, agreeing, differing):
@@ -182,12 +184,12 @@ def test_an_unknown_figure_is_refused_before_anything_is_written(tmp_path):
 
 def test_diagrams_are_drawn_to_scale(tmp_path):
     """The rays of Fig. 2 by the law of reflection, and the blur of Fig. 18 by Eq. 28."""
-    from omnimirror.analysis.figures import diagrams
+    from omnimirror.analysis.figures import sensor_diagrams
     from omnimirror.apps.reproduction import paper_sensors
 
     sensor = paper_sensors()[0]
     for omega in (20.0, 100.0, 135.0):
-        ray = diagrams.chief_ray(sensor, omega)
+        ray = sensor_diagrams.chief_ray(sensor, omega)
         to_lens = np.array([-ray.x, -sensor.meridian.m - ray.z])
         slope = float(sensor.mirror.slope(ray.x))
         normal = np.array([slope, -1.0]) / np.hypot(slope, 1.0)
@@ -195,6 +197,6 @@ def test_diagrams_are_drawn_to_scale(tmp_path):
         np.testing.assert_allclose(2 * (to_lens @ normal) * normal - to_lens, ray.towards, atol=1e-9)
     (file,) = draw_figures(tmp_path, ["fig18"], formats=["svg"])
     assert "image sensor" in file.read_text(encoding="utf-8")
-    spot = next(line for line in diagrams.blur_geometry().axes[0].lines if line.get_linewidth() == 3.5)
+    spot = next(line for line in sensor_diagrams.blur_geometry().axes[0].lines if line.get_linewidth() == 3.5)
     f, D, L0, L = 1.0, 1.1, 3.2, 6.0
     assert np.ptp(spot.get_ydata()) == pytest.approx(f * D * (L - L0) / ((L0 - f) * L))

@@ -37,7 +37,7 @@ import omnimirror as om
 from omnimirror.analysis.figures import FIGURES
 from omnimirror.base import escaping
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.formats.registry import FORMATS as CAMERA_FORMATS
+from omnimirror.calibration.formats._registry import FORMATS as CAMERA_FORMATS
 from omnimirror.interop.export_formats import Deviation, ExportFormat
 from omnimirror.interop.ray_tables import RAY_FORMATS
 from omnimirror.interop.view_maps import MAP_FORMATS
@@ -512,8 +512,8 @@ CAMERAS = (
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
     """Reports, cards and the page of an image: names create no elements, attributes or scripts."""
-    from omnimirror.apps.studio.look.viewer import viewer_of
-    from omnimirror.optics.notebook_card import sensor_card
+    from omnimirror.apps.studio.pages import viewer_of
+    from omnimirror.optics.sensor import sensor_card
 
     def pages(text: str) -> list[str]:
         sensor = replace(SMALL, name=text, notes=text)

@@ -1,12 +1,15 @@
 """Loader of the compiled module: selection by the environment, messages for a missing module,
-threads."""
+threads.
+"""
 
 from __future__ import annotations
 
 import logging
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +18,15 @@ import pytest
 from omnimirror.base import native
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import INTERFACE, Backend, backend, usable_cores
+from omnimirror.cameras import camera as cameras
+from omnimirror.dewarp import _footprints, radial_table
+from omnimirror.optics.batch import best_focus, evaluate
+from omnimirror.simulation import pixel_rays
+from omnimirror.simulation.scenes import surfaces
 from tests.everyday import few
 from tests.fuzz.native_arguments import Buffers, Recipes, functions_of
+
+# -- Loader of the compiled module: selection by the environment, messages for a missing module, threads
 
 NAME = "from omnimirror.base.native import backend; print(backend.name)"
 
@@ -184,3 +194,44 @@ def test_tasks_without_memory_raise(first, threads):
     script = SCARCE.replace("{first}", str(first)).replace("{threads}", str(threads))
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280)
     assert (run.returncode, run.stdout.split()) == (0, ["5", "True"]), run.stderr
+
+
+# -- Constants defined in both Python and the compiled module: parsed from the C++ sources, and equal
+
+SOURCES = Path(__file__).parents[2] / "native" / "src"
+SHARED = {
+    "sampling/footprint.hpp": {"JUMP2": _footprints.JUMP2, "JUMP2_PX": _footprints.JUMP2_PX},
+    "sampling/job.hpp": {"MOST_TAPS": _footprints.MOST_TAPS},
+    "sampling/sides.cpp": {"EVERY": _footprints.EVERY_PX},
+    "sampling/axial.hpp": {"EDGE_PX": 0.5 + cameras.EDGE_SLACK},
+    "sampling/axial_kernel.hpp": {
+        name: getattr(radial_table, name) for name in ("SLACK", "CLOSE", "GAP", "MOST_STEPS")
+    },
+    "designs/designs.hpp": {
+        "DESIGN_COLUMNS": len(evaluate.BATCH_COLUMNS), "DESIGN_NUMBERS": len(evaluate._NUMBERS),
+    },
+    "designs/workspace.hpp": {"DEGREE": np.pi / 180},
+    "designs/focus.hpp": {"HOPE": best_focus.HOPE},
+    "exposure/packets.hpp": {"BESIDE": surfaces.BESIDE},
+    "exposure/exposure.hpp": {
+        "LOST": pixel_rays.LOST, "REFLECTED": pixel_rays.REFLECTED, "DIRECT": pixel_rays.DIRECT, "HIDDEN": pixel_rays.HIDDEN,
+    },
+}  # fmt: skip
+
+
+def constants_of(text: str) -> dict[str, float]:
+    """Return the constants of a source that are numbers, or sums and quotients of numbers."""
+    found = {}
+    for names in re.findall(r"constexpr (?:int|float|double|int64_t) ([^;{}()]*);", text):
+        for one in names.split(","):
+            name, _, value = one.partition("=")
+            if re.fullmatch(r"[\d\s.e+/*-]+f?", value):
+                found[name.strip()] = float(eval(value.strip().removesuffix("f")))
+    return found
+
+
+@pytest.mark.parametrize("file", SHARED)
+def test_constants_of_the_compiled_part_are_those_of_python(file):
+    found = constants_of((SOURCES / file).read_text())
+    for name, value in SHARED[file].items():
+        assert found[name] == pytest.approx(value, rel=1e-15), name

@@ -9,11 +9,11 @@ import pytest
 
 from omnimirror.analysis.comparison import COMPARED
 from omnimirror.analysis.evaluation import COLUMNS, Evaluation
-from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
+from omnimirror.analysis.focus import FOCUS_MERITS
 from omnimirror.base import quantities
 from omnimirror.base.quantities import QUANTITIES
-from omnimirror.design.criteria.limits import LIMITABLE
-from omnimirror.design.criteria.merits import DESIGN_MERITS, values_of_evaluation
+from omnimirror.design.limits import LIMITABLE
+from omnimirror.design.merits import DESIGN_MERITS, values_of_evaluation
 from omnimirror.optics.batch.evaluate import BATCH_COLUMNS
 from tests.conftest import sensor_of
 

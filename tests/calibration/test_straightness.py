@@ -9,9 +9,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.pose import MirrorPose
-from omnimirror.simulation.rendering.picture import pinhole_picture
-from omnimirror.simulation.scenes.contract import Distant
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.scenes.scene import Distant
 from tests.conftest import SHARED
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)

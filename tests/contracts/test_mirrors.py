@@ -23,7 +23,7 @@ from omnimirror.optics.mirrors import (
     SlopeSpline,
     Sphere,
 )
-from omnimirror.optics.mirrors.generated import Mapped
+from omnimirror.optics.mirrors.prescribed_mapping import Mapped
 from omnimirror.optics.testing import MIRROR_CHECKS
 from tests.conftest import MIRRORS as EXAMPLES
 from tests.everyday import few

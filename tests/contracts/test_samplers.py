@@ -19,14 +19,11 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
-from omnimirror.dewarp.contracts import INTERPOLATIONS, Annulus, Map
-from omnimirror.dewarp.maps.lattice import LatticeMap
-from omnimirror.dewarp.maps.pixels import PixelMap, Rectangle
-from omnimirror.dewarp.maps.polar import PolarMap
-from omnimirror.dewarp.maps.refine import lattice_map
-from omnimirror.dewarp.sampling.samplers import remap
-from omnimirror.dewarp.yuv.chroma import remap_planes
-from omnimirror.dewarp.yuv.planes import SITINGS
+from omnimirror.dewarp._source_coordinates import lattice_map
+from omnimirror.dewarp.interfaces import INTERPOLATIONS, Annulus, Map
+from omnimirror.dewarp.maps import LatticeMap, PixelMap, PolarMap, Rectangle
+from omnimirror.dewarp.sampling import remap
+from omnimirror.dewarp.yuv import SITINGS, remap_planes
 from tests.everyday import few
 from tests.samplers import instructions
 

@@ -17,7 +17,7 @@ from numpy import inf
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.frames import Mount
-from omnimirror.dewarp.maps.coordinates import exact_pixels, source_pixels
+from omnimirror.dewarp._source_coordinates import exact_pixels, source_pixels
 from omnimirror.dewarp.screens import (
     LAYOUTS,
     Composite,

@@ -6,7 +6,7 @@ import numpy as np
 
 import omnimirror as om
 from omnimirror.design import Design, Judgement, Requirements, Verdict
-from omnimirror.design.solve.range_search import RangeSearch
+from omnimirror.design._parameter_search import RangeSearch
 
 
 def row(design: Design | Verdict, name: str) -> Judgement:

@@ -12,9 +12,8 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.frames import Mount
-from omnimirror.dewarp.maps import coordinates
-from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, polar_map_of
-from omnimirror.dewarp.sampling import opencv
+from omnimirror.dewarp import _source_coordinates, sampling
+from omnimirror.dewarp._source_coordinates import exact_pixels, is_separable, polar_map_of
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.everyday import few
 from tests.samplers import remap_at
@@ -92,7 +91,7 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
 
 @pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
-    monkeypatch.setattr(coordinates, "STRIP_PX", 1000)  # several strips, the last one incomplete
+    monkeypatch.setattr(_source_coordinates, "STRIP_PX", 1000)  # several strips, the last one incomplete
     targets = view.targets(0, view.size[1])
     pixels = om.Dewarper(BALL, view).coordinates(exact=True)
     expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(pixels.shape)
@@ -200,7 +199,7 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     picture = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
     whole = om.Dewarper(BALL, view)(picture)
     uncompiled()
-    monkeypatch.setattr(opencv, "LONGEST_SIDE_PX", 1025)
+    monkeypatch.setattr(sampling, "LONGEST_SIDE_PX", 1025)
     long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
     monkeypatch.undo()
     uncompiled()

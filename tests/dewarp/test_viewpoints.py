@@ -9,7 +9,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.frames import Mount
-from omnimirror.dewarp.maps.coordinates import source_pixels
+from omnimirror.dewarp._source_coordinates import source_pixels
 from omnimirror.dewarp.viewpoints import middle_distance, place_on_axis, single_viewpoint
 
 SPHERE = om.load_sensor("paper-spherical")

@@ -9,8 +9,8 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp import views
-from omnimirror.dewarp.camera_field import field_of, pole_of
-from omnimirror.dewarp.views.makers import WIDEST_PLANET_DEG
+from omnimirror.dewarp.field_of_view import field_of, pole_of
+from omnimirror.dewarp.views import WIDEST_PLANET_DEG
 
 from ..conftest import sensor_of
 

@@ -12,7 +12,7 @@ import pytest
 from omnimirror.manufacturing import fit_asphere
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
 from omnimirror.manufacturing.surface_approximation import EXACT_UM
-from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
+from tests.analysis.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
 pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]

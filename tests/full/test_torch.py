@@ -16,7 +16,7 @@ from omnimirror.cameras.frames import Mount
 from omnimirror.interop.torch import _reflection, differentiable
 from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 
 pytestmark = pytest.mark.full
@@ -160,7 +160,7 @@ def test_gradients_by_the_parameters_of_a_telecentric_sensor():
 
 def assert_gradients_are_differences(camera, sensor) -> None:
     """Compare with central differences of NumPy results."""
-    from omnimirror.calibration.physical.names import changed, place_of, value_of
+    from omnimirror.calibration.sensor_parameters import parameter_location, value_of, with_values
 
     rng = np.random.default_rng(5)
     for method, inputs in sample_inputs(sensor, 80).items():
@@ -173,12 +173,12 @@ def assert_gradients_are_differences(camera, sensor) -> None:
             (values * torch.from_numpy(weights)).sum(), list(camera.parameters.values()), allow_unused=True
         )
         for name, gradient in zip(names, gradients, strict=True):
-            place = place_of(sensor, name)
+            place = parameter_location(sensor, name)
             value = value_of(sensor, place)
             step = 1e-5 * max(abs(value), 1.0)
 
             def total(at: float, place=place, method=method, inputs=inputs, weights=weights) -> float:
-                result = getattr(changed(sensor, [place], [at]), method)(inputs)
+                result = getattr(with_values(sensor, [place], [at]), method)(inputs)
                 return float((np.concatenate(result[:-1], axis=-1) * weights).sum())
 
             difference = (total(value + step) - total(value - step)) / (2 * step)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from omnimirror.base.native import backend
-from omnimirror.dewarp.maps.lattice import node_weights
+from omnimirror.dewarp.maps import node_weights
 from omnimirror.optics.batch.best_focus import FOCUS_SEARCH
 from tests.samplers import instructions as instructions_of_machine
 

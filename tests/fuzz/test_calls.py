@@ -21,22 +21,21 @@ from omnimirror.base.arguments import WrongKind
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.base.files import MARK
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.calibration.formats.scaramuzza import ocamcalib
+from omnimirror.calibration.formats import _scaramuzza
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
-from omnimirror.design.catalogue.apertures import best_apertures
-from omnimirror.dewarp.pipelines.request import Recording
+from omnimirror.design.component_selection import best_apertures
+from omnimirror.dewarp.request import Recording
 from omnimirror.interop.http_server.server import listen
 from omnimirror.io import keyframes
-from omnimirror.io.video.sequences import first_number
+from omnimirror.io.image_sequences import first_number
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
-from omnimirror.optics.batch.bases import family
 from omnimirror.optics.batch.evaluate import Designs
+from omnimirror.optics.batch.families import family
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import TabulatedMapping
-from omnimirror.simulation.datasets import video
-from omnimirror.simulation.rendering import samples
+from omnimirror.simulation import pixel_rays, simulated_video
 from tests.everyday import few
 
 from . import workflows
@@ -49,7 +48,7 @@ WANTED = om.Requirements(
     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0),
     lens=om.LensRequirements(theta_max_deg=12.0),
 )
-OCAM = ocamcalib.write(om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480)))
+OCAM = _scaramuzza.write_ocamcalib(om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480)))
 
 FOCAL = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32), "skew_px": 0.1,
          "optics": "mirror", "rim_radius_px": None, "uncertainty": None, "mount": Mount()}  # fmt: skip
@@ -190,8 +189,8 @@ def _files(tmp_path_factory):
             "lens.theta_max_deg = 12.0\n"
         )
         workflows.write_files(folder)
-        patch.setattr(video, "MOST_FRAMES", 20)  # larger values are valid and take hours
-        patch.setattr(samples, "MOST_SAMPLES", 1024)
+        patch.setattr(simulated_video, "MOST_FRAMES", 20)  # larger values are valid and take hours
+        patch.setattr(pixel_rays, "MOST_SAMPLES", 1024)
         yield
 
 

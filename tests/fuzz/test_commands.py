@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.apps.cli import main
-from omnimirror.optics.sensor_files.sensor_file import BUNDLED
+from omnimirror.optics.sensor_files import SENSOR_FOLDER
 from tests.everyday import few
 
 SENSOR = (
@@ -327,7 +327,7 @@ def test_odd_values_in_files(command, capsysbinary):
 
 @pytest.mark.parametrize("sensor", few(om.bundled_sensors(), "paper-hyperboloidal"))
 def test_extreme_numbers_in_every_entry(sensor, capsysbinary):
-    text = (BUNDLED / f"{sensor}.toml").read_text()
+    text = (SENSOR_FOLDER / f"{sensor}.toml").read_text()
     numbers = [n for n in NUMBER.finditer(text) if "=" in text[text.rfind("\n", 0, n.start()) + 1 : n.start()]]
     assert len(numbers) > 8
     for number in numbers[1:]:  # the first is that of the format

@@ -13,7 +13,7 @@ import numpy as np
 
 import omnimirror as om
 from omnimirror.cameras.frames import Mount
-from omnimirror.design.catalogue.catalogue import Catalogue, ImagerComponent, LensComponent
+from omnimirror.design.catalogue import Catalogue, ImagerComponent, LensComponent
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing import Tool, tool_path
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
@@ -21,7 +21,7 @@ from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Orthographic, Perspective
 from omnimirror.optics.mirrors import Sphere
 from omnimirror.optics.sensor_files import format_camera
-from omnimirror.simulation.datasets.truth import ground_truth
+from omnimirror.simulation.ground_truth_maps import ground_truth
 from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import MIRRORS
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.formats.colmap import KINDS
+from omnimirror.calibration.formats._colmap import KINDS
 from omnimirror.interop.colmap import MODEL_IDS, write_colmap
 from omnimirror.interop.pinholes import camera_rig, view_mask
 from omnimirror.io.keyframes import Keyframes

@@ -7,10 +7,10 @@ import pytest
 
 import omnimirror as om
 from omnimirror.interop.pinholes import camera_rig
-from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.simulation.rendering import expose
 from tests.interop.ray_tables.box import Box, colours, first_hits
 from tests.interop.view_maps.consumers import warped
-from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, compared, small
+from tests.simulation.test_mitsuba_images import MISALIGNED, compared, small
 
 WIDTH = 1024
 

@@ -13,7 +13,15 @@ from PIL import Image
 
 from omnimirror.base.errors import MediaError
 from omnimirror.io import read_image
-from omnimirror.io.batch import PICTURES, READABLE, Job, expand_inputs, output_for, outputs_for, run_parallel
+from omnimirror.io.batch import (
+    IMAGE_SUFFIXES,
+    READABLE_IMAGE_SUFFIXES,
+    Job,
+    expand_inputs,
+    output_for,
+    outputs_for,
+    run_parallel,
+)
 
 
 @pytest.fixture
@@ -42,13 +50,13 @@ def test_names_folders_and_patterns_become_files(folder, patterns, names):
     assert [path.as_posix() for path in expand_inputs(patterns)] == names
 
 
-@pytest.mark.parametrize("suffix", [s for s in READABLE if s not in PICTURES])
+@pytest.mark.parametrize("suffix", [s for s in READABLE_IMAGE_SUFFIXES if s not in IMAGE_SUFFIXES])
 def test_pictures_that_are_only_looked_at_may_be_of_more_kinds(tmp_path, suffix):
     """Calibration sets have various formats: those of OCamCalib are GIFs."""
     picture = np.kron([[10, 200, 10], [200, 10, 200]], np.ones((24, 24))).astype(np.uint8)
     of_kind = {".ppm": "RGB"}.get(suffix, "L")
     Image.fromarray(picture).convert(of_kind).save(tmp_path / f"a{suffix}")
-    (file,) = expand_inputs([tmp_path], READABLE)
+    (file,) = expand_inputs([tmp_path], READABLE_IMAGE_SUFFIXES)
     seen = read_image(file)
     assert np.abs(seen.reshape(48, 72, -1).astype(int) - picture[..., None]).max() <= 1
     with pytest.raises(MediaError, match="there is no picture in the folder"):

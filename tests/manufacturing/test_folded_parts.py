@@ -14,7 +14,7 @@ from omnimirror.manufacturing import Body, image_shifts, sag_table
 from omnimirror.manufacturing.body import MIN_WALL_MM, parts_of
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
 from omnimirror.optics.housing import CameraBody, Housing, Rod, Tube
-from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
+from tests.analysis.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.everyday import few
 from tests.manufacturing.formats.test_step import read, volume
 from tests.manufacturing.formats.test_zmx import parse_zmx, sag_of

@@ -10,15 +10,14 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.design.criteria.field_angles import counted_field
+from omnimirror.design.evaluated_field import counted_field
 from omnimirror.manufacturing.body import parts_of, with_housing
-from omnimirror.optics.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
-from omnimirror.optics.housing.base import Envelope
+from omnimirror.optics.housing import CameraBody, Dome, Envelope, FlatWindow, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import Imager
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.simulation.pixel_rays import sights
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering.exposure import expose
-from omnimirror.simulation.rendering.sight import sights
+from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 
 SPH = om.load_sensor("paper-spherical")

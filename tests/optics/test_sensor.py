@@ -14,7 +14,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.camera import Camera
 from omnimirror.cameras.frames import Mount, pan_tilt_direction, view_axes
 from omnimirror.optics.image_sensor import Imager
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 
 SPH = om.load_sensor("paper-spherical")
 

@@ -95,7 +95,7 @@ test("a file has the name that the server gives it", async () => {
   expect((await api.download(asked)).name).toBe("design");
 });
 
-/** As omnimirror.apps.studio.framing writes them: length, JSON padded with blanks, bytes. */
+/** As omnimirror.apps.studio._http_messages writes them: length, JSON padded with blanks, bytes. */
 function framed(header: unknown, ...parts: Uint8Array<ArrayBuffer>[]): ArrayBuffer {
   const text = new TextEncoder().encode(JSON.stringify(header));
   const padded = Math.ceil(text.length / 4) * 4;

@@ -1,4 +1,4 @@
-// The part of omnimirror.base._native that omnimirror.dewarp.restoration.sharp_picture calls.
+// The part of omnimirror.base._native that omnimirror.dewarp.restoration._deconvolution calls.
 
 #include <algorithm>
 #include <memory>

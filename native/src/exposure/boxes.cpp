@@ -1,5 +1,5 @@
 // A ray is inside a box between the last of the three entries and the first of the three exits through its pairs of
-// planes. src/omnimirror/simulation/scenes/boxes.py does the same without anything compiled, in the same order and with
+// planes. src/omnimirror/simulation/scenes/surfaces.py does the same without anything compiled, in the same order and with
 // the same roundings: nothing here may be contracted or reordered.
 #include "boxes.hpp"
 

@@ -1,4 +1,4 @@
-// Exposing pictures as omnimirror.simulation.rendering.exposure calls it.
+// Exposing pictures as omnimirror.simulation.rendering calls it.
 #include <nanobind/stl/array.h>
 
 #include <algorithm>

@@ -14,29 +14,29 @@ from typing import Any, Literal
 import numpy as np
 
 from ..base.arguments import distances, instance
+from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.escaping import csv_cell, json_text
 from ..base.files import write_text
-from ..base.numerics.lazy import cached_property
 from ..base.quantities import QUANTITIES, Quantity
 from ..base.typing import Array
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
+from ._full_field import WholePicture
 from .evaluation import Evaluation, evaluate
-from .meridional.focus import best_focus
-from .meridional.viewpoints import best_viewpoint
-from .whole_picture import WholePicture
+from .focus import best_focus
+from .viewpoints import best_viewpoint
 
 Better = Literal["high", "low", ""]
 
 MOST = 6  # maximum number of sensors; limited by the colour-blind-safe palette
-NODES = 721  # field angles for extreme and mean values
-NEAR_MM = 1000.0  # object distance of the single-viewpoint error
+FIELD_NODES = 721  # field angles for extreme and mean values
+NEAR_OBJECT_MM = 1000.0  # object distance of the single-viewpoint error
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedQuantity:
     """Row of the comparison: one quantity for all sensors."""
 
     quantity: Quantity
@@ -70,7 +70,7 @@ class Comparison:
     """Comparison of one to six sensors, computed by :func:`compare`."""
 
     sensors: tuple[Sensor, ...]
-    rows: tuple[Compared, ...]
+    rows: tuple[ComparedQuantity, ...]
     notes: tuple[str, ...] = ()
     """Notes on sensors with limitations of the comparison."""
 
@@ -79,7 +79,7 @@ class Comparison:
         """Return unique names of the sensors, numbered if necessary."""
         return [s.name for s in self.sensors]
 
-    def __getitem__(self, name: str) -> Compared:
+    def __getitem__(self, name: str) -> ComparedQuantity:
         """Return the row of a quantity.
 
         Raises
@@ -162,7 +162,7 @@ def _study(sensor: Sensor) -> Study:
         return Study(sensor)
     is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_square
     is_traced &= sensor.secondary is None and sensor.housing.shell is None
-    return StudyInSpace(sensor) if is_traced else Study(sensor.aligned())
+    return FullFieldStudy(sensor) if is_traced else Study(sensor.aligned())
 
 
 def _note(study: Study, sensor: Sensor) -> str:
@@ -207,7 +207,7 @@ class Study:
     def evaluation(self) -> Evaluation:
         """Return the evaluation of the aligned sensor."""
         aligned = self.sensor.aligned()
-        return evaluate(aligned, np.linspace(*aligned.field_deg, NODES))
+        return evaluate(aligned, np.linspace(*aligned.field_deg, FIELD_NODES))
 
     @cached_property
     def near(self) -> Evaluation:
@@ -261,7 +261,7 @@ class Study:
             return float(np.maximum(ratio, 1 / ratio).max())
 
     def one_viewpoint_error(self) -> float:
-        return best_viewpoint(self.sensor, NEAR_MM).worst_px
+        return best_viewpoint(self.sensor, NEAR_OBJECT_MM).worst_px
 
     def length(self) -> float:
         """Return the axial length from the lens, or a second mirror before it, to the far end, mm;
@@ -277,7 +277,7 @@ class Study:
         return float(max(heights) - min(heights))
 
 
-class StudyInSpace(Study):
+class FullFieldStudy(Study):
     """Data source for the rows of a misaligned sensor, over all azimuths."""
 
     @cached_property
@@ -319,7 +319,7 @@ class StudyInSpace(Study):
         return self.picture.nonlinearity()
 
     def one_viewpoint_error(self) -> float:
-        return self.picture.one_viewpoint_error(NEAR_MM)
+        return self.picture.one_viewpoint_error(NEAR_OBJECT_MM)
 
 
 def _of(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
@@ -397,9 +397,9 @@ COMPARED: dict[str, tuple[Better, Value]] = {
 """Direction of improvement and value of each compared quantity."""
 
 
-def _compared(name: str, studies: Sequence[Study]) -> Compared:
+def _compared(name: str, studies: Sequence[Study]) -> ComparedQuantity:
     better, value = COMPARED[name]
-    return Compared(QUANTITIES[name], tuple(value(s) for s in studies), better)
+    return ComparedQuantity(QUANTITIES[name], tuple(value(s) for s in studies), better)
 
 
 def _word(value: float | str) -> float | str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,16 +17,56 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import quantities
 from ..base.arguments import checked, choice, image_radius, number, numbers
 from ..base.errors import InvalidParameter
-from ..base.files import write_text
+from ..base.files import write_json, write_text
 from ..base.quantities import QUANTITIES, described
 from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
-from ..optics.mirrors import Mirror
+from ..optics.mirrors import Mirror, SampledProfile
 from ..optics.sensor import Sensor, check_sensor
-from .meridional.coddington import virtual_images
-from .meridional.focus import FocusStudy, best_focus, distance_per_angle
-from .meridional.viewpoints import viewpoint_z
-from .uncertainty import standard_deviations
+from .focus import FocusStudy, best_focus, distance_per_angle
+from .meridional_imaging import virtual_images
+from .viewpoints import viewpoint_z
+
+# -- Propagation of the scatter of a measured profile to standard deviations of results ------------
+
+PERTURBATION = 1e-4  # perturbation of the profile relative to a standard deviation
+
+
+def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]) -> dict[str, Array]:
+    """Return standard deviations (n,) of columns (n,) computed from a measured mirror.
+
+    The smoothed curve is linear in the heights; therefore the effects of its independent deviations
+    are computed one at a time and added in quadrature.
+    """
+    if not (isinstance(mirror, SampledProfile) and len(mirror.fit.deviations)):
+        return {}
+    nominal, *moved = (columns_of(m) for m in mirror.deviated(PERTURBATION))
+    with np.errstate(invalid="ignore"):  # lengths per pixel of distant objects are infinite
+        return {name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / PERTURBATION for name in nominal}
+
+
+# -- Tabular results with CSV and JSON output ------------------------------------------------------
+
+
+class TabularResult(ABC):
+    """Result that consists of uniform records."""
+
+    @abstractmethod
+    def records(self) -> list[dict[str, float]]:
+        """Return the records, with quantity names as keys."""
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write one CSV line per record, with ten significant digits."""
+        records = self.records()
+        lines = [",".join(records[0]), *(",".join(f"{v:.10g}" for v in record.values()) for record in records)]
+        write_text(path, "\n".join(lines) + "\n")
+
+    def to_json(self, path: str | Path) -> None:
+        """Write a JSON list of objects; unknown values are null."""
+        write_json(path, self.records())
+
+
+# -- Evaluation of a sensor: one row per field angle, one column per quantity of the paper ---------
 
 LEAST_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")

@@ -19,8 +19,8 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from .caching import cached_property
 from .errors import InvalidParameter
-from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # container limit: microseconds per period, and the period

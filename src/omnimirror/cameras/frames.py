@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_fields, checked, number
 from ..base.errors import InvalidParameter
-from ..base.numerics.products import product
+from ..base.linear_algebra import matrix_product
 from ..base.typing import Array
 
 CameraLooks = Literal["up", "down", "forward"]
@@ -170,7 +170,7 @@ def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
            [-4.,  3.]])
     """
     vectors = np.asarray(vectors, dtype=float)
-    return product(vectors.reshape(-1, vectors.shape[-1]), matrix).reshape(*vectors.shape[:-1], matrix.shape[1])
+    return matrix_product(vectors.reshape(-1, vectors.shape[-1]), matrix).reshape(*vectors.shape[:-1], matrix.shape[1])
 
 
 def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:

@@ -1,27 +1,17 @@
 """Sensor design from requirements: mappings, families, fits, optimisation and verification."""
 
-from ..optics.mirrors.generated import MAPPINGS
-from .construct.families import FAMILIES
-from .construct.fits import FitForm, FittedMirror, fit_mirror
-from .construct.mappings import generated_mirror
-from .construct.rim import MountedMirror, RimRay
-from .criteria.like import requirements_like
-from .criteria.limits import Limit, Limitable, register_quantity
-from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
-from .criteria.requirements import (
-    FieldRequirements,
-    LensRequirements,
-    MirrorRequirements,
-    PartsRequirements,
-    Requirements,
-)
-from .optimise.lower_bound import BlurBound, blur_bound
-from .optimise.optimiser import Optimum
-from .parts.bought import BoughtDesign
-from .parts.search import PartsSearch, design_from_parts
-from .solve.designer import Design, SearchOptions, design_sensor
-from .solve.front import Front, load_front, pareto
-from .solve.verdict import Judgement, Verdict, judge
+from ..optics.mirrors.mappings import MAPPINGS
+from ._blur_bound import BlurBound, blur_bound
+from .designer import Design, SearchOptions, design_sensor
+from .limits import Limit, Limitable, register_quantity
+from .mirror_construction import FAMILIES, MountedMirror, RimRay, generated_mirror
+from .mirror_fits import FitForm, FittedMirror, fit_mirror
+from .off_the_shelf import BoughtDesign, PartsSearch, design_from_parts
+from .optimiser import Optimum
+from .pareto_front import Front, load_front, pareto
+from .requirement_check import Judgement, Verdict, judge
+from .requirement_files import format_requirements, load_requirements, parse_requirements, requirements_like
+from .requirements import FieldRequirements, LensRequirements, MirrorRequirements, PartsRequirements, Requirements
 
 __all__ = [
     "FAMILIES",

@@ -23,10 +23,10 @@ from ..base.errors import InvalidParameter
 from ..base.files import replacing, write_text
 from ..cameras.camera import Camera
 from ..dewarp import Dewarper
-from ..dewarp.pipelines import is_video
+from ..dewarp.request import is_video
 from ..io import read_image, write_image
 from ..io.batch import expand_inputs
-from ..simulation.scenes.posed import Pose
+from ..simulation.scenes.scene import Pose
 from .pinholes import RigCamera, camera_rig, view_mask
 
 DATABASE = "database.db"
@@ -220,7 +220,7 @@ def _open_images(sources: Iterable[str | Path] | str | Path, every: int, *, stor
         return _SourceImages(len(files), zip(names, images, strict=True))
     if len(paths) > 1:
         raise InvalidParameter(f"images must be image files or a single video; got {len(paths)} entries with a video")
-    from ..io.video.reader import VideoReader
+    from ..io.video_reader import VideoReader
 
     with VideoReader(paths[0], with_sound=False) as reader:
         total = reader.expected_frames
@@ -228,8 +228,8 @@ def _open_images(sources: Iterable[str | Path] | str | Path, every: int, *, stor
 
 
 def _video_frames(video: str | Path, every: int, stored_orientation: bool) -> Iterator[tuple[str, NDArray[Any]]]:
-    from ..io.video.frames import image_of_frame
-    from ..io.video.reader import VideoReader
+    from ..io.video_frames import image_of_frame
+    from ..io.video_reader import VideoReader
 
     with VideoReader(video, with_sound=False, stored_orientation=stored_orientation) as reader:
         for number, frame in enumerate(reader.frames()):

@@ -20,7 +20,7 @@ from ..base.arguments import WrongKind, file_name, shown
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.escaping import c_comment, file_stem, line_comment, python_docstring, visible
 from ..base.files import is_stream, replacing
-from ..base.numerics.registry import Registry
+from ..base.registry import Registry
 
 T = TypeVar("T")
 Unit: TypeAlias = Literal["px", "deg"]

@@ -18,7 +18,7 @@ from ..base.errors import OutsideField
 from ..base.escaping import c_string, python_string, visible
 from ..base.typing import Array
 from ..cameras.camera import Camera, Rays
-from ..io.pictures.exr import write_channels, write_exr
+from ..io.exr import write_channels, write_exr
 from ..optics.sensor import Sensor
 from .export_formats import (
     Deviation,

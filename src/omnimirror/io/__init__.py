@@ -6,7 +6,7 @@ streams, ``live.outputs`` contains pipes, streams and windows, and ``processing`
 to a sink.
 """
 
-from .pictures.images import read_image, write_image
-from .pictures.panorama import GPano
+from ._panorama import GPano
+from .images import read_image, write_image
 
 __all__ = ["GPano", "read_image", "write_image"]

@@ -15,12 +15,12 @@ from ..base.files import is_same_file
 from ..base.native import usable_cores
 from . import interrupts
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
 """Suffixes of the images in a folder that are processed."""
-READABLE = (*PICTURES, ".gif", ".pgm", ".ppm", ".pnm", ".jp2")
+READABLE_IMAGE_SUFFIXES = (*IMAGE_SUFFIXES, ".gif", ".pgm", ".ppm", ".pnm", ".jp2")
 """Suffixes of readable images, including formats that are not written."""
-VIDEOS_WRITTEN = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
-VIDEOS = (*VIDEOS_WRITTEN, ".avi", ".mpg", ".mpeg")
+WRITABLE_VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
+VIDEO_SUFFIXES = (*WRITABLE_VIDEO_SUFFIXES, ".avi", ".mpg", ".mpeg")
 """Suffixes of videos."""
 
 
@@ -51,7 +51,7 @@ class Results:
         return self.stopped_by if self.not_begun else 1 if self.failed else 0
 
 
-def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = PICTURES) -> list[Path]:
+def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = IMAGE_SUFFIXES) -> list[Path]:
     """Expand names, folders and patterns such as ``*.jpg`` to files, each once, in order.
 
     A folder expands to its files with one of ``suffixes``.

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..base import files
 from ..base.arguments import float_of, shown
+from ..base.caching import cached_property
 from ..base.errors import MediaError, SpecError, shortened
-from ..base.numerics.lazy import cached_property
 
 Interpolation = Literal["smooth", "linear"]
 

@@ -24,7 +24,7 @@ class FrameProgress(NamedTuple):
     left_s: float | None
 
 
-class Meter:
+class ProgressMeter:
     """Counter of frames with periodic reports."""
 
     def __init__(self, progress: Callable[[FrameProgress], None] | None, total: int | None) -> None:

@@ -16,10 +16,10 @@ from ..base.arguments import WrongKind, checked, file_name, number, optional_num
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.escaping import file_stem
 from ..base.files import replacing
-from ..base.numerics.registry import Registry
-from ..design.criteria.requirement_file import load_requirements
-from ..design.criteria.requirements import Requirements
-from ..design.solve.verdict import judge
+from ..base.registry import Registry
+from ..design.requirement_check import judge
+from ..design.requirement_files import load_requirements
+from ..design.requirements import Requirements
 from ..optics.housing import Housing
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.obscuration import Obscuration

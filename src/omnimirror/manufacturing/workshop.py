@@ -12,8 +12,8 @@ from ..base.arguments import check_fields, checked, file_name, shown
 from ..base.errors import InvalidParameter, SpecError
 from ..base.files import parse_toml, read_text
 from ..base.parameters import Parameter
-from ..optics.sensor_files import Places, check_entries, did_you_mean
 from ..optics.thermal import DENSITIES_G_PER_CM3
+from ..optics.toml_validation import SourceLocator, check_entries, did_you_mean
 
 FORMAT = 1
 T = TypeVar("T")
@@ -268,12 +268,12 @@ def load_workshop(path: str | Path) -> Workshop:
 
 def parse_workshop(text: str, source: str = "workshop file") -> Workshop:
     """Parse the text of a workshop file; ``source`` names it in messages."""
-    where, data = Places(text, source), parse_toml(text, source)
+    where, data = SourceLocator(text, source), parse_toml(text, source)
     check_entries(data, {"format": int, **dict.fromkeys(TABLES, dict)}, FORMAT, where)
     return Workshop(**{name: _built(name, kind, data[name], where) for name, kind in TABLES.items() if name in data})
 
 
-def _built(section: str, kind: type[T], table: dict[str, Any], where: Places) -> T:
+def _built(section: str, kind: type[T], table: dict[str, Any], where: SourceLocator) -> T:
     """Create the dataclass of one table; errors refer to the line of the entry."""
     names = [f.name for f in fields(kind)]  # type: ignore[arg-type]  # both are dataclasses
     for name in table:

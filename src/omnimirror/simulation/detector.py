@@ -1,4 +1,4 @@
-"""Image sensor electronics: conversion of light to digital values with photon noise and read noise."""
+"""Image sensor electronics: conversion of light to digital values with noise, and readout."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from ..base.arguments import check_fields
 from ..base.colour import Light, srgb_from_linear, stretches
 from ..base.errors import InvalidParameter
 from ..base.parameters import Parameter
+from .image_tiles import Medium
+
+# -- Image sensor electronics: conversion of light to digital values with photon noise and read noise
 
 BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
-MOST_ELECTRONS = 1e9  # 1000 times the capacity of real pixels
+MAX_ELECTRONS = 1e9  # 1000 times the capacity of real pixels
 DARK_DEVIATIONS = 5  # read-noise deviations from 0 to the black level
 BEYOND = 20  # values this many deviations above white are always white
 
@@ -80,7 +83,7 @@ class Detector:
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "exposure": Parameter("", 1e-9, 1e9, "factor of the light"),
-        "full_well_e": Parameter("electrons", 10.0, MOST_ELECTRONS, "electrons at saturation"),
+        "full_well_e": Parameter("electrons", 10.0, MAX_ELECTRONS, "electrons at saturation"),
         "read_noise_e": Parameter("electrons", 0.0, 1e6, "noise of reading out"),
         "black_level_dn": Parameter("DN", 0.0, 65535.0, "what is added to linear values"),
         "bits": Parameter("", 8, 16, "bits of a value"),
@@ -165,14 +168,14 @@ class Detector:
         InvalidParameter
             If the light is not an image or contains NaN, or the seed is not a non-negative integer.
         """
-        kept = kept_by(self, light)
+        kept = filtered_light(self, light)
         if not self.counts:
-            return numbers_of(self, kept)
+            return digital_values(self, kept)
         electrons = Electrons(self, seed)
         return electrons.read(electrons.counted(kept))
 
 
-def kept_by(detector: Detector, light: Light, first_row: int = 0) -> Light:
+def filtered_light(detector: Detector, light: Light, first_row: int = 0) -> Light:
     """Return the light kept by the pixels, (h, w, 3) or one mosaic colour; ``first_row`` is the
     image row of the first row.
 
@@ -187,7 +190,7 @@ def kept_by(detector: Detector, light: Light, first_row: int = 0) -> Light:
     return mosaic(light, detector.bayer[2:] + detector.bayer[:2] if first_row % 2 else detector.bayer)
 
 
-def numbers_of(detector: Detector, light: Light) -> NDArray[Any]:
+def digital_values(detector: Detector, light: Light) -> NDArray[Any]:
     """Convert light kept by the pixels to values in an array of its shape, without noise."""
     numbers: NDArray[Any] = np.empty(light.shape, detector.dtype)
     signals, read = light.reshape(-1), numbers.reshape(-1)
@@ -277,3 +280,49 @@ def mosaic(light: Light, bayer: str) -> Light:
         row, column = divmod(place, 2)
         kept[row::2, column::2] = light[row::2, column::2, "RGB".index(colour)]
     return kept
+
+
+# -- Readout of a detector during exposure, which avoids storing the light of the whole image ------
+
+
+class Readout:
+    """Detector readout of one image, identical to :meth:`Detector.read` of its light.
+
+    Parameters
+    ----------
+    detector
+    seed
+        Random seed of the noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> detector, light = Detector(full_well_e=10_000.0, bayer="RGGB"), np.full((3, 4, 3), 0.25, np.float32)
+    >>> readout = Readout(detector, seed=1)
+    >>> taken = np.concatenate([readout.medium.read(light[:1]), readout.medium.read(light[1:])])
+    >>> bool((readout.numbers(taken) == detector.read(light, seed=1)).all())
+    True
+    """
+
+    def __init__(self, detector: Detector, seed: int = 0) -> None:
+        self._detector = detector
+        self._electrons = Electrons(detector, seed) if detector.counts else None
+        self._rows = 0
+
+    @property
+    def medium(self) -> Medium:
+        """Medium that receives the light."""
+        detector, electrons = self._detector, self._electrons
+        if detector.is_of_values:
+            return Medium(detector.dtype, detector.read)
+        dtype = detector.dtype if electrons is None else electrons.dtype
+        return Medium(dtype, self._read, in_order=True, is_grey=detector.bayer != "none")
+
+    def _read(self, light: Light) -> NDArray[Any]:
+        kept = filtered_light(self._detector, light, self._rows)
+        self._rows += len(light)
+        return digital_values(self._detector, kept) if self._electrons is None else self._electrons.counted(kept)
+
+    def numbers(self, taken: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of the image recorded on :attr:`medium`, possibly in its memory."""
+        return taken if self._electrons is None else self._electrons.read(taken)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.parameters import Parameter
 from ..base.typing import Array
-from ..optics.mirrors.reflectivity import Reflectivity, reflectance
+from ..optics.materials import Reflectivity, reflectance
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Radiometry:
         Light emitted by camera, rod and rim, linear, white at 1.
     reflectivity
         Reflectivity of the mirror: a number, the complex index ``n + 1j k`` of a metal or its name,
-        with Fresnel's equations (:func:`omnimirror.optics.mirrors.reflectivity.reflectance`), or
+        with Fresnel's equations (:func:`omnimirror.optics.materials.reflectance`), or
         three of them, for red, green and blue.
     vignetting
         1: natural vignetting with the fourth power of the cosine; 0: none.

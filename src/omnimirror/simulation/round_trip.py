@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.meridional.viewpoints import best_viewpoint, viewpoint_angle_error
+from ..analysis.viewpoints import best_viewpoint, viewpoint_angle_error
 from ..base.arguments import checked
 from ..base.colour import srgb_from_linear
 from ..base.errors import OutsideField
@@ -16,11 +16,9 @@ from ..base.typing import Array
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
 from ..optics.sensor import Sensor
-from .rendering.exposure import expose
-from .rendering.picture import pinhole_picture
-from .scenes.contract import Scene
-from .scenes.posed import Pose, PosedScene
-from .scenes.worlds.room import Room
+from .rendering import expose, pinhole_picture
+from .scenes.room import Room
+from .scenes.scene import Pose, PosedScene, Scene
 
 SIZE = (600, 300)
 WALL_MM = 800.0

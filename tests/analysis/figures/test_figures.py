@@ -20,11 +20,21 @@ from scipy.optimize import minimize
 import omnimirror as om
 from omnimirror.analysis import figures
 from omnimirror.analysis.figures import FIGURES, PAPER, Conditions, draw, render, save_all
-from omnimirror.analysis.figures.labels import EndLabels, axis_label, axis_of_both, axis_title, shown_points, spread
-from omnimirror.analysis.figures.raytraces import ray_traces
-from omnimirror.analysis.figures.style import FORMATS, PALETTE, save_figure, styled
+from omnimirror.analysis.figures.sensor_diagrams import ray_traces
+from omnimirror.analysis.figures.style import (
+    FORMATS,
+    PALETTE,
+    EndLabels,
+    axis_label,
+    axis_of_both,
+    axis_title,
+    save_figure,
+    shown_points,
+    spread,
+    styled,
+)
 from omnimirror.analysis.figures.subjects import subjects_of
-from omnimirror.apps.cli.commands.evaluation.evaluate import command
+from omnimirror.apps.cli.commands.evaluate import command
 from omnimirror.apps.reproduction import paper_sensors
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import CameraBody, Housing, Rod

@@ -11,7 +11,7 @@ import click
 import pytest
 
 from omnimirror.apps.cli import app
-from omnimirror.apps.cli.help_pages import DocumentedCommand
+from omnimirror.apps.cli._declarations import DocumentedCommand
 
 DOCS = Path(__file__).parents[3] / "docs"
 

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from omnimirror.apps.cli import COMMANDS, app, main, outputs
+from omnimirror.apps.cli import COMMANDS, _output, app, main
 
 FEW = ["--omega-deg", "0:90:45"]
 
@@ -83,7 +83,7 @@ def test_the_reader_may_leave():
 def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
     """Options that accept a file name accept ``-`` too, except for folders, sources and video
     paths."""
-    from omnimirror.apps.cli.outputs import Output
+    from omnimirror.apps.cli._output import Output
 
     writes = ("csv_file", "json_file", "output", "out", "figure", "encircled", "panorama")
 
@@ -131,9 +131,9 @@ def test_two_outputs_may_go_to_one_device():
 def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
     """Control sequences in names are escaped, brackets are not interpreted as styles, and numbers
     have no colours."""
-    outputs.notice("a [bold]b[/bold] \x1b[31m")
-    outputs.remark("c \x1b]0;d")
-    outputs.say("1 of 2 ", ("e.csv", "bold"))
+    _output.notice("a [bold]b[/bold] \x1b[31m")
+    _output.remark("c \x1b]0;d")
+    _output.say("1 of 2 ", ("e.csv", "bold"))
     told = capsys.readouterr()
     assert told.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
     assert told.out == "1 of 2 e.csv\n"
@@ -149,28 +149,28 @@ def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     for name in ("NO_COLOR", "FORCE_COLOR", "COLUMNS"):
         monkeypatch.delenv(name, raising=False)
-    outputs.say("12.5 mm 'a' True ", ("e.csv", "bold"))
-    outputs.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
+    _output.say("12.5 mm 'a' True ", ("e.csv", "bold"))
+    _output.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
     assert screen.getvalue() == ("12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n")
 
 
 def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):
     @click.command()
-    @outputs.output_option("--a", multiple=True)
-    @outputs.output_option("--b")
+    @_output.output_option("--a", multiple=True)
+    @_output.output_option("--b")
     def command(**_):
         pass
 
     monkeypatch.chdir(tmp_path)
     words = ["--a", "/dev/null", "--a", "f"]
-    outputs.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
+    _output.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
     with pytest.raises(click.UsageError, match="--a and --b would both be written to f"):
-        outputs.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
+        _output.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
 
 
 def test_numbers_of_a_table_are_never_broken_and_words_are():
     """The text column uses the rest of 28 characters after the first column and the numbers."""
-    table = outputs.plain_table("name", "mm", "remark", words=("name", "remark"))
+    table = _output.plain_table("name", "mm", "remark", words=("name", "remark"))
     table.add_row("first part", "1234.5678", "as long as it may be")
     console = Console(file=io.StringIO(), width=28)
     console.print(table)

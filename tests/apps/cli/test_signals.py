@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import omnimirror as om
 from omnimirror.apps.cli import app, main
-from omnimirror.apps.cli.commands.evaluation import sensors
+from omnimirror.apps.cli.commands import sensors
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.base.native import backend
 from tests.commands import omnimirror
@@ -75,7 +75,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
     "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
     "dewarp in a preview": (
-        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "io.live.outputs:Preview.write",
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "io.live_outputs:Preview.write",
     ),
     "calibrate": (
         ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes",
@@ -88,57 +88,57 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
 """Running commands and the evidence of their progress: a file, a line of output, processes, a call,
 or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
-    "sensors": (("sensors",), "apps.cli.commands.evaluation.sensors:load_sensor"),
-    "init": (("init", "new.toml", "--force"), "apps.cli.commands.design.init:write_text"),
-    "judge": (("judge", "lens.toml", "paper-spherical"), "apps.cli.commands.design.judge:judge"),
+    "sensors": (("sensors",), "apps.cli.commands.sensors:load_sensor"),
+    "init": (("init", "new.toml", "--force"), "apps.cli.commands.init:write_text"),
+    "judge": (("judge", "lens.toml", "paper-spherical"), "apps.cli.commands.judge:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
-    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "apps.cli.commands.interop.rays:write_rays"),
+    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "apps.cli.commands.rays:write_rays"),
     "maps": (
         ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
-        "apps.cli.commands.interop.maps:write_maps",
+        "apps.cli.commands.maps:write_maps",
     ),
     "colmap": (
         ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"),
-        "apps.cli.commands.interop.colmap:load_camera",
+        "apps.cli.commands.colmap:load_camera",
     ),
-    "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.evaluation.spots:spots"),
-    "psf": (("psf", "paper-spherical"), "apps.cli.commands.evaluation.psf:psf"),
-    "mtf": (("mtf", "paper-spherical"), "apps.cli.commands.evaluation.mtf:mtf"),
-    "illumination": (("illumination", "paper-spherical"), "apps.cli.commands.evaluation.illumination:illumination"),
+    "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.spots:spots"),
+    "psf": (("psf", "paper-spherical"), "apps.cli.commands.psf:psf"),
+    "mtf": (("mtf", "paper-spherical"), "apps.cli.commands.mtf:mtf"),
+    "illumination": (("illumination", "paper-spherical"), "apps.cli.commands.illumination:illumination"),
     "form": (
         ("form", "paper-spherical", "points.csv", "-o", "made.toml"),
-        "apps.cli.commands.evaluation.form:form_error",
+        "apps.cli.commands.form:form_error",
     ),
     "compare": (
         ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
-        "apps.cli.commands.evaluation.compare:compare",
+        "apps.cli.commands.compare:compare",
     ),
     "roundtrip": (
-        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "apps.cli.commands.pictures.simulate:load_sensor",
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "apps.cli.commands.simulate:load_sensor",
     ),
     "bracket take": (
         ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
-        "apps.cli.commands.pictures.bracket:expose",
+        "apps.cli.commands.bracket:expose",
     ),
     "bracket merge": (
         ("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"),
-        "apps.cli.commands.pictures.bracket:merge_bracket",
+        "apps.cli.commands.bracket:merge_bracket",
     ),
     "board": (
         ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"),
-        "apps.cli.commands.calibration.board:write_board",
+        "apps.cli.commands.board:write_board",
     ),
-    "rim": (("rim", "view/0.png", "--figure", "a.png"), "apps.cli.commands.calibration.rim:find_rim"),
+    "rim": (("rim", "view/0.png", "--figure", "a.png"), "apps.cli.commands.rim:find_rim"),
     "lines": (
         ("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"),
-        "apps.cli.commands.calibration.lines:load_camera",
+        "apps.cli.commands.lines:load_camera",
     ),
-    "uncertainty": (("uncertainty", "paper-spherical"), "apps.cli.commands.calibration.uncertainty:load_camera"),
+    "uncertainty": (("uncertainty", "paper-spherical"), "apps.cli.commands.uncertainty:load_camera"),
     "convert": (
         ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
-        "apps.cli.commands.calibration.convert:convert",
+        "apps.cli.commands.convert:convert",
     ),
-    "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.design.apertures:best_apertures"),
+    "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.apertures:best_apertures"),
 }  # fmt: skip
 """Short commands, and the function of their module that a test repeats until a signal arrives."""
 REPEAT = """

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.studio import Studio
 from tests.serving import served
 
 # WebGL is used by the views only and not for compositing, because software rendering takes half of

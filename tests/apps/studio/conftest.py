@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio._server_state import Studio
 
 from .browser import FLAGS, REFUSED_CAMERA, serving
 

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 import omnimirror as om
-from omnimirror.apps.cli.commands.pictures.dewarp import command as dewarp
+from omnimirror.apps.cli.commands.dewarp import command as dewarp
 from omnimirror.io import read_image
 
 
@@ -40,8 +40,8 @@ def video_of(path: Path, frames: int = 40) -> Path:
 
 def python_view(line: str, folder: Path) -> om.Dewarper:
     """Return the dewarper of a command line."""
-    from omnimirror.apps.cli.options.camera import CameraOptions
-    from omnimirror.apps.cli.options.view import ViewOptions
+    from omnimirror.apps.cli._camera_options import CameraOptions
+    from omnimirror.apps.cli._view_options import ViewOptions
 
     words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
     given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params

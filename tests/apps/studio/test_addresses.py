@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio.look import routes
-from omnimirror.apps.studio.studio import Studio
-from omnimirror.apps.studio.uploads import encoded
+from omnimirror.apps.studio import _look_routes
+from omnimirror.apps.studio._server_state import Studio
+from omnimirror.apps.studio._uploads import encoded
 from omnimirror.io import write_image
 
 from .browser import drop, look, open_page, serving
@@ -60,7 +60,7 @@ def page(browser, server):
 def no_rooms(monkeypatch) -> None:
     """Replace room rendering by an immediate placeholder; tests check the selection, not the
     content."""
-    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
+    monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
 
 
 @pytest.fixture

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import page_alone
-from omnimirror.apps.studio.look import alone
-from omnimirror.apps.studio.look.cameras import Cameras
+from omnimirror.apps.studio import _standalone_page, page_alone
+from omnimirror.apps.studio._look_cameras import Cameras
 from omnimirror.cameras.frames import Mount
 from omnimirror.io import read_image, write_image
 from tests.commands import fails
@@ -25,8 +24,8 @@ SENSORS = ("paper-spherical", "folded-spherical", "ball:260")
 def address(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("alone") / "look.html"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(alone, "SHOWN_SAMPLES", 1)
-        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=15.0))
+        patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
+        patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=15.0))
         path.write_text(page_alone(SENSORS), encoding="utf-8")
     return path.as_uri()
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import page_alone
-from omnimirror.apps.studio.bench.alone import KERNEL, bench_alone
-from omnimirror.apps.studio.bench.answers import answer
-from omnimirror.apps.studio.bench.messages import Ask
-from omnimirror.apps.studio.look import alone
+from omnimirror.apps.studio import _standalone_page, page_alone
+from omnimirror.apps.studio._bench_evaluation import answer
+from omnimirror.apps.studio._standalone_page import KERNEL, bench_alone
+from omnimirror.apps.studio.bench_messages import Ask
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
 from .browser import open_page
@@ -61,8 +60,8 @@ DESIGNS = [
 def address(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("alone") / "look.html"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(alone, "SHOWN_SAMPLES", 1)
-        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=40.0))
+        patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
+        patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=40.0))
         path.write_text(page_alone(["paper-spherical"]), encoding="utf-8")
     return path.as_uri()
 

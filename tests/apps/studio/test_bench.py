@@ -18,11 +18,10 @@ from starlette.testclient import TestClient
 import omnimirror as om
 from omnimirror.apps import reports as report
 from omnimirror.apps.studio.app import create_app
-from omnimirror.design.criteria.requirement_file import parse_requirements
+from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import MIRRORS
-from omnimirror.optics.mirrors.form import MirrorForm
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse_sensor, tables_of
 
 LOCAL = "http://127.0.0.1"

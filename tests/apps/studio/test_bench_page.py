@@ -11,11 +11,11 @@ import pytest
 import tomli_w
 
 import omnimirror as om
-from omnimirror.apps.studio.look import routes
-from omnimirror.apps.studio.studio import Studio
-from omnimirror.apps.studio.uploads import encoded
+from omnimirror.apps.studio import _look_routes
+from omnimirror.apps.studio._server_state import Studio
+from omnimirror.apps.studio._uploads import encoded
 from omnimirror.optics.mirrors import SlopeSpline
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import parse_sensor, save_sensor
 
 from .browser import COARSE, PATIENCE_MS, serving
@@ -392,7 +392,7 @@ def test_designs_are_told_apart_without_their_colours(bench):
 
 
 def test_a_design_is_looked_through(bench, monkeypatch):
-    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
+    monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
     slide(bench, "Radius", 0.55)
     mine = sensor_on(bench)
     bench.get_by_role("button", name="Look through it").click()

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio.bench.answers import answer
-from omnimirror.apps.studio.bench.designs.sensors import in_place
-from omnimirror.apps.studio.bench.messages import Answer, Ask
-from omnimirror.apps.studio.bench.space import PROFILE, RAYS, TURNS, space_blocks
-from omnimirror.apps.studio.framing import unframed
+from omnimirror.apps.studio._bench_evaluation import RAYS, SPACE_PROFILE_NODES, TURNS, answer, space_blocks
+from omnimirror.apps.studio._bench_sensors import in_place
+from omnimirror.apps.studio._http_messages import unframed
+from omnimirror.apps.studio.bench_messages import Answer, Ask
 from omnimirror.cameras.frames import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {
@@ -88,7 +87,7 @@ def test_parts_stand_where_they_are():
     pose = MirrorPose(1.5, -0.5, 0.2, 0.5, 1.0)
     found = blocks_of(replace(SPHERE, mirror_pose=pose))
     radius, height = found["part mirror"]
-    assert len(radius) == PROFILE
+    assert len(radius) == SPACE_PROFILE_NODES
     np.testing.assert_allclose(height, SPHERE.mirror.sag(radius))
     frame = found["frame mirror"].T  # axes and origin, as columns
     there = np.array([radius[-1], 0.0, height[-1]]) @ frame[:, :3].T + frame[:, 3]

@@ -11,9 +11,9 @@ import pytest
 from starlette.testclient import TestClient
 
 import omnimirror as om
+from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench.tolerance_messages import Built
-from omnimirror.apps.studio.framing import unframed
+from omnimirror.apps.studio.bench_messages import Built
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio.bench.designs.judging import requirements_for
-from omnimirror.apps.studio.bench.designs.sensors import sensor_on_bench, why_not_optimised
-from omnimirror.apps.studio.bench.designs.shaping import bent
-from omnimirror.apps.studio.bench.designs.sliding import slid
-from omnimirror.apps.studio.bench.messages import Bend, Slide, SlidesAsk, Task
-from omnimirror.apps.studio.bench.work import perform
+from omnimirror.apps.studio._bench_requirements import requirements_for, slid
+from omnimirror.apps.studio._bench_sensors import bent, sensor_on_bench, why_not_optimised
+from omnimirror.apps.studio._search_process import perform
+from omnimirror.apps.studio.bench_messages import Bend, Slide, SlidesAsk, Task
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.design.solve.verdict import judge
+from omnimirror.design.requirement_check import judge
 from omnimirror.optics.sensor_files import bundled_sensors, tables_of
 
 from .test_bench_page import NOW, bench, enter, plotted, sensor_on, settled  # noqa: F401 - bench is a fixture

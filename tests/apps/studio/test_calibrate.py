@@ -18,14 +18,14 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 import omnimirror as om
+from omnimirror.apps.studio._board_detection_process import told
+from omnimirror.apps.studio._calibration_boards import taken, together
+from omnimirror.apps.studio._calibration_process import perform
+from omnimirror.apps.studio._workers import BoardDetectorPool
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.calibrate.board_process import told
-from omnimirror.apps.studio.calibrate.detections import taken, together
-from omnimirror.apps.studio.calibrate.looking import Lookers
-from omnimirror.apps.studio.calibrate.messages import BoardAsked, BoardLook, BoardSeen, CalibrationAsk, TogetherAsk
-from omnimirror.apps.studio.calibrate.work import perform
+from omnimirror.apps.studio.calibration_messages import BoardAsked, BoardLook, BoardSeen, CalibrationAsk, TogetherAsk
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.targets.finding import compared
+from omnimirror.calibration.targets.board_detection import compared
 from omnimirror.optics.sensor_files import parse_camera
 
 from .boards import ASKED, BLANK, BOARD, CAMERA, WHOLE, photograph, png
@@ -67,11 +67,11 @@ def look(client, data: bytes, **more):
 
 
 def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
-    code = "import sys, omnimirror.apps.studio.calibrate.board_process; print(*sys.modules)"
+    code = "import sys, omnimirror.apps.studio._board_detection_process; print(*sys.modules)"
     loaded = set(
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     )
-    assert "omnimirror.calibration.targets.finding" in loaded
+    assert "omnimirror.calibration.targets.board_detection" in loaded
     assert not loaded & {
         "fastapi",
         "starlette",
@@ -144,7 +144,7 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
             await asyncio.Event().wait()
 
     async def both() -> BoardSeen:
-        lookers, ask = Lookers(), BoardLook(**ASKED, name="here.png")
+        lookers, ask = BoardDetectorPool(), BoardLook(**ASKED, name="here.png")
         try:
             with pytest.raises(InvalidParameter, match=r"looking at here\.png was cut off"):
                 await lookers.look(ask, png(0), Gone())

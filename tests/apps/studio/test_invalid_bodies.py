@@ -14,10 +14,10 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
-from omnimirror.apps.studio import framing
+from omnimirror.apps.studio import _http_messages
+from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import api, create_app
-from omnimirror.apps.studio.bench.messages import Trouble
-from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.bench_messages import Trouble
 from omnimirror.base.files import MOST_NESTED
 from omnimirror.interop.http_server import request_bodies
 from omnimirror.optics.sensor_files import tables_of
@@ -344,16 +344,16 @@ def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_charac
 @pytest.mark.parametrize("sentence", ["", "a", "ab", "abc", "ö" * 300])
 def test_a_framed_message_is_read_by_the_documented_layout(sentence):
     message, parts = Trouble(path=("lens",), sentence=sentence), (b"\x00\x01", b"", b"file")
-    data = framing.framed(message, *parts)
+    data = _http_messages.framed(message, *parts)
     (length,) = struct.unpack("<I", data[:4])
     assert length % 4 == 0
     assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "sentence": sentence}
     assert len(data[4 : 4 + length].rstrip()) > length - 4
     assert data[4 + length :] == b"".join(parts)
-    assert framing.unframed(data, Trouble) == (message, b"".join(parts))
+    assert _http_messages.unframed(data, Trouble) == (message, b"".join(parts))
 
 
 @pytest.mark.parametrize("size", range(5))
 def test_a_frame_without_a_message_is_refused(size):
     with pytest.raises(request_bodies.InvalidMessage, match="length of a JSON message" if size < 4 else "must be JSON"):
-        framing.unframed(bytes(size), Trouble)
+        _http_messages.unframed(bytes(size), Trouble)

@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import video_viewer_of
-from omnimirror.apps.studio.look import viewer
-from omnimirror.apps.studio.look.sources import Sources
-from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio import pages, video_viewer_of
+from omnimirror.apps.studio._server_state import Sources, Studio
 from tests.commands import fails, omnimirror
-from tests.io.live.test_live import HEAD, paced
-from tests.io.live.test_live import server as streaming
 from tests.io.synthetic import make_video
+from tests.io.test_live_sources import HEAD, paced
+from tests.io.test_live_sources import server as streaming
 
 from .browser import command, drawn, look, open_page, serving
 from .pictures import video_of
@@ -106,7 +104,7 @@ def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
 
 @pytest.mark.full
 def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(browser, film, tmp_path, monkeypatch):
-    monkeypatch.setattr(viewer, "LARGEST_INSIDE", 100)
+    monkeypatch.setattr(pages, "LARGEST_INSIDE", 100)
     beside = tmp_path / "my rides" / film.name
     beside.parent.mkdir()
     beside.write_bytes(film.read_bytes())

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio.look import routes
-from omnimirror.apps.studio.look.sources import Sources
-from omnimirror.apps.studio.studio import Studio
-from omnimirror.apps.studio.uploads import encoded
+from omnimirror.apps.studio import _look_routes
+from omnimirror.apps.studio._server_state import Sources, Studio
+from omnimirror.apps.studio._uploads import encoded
 from omnimirror.io import read_image, write_image
 from tests.commands import fails, omnimirror
 
@@ -46,7 +45,7 @@ def room(tmp_path_factory) -> Path:
 def coarse_room(monkeypatch) -> None:
     """Render the demo room with one sample per pixel."""
     taken = lambda known: om.take_picture(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
-    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(taken(known), ".png"))
+    monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(taken(known), ".png"))
 
 
 def state(page) -> dict:

@@ -30,14 +30,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import omnimirror as om
-from omnimirror.apps.studio import uploads
+from omnimirror.apps.studio import _server_state, _uploads
+from omnimirror.apps.studio._bench_files import coarser
+from omnimirror.apps.studio._search_process import perform
+from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench.files import coarser
-from omnimirror.apps.studio.bench.messages import Task
-from omnimirror.apps.studio.bench.work import perform
-from omnimirror.apps.studio.look import streams
-from omnimirror.apps.studio.look.sources import Sources
-from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.bench_messages import Task
 from omnimirror.base.errors import MediaError
 from omnimirror.interop.http_server import limits, server
 from omnimirror.interop.http_server.auth import AccessGuard, is_loopback
@@ -322,14 +320,14 @@ def test_what_comes_too_slowly_is_given_up(monkeypatch):
 def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatch):
     """Exact to the byte: an image of maximum size is read, and one with another row is rejected
     beforehand."""
-    monkeypatch.setattr(uploads, "MOST_UNPACKED", 40 * 30 * pixel.nbytes)
+    monkeypatch.setattr(_uploads, "MOST_UNPACKED", 40 * 30 * pixel.nbytes)
 
     def file(rows: int) -> bytes:
         return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
 
-    assert uploads.browser_picture(file(30), "fits").startswith(b"\x89PNG")
+    assert _uploads.browser_picture(file(30), "fits").startswith(b"\x89PNG")
     with pytest.raises(MediaError, match="unfolds to too many pixels"):
-        uploads.browser_picture(file(31), "large")
+        _uploads.browser_picture(file(31), "large")
 
 
 def test_a_small_file_of_a_huge_picture_takes_little_memory():
@@ -346,16 +344,16 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
     tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
     tables += struct.pack(f"<{side}I", *[len(row)] * side)
     with pytest.raises(MediaError, match="unfolds to too many pixels; at most 256 MB of them"):
-        uploads.browser_picture(head + tags + tables + row, "bomb.tif")
+        _uploads.browser_picture(head + tags + tables + row, "bomb.tif")
 
 
 def test_strips_are_converted_like_the_whole():
     deep = np.random.default_rng(0).integers(0, 65536, (700, 9, 3), np.uint16)
-    assert np.array_equal(uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
+    assert np.array_equal(_uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
     light = np.array([[-1.0, 0.0, 0.25, 0.5, 1.0, 7.0, np.nan, np.inf]], np.float32)
-    assert uploads.eight_bits(light).tolist() == [[0, 0, 64, 128, 255, 255, 0, 255]]
+    assert _uploads.eight_bits(light).tolist() == [[0, 0, 64, 128, 255, 255, 0, 255]]
     shallow = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    assert np.array_equal(uploads.eight_bits(shallow), shallow)
+    assert np.array_equal(_uploads.eight_bits(shallow), shallow)
 
 
 @pytest.mark.parametrize(
@@ -370,10 +368,10 @@ def test_strips_are_converted_like_the_whole():
     ],
 )
 def test_names_of_uploads_are_harmless(name, safe):
-    assert uploads.safe_name(name) == safe
+    assert _uploads.safe_name(name) == safe
 
 
-@pytest.mark.parametrize("kind", list(uploads.KINDS))
+@pytest.mark.parametrize("kind", list(_uploads.KINDS))
 @pytest.mark.parametrize("mode", ["L", "RGB", "P"])
 def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkeypatch):
     """Files written by Pillow: a palette counts as four channels, PPM as 16 bits, all others as
@@ -386,16 +384,16 @@ def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkey
     with Image.open(BytesIO(data)) as stored:
         channels = 4 if stored.mode == "P" else len(stored.getbands())
     size = 10 * 6 * channels * (2 if kind == "PPM" else 1)
-    monkeypatch.setattr(uploads, "MOST_UNPACKED", size)
-    assert uploads.picture_in(data, "a").shape[:2] == (6, 10)
-    monkeypatch.setattr(uploads, "MOST_UNPACKED", size - 1)
+    monkeypatch.setattr(_uploads, "MOST_UNPACKED", size)
+    assert _uploads.picture_in(data, "a").shape[:2] == (6, 10)
+    monkeypatch.setattr(_uploads, "MOST_UNPACKED", size - 1)
     with pytest.raises(MediaError, match="a unfolds to too many pixels"):
-        uploads.picture_in(data, "a")
+        _uploads.picture_in(data, "a")
 
 
 def test_what_is_no_picture_is_named_with_the_kinds():
     with pytest.raises(MediaError, match="a is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP"):
-        uploads.picture_in(b"no picture", "a")
+        _uploads.picture_in(b"no picture", "a")
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
@@ -403,20 +401,20 @@ def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
     """The internal file name of the upload is not disclosed."""
     data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[1].tobytes()
     with pytest.raises(MediaError, match=r"my picture\.tif (is|cannot be)") as refused:
-        uploads.picture_in(data[: len(data) // 2], "my picture.tif")
+        _uploads.picture_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(refused.value)
 
 
 def test_encoded_pictures_keep_their_pixels_and_their_quality():
     picture = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
-    with Image.open(BytesIO(uploads.encoded(picture, ".png"))) as png:
+    with Image.open(BytesIO(_uploads.encoded(picture, ".png"))) as png:
         assert np.array_equal(np.asarray(png), picture)
-    with Image.open(BytesIO(uploads.encoded(picture, ".jpg"))) as usual:
+    with Image.open(BytesIO(_uploads.encoded(picture, ".jpg"))) as usual:
         expected = BytesIO()
         Image.new("RGB", (8, 8)).save(expected, "JPEG", quality=90)
         with Image.open(expected) as reference:
             assert usual.quantization == reference.quantization
-    assert len(uploads.encoded(picture, ".jpg", 30)) < len(uploads.encoded(picture, ".jpg"))
+    assert len(_uploads.encoded(picture, ".jpg", 30)) < len(_uploads.encoded(picture, ".jpg"))
 
 
 def test_a_request_without_a_file_is_refused():
@@ -424,7 +422,7 @@ def test_a_request_without_a_file_is_refused():
         async def receive():
             return {"type": "http.request", "body": data, "more_body": False}
 
-        return await uploads.collected(Request({"type": "http"}, receive))
+        return await _uploads.collected(Request({"type": "http"}, receive))
 
     assert in_a_loop(of(b"file")) == b"file"
     with pytest.raises(MediaError, match="the file is empty"):
@@ -500,7 +498,7 @@ def test_a_full_disk_is_a_sentence(client, monkeypatch):
     def full(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(uploads.tempfile, "TemporaryDirectory", full)
+    monkeypatch.setattr(_uploads.tempfile, "TemporaryDirectory", full)
     tiff = cv2.imencode(".tif", np.zeros((4, 4, 3), np.uint16))[1].tobytes()
     answer = client.post("/api/pictures", content=tiff)
     assert answer.status_code == 507
@@ -783,7 +781,7 @@ def test_pages_are_told_no_password_of_a_stream():
 
 
 def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
-    monkeypatch.setattr(streams, "OPENING_S", 0.3)
+    monkeypatch.setattr(_server_state, "OPENING_S", 0.3)
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))  # and does not listen
         address = f"http://127.0.0.1:{nobody.getsockname()[1]}/live.ts"

@@ -23,12 +23,10 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
+from omnimirror.apps.studio import _server_state
+from omnimirror.apps.studio._server_state import Sources, Streams, Studio
+from omnimirror.apps.studio._uploads import browser_picture, encoded
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.look import streams
-from omnimirror.apps.studio.look.sources import Sources
-from omnimirror.apps.studio.look.streams import Streams
-from omnimirror.apps.studio.studio import Studio
-from omnimirror.apps.studio.uploads import browser_picture, encoded
 from omnimirror.calibration import rim
 from omnimirror.interop.http_server.auth import is_loopback
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
@@ -312,7 +310,7 @@ def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, m
     """Pages that request continuously, one that requests once, and one that never does."""
     shown = Sources([str(video_of(tmp_path / "ride.mp4"))]).given[0]
     coded = []
-    monkeypatch.setattr(streams, "encoded", lambda *what: coded.append(1) or encoded(*what))
+    monkeypatch.setattr(_server_state, "encoded", lambda *what: coded.append(1) or encoded(*what))
 
     async def eager(stream, frames: int) -> list[int]:
         seen, state = [0], None

@@ -8,8 +8,7 @@ import shlex
 import numpy as np
 import pytest
 
-from omnimirror.apps.studio.look.sources import Sources
-from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.io import read_image, write_image
 
 from .browser import command, coordinates, drop, look, open_page, serving

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio.look.lattices import continued, lattice_of
-from omnimirror.apps.studio.look.tables import camera_tables, frame_of
+from omnimirror.apps.studio._camera_tables import camera_tables, continued, frame_of, lattice_of
 from omnimirror.optics.housing import Dome, Housing, Tube
 from omnimirror.optics.mirrors import SlopeSpline
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.everyday import few
 
 POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibration.formats.scaramuzza import ocamcalib
+from omnimirror.calibration.formats import _scaramuzza
 from omnimirror.cameras.frames import Mount
 from omnimirror.io import read_image, write_image
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, save_sensor
 from tests.commands import omnimirror
 
@@ -37,7 +37,7 @@ STATES = {
 }
 ALL = pytest.param(tuple(STATES), id="all", marks=pytest.mark.full)
 OF_EVERY_DAY = ("folded-hyperboloidal", "paraboloid-telecentric")  # two mirrors, and another lens
-OCAM = ocamcalib.write(
+OCAM = _scaramuzza.write_ocamcalib(
     om.OCam((-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9), (402.7, 299.2), (800, 600), (0.9991, 0.0007, -0.0004))
 )
 

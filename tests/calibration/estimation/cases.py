@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.calibration.estimation.bundle.observations import Motion, Sighting
+from omnimirror.calibration.estimation.observations import Motion, Sighting
 from omnimirror.cameras.models import Unified
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.estimation import Motion, StraightEdges
-from omnimirror.calibration.estimation.bundle.linearisation import without_slides
+from omnimirror.calibration.estimation._residuals import without_motions
 from tests.commands import fails, omnimirror
 
 MIDDLE, RADIUS = np.array([322.0, 238.0]), 205.0
@@ -85,7 +85,7 @@ def test_where_it_ends_the_sum_of_points_and_edges_is_least():
     room = om.Sighting("room", image.pixels[image.valid] + noise, points[image.valid], Motion.none(), is_known=True)
     marked = StraightEdges.of({"room.jpg": edges(20)}, np.inf, TRUTH.image_size)
     found = om.adjust(TRUTH, [room], edges=marked)
-    linear, known = without_slides(found.linearised), marked.known(found.model)
+    linear, known = without_motions(found.linearised), marked.known(found.model)
     pull = np.einsum("nip,ni->p", linear.d_shared, linear.residuals) / found.question.noise_px**2
     against = known.information @ (np.array([p.value for p in found.model.parameters]) - known.expected)
     scale = np.array([p.scale for p in found.model.parameters])

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import omnimirror as om
-from omnimirror.calibration.estimation.bundle.observations import rotation_of
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.calibration.estimation.observations import rotation_of
+from omnimirror.optics.mirrors.as_built import MirrorPose
 
 from .cases import BOARD, NOISE_PX
 

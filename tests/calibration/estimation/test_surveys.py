@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.estimation.bundle.observations import rotation_of
+from omnimirror.calibration.estimation.observations import rotation_of
 from tests.everyday import few
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections
@@ -199,7 +199,7 @@ def test_a_file_that_will_not_do_is_told_by_its_line(tmp_path, text, says):
 def test_the_command_finds_a_camera_from_files_alone(tmp_path):
     from click.testing import CliRunner
 
-    from omnimirror.apps.cli.commands.calibration.calibrate import command
+    from omnimirror.apps.cli.commands.calibrate import command
 
     options = written(tmp_path, seen(TRUTH, 30, 20), "points", "directions")
     out = tmp_path / "camera.toml"
@@ -225,7 +225,7 @@ def test_the_command_finds_a_camera_from_files_alone(tmp_path):
 def test_the_command_says_what_is_missing(arguments, says):
     from click.testing import CliRunner
 
-    from omnimirror.apps.cli.commands.calibration.calibrate import command
+    from omnimirror.apps.cli.commands.calibrate import command
 
     run = CliRunner().invoke(command, arguments)
     assert run.exit_code == 2

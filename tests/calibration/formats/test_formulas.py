@@ -13,8 +13,8 @@ import yaml
 
 import omnimirror as om
 from omnimirror.base.errors import SpecError
-from omnimirror.calibration.formats import Reading, colmap, read_cameras
-from omnimirror.calibration.formats.base import CameraFile
+from omnimirror.calibration.formats import Reading, _colmap, read_cameras
+from omnimirror.calibration.formats._camera_format import CameraFile
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
 from tests.calibration.formats.examples import SIZE, C, F, seen
@@ -215,7 +215,7 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
     second = struct.pack("<IiQQ8d", 9, 5, 1024, 768, 300.0, 301.0, 512.5, 384.5, 0.1, 0.2, 0.3, 0.4)
 
     def read(name, data):
-        return colmap.read(CameraFile(name, data), Reading(name))
+        return _colmap.read(CameraFile(name, data), Reading(name))
 
     found = read("cameras.bin", struct.pack("<Q", 2) + first + second)
     assert [stored.name for stored in found] == ["7", "9"]
@@ -273,7 +273,7 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
     binary = struct.pack(f"<QIiQQ{len(numbers)}d", 1, 3, number, *size, *numbers)
     text = f"3 {name} {size[0]} {size[1]} {' '.join(map(str, numbers))} # behind\n".encode()
     read = [
-        colmap.read(CameraFile(file, data), Reading(file))
+        _colmap.read(CameraFile(file, data), Reading(file))
         for file, data in (("cameras.bin", binary), ("cameras.txt", text))
     ]
     assert read[0] == read[1]
@@ -285,10 +285,10 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
         if word not in ("f", "fx", "fy", "cx", "cy"):
             assert getattr(stored.camera, word) == value
     if name in ("OPENCV_FISHEYE", "EUCM", "RAD_TAN_THIN_PRISM_FISHEYE"):
-        assert colmap.binary_file(size, name, colmap.values_of(stored.camera, name)) == (
+        assert _colmap.binary_file(size, name, _colmap.values_of(stored.camera, name)) == (
             struct.pack("<QI", 1, 1) + binary[12:]
         )
-        assert colmap.text_file((640, 479), name, numbers).splitlines()[-1].split()[:4] == ["1", name, "640", "479"]
+        assert _colmap.text_file((640, 479), name, numbers).splitlines()[-1].split()[:4] == ["1", name, "640", "479"]
 
 
 @pytest.mark.parametrize("camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)])

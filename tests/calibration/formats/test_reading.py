@@ -15,7 +15,7 @@ import omnimirror as om
 from omnimirror.base.errors import OmnimirrorWarning, SpecError
 from omnimirror.calibration.formats import Reading, read_cameras
 from omnimirror.cameras.models import OCam
-from omnimirror.cameras.models.consistency import doubts, inverse_doubts
+from omnimirror.cameras.models.plausibility import inverse_polynomial_warnings, plausibility_warnings
 from tests.calibration.formats.examples import seen
 
 SIZE = (1280, 960)
@@ -405,8 +405,8 @@ def calib_results(inverse_scale=1.0, centre="382.29 515.32", affine="1 0 0", siz
 
 def test_a_consistent_file_has_no_notes(tmp_path):
     assert read(tmp_path / "a.txt", calib_results(), "mirror")[2] == ()
-    assert doubts(RIGHT) == []
-    assert doubts(replace(RIGHT, centre_px=(540.0, 370.0))) == []
+    assert plausibility_warnings(RIGHT) == []
+    assert plausibility_warnings(replace(RIGHT, centre_px=(540.0, 370.0))) == []
 
 
 @pytest.mark.parametrize(
@@ -451,12 +451,12 @@ def test_the_inverse_polynomial_is_compared_as_far_as_the_field(tmp_path):
     angles = np.linspace(0.0, RIGHT.omega_max, 500)
     radius = RIGHT.radius_from_omega(angles)
     inverse = np.polynomial.Polynomial.fit(angles - np.pi / 2, radius, 20).convert().coef
-    assert inverse_doubts(RIGHT, inverse) == []
+    assert inverse_polynomial_warnings(RIGHT, inverse) == []
     off = inverse.copy()
     off[0] += 0.7
-    assert inverse_doubts(RIGHT, off) == []
+    assert inverse_polynomial_warnings(RIGHT, off) == []
     off[0] += 0.7
-    assert "up to 1.4 px" in inverse_doubts(RIGHT, off)[0]
+    assert "up to 1.4 px" in inverse_polynomial_warnings(RIGHT, off)[0]
 
 
 def test_the_base_of_all_errors_is_at_the_top():

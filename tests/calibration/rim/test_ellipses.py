@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from omnimirror.calibration.rim.edges import EdgePoints
-from omnimirror.calibration.rim.ellipses import Ellipse, Shift, laid_through, shifted
+from omnimirror.calibration.edge_detection import EdgePoints
+from omnimirror.calibration.rim._ellipses import Ellipse, Shift, laid_through, shifted
 
 
 def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> EdgePoints:

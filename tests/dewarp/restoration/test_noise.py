@@ -8,9 +8,9 @@ from benchmarks.restoration_gain import clouds, dead_leaves, faster
 import omnimirror as om
 from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.base.errors import InvalidParameter, MediaError
-from omnimirror.dewarp.restoration.jpeg_noise import detected_coding, standard_tables
-from omnimirror.io.pictures.jpeg import coding_of, jpeg_coding
-from omnimirror.simulation.scenes.worlds.hall import Hall
+from omnimirror.dewarp.restoration.noise import detected_coding, standard_tables
+from omnimirror.io.jpeg import parse_jpeg_coding, read_jpeg_coding
+from omnimirror.simulation.scenes.calibration_hall import Hall
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_grey_pictures_and_fine_colours(light, inside, quality: int):
     assert om.estimate_noise(decoded, where=inside).share == pytest.approx(truth, rel=0.25)
     fine = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
     data = cv2.imencode(".jpg", noisy(light, 0.01)[..., ::-1], fine)[1]
-    assert jpeg_coding(data.tobytes()).coarser == (1, 1)
+    assert parse_jpeg_coding(data.tobytes()).coarser == (1, 1)
 
 
 @pytest.mark.parametrize("code", [cv2.COLOR_BayerRG2RGB, cv2.COLOR_BayerRG2RGB_EA, cv2.COLOR_BayerRG2RGB_VNG])
@@ -140,7 +140,7 @@ def test_the_coding_of_a_file_is_that_of_its_writer(light, tmp_path):
     """OpenCV writes the standard tables, scaled as by libjpeg."""
     for quality in (30, 75, 95):
         data, picture = as_jpeg(noisy(light, 0.01), quality)
-        coding = jpeg_coding(data)
+        coding = parse_jpeg_coding(data)
         for table, standard in zip(
             coding.tables, (*standard_tables(quality), standard_tables(quality)[1]), strict=True
         ):
@@ -150,13 +150,13 @@ def test_the_coding_of_a_file_is_that_of_its_writer(light, tmp_path):
         found = detected_coding(picture, everywhere)
         assert np.abs(np.log(found.tables[0] / coding.tables[0])).mean() < 0.1
     om.write_image(tmp_path / "a.png", picture)
-    assert coding_of(tmp_path / "a.png") is None
+    assert read_jpeg_coding(tmp_path / "a.png") is None
     assert detected_coding(noisy(light, 0.01), everywhere) is None
 
 
 @pytest.mark.parametrize("end", [3, 30, 100, 200])
 def test_files_cut_short_have_no_coding_or_a_whole_one(light, end: int):
-    coding = jpeg_coding(as_jpeg(noisy(light, 0.01), 75)[0][:end])
+    coding = parse_jpeg_coding(as_jpeg(noisy(light, 0.01), 75)[0][:end])
     assert coding is None or all(table.shape == (8, 8) for table in coding.tables)
 
 

@@ -29,15 +29,15 @@ from omnimirror.interop.gateway import live_views, routes, stream_outputs
 from omnimirror.interop.gateway.live_views import Gateway, LiveView
 from omnimirror.interop.gateway.routes import create_app
 from omnimirror.interop.gateway.stream_outputs import Chunk
-from omnimirror.io.live.sources import LiveSource
-from omnimirror.io.video.frames import frame_of_image, image_of_frame
-from omnimirror.io.video.reader import VideoReader
-from omnimirror.io.video.writer import VideoWriter
+from omnimirror.io.live_sources import LiveSource
+from omnimirror.io.video_frames import frame_of_image, image_of_frame
+from omnimirror.io.video_reader import VideoReader
+from omnimirror.io.video_writer import VideoWriter
 from omnimirror.optics.image_sensor import Imager
 from tests.commands import fails
 from tests.everyday import few
-from tests.io.live.test_live import HEAD, free_port, paced
-from tests.io.live.test_live import server as streaming
+from tests.io.test_live_sources import HEAD, free_port, paced
+from tests.io.test_live_sources import server as streaming
 from tests.serving import in_a_loop, served
 
 SIDE = 256

@@ -12,7 +12,7 @@ import omnimirror as om
 from omnimirror.interop.gateway import webrtc
 from omnimirror.interop.gateway.live_views import Gateway
 from omnimirror.interop.gateway.routes import create_app
-from omnimirror.io.video.frames import image_of_frame
+from omnimirror.io.video_frames import image_of_frame
 from tests.serving import in_a_loop, served
 
 from .test_gateway import VIEWS, camera, film, off, picture_of, until

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.simulation.rendering import expose
 from tests.interop.ray_tables.box import CENTRE_MM, Box, texture, walls
 from tests.optics.tracing.test_mitsuba import mi  # noqa: F401 - a fixture
-from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, compared, small
+from tests.simulation.test_mitsuba_images import MISALIGNED, compared, small
 
 PIXELS, RAYS = 80, 9
 

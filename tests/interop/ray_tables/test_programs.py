@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.optics.mirrors.pose import MirrorPose
-from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.simulation.rendering import expose
 from tests.interop.ray_tables.box import Box, first_hits
-from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, compared, grey_levels, small
+from tests.simulation.test_mitsuba_images import MISALIGNED, compared, grey_levels, small
 
 HERE = Path(__file__).parent
 

@@ -10,13 +10,22 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.base.native import backend
-from omnimirror.calibration.physical.names import place_of, shape_names
-from omnimirror.calibration.physical.shape_rates import profile_rates
+from omnimirror.calibration.projection_derivatives import profile_derivatives
+from omnimirror.calibration.sensor_parameters import parameter_location, shape_names
 from omnimirror.interop.torch import _factory, _library, differentiable
 from omnimirror.interop.torch._reflection import TOLERANCE
 from omnimirror.interop.torch._tables import shape_derivative_table
-from omnimirror.optics.tracing.reflection import CELLS, Ends, MirrorTables, meridian_table, specular_points
-from omnimirror.optics.tracing.reflection.beginning import NOT_SETTLED, SEARCH, SEEN, SETTLED
+from omnimirror.optics.tracing.reflection import (
+    CELLS,
+    NOT_SETTLED,
+    SEARCH,
+    SEEN,
+    SETTLED,
+    MirrorTables,
+    RayEndpoints,
+    meridian_table,
+    specular_points,
+)
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 from tests.samplers import instructions
@@ -40,10 +49,10 @@ def test_meridian_table_interpolates_sag_and_slope(kind):
 @pytest.mark.parametrize("kind", ["hyperboloid", "even-polynomial", "slope-spline", "equidistant"])
 def test_shape_derivative_table_interpolates_derivatives(kind):
     sensor = sensor_of(kind)
-    place = place_of(sensor, list(shape_names(sensor))[-1])
+    place = parameter_location(sensor, list(shape_names(sensor))[-1])
     x = np.linspace(0.3, sensor.mirror.rim_radius_mm, 777)
     sag, slope = at(shape_derivative_table(sensor.mirror, place), x / sensor.mirror.rim_radius_mm * CELLS)
-    truth = profile_rates(sensor.mirror, x, (place,))[..., 0]
+    truth = profile_derivatives(sensor.mirror, x, (place,))[..., 0]
     for value, expected in zip((sag, slope), truth, strict=False):
         np.testing.assert_allclose(value, expected, rtol=0, atol=1e-5 * np.abs(expected).max())  # at spline knots
 
@@ -89,7 +98,7 @@ def test_kernel_finds_the_verified_reflection_points(kind, lens, distant, kernel
     targets = directions if distant else directions * np.random.default_rng(4).uniform(300, 5000, (203, 1))
     tables = MirrorTables.of(mirror, np.inf if telecentric else 180.0)
     pupil, rows, states = find_reflections(kernels, tables, telecentric, distant, targets)
-    expected = specular_points(mirror, Ends.of(pupil, telecentric), Ends.of(targets, distant))
+    expected = specular_points(mirror, RayEndpoints.of(pupil, telecentric), RayEndpoints.of(targets, distant))
     settled = states != NOT_SETTLED
     assert settled[expected.valid].mean() > 0.95
     np.testing.assert_array_equal((states == SEEN)[settled], expected.valid[settled])

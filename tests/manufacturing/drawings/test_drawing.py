@@ -21,7 +21,7 @@ from omnimirror.manufacturing.drawings.tables import mirror_rows, sag_rows
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rod, Tube
 from omnimirror.optics.mirrors import EvenPolynomial
 from omnimirror.optics.sensor_files import bundled_sensors
-from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
+from tests.analysis.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.base.numerics.forbes import qbfs_values
+from omnimirror.base.polynomials import qbfs_values
 from omnimirror.manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
 from omnimirror.optics.mirrors import Cone, Sphere
 from tests.commands import omnimirror

@@ -50,8 +50,7 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
     """
     from dataclasses import replace
 
-    from omnimirror.optics.mirrors.form import MirrorForm
-    from omnimirror.optics.mirrors.pose import MirrorPose
+    from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 
     meant = om.load_sensor("paper-hyperboloidal")
     truth = replace(meant, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))

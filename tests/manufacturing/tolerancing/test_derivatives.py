@@ -11,7 +11,7 @@ import pytest
 from scipy.special import eval_jacobi
 
 import omnimirror as om
-from omnimirror.base.numerics.zernike import terms_of
+from omnimirror.base.polynomials import zernike_terms
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources
@@ -230,7 +230,7 @@ def test_derivatives_match_finite_rays(name, order):
     sensor = om.load_sensor(name)
     evaluator = TrialEvaluator.of(sensor, angles=2, azimuths=7)
     for error, kind in error_sources(sensor).items():
-        if "zernike" in error and int(error.split("_")[1]) > terms_of(order):
+        if "zernike" in error and int(error.split("_")[1]) > zernike_terms(order):
             continue  # the same sums; over the aperture of finite rays such fine terms are nonlinear
         share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond 0.16 deg another object is the worst one
         step = share * kind.typical_tolerances["medium"]

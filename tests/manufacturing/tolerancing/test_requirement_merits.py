@@ -11,8 +11,8 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.quantities import QUANTITIES
-from omnimirror.design.criteria.limits import LIMITABLE
-from omnimirror.design.criteria.merits import OF_THE_WHOLE, values_of_evaluation
+from omnimirror.design.limits import LIMITABLE
+from omnimirror.design.merits import OF_THE_WHOLE, values_of_evaluation
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.object_field import directions_of, field_of
 from omnimirror.manufacturing.tolerancing.perturbation import perturbed

@@ -15,8 +15,8 @@ from omnimirror.manufacturing.tolerancing.perturbed_states import is_vectorised
 from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
 from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.form import MirrorForm
-from omnimirror.optics.tracing.reflection import Ends
+from omnimirror.optics.mirrors.as_built import MirrorForm
+from omnimirror.optics.tracing.reflection import RayEndpoints
 
 SPH = om.load_sensor("paper-spherical")
 WARM = om.Thermal(
@@ -79,7 +79,7 @@ def test_sequential_and_vectorised_trials_agree(name, refocus):
     field = field_of(sensor, angles=4, azimuths=7)
     shown, lost, focus = field.shown(values, refocus=refocus)
     again, lost_again, focus_again = sequential_images(
-        sensor, values, 2, Ends(field.targets, field.distant), refocus=refocus
+        sensor, values, 2, RayEndpoints(field.targets, field.distant), refocus=refocus
     )
     assert not lost.any()
     assert not lost_again.any()
@@ -96,7 +96,7 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
     field, lens = field_of(SPH, angles=4, azimuths=5), SPH.lens
     blur = field.picture(values).blur_px[0]
     plane = ImagerPose(1.5, -0.7)._plane()
-    targets, small = Ends(field.targets, True), 0.01
+    targets, small = RayEndpoints(field.targets, True), 0.01
     places = []
     for pupil in small * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
         found = SPH.optical_train.posed_mirror.specular(SPH.optical_train.entrance_pupil_points(pupil[None]), targets)

@@ -12,11 +12,12 @@ from scipy.optimize import brentq
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
-from omnimirror.optics.batch.bases import family
 from omnimirror.optics.batch.evaluate import BATCH_COLUMNS, Designs, evaluate_designs
-from omnimirror.optics.housing import MATERIALS, Dome, FlatWindow, Housing, Tube
+from omnimirror.optics.batch.families import family
+from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import SurfaceLens, TabulatedLens
+from omnimirror.optics.materials import MATERIALS
 from tests.everyday import few
 from tests.optics.lenses.prescriptions import F_NUMBER, imager_place, indices, through, zmx
 

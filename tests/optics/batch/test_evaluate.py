@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from omnimirror.base.native import backend
-from omnimirror.optics.batch.bases import family
 from omnimirror.optics.batch.evaluate import BATCH_COLUMNS, Designs, evaluate_designs
+from omnimirror.optics.batch.families import family
 from omnimirror.optics.image_sensor import Imager
 from tests.everyday import few
 from tests.samplers import instructions

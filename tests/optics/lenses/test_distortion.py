@@ -16,12 +16,12 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.dewarp import Dewarper, screens
 from omnimirror.optics.lenses.distortion import distorted, distorted_rates, fold, undistorted, undistorted_radius
-from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
+from omnimirror.simulation import rendering as rays
+from omnimirror.simulation.pixel_rays import spread
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering import exposure as rays
-from omnimirror.simulation.rendering.exposure import expose
-from omnimirror.simulation.rendering.samples import spread
+from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 from tests.everyday import few
 

@@ -14,11 +14,11 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.pose import MirrorPose
-from omnimirror.optics.sensor_files.sensor_file import format_sensor
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.sensor_files import format_sensor
+from omnimirror.simulation.pixel_rays import spread
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering.exposure import _trace_natively, _trace_sensor
-from omnimirror.simulation.rendering.samples import spread
+from omnimirror.simulation.rendering import _trace_natively, _trace_sensor
 
 PITCH = 5.2e-3
 A, RIM = 50.0, 44.0

@@ -10,14 +10,14 @@ from scipy.optimize import brentq
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.optics.lenses import SurfaceLens
-from omnimirror.optics.lenses.prescription.glasses import Glass, glass_named, read_agf
-from omnimirror.optics.lenses.prescription.sequence import Sequence
+from omnimirror.optics.lenses._sequential_tracing import Sequence
+from omnimirror.optics.materials import Glass, glass_named, read_agf
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.pose import MirrorPose
-from omnimirror.optics.sensor_files.sensor_file import format_sensor
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.sensor_files import format_sensor
+from omnimirror.simulation.pixel_rays import spread
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering.exposure import trace
-from omnimirror.simulation.rendering.samples import spread
+from omnimirror.simulation.rendering import trace
 from tests.commands import omnimirror
 from tests.optics.lenses import prescriptions as own
 

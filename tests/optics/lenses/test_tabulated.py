@@ -9,8 +9,8 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.optics.lenses import SurfaceLens, TabulatedLens
-from omnimirror.optics.lenses.tabulated import COLUMNS
-from omnimirror.optics.sensor_files.sensor_file import format_sensor
+from omnimirror.optics.lenses._tabulated_lens import COLUMNS
+from omnimirror.optics.sensor_files import format_sensor
 from tests.optics.lenses import prescriptions as own
 
 ANGLES = np.linspace(0, 20, 41)
@@ -276,7 +276,7 @@ def test_a_barrel_leaves_what_straight_rays_say():
 
 def test_pictures_are_dimmed_by_it():
     from omnimirror.simulation.radiometry import Radiometry
-    from tests.simulation.rendering.test_wavelengths import Stripes
+    from tests.simulation.test_rendering_wavelengths import Stripes
 
     bare, cut = (
         replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))

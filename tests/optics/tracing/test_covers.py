@@ -16,14 +16,15 @@ from scipy.optimize import brentq, root
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SelfObstruction
 from omnimirror.base.native import backend
-from omnimirror.dewarp.maps.coordinates import source_pixels
-from omnimirror.optics.housing import MATERIALS, Dome, FlatWindow, Housing, Tube
+from omnimirror.dewarp._source_coordinates import source_pixels
+from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
+from omnimirror.optics.materials import MATERIALS
 from omnimirror.optics.mirrors import SlopeSpline
-from omnimirror.optics.mirrors.pose import MirrorPose
-from omnimirror.optics.tracing import covered as covered_mirror
-from omnimirror.optics.tracing.reflection import Ends
-from omnimirror.optics.tracing.walls import way_out_compiled, way_out_in_numpy
-from omnimirror.simulation.rendering.sight import sights
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.tracing import optical_train as covered_mirror
+from omnimirror.optics.tracing.reflection import RayEndpoints
+from omnimirror.optics.tracing.shell_transmission import shell_exit_compiled, shell_exit_numpy
+from omnimirror.simulation.pixel_rays import sights
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
@@ -181,7 +182,7 @@ def test_one_ray_besides_compiled_ones_finds_where_a_target_is_seen(monkeypatch:
     sensor, traced = covered(name), []
     pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
     rays = sensor.backproject(pixels)
-    sees, counted = rays.valid, covered_mirror.way_out
+    sees, counted = rays.valid, covered_mirror.shell_exit
     monkeypatch.setattr(covered_mirror, "way_out", lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d))
     found = sensor.project_directions(rays.directions[sees])
     assert found.valid.all()
@@ -201,7 +202,7 @@ def test_rays_start_where_those_from_their_images_do(name):
     """Solved from outside, and traced from inside."""
     train = STARTS[name].optical_train
     towards = np.random.default_rng(9).normal(size=(900, 3))
-    image, start = train.image_and_start_of(Ends.of(towards, distant=True))
+    image, start = train.image_and_start_of(RayEndpoints.of(towards, distant=True))
     seen = np.isfinite(image[:, 0])
     assert seen.sum() > 200
     found = train.seen_mirror.trace(*train.rays_of_image(image[seen], np.zeros(2)))
@@ -413,7 +414,7 @@ def test_compiled_walls_are_numpys(name):
     directions[:40] = [[0, 0, 1], [0, 0, -2]] * 20
     directions[40] = 0.0, np.nan, 1.0
     with np.errstate(all="ignore"):
-        ways = [way(shell, points, directions) for way in (way_out_compiled, way_out_in_numpy)]
+        ways = [way(shell, points, directions) for way in (shell_exit_compiled, shell_exit_numpy)]
     for kind in ("meets", "passes"):
         np.testing.assert_array_equal(*(getattr(way, kind) for way in ways))
     out = ways[0].passes & ways[0].meets

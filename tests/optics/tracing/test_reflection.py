@@ -8,24 +8,30 @@ import pytest
 
 from omnimirror.base.native import backend
 from omnimirror.optics.mirrors import EvenPolynomial, Sphere
-from omnimirror.optics.mirrors.form import NO_FORM
-from omnimirror.optics.tracing.reflection import Ends, Surface, search, specular_points
-from omnimirror.optics.tracing.reflection.beginning import FEWEST, compiled_places
+from omnimirror.optics.mirrors.as_built import NO_FORM
+from omnimirror.optics.tracing import reflection
+from omnimirror.optics.tracing.reflection import (
+    MIN_PAIRS,
+    MirrorSurface,
+    RayEndpoints,
+    compiled_reflection_points,
+    specular_points,
+)
 from tests.conftest import MIRRORS
 from tests.everyday import few
 
-COUNT = 4 * FEWEST
+COUNT = 4 * MIN_PAIRS
 EVERY_DAY = "conic-asphere", "cylinder", "sampled", "sphere", "hyperboloid", "even-polynomial"
 compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 
 
-def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[Ends, Ends]:
+def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[RayEndpoints, RayEndpoints]:
     """Return a lens off the axis, and targets all around, some of them outside the field."""
     mirror, m = MIRRORS[kind]
     towards = np.random.default_rng(3).normal(size=(COUNT, 3))
     targets = towards if distant else 4 * mirror.rim_radius_mm * towards
     lens = [0.01, -0.02, -1.0] if telecentric else [1.5, -0.8, -m]
-    return Ends.of([lens], telecentric), Ends.of(targets, distant)
+    return RayEndpoints.of([lens], telecentric), RayEndpoints.of(targets, distant)
 
 
 @pytest.mark.parametrize("telecentric", [False, True])
@@ -35,7 +41,7 @@ def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monke
     mirror = MIRRORS[kind][0]
     pupils, targets = ends_about(kind, distant, telecentric)
     found = specular_points(mirror, pupils, targets)
-    monkeypatch.setattr(search, "compiled_places", lambda *_: None)
+    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
     guessed = specular_points(mirror, pupils, targets)
     assert np.array_equal(found.valid, guessed.valid)
     assert found.valid.sum() > COUNT / 5
@@ -49,7 +55,9 @@ def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
     towards = np.random.default_rng(5).normal(size=(COUNT, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))
-    found = specular_points(ball, Ends.of([[0.0, 0.0, -1.0]], distant=True), Ends.of(towards, distant=True))
+    found = specular_points(
+        ball, RayEndpoints.of([[0.0, 0.0, -1.0]], distant=True), RayEndpoints.of(towards, distant=True)
+    )
     off_axis = np.degrees(np.arcsin(np.hypot(*found.points[found.valid, :2].T) / 50.0))
     np.testing.assert_allclose(off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9)
     assert np.array_equal(found.valid, -towards[:, 2] > np.cos(np.radians(140.0)))
@@ -60,19 +68,19 @@ def test_the_surface_is_looked_at_half_as_often(monkeypatch):
     """The measure is work: points of the exact surface over all steps."""
     looked_at = []
 
-    class Counted(Surface):
+    class Counted(MirrorSurface):
         def __init__(self, mirror, xy, form=NO_FORM):
             looked_at.append(len(xy))
             super().__init__(mirror, xy, form)
 
-    monkeypatch.setattr(search, "Surface", Counted)
+    monkeypatch.setattr(reflection, "Surface", Counted)
     pupils, targets = ends_about("sphere", True, False)
-    inside = Ends(targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True)
+    inside = RayEndpoints(targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True)
     looked_at.clear()
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     with_kernels = sum(looked_at)
     looked_at.clear()
-    monkeypatch.setattr(search, "compiled_places", lambda *_: None)
+    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     assert with_kernels <= 3.1 * len(inside.xyz)
     assert with_kernels < 0.6 * sum(looked_at)
@@ -83,11 +91,11 @@ def test_kernels_are_not_asked_where_they_do_not_serve():
     pupils, targets = ends_about("sphere", True, False)
     pupils = pupils.spread(COUNT)
     sphere = Sphere(50.0, 40.0)
-    assert compiled_places(sphere, NO_FORM, pupils, targets) is not None
-    few_of_each = slice(0, FEWEST - 1)
-    assert compiled_places(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each]) is None
-    moving = Ends(pupils.xyz + np.linspace(0, 1, COUNT)[:, None])
-    assert compiled_places(sphere, NO_FORM, moving, targets) is None
-    assert compiled_places(MIRRORS["cone"][0], NO_FORM, pupils, targets) is None
+    assert compiled_reflection_points(sphere, NO_FORM, pupils, targets) is not None
+    few_of_each = slice(0, MIN_PAIRS - 1)
+    assert compiled_reflection_points(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each]) is None
+    moving = RayEndpoints(pupils.xyz + np.linspace(0, 1, COUNT)[:, None])
+    assert compiled_reflection_points(sphere, NO_FORM, moving, targets) is None
+    assert compiled_reflection_points(MIRRORS["cone"][0], NO_FORM, pupils, targets) is None
     hollow = EvenPolynomial((0.6, -0.3), 40.0, 40.0)
-    assert compiled_places(hollow, NO_FORM, pupils, targets) is None
+    assert compiled_reflection_points(hollow, NO_FORM, pupils, targets) is None

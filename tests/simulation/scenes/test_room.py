@@ -9,11 +9,11 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.simulation.rendering.picture import pinhole_picture
-from omnimirror.simulation.scenes.boxes import blocked
-from omnimirror.simulation.scenes.contract import Distant, Scene
-from omnimirror.simulation.scenes.lettering import lettering
-from omnimirror.simulation.scenes.worlds.decor import PIECES, ROOM
+from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.scenes._painting import lettering
+from omnimirror.simulation.scenes.room import PIECES, ROOM
+from omnimirror.simulation.scenes.scene import Distant, Scene
+from omnimirror.simulation.scenes.surfaces import are_blocked
 
 WORDS = ("OMNIMIRROR", "GARDEN", "LIBRARY", "EXIT")
 
@@ -54,7 +54,7 @@ def test_every_word_is_in_plain_view_of_the_sensor(room: om.Room):
     solids = [piece.box for piece in PIECES]
     for word in room.words:
         corners = room.sign_corners_mm(word)
-        assert not blocked(solids, np.zeros((4, 3)), corners).any()
+        assert not are_blocked(solids, np.zeros((4, 3)), corners).any()
         assert np.ptp(corners[:, 2]) >= 250 - 10, "large enough for 3.7 px per degree"
 
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from ...base.errors import InvalidParameter
 from ...optics.sensor import Sensor
-from . import curves, images, raytraces
-from .comparison import picture_sheet, side_by_side, table_sheet
-from .pictures import three_pictures
+from . import curves, image_plane, sensor_diagrams
+from .image_plane import three_pictures
+from .sensor_comparison import picture_sheet, side_by_side, table_sheet
 from .style import FORMATS, render, save_figure, styled
 from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
 
@@ -50,7 +50,7 @@ FIGURES: dict[str, FigureSpec] = {
             "fig3",
             "Viewing sphere and its image",
             "Objects of 15° × 15° every 15° of incidence on the viewing sphere, and their images in the image circle.",
-            images.viewing_sphere,
+            image_plane.viewing_sphere,
         ),
         FigureSpec(
             "fig4",
@@ -58,7 +58,7 @@ FIGURES: dict[str, FigureSpec] = {
             "Cross-section with chief rays every 15°, and a close-up of the mirror. T∞, T5M: tangential images of "
             "objects at infinity and at five rim radii from the mirror; S∞, S5M: sagittal images. DF: depth of "
             "field about L0, with the F-number of the lens.",
-            raytraces.ray_traces,
+            sensor_diagrams.ray_traces,
         ),
         FigureSpec(
             "fig5",
@@ -82,7 +82,7 @@ FIGURES: dict[str, FigureSpec] = {
             "fig8",
             "Image-forming characteristics",
             "Each rectangle is the image of one square degree enlarged 15 times, at its place along the image radius.",
-            images.image_forming,
+            image_plane.image_forming,
         ),
         FigureSpec(
             "fig9",
@@ -96,7 +96,7 @@ FIGURES: dict[str, FigureSpec] = {
             "fig10",
             "Blur in the image",
             "The rectangles of Fig. 8 with their blur spots, enlarged ten times in both directions.",
-            images.blur_in_image,
+            image_plane.blur_in_image,
         ),
         FigureSpec(
             "fig11",
@@ -104,7 +104,7 @@ FIGURES: dict[str, FigureSpec] = {
             "Squares of 15° × 15° in object space with their blur spots (vertical: tangential, horizontal: "
             "sagittal) and the square that a pixel sees on average, all enlarged ten times against the squares; "
             "spots larger than their square are cut. Below each square: tangential × sagittal blur in degrees.",
-            images.blur_in_object_space,
+            image_plane.blur_in_object_space,
         ),
         FigureSpec(
             "fig12",

@@ -12,16 +12,14 @@ from numpy.typing import ArrayLike
 
 from ...base.quantities import QUANTITIES
 from ...base.typing import Array
-from ..aperture.point_spread import Psf
-from ..aperture.relative_illumination import Illumination
-from ..aperture.spot_diagrams import Spots
-from ..aperture.transfer import Mtf
-from .labels import EndLabels, axis_title
-from .style import COLUMN, GREY, INK, PAGE, PALETTE, angle_axis, grid_of_axes, new_figure, styled
+from ..psf_mtf import Mtf, Psf
+from ..relative_illumination import Illumination
+from ..spot_diagrams import Spots
+from .style import COLUMN, GREY, INK, PAGE, PALETTE, EndLabels, angle_axis, axis_title, grid_of_axes, new_figure, styled
 
 RMS = QUANTITIES["rms_radius_px"]
-FINEST_GRID = 12  # px to each side; the lines of a larger pixel grid would merge
-LIGHT_FROM = 1e-4  # relative to the peak, the darkest shade of a PSF
+MAX_GRID_PX = 12  # px to each side; the lines of a larger pixel grid would merge
+DARKEST_SHADE = 1e-4  # relative to the peak, the darkest shade of a PSF
 
 
 def spot_matrix(spots: Spots, airy_px: float) -> Figure:
@@ -49,7 +47,7 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
             )
             if focuses > 1 and i == objects - 1:
                 ax.set_xlabel(f"L$_0$ = {spots.focus_mm[j]:.5g} mm")
-        grid = "squares are pixels, " if half <= FINEST_GRID else f"side {2 * half:.3g} px, "
+        grid = "squares are pixels, " if half <= MAX_GRID_PX else f"side {2 * half:.3g} px, "
         figure.supxlabel(f"tangential → right; {grid}circle: Airy disk", fontsize=6, color=GREY)
     return figure
 
@@ -74,7 +72,7 @@ def _pixel_grid(ax: Axes, half: float) -> None:
     for spine in ax.spines.values():
         spine.set_visible(True)
         spine.set_color("#BBBBBB")
-    if half <= FINEST_GRID:  # the lines of larger grids would merge
+    if half <= MAX_GRID_PX:  # the lines of larger grids would merge
         for line in np.arange(-np.floor(half + 0.5) + 0.5, half):
             ax.axhline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
             ax.axvline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
@@ -139,8 +137,8 @@ def psf_pictures(psfs: Sequence[Psf]) -> Figure:
             peak = float(p.density.max())
             ax.set_facecolor("black")
             ax.imshow(
-                np.maximum(p.density, LIGHT_FROM * peak), extent=(-edge, edge, edge, -edge), cmap="inferno",
-                norm=LogNorm(LIGHT_FROM * peak, peak), interpolation="nearest",
+                np.maximum(p.density, DARKEST_SHADE * peak), extent=(-edge, edge, edge, -edge), cmap="inferno",
+                norm=LogNorm(DARKEST_SHADE * peak, peak), interpolation="nearest",
             )  # fmt: skip
             ax.set(xlim=(-half, half), ylim=(half, -half))
             ax.grid(False)

@@ -1,8 +1,8 @@
-"""Curves of quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15."""
+"""Curves against the field angle (Figs. 5, 6, 7, 9, 12, 15), and comparison of mirrors."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +15,32 @@ from ...base.typing import Array
 from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.mirrors import Sphere
 from ...optics.sensor import Sensor
-from ..meridional.viewpoints import best_viewpoint
-from .labels import EndLabels, axis_label, axis_of_both, axis_title
-from .style import COLUMN, GREY, INK, PAGE, angle_axis, grid_of_axes, new_figure, panel_title, zero_line
+from ...optics.tracing.meridian import Meridian
+from ..viewpoints import best_viewpoint
+from .style import (
+    COLUMN,
+    GREY,
+    INK,
+    PAGE,
+    PALETTE,
+    EndLabels,
+    angle_axis,
+    axis_label,
+    axis_of_both,
+    axis_title,
+    grid_of_axes,
+    new_figure,
+    panel_title,
+    styled,
+    zero_line,
+)
 from .subjects import Subject, widest
 
-DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
+# -- Curves of quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15 ---------------------
+
+OBJECT_DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
 VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
-SAME_PX = 1e-6  # smaller viewpoint errors are due to rounding: the sensor has a single viewpoint
+SINGLE_VIEWPOINT_PX = 1e-6  # smaller viewpoint errors are due to rounding: the sensor has a single viewpoint
 
 
 def mapping(subjects: Sequence[Subject]) -> Figure:
@@ -266,11 +284,11 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
     zero_line(ax)
     M, worst, places = subject.rim_mm, 0.0, []
     omega = subject.curve.omega_deg
-    for shade, n in zip(np.linspace(1.0, 0.4, len(DISTANCES)), DISTANCES, strict=True):
+    for shade, n in zip(np.linspace(1.0, 0.4, len(OBJECT_DISTANCES)), OBJECT_DISTANCES, strict=True):
         radius = subject.conditions.image_radius_px
         best = best_viewpoint(subject.sensor, n * M, omega_deg=omega, image_radius_px=radius)
         look = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
-        if best.worst_px < SAME_PX:
+        if best.worst_px < SINGLE_VIEWPOINT_PX:
             ax.plot(omega, np.zeros_like(omega), **look)
             places = [f"V$_0$ = {best.z_mm / M:.4f} M:", "single viewpoint,", "no error at any distance"]
             break
@@ -279,3 +297,32 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
         places.append(f"V$_0$ = {best.z_mm / M:.4f} M for {n} M")
     ax.text(0.04, 0.98, "\n".join(places), transform=ax.transAxes, va="top", size=6, color=subject.colour)
     return worst
+
+
+# -- Comparison of mirrors: profiles, and image heights against field angles -----------------------
+
+PROFILE_POINTS = 400
+
+
+def meridian_curves(mirrors: Mapping[str, Meridian]) -> Figure:
+    """Draw up to six mirrors by name, with lengths in rim radii."""
+    with styled():
+        figure = new_figure(PAGE, 2.9)
+        sections, heights = grid_of_axes(figure, 1, 2, 2)
+        labels = EndLabels(figure)
+        for (name, meridian), colour in zip(mirrors.items(), PALETTE, strict=False):
+            M = meridian.mirror.rim_radius_mm
+            rays = meridian.trace(np.linspace(0.0, M, PROFILE_POINTS))
+            h = rays.x / M if np.isinf(meridian.m) else rays.x / rays.w / np.tan(meridian.theta_max)
+            (section,) = sections.plot(rays.x / M, rays.z / M, color=colour, gid=f"{name}:section")
+            heights.plot(np.degrees(rays.omega), h, color=colour, gid=f"{name}:height")
+            labels.of_line(sections, section, name)
+        panel_title(sections, 0, "Sections, the lens far below")
+        sections.set_xlim(0, 1)
+        sections.set_xlabel("Distance from the axis x/M")
+        sections.set_ylabel("Height over the vertex z/M")
+        panel_title(heights, 1, "Image height")
+        angle_axis(heights, max(float(np.degrees(m.omega_max)) for m in mirrors.values()))
+        heights.set_ylim(0, 1)
+        heights.set_ylabel("h / h of the rim")
+        return labels.settle()

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.escaping import plot_text
-from ...base.numerics.lazy import cached_property
 from ...optics.lenses import BlurMode
 from ...optics.sensor import Sensor
 from ..evaluation import Evaluation, evaluate, field_angles

@@ -15,8 +15,7 @@ import click
 
 from ... import __version__
 from ...base.errors import InvalidParameter, OmnimirrorError, explained_import_error, one_line
-from .process import Terminated, process_state, stopped_code
-from .streams import be_quiet, forget_output
+from ._process_state import Terminated, be_quiet, forget_output, process_state, stopped_code
 
 COMMANDS = {
     "sensors": "List the bundled sensors.",

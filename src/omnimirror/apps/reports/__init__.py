@@ -1,15 +1,17 @@
-"""Report of a sensor as one self-contained page with images, figures and numbers."""
+"""Report of a sensor as one self-contained page with images, figures and numbers; templates of all reports."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable
 from pathlib import Path
+from string import Template
 
 import numpy as np
 
 from ...analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
 from ...analysis.figures import FIGURES, draw, render
-from ...analysis.meridional.focus import best_focus
+from ...analysis.focus import best_focus
 from ...base.arguments import checked
 from ...base.escaping import html_text, shell_word
 from ...base.files import write_text
@@ -18,9 +20,31 @@ from ...dewarp import Dewarper, screens, views
 from ...io import write_image
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import hidden_words
-from ...simulation.rendering.picture import SHOWN_SAMPLES, take_picture
-from ...simulation.scenes.worlds.room import Room
-from .pages import figure_html, page_html
+from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.scenes.room import Room
+
+# -- Common templates of the report pages ----------------------------------------------------------
+
+TEMPLATES = Path(__file__).parent
+
+
+def page_html(title: str, body: str, **parts: object) -> str:
+    """Return a self-contained page from a named body template, filled with HTML fragments."""
+    return _template("page").substitute(title=html_text(title), body=_template(body).substitute(parts))
+
+
+def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
+    """Return an embedded image with its caption."""
+    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    text = html_text(caption)
+    return f'<figure><img class="{css}" alt="{text}" src="{source}"><figcaption>{text}</figcaption></figure>'
+
+
+def _template(name: str) -> Template:
+    return Template((TEMPLATES / f"{name}.html").read_text(encoding="utf-8"))
+
+
+# -- Report of a sensor as one self-contained page with images, figures and numbers ----------------
 
 VIEW = screens.Plane((960, 600))
 Told = Callable[[str, float], None]

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...analysis.figures import render, save_figure
-from ...analysis.figures.calibration import (
+from ...analysis.figures.calibration_results import (
     coverage_map,
     residual_histograms,
     residual_vectors,
@@ -22,8 +22,8 @@ from ...base.arguments import checked
 from ...base.escaping import html_text
 from ...base.files import write_text
 from ...base.typing import Array
-from ...calibration.estimation.results import Calibration
-from .pages import figure_html, page_html
+from ...calibration.estimation.calibration_result import Calibration
+from . import figure_html, page_html
 
 GRID = (48, 36)  # grid of the direction uncertainty
 CAPTIONS = {

@@ -19,14 +19,14 @@ from ...base.errors import InvalidParameter
 from ...base.escaping import html_text, shell_command
 from ...base.files import write_text
 from ...dewarp import Dewarper, views
-from ...dewarp.camera_field import field_of
+from ...dewarp.field_of_view import field_of
 from ...io import write_image
-from ...io.pictures.images import encoded
+from ...io.images import encoded
 from ...optics.sensor import Sensor
-from ...simulation.rendering.picture import SHOWN_SAMPLES, take_picture
-from ...simulation.scenes.contract import Scene
-from ...simulation.scenes.worlds.room import Room
-from .pages import figure_html, page_html
+from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.scenes.room import Room
+from ...simulation.scenes.scene import Scene
+from . import figure_html, page_html
 
 PANORAMA_PX = 1440  # width of each panorama
 

@@ -27,7 +27,7 @@ from ...manufacturing.tolerancing.sensitivity import ErrorSensitivity, sensitivi
 from ...manufacturing.tolerancing.tolerance_analysis import ToleranceReport
 from ...manufacturing.tolerancing.tolerances import Tolerances
 from ...manufacturing.workshop import PartSpecification
-from .pages import figure_html, page_html
+from . import figure_html, page_html
 
 DISTRIBUTED = {
     "uniform": "uniform",

@@ -9,9 +9,9 @@ from pathlib import Path
 from ...analysis.figures import FIGURES, PAPER, save_all, save_figure
 from ...base.arguments import checked
 from ...base.errors import InvalidParameter
-from . import blur, shapes, tables
-from .claims import CheckedClaim, Claim, check_claims
-from .paper import Paper, paper_sensors
+from . import _claims, _paper_claims
+from ._claims import CheckedClaim, Claim, check_claims
+from ._paper_sensors import Paper, paper_sensors
 
 __all__ = [
     "ALL_FIGURES",
@@ -44,7 +44,7 @@ class Reproduction:
 
 def all_claims() -> list[Claim]:
     """Return all checked statements of the paper, by section."""
-    return [*shapes.claims(), *blur.claims()]
+    return [*_paper_claims.mirror_claims(), *_paper_claims.image_claims()]
 
 
 def check(claims: Sequence[Claim] | None = None) -> list[CheckedClaim]:
@@ -76,7 +76,7 @@ def draw_figures(
     curves = [n for n in names if n in FIGURES]
     files = save_all(paper_sensors(), out_dir, formats, curves, PAPER, progress)
     for name in (n for n in names if n not in FIGURES):
-        from .pictures import PICTURES
+        from ._paper_figures import PICTURES
 
         if progress is not None:
             progress(name)
@@ -138,8 +138,8 @@ def reproduce_paper(
         progress("numbers")
     rows, folder = check(), Path(out)
     files = [folder / "numbers.csv", folder / "numbers.md"]
-    tables.write_csv(rows, files[0])
-    tables.write_markdown(rows, files[1])
+    _claims.write_csv(rows, files[0])
+    _claims.write_markdown(rows, files[1])
     if figures:
         files += draw_figures(folder, which, progress=progress)
     return Reproduction(rows, files)

@@ -8,18 +8,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .look.alone import page_alone as page_alone
-    from .look.viewer import video_viewer_of as video_viewer_of
-    from .look.viewer import viewer_of as viewer_of
-    from .notebook import LookAround as LookAround
-    from .notebook import show as show
+    from ._standalone_page import page_alone as page_alone
+    from .pages import LookAround as LookAround
+    from .pages import show as show
+    from .pages import video_viewer_of as video_viewer_of
+    from .pages import viewer_of as viewer_of
 
 _HOMES = {
-    "LookAround": "notebook",
-    "page_alone": "look.alone",
-    "show": "notebook",
-    "video_viewer_of": "look.viewer",
-    "viewer_of": "look.viewer",
+    "LookAround": "pages",
+    "page_alone": "_standalone_page",
+    "show": "pages",
+    "video_viewer_of": "pages",
+    "viewer_of": "pages",
 }
 __all__ = list(_HOMES)
 

@@ -1,8 +1,11 @@
-"""ASGI application of the studio: the page and the routes of its tabs."""
+"""ASGI application of the studio, and its server."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import secrets
+import threading
+import webbrowser
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI, Request
@@ -12,16 +15,19 @@ from starlette.types import ASGIApp
 
 from ... import __version__
 from ...base.errors import OmnimirrorError
-from ...interop.http_server.auth import AccessGuard, content_security_policy
+from ...interop.http_server.auth import AccessGuard, content_security_policy, is_loopback
 from ...interop.http_server.limits import MAX_DETECTIONS_BYTES, MAX_IMAGE_BYTES, RequestLimits, ServerBusy
 from ...interop.http_server.request_bodies import reject_invalid_bodies
-from .bench.routes import add_bench
-from .calibrate.routes import add_calibrate
-from .look.routes import add_look
+from ...interop.http_server.server import listen, run_server, server_addresses
+from ._bench_routes import add_bench
+from ._calibration_routes import add_calibrate
+from ._http_messages import REFUSALS
+from ._look_routes import add_look
+from ._server_state import Studio
 from .messages import Health, Problem
 from .pages import SCRIPTS, PageFile, page_text, script_text
-from .schema import REFUSALS
-from .studio import Studio
+
+# -- ASGI application of the studio: the page and the routes of its tabs ---------------------------
 
 PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/level", "/api/calibrate/look", "/api/calibrate/straight")
 """Routes that accept uploaded images."""
@@ -101,3 +107,40 @@ def _add_script(app: FastAPI, name: str) -> None:
     @app.get(f"/{name}", include_in_schema=False)
     async def script(request: Request) -> Response:
         return file.answer(request)
+
+
+# -- Studio server process, run until Ctrl-C -------------------------------------------------------
+
+
+def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]) -> None:
+    """Serve the studio, print its address, and open it.
+
+    Parameters
+    ----------
+    studio
+        Studio to be served; reachable from other machines only with the token in the printed
+        address.
+    host, port
+        Network address; port 0 selects a free port.
+    open_browser
+        Whether to open the page.
+    tell
+        Callback for the message with the address.
+
+    Raises
+    ------
+    OmnimirrorError
+        The address is not available.
+    KeyboardInterrupt
+        Ended by Ctrl-C.
+    """
+    if not is_loopback(host):
+        studio.token = secrets.token_urlsafe(16)
+    listening = listen(host, port)
+    bound = listening.getsockname()[1]
+    query = f"?token={studio.token}" if studio.token else ""
+    addresses = [f"http://{name}:{bound}/{query}" for name in server_addresses(host)]
+    tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
+    if open_browser:
+        threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
+    run_server(create_app(studio), listening)

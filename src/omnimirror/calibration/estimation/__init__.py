@@ -1,12 +1,10 @@
 """Camera calibration: estimation of a camera model, target poses and target shape from images."""
 
-from .bundle.adjustment import Adjustment, Prior, adjust
-from .bundle.edges import StraightEdges
-from .bundle.observations import Motion, Sighting
-from .bundle.surveys import Surveys, read_surveys
-from .calibration import calibrate_camera
-from .results import Calibration
-from .simulated import simulate_detections
+from ..straight_edges import StraightEdges
+from ._bundle_adjustment import Adjustment, Prior, adjust
+from ._camera_calibration import calibrate_camera
+from .calibration_result import Calibration
+from .observations import Motion, Sighting, Surveys, read_surveys, simulate_detections
 
 __all__ = [
     "Adjustment",

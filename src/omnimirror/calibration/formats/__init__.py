@@ -1,7 +1,7 @@
 """Camera file formats of other programs."""
 
-from .base import CameraFile, CameraFormat, Layout, Reading, Stored
-from .registry import FORMATS, read_cameras, register_camera_format, targets_of
+from ._camera_format import CameraFile, CameraFormat, Layout, Reading, Stored
+from ._registry import FORMATS, read_cameras, register_camera_format, targets_of
 
 __all__ = [
     "FORMATS",

@@ -1,7 +1,15 @@
 """Mirror-outline detection: ellipse of the rim, the camera's own image, and the confidence."""
 
-from .finder import SURE, CameraImage, FoundRim, check_alike, find_rim
-from .first_camera import DEFAULT, PRESETS, CommonMirror, camera_from_rim, mirror_of, sensor_from_rim, sensors_from_rim
+from ._initial_camera import (
+    DEFAULT,
+    PRESETS,
+    CommonMirror,
+    camera_from_rim,
+    mirror_of,
+    sensor_from_rim,
+    sensors_from_rim,
+)
+from ._rim_detection import SURE, CameraImage, FoundRim, check_alike, find_rim
 
 __all__ = [
     "DEFAULT",

@@ -1,11 +1,10 @@
 """Calibration targets: definition, printing, detection, and corner refinement."""
 
-from .boards import Board
-from .choosing import choose_frames
-from .detections import Detection
-from .finding import find_board, find_boards
+from ._corner_refinement import refine_corners
+from .board_detection import find_board, find_boards
+from .boards import Board, Detection
+from .frame_selection import choose_frames
 from .printing import draw_board, write_board
-from .refinement import refine_corners
 
 __all__ = [
     "Board",

@@ -260,7 +260,7 @@ def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
 
 def _png(picture: NDArray[np.uint8], dpi: float) -> bytes:
     """Return a PNG file with its resolution in pixels per metre, for printing at true scale."""
-    from ...io.pictures.images import encoded
+    from ...io.images import encoded
 
     data = encoded(picture, ".png")
     head = 8 + 25  # signature and first chunk, both of fixed length

@@ -2,14 +2,12 @@
 
 from typing import TypeAlias, get_args
 
-from .ball import MirrorBall
-from .base import CameraModel, Image, ModelParameter
-from .kannala_brandt import KannalaBrandt
+from ._opencv_models import KannalaBrandt, RationalPinhole, ThinPrismFisheye
+from .camera_model import CameraModel, Image, ModelParameter
 from .ocam import OCam, load_ocam, parse_ocam
-from .opencv_lenses import RationalPinhole, ThinPrismFisheye
-from .radial import RadialModel
-from .spheres import DoubleSphere, EnhancedUnified, Unified
-from .splines import RadialSpline, ViewpointSpline
+from .radial_model import RadialModel
+from .sphere_models import DoubleSphere, EnhancedUnified, MirrorBall, Unified
+from .spline_models import RadialSpline, ViewpointSpline
 
 CalibratedCamera: TypeAlias = (
     Unified

@@ -20,20 +20,20 @@ import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
 
 from ...base.arguments import file_name, finite, float_of, shown
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError, OmnimirrorWarning, SpecError, shortened
 from ...base.files import read_text
-from ...base.numerics.lazy import cached_property
-from ...base.numerics.roots import increasing_root
 from ...base.parameters import Uncertainty
+from ...base.root_finding import increasing_root
 from ...base.typing import Array
 from ..frames import Mount
-from .base import Optics
-from .consistency import doubts, inverse_doubts
-from .distortion import SLOWEST
-from .radial import Law, Place, RadialModel
+from ._distortion import MIN_RATE
+from .camera_model import Optics
+from .plausibility import inverse_polynomial_warnings, plausibility_warnings
+from .radial_model import ParameterSlot, RadialModel, RadialProjection
 
-LARGEST_COEFFICIENT = 1e100  # its square is finite
-PAST_THE_PICTURE = 1.5  # of the farthest corner's radius: limit of points outside the image
+MAX_OCAM_COEFFICIENT = 1e100  # its square is finite
+MAX_RADIUS_RATIO = 1.5  # of the farthest corner's radius: limit of points outside the image
 NODES = 257  # of the table of initial values for projection
 
 
@@ -101,10 +101,10 @@ class OCam(RadialModel):
                 f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
                 "polynomial does (f(0) < 0)"
             )
-        if not np.max(np.abs(self.polynomial)) < LARGEST_COEFFICIENT:
+        if not np.max(np.abs(self.polynomial)) < MAX_OCAM_COEFFICIENT:
             raise InvalidParameter(
                 f"polynomial = {self.polynomial} holds {max(self.polynomial, key=abs):g}, which is no coefficient of a "
-                f"camera; they are valid below {LARGEST_COEFFICIENT:g}"
+                f"camera; they are valid below {MAX_OCAM_COEFFICIENT:g}"
             )
         if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.matrix)) < 1e-3:
             raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
@@ -116,11 +116,11 @@ class OCam(RadialModel):
         return np.array([[1.0, e], [d, c]])
 
     @property
-    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         """All parameters except a1 (0) and e (equivalent to a rotation)."""
         half = min(self.image_size) / 2
-        law = tuple(Place(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
-        return law, (Place("c", "affine", 0, "", 0.01), Place("d", "affine", 1, "", 0.01))
+        law = tuple(ParameterSlot(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
+        return law, (ParameterSlot("c", "affine", 0, "", 0.01), ParameterSlot("d", "affine", 1, "", 0.01))
 
     @property
     def _powers(self) -> list[int]:
@@ -148,18 +148,18 @@ class OCam(RadialModel):
         start = np.interp(omega, omegas, nodes)
         return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
 
-    def _law(self, omega: Array) -> Law:
+    def _law(self, omega: Array) -> RadialProjection:
         """Compute radii and derivatives by the implicit function theorem."""
         rho = self._law_radius(omega)
         cos, sin = np.cos(omega), np.sin(omega)
         to_rho = cos + polyval(rho, polyder(self.polynomial)) * sin
         to_omega = polyval(rho, self.polynomial) * cos - rho * sin
         powers = rho[:, None] ** self._powers
-        return Law(rho, -to_omega / to_rho, -(sin / to_rho)[:, None] * powers)
+        return RadialProjection(rho, -to_omega / to_rho, -(sin / to_rho)[:, None] * powers)
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        beyond = PAST_THE_PICTURE * self._farthest_corner(np.linalg.inv(self.matrix))
+        beyond = MAX_RADIUS_RATIO * self._farthest_corner(np.linalg.inv(self.matrix))
         nodes = np.linspace(0.0, min(_end_of_use(np.array(self.polynomial)), beyond), NODES)
         return nodes, self._law_inverse(nodes)
 
@@ -171,7 +171,7 @@ def _end_of_use(a: Array) -> float:
     limit is therefore the first root of the polynomial ``g |a0| - SLOWEST (rho^2 + f^2)``.
     """
     g = a * (np.arange(len(a)) - 1)
-    rest = polyadd(g * abs(a[0]), -SLOWEST * polyadd([0.0, 0.0, 1.0], polymul(a, a)))
+    rest = polyadd(g * abs(a[0]), -MIN_RATE * polyadd([0.0, 0.0, 1.0], polymul(a, a)))
     roots = polyroots(np.trim_zeros(rest, "b"))
     ends = roots.real[(abs(roots.imag) < 1e-9 * abs(roots)) & (roots.real > 0)]
     return float(ends.min(initial=np.inf))
@@ -225,7 +225,7 @@ def load_ocam(
     text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
     model, inverse = parse_polynomials(text, str(path))
     camera = _placed(model, optics, mount, rim_radius_px)
-    for doubt in (*inverse_doubts(camera, inverse), *doubts(camera)):
+    for doubt in (*inverse_polynomial_warnings(camera, inverse), *plausibility_warnings(camera)):
         warnings.warn(f"{shortened(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
     return camera
 

@@ -8,11 +8,11 @@ it.
 
 from typing import TypeAlias
 
-from .base import Composite, Screen, ScreenPart, View, parts_of
-from .domes import Dome, LittlePlanet, Pole
-from .mosaics import FACES, LAYOUTS, CubeMap, Layout, Mosaic
-from .panoramas import Cylinder, Panorama, Rows, Sphere
-from .planes import Ground, Plane
+from ._domes import Dome, LittlePlanet, Pole
+from ._mosaics import FACES, LAYOUTS, CubeMap, Layout, Mosaic
+from ._panoramas import Cylinder, Panorama, Rows, Sphere
+from ._planes import Ground, Plane
+from ._screen import Composite, Screen, ScreenPart, View, parts_of
 
 Shape: TypeAlias = Cylinder | Sphere | Plane | Ground | Dome | LittlePlanet | CubeMap | Mosaic
 """All views of this package; each can be ``zoomed`` and ``panned``."""

@@ -19,14 +19,13 @@ from ...base.errors import InvalidParameter, OmnimirrorError, OutsideField
 from ...base.native import usable_cores
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
-from ...dewarp.contracts import Interpolation
-from ...dewarp.frames import dewarp_frame
+from ...dewarp.interfaces import Interpolation
 from ...dewarp.screens import Plane, View
+from ...dewarp.video_files import dewarp_frame
 from ...dewarp.views import largest_zoom, resolution
-from ...dewarp.yuv.planes import Siting
-from ...io.live.playing import Playing
-from ...io.live.sources import TICKS, named
-from ...io.video.frames import planar
+from ...dewarp.yuv import Siting
+from ...io.live_sources import TICKS, Playback, named
+from ...io.video_frames import planar
 from ..named_views import NamedView
 from .publishing import publish_stream
 from .stream_outputs import JpegEncoder, LatestOutput, StreamOutput, TransportOutput
@@ -254,7 +253,7 @@ class Gateway:
         self.frames_received = 0
         self._pool = ThreadPoolExecutor(workers or usable_cores(), "dewarping")
         self._camera = camera
-        self._playing: Playing | None = None
+        self._playing: Playback | None = None
         self._opened, self._is_checking = float("-inf"), False
         self._idle_since: float | None = None
         self._start = time.monotonic()
@@ -282,7 +281,7 @@ class Gateway:
 
     def _open(self) -> None:
         self.state = f"waiting for {named(self.source)}"
-        self._playing = Playing(self.source, self._is_live, self._report)
+        self._playing = Playback(self.source, self._is_live, self._report)
         self._opened = time.monotonic()
         thread = threading.Thread(target=self._read, args=(self._playing,), name="gateway", daemon=True)
         thread.start()
@@ -312,7 +311,7 @@ class Gateway:
 
     # -- reader thread ---------------------------------------------------------------------------
 
-    def _read(self, playing: Playing) -> None:
+    def _read(self, playing: Playback) -> None:
         try:
             for frame in playing.frames():
                 if self._playing is not playing:
@@ -324,7 +323,7 @@ class Gateway:
             if self._playing is playing:
                 self._playing = None
 
-    def _distribute(self, frame: av.VideoFrame, playing: Playing) -> None:
+    def _distribute(self, frame: av.VideoFrame, playing: Playback) -> None:
         if (frame.width, frame.height) != self._camera.image_size:
             width, height = self._camera.image_size
             raise InvalidParameter(

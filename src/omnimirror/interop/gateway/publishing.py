@@ -17,9 +17,9 @@ from typing import BinaryIO
 import av
 
 from ...base.errors import MediaError
-from ...io.live.outputs import stream_format
-from ...io.live.sources import LOW_DELAY, named
-from ...io.video.encoder import sentences
+from ...io.live_outputs import stream_format
+from ...io.live_sources import LOW_DELAY, named
+from ...io.video_encoder import media_errors
 from .stream_outputs import TransportOutput
 
 MIN_DELAY_S, MAX_DELAY_S = 0.5, 30.0
@@ -112,7 +112,7 @@ def push_stream(source: BinaryIO, url: str) -> None:
     scheme = url.partition("://")[0].lower()
     container = stream_format(url)
     options = SCHEME_OPTIONS.get(scheme, {})
-    with av.open(source, "r", format="mpegts", options=LOW_DELAY) as incoming, sentences(url):
+    with av.open(source, "r", format="mpegts", options=LOW_DELAY) as incoming, media_errors(url):
         stream = incoming.streams.video[0]
         with av.open(url, "w", format=container, options=options) as outgoing:
             copy = outgoing.add_stream_from_template(stream)

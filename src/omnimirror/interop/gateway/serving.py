@@ -10,10 +10,10 @@ from pathlib import Path
 from ...base.arguments import checked
 from ...base.errors import InvalidParameter, MediaError
 from ...cameras.camera import Camera
-from ...dewarp.contracts import Interpolation
-from ...dewarp.pipelines import is_video
-from ...io.live.outputs import stream_format
-from ...io.live.playing import size_of
+from ...dewarp.interfaces import Interpolation
+from ...dewarp.request import is_video
+from ...io.live_outputs import stream_format
+from ...io.live_sources import source_size
 from ..http_server.auth import is_loopback
 from ..http_server.server import listen, run_server, server_addresses
 from ..named_views import NamedView
@@ -114,4 +114,4 @@ def check_source(source: str) -> None:
     if source == "-" or not is_video(source) or not (is_live or Path(source).is_file()):
         raise MediaError(f"source must be a camera, stream or video file; got {source}")
     if not is_live:
-        size_of(source, is_live=False)
+        source_size(source, is_live=False)

@@ -16,9 +16,9 @@ from typing import Generic, NamedTuple, TypeVar
 
 import av
 
-from ...io.live.sources import TICKS
-from ...io.video.encoder import Encoder
-from ...io.video.frames import FULL_RANGE, Colour, converted
+from ...io.live_sources import TICKS
+from ...io.video_encoder import Encoder
+from ...io.video_frames import FULL_RANGE, ColourCoding, converted
 
 Item = TypeVar("Item")
 
@@ -98,7 +98,7 @@ class TransportEncoder:
                 self._rate,
                 TICKS,
                 options=H264_OPTIONS,
-                colour=Colour.told_by(frame),
+                colour=ColourCoding.told_by(frame),
                 container_format="mpegts",
                 container_options=MPEGTS_OPTIONS,
                 is_live=True,

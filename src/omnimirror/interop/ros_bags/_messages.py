@@ -13,7 +13,7 @@ from ...base.errors import MediaError
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import Mount
-from ...io.pictures.images import decoded, encoded
+from ...io.images import decoded, encoded
 from ...optics.sensor import Sensor
 from ..pinholes import EquivalentPinhole
 

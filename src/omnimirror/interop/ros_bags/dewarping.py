@@ -14,13 +14,11 @@ from ...base.files import is_same_file
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp import views as view_functions
-from ...dewarp.contracts import Interpolation
-from ...dewarp.pipelines import Straightening
-from ...dewarp.pipelines.border import AskedBorder, BorderColour
-from ...dewarp.pipelines.request import Size
+from ...dewarp.interfaces import Interpolation
+from ...dewarp.request import BorderArgument, BorderColour, DewarpRequest, Size
 from ...dewarp.screens import Plane, View
 from ...io import interrupts
-from ...io.progress import FrameProgress, Meter
+from ...io.progress import FrameProgress, ProgressMeter
 from ..named_views import check_view_name
 from ..pinholes import EquivalentPinhole, equivalent_pinhole
 from ._messages import (
@@ -97,7 +95,7 @@ def dewarp_bag(
     keep_topics: Sequence[str] = (),
     mirror_frame: str | None = None,
     interpolation: Interpolation = "auto",
-    border: AskedBorder | None = None,
+    border: BorderArgument | None = None,
     keep_lean: bool = False,
     on_progress: Callable[[FrameProgress], None] | None = None,
 ) -> DewarpedBag:
@@ -159,7 +157,7 @@ def dewarp_bag(
     omnimirror.base.errors.MediaError: cannot read missing.mcap: no such file or folder
     """
     colour = None if border is None else BorderColour.of(border)
-    dewarping = Straightening(camera, interpolation=interpolation, border=colour, keep_lean=keep_lean)
+    dewarping = DewarpRequest(camera, interpolation=interpolation, border=colour, keep_lean=keep_lean)
     selection = BagSelection(views, topic, tuple(keep_topics), mirror_frame)
     source, output = file_name("source", source), file_name("output", output)
     return run_bag_dewarping(source, output, dewarping, selection, on_progress)
@@ -168,7 +166,7 @@ def dewarp_bag(
 def run_bag_dewarping(
     source: Path,
     output: Path,
-    dewarping: Straightening,
+    dewarping: DewarpRequest,
     selection: BagSelection,
     on_progress: Callable[[FrameProgress], None] | None = None,
 ) -> DewarpedBag:
@@ -178,7 +176,7 @@ def run_bag_dewarping(
     with open_bag(source) as reader:
         connection = _image_connection(reader, selection.topic, source)
         others = _copied_connections(reader, selection.keep_topics, source, output)
-        meter = Meter(on_progress, connection.msgcount or None)
+        meter = ProgressMeter(on_progress, connection.msgcount or None)
         with interrupts.deferred(), create_bag(output, source) as writer:
             recorder = _Recorder(writer, is_ros1(output))
             rig = _VirtualRig(dewarping, selection, connection, recorder)
@@ -224,7 +222,9 @@ def _copied_connections(reader: Any, patterns: Iterable[str], source: Path, outp
     return list(selected.values())
 
 
-def _process_messages(reader: Any, images: Any, others: list[Any], rig: _VirtualRig, meter: Meter, source: Path) -> int:
+def _process_messages(
+    reader: Any, images: Any, others: list[Any], rig: _VirtualRig, meter: ProgressMeter, source: Path
+) -> int:
     """Dewarp all images and copy other messages; return the number of copied messages."""
     keys, image_key, copied = set(map(_key, others)), _key(images), 0
     connections = [c for c in reader.connections if _key(c) in keys | {image_key}]
@@ -348,7 +348,7 @@ class _VirtualRig:
 
     def __init__(
         self,
-        dewarping: Straightening,
+        dewarping: DewarpRequest,
         selection: BagSelection,
         connection: Any,
         recorder: _Recorder,

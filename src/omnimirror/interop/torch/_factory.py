@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 from ...base.arguments import instance, shown
 from ...base.errors import InvalidParameter
-from ...calibration.physical.names import place_of, value_of
-from ...calibration.physical.tolerances import free_names
+from ...calibration.sensor_parameters import free_names, parameter_location, value_of
 from ...cameras.camera import Camera
 from ...optics.lenses import Orthographic, Perspective
 from ...optics.sensor import Sensor
@@ -83,7 +82,7 @@ def differentiable(
     values = {}
     if sensor is not None and words:
         for name in free_names(sensor, words):
-            values[name] = value_of(sensor, place_of(sensor, name))
+            values[name] = value_of(sensor, parameter_location(sensor, name))
     dtype = _checked_dtype(dtype)
     device = _available_device(device, dtype)
     parameters = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...calibration.physical.names import DISTANCE, place_of
+from ...calibration.sensor_parameters import DISTANCE, parameter_location
 from ...optics.sensor import Sensor
 from ._camera import TorchCamera, TorchProjection, TorchRays, chunk_slices
 from ._library import Tensor, torch
@@ -60,7 +60,7 @@ class MirrorCamera(TorchCamera):
         free = []
         for name, value in self.parameters.items():
             if name.startswith("mirror."):
-                table = shape_derivative_table(sensor.mirror, place_of(sensor, name))
+                table = shape_derivative_table(sensor.mirror, parameter_location(sensor, name))
                 derivatives = PiecewiseCubic(table, self.dtype, self.device)
                 free.append(FreeShapeParameter(value, derivatives))
         return replace(surface, free=tuple(free))

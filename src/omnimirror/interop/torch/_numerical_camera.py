@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array
-from ...calibration.physical.names import place_of, value_of
+from ...calibration.sensor_parameters import parameter_location, value_of
 from ...cameras.camera import Camera
 from ...optics.sensor import Sensor
 from ._camera import TorchCamera, TorchProjection, TorchRays
@@ -122,7 +122,7 @@ def _input_derivative(camera: Camera, mapping: Mapping, points: Array, column: i
 def _parameter_derivative(camera: Camera, mapping: Mapping, points: Array, name: str) -> Array:
     """Return derivatives (n, m) with respect to a parameter of a sensor."""
     assert isinstance(camera, Sensor)
-    value = value_of(camera, place_of(camera, name))
+    value = value_of(camera, parameter_location(camera, name))
     step = RELATIVE_STEP * max(abs(value), 1.0)
     sides = []
     for sign in (1.0, -1.0):

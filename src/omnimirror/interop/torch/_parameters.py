@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ...calibration.physical.names import DISTANCE, changed, place_of, value_of
+from ...calibration.sensor_parameters import DISTANCE, parameter_location, value_of, with_values
 from ...optics.lenses import Orthographic
 from ...optics.sensor import Sensor
 from ._library import Tensor, torch
@@ -31,7 +31,7 @@ class SensorParameters:
     def __getitem__(self, name: str) -> Tensor:
         if name in self.free:
             return self.free[name]
-        return value_of(self.sensor, place_of(self.sensor, name))
+        return value_of(self.sensor, parameter_location(self.sensor, name))
 
     def are_zero(self, *names: str) -> bool:
         """Return whether all parameters are fixed at 0."""
@@ -39,10 +39,10 @@ class SensorParameters:
 
     def current_sensor(self) -> Sensor:
         """Return the sensor with the current values of the free parameters."""
-        places = [place_of(self.sensor, name) for name in self.free]
+        places = [parameter_location(self.sensor, name) for name in self.free]
         values = [float_value(value) for value in self.free.values()]
         initial = [value_of(self.sensor, place) for place in places]
-        return self.sensor if values == initial else changed(self.sensor, places, values)
+        return self.sensor if values == initial else with_values(self.sensor, places, values)
 
     @property
     def pitch_mm(self) -> Tensor:

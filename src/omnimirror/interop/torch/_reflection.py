@@ -19,14 +19,18 @@ import numpy as np
 from ...optics.mirrors import Mirror
 from ...optics.tracing.reflection import (
     CELLS,
-    LONGEST_STEP,
-    REFLECTS,
+    FIRST_CLOSE,
+    FIRST_STEPS,
+    MAX_STEP_LENGTH,
+    REACH,
+    REFLECTION_TOLERANCE,
     RIM_SLACK,
-    Ends,
+    SEARCH,
+    STEPS,
     MirrorTables,
+    RayEndpoints,
     specular_points,
 )
-from ...optics.tracing.reflection.beginning import FIRST_CLOSE, FIRST_STEPS, REACH, SEARCH, STEPS
 from ._library import Tensor, torch
 from ._parameters import Components
 from ._tables import (
@@ -248,7 +252,7 @@ def reflect_targets(
         for end, is_distant in ends:
             ux, uy, uz, _ = _unit_vectors((x, y, sag), end, is_distant)
             facing = facing & (uz - sx * ux - sy * uy > 0)
-        stationary = gx * gx + gy * gy <= max(REFLECTS, _tolerance(gx)) ** 2
+        stationary = gx * gx + gy * gy <= max(REFLECTION_TOLERANCE, _tolerance(gx)) ** 2
         valid = facing & stationary & surface.is_inside(x, y)
     return SurfacePoints((x, y, sag), (sx, sy), valid)
 
@@ -310,7 +314,7 @@ def _search(surface: SurfaceTable, ends: Endpoints) -> Solution:
     """Find stationary points of the path length by Newton's method."""
     x, y = _initial_point(surface, ends)
     rim = surface.mirror.rim_radius_mm
-    max_step, tolerance = LONGEST_STEP * rim, _tolerance(x) * rim
+    max_step, tolerance = MAX_STEP_LENGTH * rim, _tolerance(x) * rim
     length = torch.zeros_like(x)
     for _ in range(STEPS):
         gx, gy, a, b, c = _newton_terms(surface, x, y, ends)
@@ -349,7 +353,7 @@ def _initial_point(surface: SurfaceTable, ends: Endpoints) -> tuple[Tensor, Tens
     min_r = surface.tables.least_mm
     meridian_ends = ((0.0, 0.0, pupil_z), telecentric), ((across, 0.0, tz), distant)
     if not distant:
-        max_step = LONGEST_STEP * rim
+        max_step = MAX_STEP_LENGTH * rim
         for _ in range(FIRST_STEPS):
             step = _meridional_step(surface, r, meridian_ends).clamp(-max_step, max_step)
             r = (r - step).clamp(min_r, REACH * rim)
@@ -377,7 +381,7 @@ def _solve_by_numpy(surface: SurfaceTable, x: Tensor, y: Tensor, ends: Endpoints
     """Replace open solutions in place by those of the verified NumPy search."""
     which = torch.nonzero(is_open)[:, 0]
     pupil, target = (
-        Ends.of(np.stack([_array(part, which) for part in end], axis=-1), distant) for end, distant in ends
+        RayEndpoints.of(np.stack([_array(part, which) for part in end], axis=-1), distant) for end, distant in ends
     )
     solution = specular_points(surface.mirror, pupil, target)
     for coordinate, column in ((x, 0), (y, 1)):

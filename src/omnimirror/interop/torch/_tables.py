@@ -8,11 +8,10 @@ import numpy as np
 
 from ...base.native import backend
 from ...base.typing import Array
-from ...calibration.physical.names import NamedNumber
-from ...calibration.physical.shape_rates import profile_rates
+from ...calibration.projection_derivatives import profile_derivatives
+from ...calibration.sensor_parameters import ParameterLocation
 from ...optics.mirrors import Mirror
-from ...optics.tracing.reflection import CELLS, MirrorTables, cubic_pieces, radii
-from ...optics.tracing.reflection.beginning import NOT_SETTLED, SEEN, SETTLED, Search
+from ...optics.tracing.reflection import CELLS, NOT_SETTLED, SEEN, SETTLED, MirrorTables, Search, cubic_pieces, radii
 from ._library import Tensor, torch
 
 Vector = tuple[Tensor, Tensor, Tensor]
@@ -20,9 +19,9 @@ Vector = tuple[Tensor, Tensor, Tensor]
 # -- cubic tables --------------------------------------------------------------------------------
 
 
-def shape_derivative_table(mirror: Mirror, parameter: NamedNumber) -> Array:
+def shape_derivative_table(mirror: Mirror, parameter: ParameterLocation) -> Array:
     """Return cubic coefficients (n, 8) of the derivatives of sag and slope by a parameter."""
-    sag, slope, curvature = profile_rates(mirror, radii(mirror), (parameter,))[..., 0]
+    sag, slope, curvature = profile_derivatives(mirror, radii(mirror), (parameter,))[..., 0]
     step = mirror.rim_radius_mm / CELLS
     pieces = [cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)]
     return np.concatenate(pieces, axis=1)

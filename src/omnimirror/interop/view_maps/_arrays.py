@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...io.pictures.exr import write_exr
+from ...io.exr import write_exr
 from ..export_formats import Deviation, ExportFormat
 from ._spline_grid import spline_grid
 from ._view_map import ViewMap, check_16_bit_size

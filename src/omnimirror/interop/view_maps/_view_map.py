@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.arguments import instance
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
-from ...base.numerics.lazy import cached_property
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper

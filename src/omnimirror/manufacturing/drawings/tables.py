@@ -15,7 +15,7 @@ from ...optics.housing import Dome, Tube
 from ...optics.lenses import GaussianLens, Orthographic
 from ...optics.mirrors import Mirror
 from ...optics.sensor import Sensor
-from ...optics.tracing.walls import passage
+from ...optics.tracing.shell_transmission import passage
 from ..body import Part, omega_of
 from ..formats.sag import format_table, table_points
 from ..surface_approximation import best_fit_sphere, conic_parameters

@@ -18,7 +18,7 @@ from ...base.errors import InvalidParameter
 from ...base.escaping import csv_comment, toml_string
 from ...base.typing import Array
 from ...optics.mirrors import Mirror
-from ...optics.mirrors.base import sagittal_radius, tangential_radius
+from ...optics.mirrors.mirror import sagittal_radius, tangential_radius
 from ...optics.sensor import Sensor
 from ..body import mirror_of, omega_of
 from ..surface_approximation import best_fit_sphere, conic_parameters, deviation_um

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array, Mask
 from ...optics.mirrors import Mirror
-from ...optics.mirrors.measured.smoothing import NORMAL
+from ...optics.mirrors.measured import MAD_TO_SIGMA
 
 ROUNDS = 60
 MIN_WIDTH = 0.2  # minimum extent, in rim radii
@@ -347,7 +347,7 @@ def _axis_turn(points: Array, radius: float, is_first: bool) -> Array | None:
 
 def _scatter(residuals: Array) -> float:
     """Return the robust standard deviation of residuals (n,)."""
-    return NORMAL * float(np.median(np.abs(residuals - np.median(residuals))))
+    return MAD_TO_SIGMA * float(np.median(np.abs(residuals - np.median(residuals))))
 
 
 def _weights(residuals: Array, least: float) -> Array:

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import checked, number, row, vectors, whole
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.numerics.lazy import cached_property
-from ...base.numerics.zernike import noll, terms_of, zernike_values
+from ...base.polynomials import noll, zernike_terms, zernike_values
 from ...base.typing import Array
 from ...optics.mirrors import Mirror, SampledProfile
-from ...optics.mirrors.measured.clouds import check_distance, check_spread
-from ...optics.mirrors.measured.smoothing import NORMAL
+from ...optics.mirrors.measured import MAD_TO_SIGMA, check_distance, check_spread
 from .alignment import Alignment, aligned, distances, is_line, outline_centre
 
 MIN_POINTS = 200
@@ -308,7 +307,7 @@ def form_error(
     while True:
         fit = equations.of_profile() if place.is_profile else equations.chosen(order)
         left = part.distance - part.modelled(fit.terms, fit.values)
-        far = np.abs(left) > max(OUTLIER_SIGMAS * NORMAL * float(np.median(np.abs(left))), MIN_OUTLIER_MM)
+        far = np.abs(left) > max(OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(left))), MIN_OUTLIER_MM)
         if not far.any():
             break
         equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
@@ -536,7 +535,9 @@ def _terms(order: int, about_axis: int) -> list[int]:
     >>> _terms(2, 4)
     [1, 2, 3, 4, 5, 6, 11]
     """
-    return sorted({*range(1, terms_of(order) + 1), *(terms_of(n - 1) + 1 for n in range(2, about_axis + 1, 2))})
+    return sorted(
+        {*range(1, zernike_terms(order) + 1), *(zernike_terms(n - 1) + 1 for n in range(2, about_axis + 1, 2))}
+    )
 
 
 def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
@@ -547,7 +548,7 @@ def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
 
     places = np.stack([part.x, part.y], axis=-1)
     beside = KDTree(places).query(places, k=2)[1][:, 1]
-    noise = NORMAL * float(np.median(np.abs(left - left[beside]))) / np.sqrt(2)
+    noise = MAD_TO_SIGMA * float(np.median(np.abs(left - left[beside]))) / np.sqrt(2)
     whole_variance = float((left**2).sum()) / max(len(left) - terms, 1)
     return float(noise), float(np.sqrt(max(whole_variance - noise**2, 0.0)))
 

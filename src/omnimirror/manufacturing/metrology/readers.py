@@ -15,8 +15,7 @@ from ...base.arguments import checked, file_name
 from ...base.errors import OmnimirrorError
 from ...base.files import check_file, open_file, read_text
 from ...base.typing import Array
-from ...optics.mirrors.measured.clouds import grid_points
-from ...optics.mirrors.measured.point_rows import parsed_points
+from ...optics.mirrors.measured import grid_points, parsed_points
 
 Unit = Literal["mm", "um", "m", "inch"]
 MM: dict[str, float] = {"mm": 1.0, "um": 1e-3, "m": 1e3, "inch": 25.4}

@@ -10,7 +10,7 @@ import numpy as np
 from ...base.native import backend
 from ...base.typing import Array
 from ...optics.sensor import Sensor
-from ...optics.tracing.reflection import REFLECTS, RIM_SLACK
+from ...optics.tracing.reflection import REFLECTION_TOLERANCE, RIM_SLACK
 from .compensation import LOST, MERITS, ROUNDS, Reference, evaluate_numpy, fit_compensators, merit_names
 from .object_field import field_of
 from .perturbed_states import States, Values, is_vectorised, states_of
@@ -48,7 +48,7 @@ def evaluate_compiled(reference: Reference, states: States) -> tuple[Array, Arra
         pieces,
         (*(np.ascontiguousarray(part) for part in objects), field.distant),
         (*rows, ROUNDS),
-        (STEPS, CLOSE, REFLECTS, RIM_SLACK, HALVINGS),
+        (STEPS, CLOSE, REFLECTION_TOLERANCE, RIM_SLACK, HALVINGS),
         REFOCUS.index(reference.refocus),
         reference.floor_px2,
         merits,

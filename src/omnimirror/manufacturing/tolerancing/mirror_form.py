@@ -17,10 +17,10 @@ import numpy as np
 
 from ...base.arguments import check_fields, checked, number
 from ...base.errors import InvalidParameter
-from ...base.numerics.zernike import noll, terms_of, zernike_values
+from ...base.polynomials import noll, zernike_terms, zernike_values
 from ...base.typing import Array
 from ...optics.mirrors import Mirror
-from ...optics.mirrors.form import LARGEST_ORDER, TERMS, MirrorForm
+from ...optics.mirrors.as_built import MAX_ORDER, TERMS, MirrorForm
 from ...optics.sensor import Sensor
 from ..metrology.form_errors import FormError, form_error
 from ..metrology.readers import Unit, read_points
@@ -61,7 +61,7 @@ class RandomFigure:
     """
 
     exponent: float = 2.5
-    orders: tuple[int, int] = (LOWEST_ORDER, LARGEST_ORDER)
+    orders: tuple[int, int] = (LOWEST_ORDER, MAX_ORDER)
     rms_um: float | None = None
     peak_to_valley_um: float | None = None
     slope_mrad: float | None = None
@@ -70,10 +70,9 @@ class RandomFigure:
         check_fields(self)
         number("exponent", self.exponent, low=0.0, high=10.0)
         low, high = self.orders
-        if not (LOWEST_ORDER <= low <= high <= LARGEST_ORDER and (low, high) == (int(low), int(high))):
+        if not (LOWEST_ORDER <= low <= high <= MAX_ORDER and (low, high) == (int(low), int(high))):
             raise InvalidParameter(
-                f"orders must be between {LOWEST_ORDER} and {LARGEST_ORDER}, in ascending order; got {low:g} to "
-                f"{high:g}"
+                f"orders must be between {LOWEST_ORDER} and {MAX_ORDER}, in ascending order; got {low:g} to {high:g}"
             )
         sizes = [self.rms_um, self.peak_to_valley_um, self.slope_mrad]
         specified = [size for size in sizes if size is not None]
@@ -96,7 +95,7 @@ class RandomFigure:
             Standard deviations in um RMS by Noll index.
         """
         low, high = self.orders
-        terms = range(terms_of(low - 1) + 1, terms_of(high) + 1)
+        terms = range(zernike_terms(low - 1) + 1, zernike_terms(high) + 1)
         shape = {j: float(noll(j)[0]) ** (-self.exponent / 2) for j in terms}
         whole = float(np.sqrt(sum(sigma**2 for sigma in shape.values())))
         if self.rms_um is not None:

@@ -19,9 +19,9 @@ from ...base.errors import InvalidParameter, OmnimirrorError, SelfObstruction
 from ...base.typing import Array
 from ...optics.image_sensor import ImagerPose
 from ...optics.lenses import Perspective
-from ...optics.mirrors.pose import MirrorPose
+from ...optics.mirrors.as_built import MirrorPose
 from ...optics.sensor import Sensor
-from ...optics.tracing.reflection import RIM_SLACK, Ends
+from ...optics.tracing.reflection import RIM_SLACK, RayEndpoints
 from .perturbation import check_error_names, perturbed
 from .perturbed_states import Values, is_vectorised, states_of
 from .trial_images import Refocus, TrialImages, focus_vergences, form_images, trace_objects
@@ -52,7 +52,7 @@ def sequential_images(
     sensor: Sensor,
     values: Mapping[str, Array],
     count: int,
-    targets: Ends,
+    targets: RayEndpoints,
     *,
     refocus: Refocus = "none",
     rim_slack: float = RIM_SLACK,
@@ -77,7 +77,7 @@ def sequential_images(
 
 
 def images_within_rim(
-    built: Sensor, nominal: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+    built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
 ) -> SensorImages:
     """Compute the images of one sensor; reduce the aperture if a secondary mirror vignettes the
     rim.
@@ -93,14 +93,14 @@ def images_within_rim(
 
 
 def sensor_images(
-    built: Sensor, nominal: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+    built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
 ) -> SensorImages:
     """Compute the images of targets in one sensor, in px from the centre of the nominal sensor."""
     n, train = len(targets.xyz), built.optical_train
     result = train.chief_rays_to(targets)
     lost = ~(result.valid if rim_slack <= RIM_SLACK else result.reflects)
     pupils = train.entrance_pupil_points(np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0))
-    each = Ends(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
+    each = RayEndpoints(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
     beside = train.seen_mirror.specular(pupils, each, np.repeat(result.points, 4, axis=0))
 
     def imaged(sensor: Sensor) -> tuple[Array, Array]:
@@ -223,7 +223,7 @@ class Field:
         """Compute images of sensors (t,), lost objects (t, n), and focus distances (t,) in mm."""
         if not is_vectorised(self.sensor, values):
             trials = next((len(v) for v in values.values()), 1) if count is None else count
-            ends = Ends(self.targets, self.distant)
+            ends = RayEndpoints(self.targets, self.distant)
             return sequential_images(self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack)
         states = states_of(self.sensor, values, count)
         result = trace_objects(states, self.targets, self.distant, self.start, rim_slack)

@@ -1,7 +1,7 @@
 """Error sources of a sensor and sensors with these errors.
 
 Values are added to nominal parameters. Decentres and tilts of the mirror are those of
-:class:`omnimirror.optics.mirrors.pose.MirrorPose`. Form errors are Noll Zernike terms over the disk of the
+:class:`omnimirror.optics.mirrors.as_built.MirrorPose`. Form errors are Noll Zernike terms over the disk of the
 rim, in um RMS along the axis. The imager rotates about its centre.
 """
 
@@ -11,15 +11,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
-from ...analysis.temperature import at_temperature
+from ...analysis.operating_conditions import at_temperature
 from ...base.arguments import WrongKind, checked, shown
 from ...base.errors import InvalidParameter
 from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
 from ...optics.lenses import Perspective
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...optics.mirrors.conics import Conic, Sphere
-from ...optics.mirrors.form import TERMS, MirrorForm
+from ...optics.mirrors.as_built import TERMS, MirrorForm
+from ...optics.mirrors.conics_and_aspheres import Conic, Sphere
 from ...optics.sensor import Sensor
 
 GRADES = ("coarse", "medium", "fine")

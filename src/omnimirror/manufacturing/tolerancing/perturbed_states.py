@@ -14,18 +14,18 @@ from typing import Any, cast
 import numpy as np
 
 from ...base.errors import InvalidParameter
-from ...base.numerics.zernike import noll, terms_of, zernike_powers
+from ...base.polynomials import noll, zernike_powers, zernike_terms
 from ...base.typing import Array
 from ...optics.lenses import Perspective
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...optics.mirrors.conics import Conic
-from ...optics.mirrors.form import LARGEST_ORDER, MM_PER_UM, TERMS, SurfaceHeights
+from ...optics.mirrors.as_built import MAX_ORDER, MM_PER_UM, TERMS, SurfaceHeights
+from ...optics.mirrors.conics_and_aspheres import Conic
 from ...optics.sensor import Sensor
 from ...optics.thermal import Thermal
 
 NODES = 1024  # nodes of the table; quintic pieces of 0.001 rim radii are accurate to 1e-12
 MIN_RADIUS = 1e-9  # minimum radius for derivatives, in rim radii
-ORDERS = {terms_of(order): order for order in range(LARGEST_ORDER + 1)}
+ORDERS = {zernike_terms(order): order for order in range(MAX_ORDER + 1)}
 """Order of a form by its number of coefficients."""
 
 
@@ -316,7 +316,7 @@ def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
 
 @dataclass(frozen=True)
 class _Growth:
-    """Thermal expansion of trials (t,); formulas of :mod:`omnimirror.analysis.temperature`."""
+    """Thermal expansion of trials (t,); formulas of :mod:`omnimirror.analysis.operating_conditions`."""
 
     thermal: Thermal
     warmer: Array
@@ -411,13 +411,13 @@ def _form(error: _Errors) -> Array:
     powers = np.zeros((error.count, (order + 1) * (order + 2) // 2))
     for j in terms:
         amplitude = MM_PER_UM * error(f"mirror.zernike_{j}_um")
-        powers += amplitude[:, None] * zernike_powers(LARGEST_ORDER)[j - 1, : powers.shape[1]]
+        powers += amplitude[:, None] * zernike_powers(MAX_ORDER)[j - 1, : powers.shape[1]]
     return powers
 
 
 def _rotations(tilts_deg: Array) -> Array:
     """Return rotations (t, 3, 3) about X, then Y, as in
-    :class:`omnimirror.optics.mirrors.pose.MirrorPose`.
+    :class:`omnimirror.optics.mirrors.as_built.MirrorPose`.
     """
     (cx, cy), (sx, sy) = np.cos(np.radians(tilts_deg)).T, np.sin(np.radians(tilts_deg)).T
     zero = np.zeros_like(cx)

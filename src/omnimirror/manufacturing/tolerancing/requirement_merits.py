@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ...base.arguments import shown
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
-from ...design.criteria.limits import LIMITABLE, Limit, told_part
-from ...design.criteria.merits import OF_THE_WHOLE
+from ...design.limits import LIMITABLE, Limit, told_part
+from ...design.merits import OF_THE_WHOLE
 from ...optics.sensor import Sensor
 from .compensation import CALIBRATIONS, after, merit_names
 from .object_field import Field, field_at

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
-from ...design.criteria.merits import FieldValues
-from ...optics.batch.optics import light_of
+from ...design.merits import FieldValues
+from ...optics.batch.closed_forms import light_of
 from ...optics.lenses import FieldLens, Perspective
-from ...optics.lenses.base import cos4
+from ...optics.lenses.lens import cos4
 from ...optics.sensor import Sensor
-from ...optics.tracing.reflection import Ends
+from ...optics.tracing.reflection import RayEndpoints
 from .compensation import Reference, fit_compensators
 from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, images_within_rim
 from .perturbation import perturbed
@@ -269,7 +269,7 @@ def sequential_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
 
 
 def _seen_by(field: Field, errors: dict[str, float], refocus: Refocus) -> _Seen:
-    n, targets = len(field), Ends(field.targets, field.distant)
+    n, targets = len(field), RayEndpoints(field.targets, field.distant)
     try:
         built = perturbed(field.sensor, errors)
         shown = images_within_rim(built, field.sensor, targets, refocus)
@@ -302,14 +302,16 @@ def _px_per_deg(built: Sensor, field: Field) -> Array:
             displaced = field.targets + sign * step
             displaced = displaced / np.linalg.norm(displaced, axis=1, keepdims=True) if field.distant else displaced
             ends.append(
-                images_within_rim(built, field.sensor, Ends(displaced, field.distant), rim_slack=BEYOND).offsets_px
+                images_within_rim(
+                    built, field.sensor, RayEndpoints(displaced, field.distant), rim_slack=BEYOND
+                ).offsets_px
             )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))
     return np.stack(columns, axis=-1)
 
 
 def _mirror_points(built: Sensor, field: Field) -> Array:
-    return built.optical_train.chief_rays_to(Ends(field.targets, field.distant)).points
+    return built.optical_train.chief_rays_to(RayEndpoints(field.targets, field.distant)).points
 
 
 def _rays(built: Sensor, field: Field) -> tuple[Array, Array]:
@@ -320,7 +322,7 @@ def _rays(built: Sensor, field: Field) -> tuple[Array, Array]:
     return rays.origins @ built._axes, rays.directions @ built._axes
 
 
-def _optics(built: Sensor, targets: Ends) -> tuple[Array | float, ...]:
+def _optics(built: Sensor, targets: RayEndpoints) -> tuple[Array | float, ...]:
     """Return the parameters of :class:`Optics` for one sensor."""
     lens, pitch = built.lens, built.imager.pitch_mm
     slopes = built.optical_train.chief_rays_to(targets).chief_slopes

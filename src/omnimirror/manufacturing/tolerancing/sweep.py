@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_fields
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.files import check_file, json_plain, parse_json, read_text, replacing, write_text
 from ...base.native import backend
-from ...base.numerics.lazy import cached_property
 from ...io import interrupts
 from ...optics.sensor_files import tables_of
 from .compensation import LOST, merit_names

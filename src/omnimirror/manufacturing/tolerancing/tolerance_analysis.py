@@ -11,9 +11,9 @@ import numpy as np
 
 from ...base.arguments import checked, instance, whole
 from ...base.errors import InvalidParameter
-from ...design.criteria.limits import Limit
-from ...design.criteria.objects import distances_mm
-from ...design.criteria.requirements import Requirements
+from ...design.evaluated_field import distances_mm
+from ...design.limits import Limit
+from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from .allocation import Allocation, allocate, check_target_yield
 from .evaluator import TrialEvaluator

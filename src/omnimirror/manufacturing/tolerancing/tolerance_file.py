@@ -15,11 +15,11 @@ from ...base.arguments import check_fields, checked, choice, file_name
 from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
-from ...design.criteria.limits import LIMITABLE
-from ...design.criteria.requirement_file import LimitTable, limit_of
-from ...optics.mirrors.form import LARGEST_ORDER, MirrorForm
+from ...design.limits import LIMITABLE
+from ...design.requirement_files import LimitTable, limit_of
+from ...optics.mirrors.as_built import MAX_ORDER, MirrorForm
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import Places, Table, check_entries, validated
+from ...optics.toml_validation import SourceLocator, Table, check_entries, validated
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
 from .evaluator import TrialEvaluator
@@ -232,7 +232,7 @@ def parse_tolerances(
     ('mirror.tilt_x_deg',)
     """
     text = text.removeprefix("\ufeff")
-    where = Places(text, source)
+    where = SourceLocator(text, source)
     data = parse_toml(text, source)
     known: dict[str, type] = {"format": int, "objects": dict, "error": list, "correlation": list, "limit": list}
     known |= {"figure": list, "measured": list}
@@ -256,7 +256,7 @@ def parse_tolerances(
 
 
 def _errors(
-    tables: list[dict[str, Any]], sensor: Sensor, where: Places
+    tables: list[dict[str, Any]], sensor: Sensor, where: SourceLocator
 ) -> tuple[dict[str, Tolerance], dict[str, float], dict[str, float]]:
     """Return tolerances, costs and maximum tolerances by error source."""
     known, errors, costs, max_tolerances = (
@@ -289,12 +289,16 @@ def _errors(
 
 
 def _add_figures(
-    tables: list[dict[str, Any]], sensor: Sensor, where: Places, errors: dict[str, Tolerance], costs: dict[str, float]
+    tables: list[dict[str, Any]],
+    sensor: Sensor,
+    where: SourceLocator,
+    errors: dict[str, Tolerance],
+    costs: dict[str, float],
 ) -> None:
     """Add the Zernike terms of random figures to the errors."""
     for i, table in enumerate(tables):
         entry = validated(FigureTable, f"figure.{i}", table, where).model_dump()
-        cost, orders = entry.pop("cost"), tuple(entry.pop("orders") or (LOWEST_ORDER, LARGEST_ORDER))
+        cost, orders = entry.pop("cost"), tuple(entry.pop("orders") or (LOWEST_ORDER, MAX_ORDER))
         figure = where.wrap((f"figure.{i}",), partial(RandomFigure, orders=orders, **entry))
         for name, bound in figure_tolerances(sensor.mirror, figure).items():
             if name in errors:
@@ -307,7 +311,7 @@ def _add_figures(
 def _add_measured(
     tables: list[dict[str, Any]],
     sensor: Sensor,
-    where: Places,
+    where: SourceLocator,
     folder: Path | None,
     errors: dict[str, Tolerance],
     costs: dict[str, float],
@@ -332,7 +336,7 @@ def _add_measured(
     return forms
 
 
-def _limits(tables: list[dict[str, Any]], sensor: Sensor, where: Places) -> dict[str, float]:
+def _limits(tables: list[dict[str, Any]], sensor: Sensor, where: SourceLocator) -> dict[str, float]:
     """Return limits by merit name."""
     limits: dict[str, float] = {}
     for i, table in enumerate(tables):
@@ -348,7 +352,7 @@ def _limits(tables: list[dict[str, Any]], sensor: Sensor, where: Places) -> dict
     return limits
 
 
-def _limit_of_trials(bound: BoundTable, section: str, where: Places) -> dict[str, float]:
+def _limit_of_trials(bound: BoundTable, section: str, where: SourceLocator) -> dict[str, float]:
     """Return the limit of a quantity of as-built sensors."""
     for name in ("omega_deg", "elevation_deg", "cycles_per_px"):
         if getattr(bound, name) is not None:

@@ -12,7 +12,7 @@ from scipy.special import ndtr, ndtri
 from ...base.arguments import check_fields, choice, number, shown
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...optics.mirrors.form import MirrorForm
+from ...optics.mirrors.as_built import MirrorForm
 from ...optics.sensor import Sensor
 from .perturbation import MEASURED, check_name, error_sources, measured
 

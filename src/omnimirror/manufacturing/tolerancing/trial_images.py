@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array
-from ...optics.tracing.reflection import REFLECTS, RIM_SLACK
+from ...optics.tracing.reflection import REFLECTION_TOLERANCE, RIM_SLACK
 from .perturbed_states import MirrorSurfaces, States
 
 STEPS = 8
@@ -149,7 +149,7 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> TracedObj
     vergence = inverse @ _square(path.without_pupil) / (path.length * cosine)[..., None, None]
     miss = np.hypot(*np.moveaxis(path.gradient, -1, 0)) / np.sqrt(1 + (path.slopes**2).sum(axis=-1))
     rim = states.surfaces.rim_radius_mm
-    on_mirror = (miss <= REFLECTS) & (np.hypot(xy[..., 0], xy[..., 1]) <= rim * (1 + rim_slack))
+    on_mirror = (miss <= REFLECTION_TOLERANCE) & (np.hypot(xy[..., 0], xy[..., 1]) <= rim * (1 + rim_slack))
     on_mirror &= (path.facing > 0) & (towards[..., 2] > 0)
     return TracedObjects(
         xy,

@@ -21,17 +21,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.numerics.minimisation import EDGE, HALVING, MOST_STEPS, Found, Rows, bottoms
+from ...base.optimisation import (
+    BISECTION_PERIOD,
+    MAX_BRACKET_STEPS,
+    MIN_BRACKET_REDUCTION,
+    RowIndices,
+    WorstValues,
+    minimise_brackets,
+)
 from ...base.typing import Array
-from .built import RealCamera
-from .lens_tables import focus_powers
-from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera
+from .closed_forms import DEGREE, NodeOptics, PerspectiveCamera, RealCamera, TelecentricCamera, focus_powers
 
 SCAN = 17  # vergences sampled for valleys
 MARGIN = 0.05  # of the range of vergences, on both sides
 HOPE = 0.02  # tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
 CLOSE = 1e-12  # width of the final bracket, relative to the scanned range
-FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MOST_STEPS, EDGE, HALVING)
+FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MAX_BRACKET_STEPS, MIN_BRACKET_REDUCTION, BISECTION_PERIOD)
 """The same constants for the compiled evaluator."""
 
 
@@ -73,7 +78,7 @@ class AreaModel:
         none, c, d = _columns((np.inf, r, (blur / (image * DEGREE)) ** 4), count)
         return cls(none, np.zeros_like(c), c, d, True, 0, (-none, none))
 
-    def part(self, rows: Rows) -> AreaModel:
+    def part(self, rows: RowIndices) -> AreaModel:
         """Return the model of a subset of the designs."""
         a, b, c, d, *bounds = (x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds))
         return AreaModel(a, b, c, d, self.paper, self.power, (bounds[0], bounds[1]))
@@ -111,7 +116,7 @@ class IdealAreas:
     density: Array
     model: AreaModel
 
-    def part(self, rows: Rows) -> IdealAreas:
+    def part(self, rows: RowIndices) -> IdealAreas:
         """Return the areas of a subset of the designs."""
         model = self.model if isinstance(rows, slice) else self.model.part(rows)
         return IdealAreas(self.vergence_t[rows], self.vergence_s[rows], self.density[rows], model)
@@ -121,7 +126,7 @@ class IdealAreas:
         """Ends (n, 1) of the vergences to scan."""
         return _range(self.vergence_t, self.vergence_s, self.model.bounds)
 
-    def worst(self, v: Array) -> Found:
+    def worst(self, v: Array) -> WorstValues:
         """Return the largest A^2 at vergences (n, 1), its derivative and its angle, (n, 1)."""
         return _worst(v, self.vergence_t, self.vergence_s, self.density, self.model)
 
@@ -169,7 +174,7 @@ class RealAreas:
             t, s, own_t, own_s, dh, dw, o.vergence_t - at_t + guess, o.vergence_s - at_s + guess, counts, camera
         )  # fmt: skip
 
-    def part(self, rows: Rows) -> RealAreas:
+    def part(self, rows: RowIndices) -> RealAreas:
         """Return the areas of a subset of the designs."""
         t, s, own_t, own_s, dh, dw = (c[:, rows] for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw))
         rest = self.middle_t[rows], self.middle_s[rows], self.counts[rows], self.camera
@@ -180,7 +185,7 @@ class RealAreas:
         """Ends (n, 1) of the vergences to scan."""
         return _range(self.middle_t, self.middle_s, self.camera.bounds)
 
-    def worst(self, v: Array) -> Found:
+    def worst(self, v: Array) -> WorstValues:
         """Return the largest A^2, its derivative and its angle; see :meth:`IdealAreas.worst`."""
         q, dq = self.camera.tables.defocus(v), self.camera.tables.defocus_rate(v)
         floor, dfloor = self.camera.floor(q)
@@ -213,14 +218,14 @@ def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
     close = CLOSE * (high - low)
     a, b = low + (k - 1) * step, low + (k + 1) * step
 
-    def worst(v: Array, rows: Rows) -> Found:
+    def worst(v: Array, rows: RowIndices) -> WorstValues:
         return areas.part(rows).worst(v)
 
-    def ends(v: Array, rows: Rows) -> Array:
+    def ends(v: Array, rows: RowIndices) -> Array:
         return np.stack([v, *worst(v, rows)])
 
     everywhere = slice(None)
-    v = bottoms(ends(a, everywhere), ends(b, everywhere), close, worst)
+    v = minimise_brackets(ends(a, everywhere), ends(b, everywhere), close, worst)
     least = areas.worst(v)[0]
     design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
     if design.size:
@@ -228,7 +233,7 @@ def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
         c = ends(a + cut[:, None], design)
         rises = c[2] > 0
         a, b = np.where(rises, ends(a, design), c), np.where(rises, c, ends(b, design))
-        other = bottoms(a, b, close[design], lambda v, rows: worst(v, design[rows]))
+        other = minimise_brackets(a, b, close[design], lambda v, rows: worst(v, design[rows]))
         lower = worst(other, design)[0]
         for n in np.flatnonzero(lower < least[design]):
             if lower[n] < least[design[n]]:  # one design may have two

@@ -14,28 +14,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.native import backend, kernel_array
-from ...base.numerics.lazy import cached_property
 from ...base.typing import Array
 from ..housing import Housing
 from ..image_sensor import Imager
 from ..lenses import BlurMode, FieldLens, Lens, Orthographic, Perspective
-from ..mirrors.conics import conic_profile
+from ..mirrors.conics_and_aspheres import conic_profile
 from ..sensor import Sensor
-from .bases import Family
 from .best_focus import FOCUS_SEARCH, AreaModel, IdealAreas, RealAreas, best_vergences
-from .built import RealCamera, Walls, aim_of, as_rim, built_optics, walls_of
-from .lens_tables import LensTables, tables_of
-from .optics import (
+from .closed_forms import (
     DEGREE,
     FocusedCamera,
+    LensTables,
     NodeOptics,
     PerspectiveCamera,
+    RealCamera,
     TelecentricCamera,
+    Walls,
+    aim_of,
+    as_rim,
+    built_optics,
     node_optics,
+    tables_of,
     telecentric_optics,
+    walls_of,
 )
+from .families import Family
 
 Numbers = Any
 """One number, or an array with one value per design; always an array in :class:`Designs`."""
@@ -242,7 +248,7 @@ def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bo
     --------
     Two mirrors of the paper's equidistant shape, at two distances from the lens:
 
-    >>> from omnimirror.optics.batch.bases import family
+    >>> from omnimirror.optics.batch.families import family
     >>> c = [[0.6409, 0.1550, -0.01]] * 2
     >>> designs = Designs(family("even-polynomial", 3), c, [172.0, 180.0], 43.9, 11.6, 4.0, 5.2)
     >>> result = evaluate_designs(designs)

@@ -1,12 +1,10 @@
 """Lenses: image height and blur of the virtual image behind the mirror."""
 
-from .base import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
-from .field_lens import FieldLens
-from .gaussian import GaussianLens
-from .orthographic import Orthographic
-from .perspective import Perspective
-from .surfaces import SurfaceLens
-from .tabulated import TabulatedLens
+from ._field_lens import FieldLens
+from ._ideal_lenses import GaussianLens, Orthographic, Perspective
+from ._surface_lens import SurfaceLens
+from ._tabulated_lens import TabulatedLens
+from .lens import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
 
 LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic, TabulatedLens, SurfaceLens)}
 """Lens classes by their name in sensor files."""

@@ -7,13 +7,9 @@ from typing import Any, TypeVar
 
 from ...base.arguments import WrongKind, shown
 from ...base.errors import InvalidParameter
-from ...base.numerics.registry import Registry
-from .aspheres import ConicAsphere, EvenPolynomial
-from .base import RIM_RADIUS, Mirror
-from .cone import Cone
-from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
-from .flat import Flat
-from .generated import (
+from ...base.registry import Registry
+from .conics_and_aspheres import Cone, ConicAsphere, Ellipsoid, EvenPolynomial, Flat, Hyperboloid, Paraboloid, Sphere
+from .mappings import (
     MAPPINGS,
     Conformal,
     CylinderMapping,
@@ -25,9 +21,8 @@ from .generated import (
     TabulatedMapping,
     UnitAspect,
 )
-from .sampled import SampledProfile
-from .secondary import Secondary
-from .slope_spline import SlopeSpline
+from .mirror import RIM_RADIUS, Mirror, Secondary
+from .splines import SampledProfile, SlopeSpline
 
 M = TypeVar("M", bound=Mirror)
 

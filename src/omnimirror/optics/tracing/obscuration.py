@@ -14,14 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.numerics.roots import sign_change
+from ...base.root_finding import sign_change
 from ...base.typing import Array, Mask
 from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
-from ..mirrors.pose import MirrorPose
-from .covers import Cover
-from .edges import past_circle
-from .meridian import ChiefRays, Meridian
+from ..mirrors.as_built import MirrorPose
+from ._ray_intersection import circle_clearance
+from .meridian import ChiefRays, Cover, Meridian
 
 PLACES = 2049  # mirror points sampled to locate the edges of rings
 TOUCHES_DEG = 1e-6  # distance at which a ring is merged with an end of the field
@@ -72,7 +71,7 @@ class Disc(NamedTuple):
         plane."""
         across, meets = self.crossing(points, directions)
         with np.errstate(invalid="ignore"):
-            return np.where(meets, past_circle(across, self.radius_mm), np.inf)
+            return np.where(meets, circle_clearance(across, self.radius_mm), np.inf)
 
     def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
         """Return which rays it blocks, and their crossings (n, 2), mm, of its plane."""
@@ -91,7 +90,7 @@ class WindowFrame(NamedTuple):
         plane."""
         across, meets = Disc(self.part, self.height_mm, self.radius_mm).crossing(points, directions)
         with np.errstate(invalid="ignore"):
-            return np.where(meets, -past_circle(across, self.radius_mm), np.inf)
+            return np.where(meets, -circle_clearance(across, self.radius_mm), np.inf)
 
 
 class TaperedRod(NamedTuple):
@@ -255,7 +254,7 @@ class Obstructions:
         across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
         inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
         with np.errstate(invalid="ignore"):
-            clearance = np.maximum(past_circle(across, rim.radius_mm), -past_circle(across, inner))
+            clearance = np.maximum(circle_clearance(across, rim.radius_mm), -circle_clearance(across, inner))
             return np.where(meets, clearance, np.inf)
 
     def meets_front(self, points: Array, directions: Array, towards_lens: Array) -> Mask:

@@ -1,4 +1,4 @@
-"""Skew ray trace of mirrors and lens, from image to world and from world to lens.
+"""Skew ray trace of as-built mirrors, covers and lens, from image to world and from world to lens.
 
 All coordinates are in the camera frame, in mm: z points from the lens to the mirror; the origin is
 the nominal vertex of the mirror. Pixels are handled by the sensor.
@@ -7,21 +7,507 @@ the nominal vertex of the mirror. Pixels are handled by the sensor.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...base.numerics.lazy import cached_property
+from ...base.caching import cached_property
+from ...base.native import backend, kernel_array
 from ...base.typing import Array, Mask
+from ..housing import Shell, Tube
 from ..lenses import Lens
+from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
-from ..mirrors.form import MirrorForm
-from ..mirrors.pose import MirrorPose
-from .covered import CoveredMirror
-from .folded import FoldedMirror
+from ..mirrors.as_built import NO_FORM, MirrorForm, MirrorPose
+from . import reflection
+from ._ray_intersection import Reflections, circle_clearance, reflect, trace
+from .meridian import Cover, Meridian
 from .obscuration import Obstructions
-from .posed import PosedMirror
-from .reflection import Ends, Specular
-from .space import Reflections
+from .reflection import (
+    MAX_STEP_LENGTH,
+    REFLECTION_TOLERANCE,
+    RIM_SLACK,
+    TIP,
+    MirrorSurface,
+    RayEndpoints,
+    ReflectionPoints,
+    meridian_table,
+)
+from .shell_transmission import pose_of, shell_exit, shell_kernel_arguments
+from .two_mirrors import FoldedMirror
+
+# -- As-built mirror with form error and pose, traced in the camera frame --------------------------
+
+FORM_STEPS = 12
+FORM_CLOSE = 1e-12  # rounding tolerance of heights, relative to the rim radius
+
+
+@dataclass(frozen=True)
+class PosedMirror:
+    """Mirror with form error and pose; the origin of the camera frame is its nominal vertex.
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> posed = PosedMirror(Sphere(50.0, 44.0), MirrorPose(decentre_x_mm=1.0))
+    >>> posed.trace(np.array([[1.0, 0.0, -100.0]]), np.array([[0.0, 0.0, 1.0]])).points + 0.0  # the vertex
+    array([[1., 0., 0.]])
+    """
+
+    mirror: Mirror
+    pose: MirrorPose
+    form: MirrorForm = NO_FORM
+
+    def trace(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.optics.tracing._ray_intersection.trace`."""
+        turned = self.pose.turned_to_mirror(directions)
+        found = trace_formed(self.mirror, self.form, self.pose.to_mirror(origins), turned)
+        turn = self.pose.turned_to_camera
+        return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
+
+    def specular(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None) -> ReflectionPoints:
+        """Return the mirror points (n, 3) that image targets; see :mod:`.reflection`.
+
+        ``start`` are initial points (n, 3), mm. Paths of distant ends are measured from the camera
+        frame's origin.
+        """
+        begin = None if start is None else self.pose.to_mirror(start)[..., :2]
+        found = reflection.specular_points(self.mirror, self.inside(pupils), self.inside(targets), begin, self.form)
+        turn = self.pose.turned_to_camera
+        path = found.path
+        for end in (pupils, targets):
+            if end.distant:
+                path = path - end.xyz @ self.pose.shift
+        points = self.pose.to_camera(found.points)
+        return found._replace(
+            points=points,
+            seen_at=points,
+            normals=turn(found.normals),
+            to_pupils=turn(found.to_pupils),
+            to_targets=turn(found.to_targets),
+            path=path,
+        )
+
+    def beam(self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array) -> Array:
+        """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
+
+        Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
+        """
+        inside = found._replace(points=self.pose.to_mirror(found.points))
+        area = reflection.footprint(
+            self.mirror,
+            self.inside(pupils),
+            self.inside(targets),
+            inside,
+            self.pose.turned_to_mirror(motion),
+            self.form,
+        )
+        upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
+        cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+        section: Array = area * cos_incidence / upright
+        if not targets.distant:
+            section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+        return section
+
+    def left_at(self, found: ReflectionPoints) -> Array:
+        """Return the points (n, 3) at which rays leave the mirror."""
+        return found.points
+
+    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+        """Return objects (n, 3) at distances (n,), mm, from their mirror points, on their rays."""
+        objects: Array = found.points + distances[:, None] * found.to_targets
+        return objects
+
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays through points (n, 3) at the rim."""
+        inside = self.pose.to_mirror(points)
+        return {"mirror": -circle_clearance(inside[:, :2], self.mirror.rim_radius_mm * (1 + RIM_SLACK))}
+
+    def inside(self, ends: RayEndpoints) -> RayEndpoints:
+        """Convert ends from the camera frame to the mirror frame."""
+        turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror
+        return RayEndpoints(turn(ends.xyz), ends.distant)
+
+
+def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: Array) -> Reflections:
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.space.trace`.
+
+    Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
+    from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
+    nominal meridian defines the rim.
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> higher = MirrorForm((1,), (2.0,))  # by 2 um, everywhere
+    >>> formed = trace_formed(Sphere(50.0, 44.0), higher, np.array([[30.0, 0.0, -100.0]]), np.array([[0.0, 0.0, 1.0]]))
+    >>> formed.points
+    array([[30.   ,  0.   , 10.002]])
+    """
+    found = trace(mirror, origins, directions)
+    if form.is_empty:
+        return found
+    valid = found.valid.copy()
+    points, outgoing, normals = found.points.copy(), found.directions.copy(), found.normals.copy()
+    way = np.broadcast_to(directions, points.shape)[valid]
+    way = way / np.linalg.norm(way, axis=1, keepdims=True)
+    at, surface, arrived = _met(mirror, form, points[valid], way)
+    points[valid], normals[valid], outgoing[valid] = at, surface.normals, reflect(way, surface.normals)
+    valid[valid] = arrived
+    points[~valid] = normals[~valid] = outgoing[~valid] = np.nan
+    return Reflections(points, outgoing, normals, valid)
+
+
+def _met(mirror: Mirror, form: MirrorForm, points: Array, way: Array) -> tuple[Array, MirrorSurface, NDArray[np.bool_]]:
+    """Return ray intersections (n, 3), the surface there, and convergence flags."""
+    close = FORM_CLOSE * mirror.rim_radius_mm
+    surface = MirrorSurface(mirror, points[:, :2], form)
+    for _ in range(FORM_STEPS):
+        over = points[:, 2] - surface.points[:, 2]
+        if not (np.abs(over) > close).any():
+            break
+        rate = way[:, 2] - (surface.slopes * way[:, :2]).sum(axis=1)
+        points = points - (over / rate)[:, None] * way
+        surface = MirrorSurface(mirror, points[:, :2], form)
+    return points, surface, np.abs(points[:, 2] - surface.points[:, 2]) <= 10 * close
+
+
+# -- Mirror behind a tube or dome, traced in space for any pose of mirror and cover ----------------
+#
+# A ray is traced from a pupil point to a mirror point and out through both surfaces of the wall. The
+# mirror point that images a target is the one whose ray reaches the target; Newton's method finds it
+# from the single-viewpoint solution. All coordinates are in the camera frame, whose origin is the
+# nominal position of the mirror vertex.
+
+CHUNK = 1 << 13  # rays per chunk: their arrays fit in the cache
+MAX_STEPS = 40
+DIFFERENCE = 1e-6  # finite-difference step, relative to the rim radius
+DISTANT_GUESS = 1e9  # distance of the initial guess of distant targets, in rim radii
+MAX_MISS_RATIO = 1e-2  # derivatives are recomputed if a step leaves more of the previous miss
+MISS_TOLERANCE = 1e-12  # radians: angular miss at which a ray has converged
+SETTLED = 1e-7  # relative to the rim radius: kernel step after which convergence is quadratic
+CELLS = 4096  # cubic pieces of the meridian: rays of a smooth mirror are accurate to 1e-13 rad
+
+
+class _Paths(NamedTuple):
+    """Rays (n,) from the pupil over the mirror to the outer surface of the cover, camera frame."""
+
+    points: Array
+    normals: Array
+    to_pupils: Array
+    reflected: Array
+    left_at: Array
+    outwards: Array
+    path: Array
+    """Optical path length (n,), mm, from the pupil, or from the origin's plane if it is distant."""
+    inside: Array
+    """Path length (n,), mm, from the mirror."""
+    passes: Mask
+
+
+@dataclass(frozen=True)
+class CoveredMirror:
+    """Posed mirror behind a cover of known size, with the interface of `PosedMirror`.
+
+    ``ends_mm`` are the heights of the tube's ends; rays that meet an end do not pass the wall.
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors.as_built import MirrorPose
+    >>> mirror = PosedMirror(Sphere(50.0, 44.0), MirrorPose())
+    >>> covered = CoveredMirror(mirror, Tube(120.0, medium="water"), (-180.0, 20.0), 180.0)
+    >>> found = covered.trace(np.array([[0.0, 0.0, -180.0]]), np.array([[30.0, 0.0, 190.0]]))
+    >>> round(float(np.hypot(*found.points[0, :2])), 9)  # from the outer side
+    60.0
+    """
+
+    mirror: PosedMirror
+    shell: Shell
+    ends_mm: tuple[float, float]
+    mirror_distance_mm: float
+    pupil: EntrancePupil = IN_REFERENCE_POINT
+
+    def trace(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3) and refract them through the cover."""
+        found = self.mirror.trace(origins, directions)
+        valid = found.valid.copy()
+        points, outwards = found.points.copy(), found.directions.copy()
+        points[valid], outwards[valid], _, _, passes = self._let_out(points[valid], outwards[valid])
+        valid[valid] = passes
+        points[~valid] = outwards[~valid] = np.nan
+        return Reflections(points, outwards, found.normals, valid)
+
+    def specular(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None) -> ReflectionPoints:
+        """Return the mirror points (n, 3) of targets, from initial points (n, 3), mm."""
+        (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
+        pupils, targets = pupils.spread(count), targets.spread(count)
+        with np.errstate(all="ignore"):  # non-finite results are marked invalid
+            begin = self._guess(targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
+            begin = np.broadcast_to(begin, (count, 2))
+            parts = [slice(first, first + CHUNK) for first in range(0, max(count, 1), CHUNK)]
+            found = [self._found(pupils[part], targets[part], begin[part]) for part in parts]
+        return ReflectionPoints(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+
+    def beam(self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array) -> Array:
+        """Return the light (n,) from mirror points to moving pupils; see :meth:`PosedMirror.beam`.
+
+        While the pupil moves, the mirror point follows to keep the ray on its target. Finite
+        differences give the derivatives of the miss and the transverse motion of the outer ray.
+        """
+        count = len(found.points)
+        pupils, targets = pupils.spread(count), targets.spread(count)
+        xy = self.mirror.pose.to_mirror(found.points)[:, :2]
+        motion = np.broadcast_to(motion, (count, 2, 3))
+        step = DIFFERENCE * self.mirror.mirror.rim_radius_mm
+        with np.errstate(all="ignore"):
+            ways = self._ways(pupils, xy)
+            e1, e2 = _across(ways.outwards)
+
+            def flat(vectors: Array) -> Array:
+                return np.stack([np.einsum("ni,ni->n", vectors, e) for e in (e1, e2)], axis=-1)
+
+            def change(there: _Paths, h: float) -> tuple[Array, Array]:
+                miss = self._miss(there, targets) - self._miss(ways, targets)
+                return flat(miss) / h, flat(there.left_at - ways.left_at) / h
+
+            by_place = [change(self._ways(pupils, xy + step * e), step) for e in np.eye(2)]
+            h = step if not pupils.distant else DIFFERENCE
+            by_pupil = [
+                change(self._ways(RayEndpoints(pupils.xyz + h * motion[:, k], pupils.distant), xy), h) for k in (0, 1)
+            ]
+            (m_x, s_x), (m_e, s_e) = (
+                (np.stack([a for a, _ in both], axis=-1), np.stack([b for _, b in both], axis=-1))
+                for both in (by_place, by_pupil)
+            )
+            moved = s_e - s_x @ np.linalg.solve(m_x, m_e)
+            section: Array = np.abs(np.linalg.det(moved))
+            if not targets.distant:
+                section /= np.einsum("ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at)
+        return section
+
+    def left_at(self, found: ReflectionPoints) -> Array:
+        """Return the points (n, 3), mm, on the outer surface of the cover."""
+        return self._let_out(found.points, found.to_targets)[0]
+
+    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+        """Return objects (n, 3) at optical distances (n,), mm, from their mirror points."""
+        left_at, outwards, _, inside, _ = self._let_out(found.points, found.to_targets)
+        objects: Array = left_at + (distances - inside)[:, None] * outwards
+        return objects
+
+    def outside_of(self, points: Array, through: Array) -> tuple[Array, Array]:
+        """Return exit points and directions (n, 3) of rays from inner points through others."""
+        way = through - points
+        left_at, outwards, *_ = self._let_out(points, way / np.linalg.norm(way, axis=1, keepdims=True))
+        return left_at, outwards
+
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
+        return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
+
+    # -- refraction through the wall ---------------------------------------------------------------
+
+    def _let_out(self, points: Array, directions: Array) -> tuple[Array, Array, Array, Array, Mask]:
+        """Return exit points and directions (n, 3), optical and geometric path (n,), and validity.
+
+        Rays that meet an end of a tube in air continue unchanged: they do not reach the wall.
+        """
+        way = shell_exit(self.shell, points, directions)
+        left_at, outwards, passes, (first, second) = way.points, way.directions, way.passes, way.lengths
+        if isinstance(self.shell, Tube):
+            height = (way.met if self.shell.is_axial else pose_of(self.shell).to_mirror(way.met))[:, 2]
+            low, high = self.ends_mm
+            meets = (height > low) & (height < high) & way.meets
+            if self.shell.outer_index != 1.0:
+                passes = passes & meets
+            elif not meets.all():
+                left_at, outwards = (
+                    np.where(meets[:, None], new, old) for new, old in ((left_at, points), (outwards, way.incident))
+                )
+                first, second, passes = first * meets, second * meets, passes | ~meets
+        return left_at, outwards, first + self.shell.index * second, first + second, passes
+
+    def _ways(self, pupils: RayEndpoints, xy: Array) -> _Paths:
+        surface = MirrorSurface(self.mirror.mirror, xy, self.mirror.form)
+        pose = self.mirror.pose
+        points, normals = pose.to_camera(surface.points), pose.turned_to_camera(surface.normals)
+        if pupils.distant:
+            to_pupils = pupils.xyz / _lengths(pupils.xyz)[:, None]
+            before = -np.einsum("ni,ni->n", to_pupils, points)
+        else:
+            way = pupils.xyz - points
+            before = _lengths(way)
+            to_pupils = way / before[:, None]
+        reflected = reflect(-to_pupils, normals)
+        left_at, outwards, time, inside, passes = self._let_out(points, reflected)
+        return _Paths(points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes)
+
+    def _miss(self, ways: _Paths, targets: RayEndpoints) -> Array:
+        """Return the miss (n, 3), as an angle or relative to the target distance.
+
+        The distance is measured from the mirror; it remains positive for targets close to the
+        cover.
+        """
+        if targets.distant:
+            return ways.outwards - targets.xyz
+        way = targets.xyz - ways.left_at
+        along = np.einsum("ni,ni->n", way, ways.outwards)
+        distance = _lengths(targets.xyz - ways.points)
+        miss: Array = (along[:, None] * ways.outwards - way) / distance[:, None]
+        return miss
+
+    @staticmethod
+    def _wanted(ways: _Paths, targets: RayEndpoints) -> Array:
+        if targets.distant:
+            return targets.xyz
+        way = targets.xyz - ways.left_at
+        wanted: Array = way / _lengths(way)[:, None]
+        return wanted
+
+    # -- mirror point of a target ------------------------------------------------------------------
+
+    @cached_property
+    def _meridian(self) -> Meridian:
+        """Meridian of the aligned mirror and cover."""
+        shift = float(self.mirror.pose.shift[2])
+        cover = Cover(self.shell.centred(), *self.ends_mm).moved(shift)
+        return Meridian(self.mirror.mirror, self.mirror_distance_mm + shift, self.pupil, cover=cover)
+
+    def _guess(self, targets: RayEndpoints) -> Array:
+        """Return single-viewpoint estimates (n, 2), mm, of the mirror points of targets."""
+        pose, rim = self.mirror.pose, self.mirror.mirror.rim_radius_mm
+        inside = (
+            pose.turned_to_mirror(targets.xyz) * (DISTANT_GUESS * rim)
+            if targets.distant
+            else pose.to_mirror(targets.xyz)
+        )
+        across, azimuth = np.hypot(inside[:, 0], inside[:, 1]), np.arctan2(inside[:, 1], inside[:, 0])
+        x = self._meridian.first_guess(across, inside[:, 2])
+        if self.mirror.mirror.is_pointed:
+            x = np.maximum(x, TIP * rim)
+        return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
+
+    def _found(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> ReflectionPoints:
+        """Solve for the mirror points from initial points (n, 2), mm; see :meth:`specular`."""
+        if not self._is_compiled:
+            xy = self._aimed(pupils, targets, start)
+            return self._proven(targets, xy, self._ways(pupils, xy))
+        xy, settled = self._settled(pupils, targets, start)
+        ways = self._ways(pupils, xy)
+        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > MISS_TOLERANCE))  # table limits
+        if near.size:
+            xy[near] = self._aimed(pupils[near], targets[near], xy[near])
+            ways = self._ways(pupils, xy)
+        return self._proven(targets, xy, ways)
+
+    @property
+    def _is_compiled(self) -> bool:
+        """True if a kernel is available: kernels do not support form errors."""
+        return backend.is_compiled and self.mirror.form.is_empty
+
+    def _settled(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> tuple[Array, Mask]:
+        """Return mirror points (n, 2), mm, from a compiled kernel with a table of the meridian, and
+        convergence flags (n,)."""
+        xy, settled = np.array(start), np.empty(len(start), np.bool_)
+        shell, mirror = pose_of(self.shell), self.mirror.mirror
+        turn = shell.rotation().T @ self.mirror.pose.rotation()
+        shift = shell.turned_to_mirror(self.mirror.pose.shift - shell.shift)
+        pupils, targets = (
+            RayEndpoints(shell.turned_to_mirror(end.xyz) if end.distant else shell.to_mirror(end.xyz), end.distant)
+            for end in (pupils, targets)
+        )
+        backend.kernels.find_covered(
+            (self._meridian_table, mirror.rim_radius_mm / CELLS, mirror.rim_radius_mm, turn, shift),
+            shell_kernel_arguments(self.shell), self.ends_mm, (MAX_STEPS, MAX_STEP_LENGTH, SETTLED),
+            (kernel_array(pupils.xyz), pupils.distant), (kernel_array(targets.xyz), targets.distant),
+            xy, settled.view(np.uint8),
+        )  # fmt: skip
+        return xy, settled
+
+    @cached_property
+    def _meridian_table(self) -> Array:
+        return meridian_table(self.mirror.mirror, CELLS)
+
+    def _aimed(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
+        """Solve for mirror points (n, 2), mm, whose rays reach the targets, by Newton's method.
+
+        Derivatives cost two more rays each: they are reused while each step reduces the miss to 1
+        %.
+        """
+        rim = self.mirror.mirror.rim_radius_mm
+        step, reach = DIFFERENCE * rim, MAX_STEP_LENGTH * rim
+        xy, active = np.array(start), np.arange(len(start))
+        rates, before = np.zeros((2, len(start), 3)), np.zeros(len(start))
+        for _ in range(MAX_STEPS):
+            pupil, target, at = pupils[active], targets[active], xy[active]
+            ways = self._ways(pupil, at)
+            here = self._miss(ways, target)
+            missed = _lengths(here)
+            again = np.flatnonzero((missed > MISS_TOLERANCE) & ~(missed < MAX_MISS_RATIO * before[active]))
+            for k, e in enumerate(np.eye(2)):
+                there = self._miss(self._ways(pupil[again], at[again] + step * e), target[again])
+                rates[k, active[again]] = (there - here[again]) / step
+            before[active] = missed
+            move = _solved(rates[:, active], here, ways.outwards)
+            size = np.hypot(*move.T)
+            move *= np.minimum(1.0, reach / np.where(size > 0, size, 1.0))[:, None]
+            xy[active] += move
+            active = active[(missed > MISS_TOLERANCE) & np.isfinite(size) & (size > 1e-14 * rim)]
+            if not active.size:
+                break
+        return xy
+
+    def _proven(self, targets: RayEndpoints, xy: Array, ways: _Paths) -> ReflectionPoints:
+        faces = [np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)]
+        leads = _lengths(ways.outwards - self._wanted(ways, targets)) <= REFLECTION_TOLERANCE
+        reflects = np.logical_and.reduce([*faces, leads, ways.passes])
+        valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
+        if targets.distant:
+            behind = -np.einsum("ni,ni->n", targets.xyz, ways.left_at)
+        else:
+            behind = _lengths(targets.xyz - ways.left_at)
+        path = ways.path + self.shell.outer_index * behind
+        blank = np.where(reflects, 1.0, np.nan)
+        column = blank[:, None]
+        return ReflectionPoints(
+            ways.points,
+            ways.normals * column,
+            ways.to_pupils * column,
+            ways.reflected * column,
+            path * blank,
+            reflects,
+            valid,
+            ways.points,
+        )
+
+
+def _solved(rates: Array, miss: Array, towards: Array) -> Array:
+    """Return steps (n, 2) that cancel misses (n, 3) across directions (n, 3), given rates (2, n,
+    3); 0 for non-finite rates."""
+    across = _across(towards)
+    (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in across)
+    u, v = (np.einsum("ni,ni->n", miss, e) for e in across)
+    det = a * d - b * c
+    is_known = rates.any(axis=(0, 2))
+    move: Array = np.stack([b * v - d * u, c * u - a * v], axis=-1) / np.where(is_known, det, 1.0)[:, None]
+    return move
+
+
+def _lengths(vectors: Array) -> Array:
+    lengths: Array = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    return lengths
+
+
+def _across(directions: Array) -> tuple[Array, Array]:
+    """Return two unit vectors (n, 3) orthogonal to unit vectors (n, 3) (Duff et al., 2017)."""
+    x, y, z = directions.T
+    sign = np.copysign(1.0, z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    e1 = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    return e1, np.stack([b, sign + y * y * a, -y], axis=-1)
+
+
+# -- Skew ray trace of mirrors and lens, from image to world and from world to lens ----------------
+#
+# All coordinates are in the camera frame, in mm: z points from the lens to the mirror; the origin is
+# the nominal vertex of the mirror. Pixels are handled by the sensor.
 
 PUPIL_STEPS = 12  # each reduces the residual to 1 % or less
 PUPIL_CLOSE = 1e-13
@@ -144,16 +630,16 @@ class OpticalTrain:
         passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
         return passed
 
-    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> RayEndpoints:
         """Return entrance-pupil points for points (n, 2) of the unit disk of the aperture.
 
         ``chief`` are slopes (n, 2) of the chief rays, for a moving pupil; paraxial by default.
         """
         if self.lens.TELECENTRIC:
-            return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
-        return Ends(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
+            return RayEndpoints(self.lens.entrance_pupil_points(pupil), distant=True)
+        return RayEndpoints(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
 
-    def chief_rays_to(self, targets: Ends) -> Specular:
+    def chief_rays_to(self, targets: RayEndpoints) -> ReflectionPoints:
         """Return the mirror points that image targets (n,) in the pupil centre.
 
         For a pupil that moves with the viewing angle, pupil and mirror point are found by
@@ -171,19 +657,19 @@ class OpticalTrain:
                     break
         return found
 
-    def image_of(self, targets: Ends) -> Array:
+    def image_of(self, targets: RayEndpoints) -> Array:
         """Return images (n, 2), mm, of targets (n,) on an untilted imager; NaN if not imaged.
 
         Coordinates are right of and below the optical axis.
         """
         return self._image_of(self.chief_rays_to(targets))
 
-    def image_and_start_of(self, targets: Ends) -> tuple[Array, Array]:
+    def image_and_start_of(self, targets: RayEndpoints) -> tuple[Array, Array]:
         """Return these images, and the origins (n, 3), mm, of the outgoing rays."""
         found = self.chief_rays_to(targets)
         return self._image_of(found), self.seen_mirror.left_at(found)
 
-    def _image_of(self, found: Specular) -> Array:
+    def _image_of(self, found: ReflectionPoints) -> Array:
         image = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils)
         image[~found.valid] = np.nan
         return image

@@ -1,28 +1,40 @@
-"""Chief rays over a second mirror, and obscuration by that mirror and the camera.
-
-The secondary has chief rays of its own; the point of the primary on which a ray ends is an object
-at a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
-vertex as origin and its z axis away from the lens, downwards from the primary.
-"""
+"""Two mirrors: chief rays, skew rays, and obscuration by the secondary mirror and the camera."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...base.caching import cached_property
 from ...base.errors import NotOneToOne, SelfObstruction
-from ...base.numerics.lazy import cached_property
-from ...base.numerics.roots import increasing_root, sign_change
+from ...base.root_finding import NEWTON_TOLERANCE, increasing_root, sign_change
 from ...base.typing import Array
+from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
-from .edges import past_circle
+from . import _ray_intersection
+from ._ray_intersection import Reflections, circle_clearance
 from .meridian import NODES, ChiefRays, Meridian, checked
-from .reflection.limits import RIM_SLACK
+from .reflection import (
+    MAX_STEP_LENGTH,
+    MAX_STEPS,
+    REFLECTION_TOLERANCE,
+    RIM_SLACK,
+    MirrorSurface,
+    RayEndpoints,
+    ReflectionPoints,
+)
+
+# -- Chief rays over a second mirror, and obscuration by that mirror and the camera ----------------
+#
+# The secondary has chief rays of its own; the point of the primary on which a ray ends is an object
+# at a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
+# vertex as origin and its z axis away from the lens, downwards from the primary.
 
 PROFILE = 129  # points of the secondary's profile tested for clearance
-CHUNK = 1 << 12
+CLEARANCE_CHUNK = 1 << 12
 NEAR_EDGE = 0.5  # of the secondary's radius: rays farther away are not compared with its profile
 
 
@@ -55,15 +67,15 @@ def clearances(
     share = (np.minimum(first[:, 2], lens) - second[:, 2]) / (first[:, 2] - second[:, 2])
     at_camera = (second + share[:, None] * (first - second))[:, :2]
     found = {
-        "mirror": -past_circle(first[:, :2], mirror.rim_radius_mm * (1 + slack)),
-        "secondary mirror": -past_circle(second[:, :2], secondary.mirror.rim_radius_mm * (1 + slack)),
-        "bore or camera": past_circle(at_camera, bore * (1 - slack)),
+        "mirror": -circle_clearance(first[:, :2], mirror.rim_radius_mm * (1 + slack)),
+        "secondary mirror": -circle_clearance(second[:, :2], secondary.mirror.rim_radius_mm * (1 + slack)),
+        "bore or camera": circle_clearance(at_camera, bore * (1 - slack)),
         "secondary": _past_secondary(secondary, first, outgoing, slack),
     }
     edge = float(mirror.sag(min(bore, mirror.rim_radius_mm)))
     if lens > edge:
         at_bore = (second + ((edge - second[:, 2]) / from_lens[:, 2])[:, None] * from_lens)[:, :2]
-        found["bore"] = -past_circle(at_bore, bore * (1 + slack)) if bore else -np.hypot(*at_bore.T)
+        found["bore"] = -circle_clearance(at_bore, bore * (1 + slack)) if bore else -np.hypot(*at_bore.T)
     return found
 
 
@@ -81,8 +93,8 @@ def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack:
     clearance: Array = np.hypot(*(p + nearest[:, None] * d).T) - x[-1]
     clearance[(low <= 0) & (high <= 0)] = np.inf
     close = np.flatnonzero(~(clearance > NEAR_EDGE * x[-1]))
-    for begin in range(0, len(close), CHUNK):
-        part = close[begin : begin + CHUNK]
+    for begin in range(0, len(close), CLEARANCE_CHUNK):
+        part = close[begin : begin + CLEARANCE_CHUNK]
         along = (heights - points[part, 2:]) / outgoing[part, 2:]
         radius = np.hypot(*(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2))
         clearance[part] = np.where(along <= 0, np.inf, radius - x * (1 - slack)).min(axis=1)
@@ -253,3 +265,254 @@ class TwoMirrorMeridian(Meridian):
                 f"bore_radius_mm = {bore:g} cuts off the view of the camera behind the mirror; it is valid above "
                 f"{needed:.4g}"
             )
+
+
+# -- Skew rays over two mirrors, in the camera and world frames ------------------------------------
+#
+# The lens side is described in the unfolded frame: z points from the lens through the secondary to
+# the image of the primary in an ideal window; the lens is at -m, the secondary's vertex at -s. The
+# world side has the primary's vertex as origin and z from the secondary to the primary. With a flat
+# secondary, the path equals that of a single mirror.
+
+SECONDARY_TO_WORLD = np.array([1.0, 1.0, -1.0])  # conversion between secondary and world frames
+RAY_CHUNK = 1 << 12
+
+
+class _Path(NamedTuple):
+    """Optical path length (n,) over both mirrors, its gradient (n, 4) and Hessian (n, 4, 4)."""
+
+    length: Array
+    gradient: Array
+    second: Array
+
+
+@dataclass(frozen=True)
+class FoldedMirror:
+    """Mirror seen by the lens in a second mirror, with the interface of `PosedMirror`.
+
+    >>> from omnimirror.optics.mirrors import Flat, Sphere
+    >>> folded = FoldedMirror(Sphere(50.0, 44.0), Secondary(Flat(25.0), 90.0, 5.0), 180.0)
+    >>> rays = folded.trace(np.array([[0.0, 0.0, -180.0]]), np.array([[30.0, 0.0, 190.0]]))
+    >>> rays.points.round(6)  # as if there were no fold
+    array([[30.,  0., 10.]])
+    """
+
+    mirror: Mirror
+    secondary: Secondary
+    mirror_distance_mm: float
+    pupil: EntrancePupil = IN_REFERENCE_POINT
+
+    @cached_property
+    def meridian(self) -> TwoMirrorMeridian:
+        return TwoMirrorMeridian(self.mirror, self.mirror_distance_mm, self.pupil, secondary=self.secondary)
+
+    @property
+    def _vertex(self) -> Array:
+        """Vertex (3,) of the secondary."""
+        return np.array([0.0, 0.0, -self.secondary.distance_mm])
+
+    def trace(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect lens-side rays (n, 3), (n, 3) at both mirrors."""
+        found, seen_at = self.unobstructed(origins, directions), self.seen_at(origins, directions)
+        with np.errstate(all="ignore"):
+            to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+            edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
+        valid = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        points, outgoing, normals = (
+            np.where(valid[:, None], a, np.nan) for a in (found.points, found.directions, found.normals)
+        )
+        return Reflections(points, outgoing, normals, valid)
+
+    def unobstructed(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3) at both mirrors, ignoring bore, camera and secondary."""
+        return _ray_intersection.trace(self.mirror, *self.off_secondary(origins, directions))
+
+    def seen_at(self, origins: Array, directions: Array) -> Array:
+        """Return the intersections (n, 3) of lens-side rays with the secondary."""
+        return self.over(self.off_secondary(origins, directions)[0])
+
+    def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
+        """Reflect lens-side rays (n, 3), (n, 3) at the secondary, to the world frame."""
+        first = _ray_intersection.trace(self.secondary.mirror, origins - self._vertex, directions)
+        return first.points * SECONDARY_TO_WORLD + self._vertex, first.directions * SECONDARY_TO_WORLD
+
+    def over(self, points: Array) -> Array:
+        """Convert points (n, 3) between the unfolded and the world frame."""
+        there: Array = (points - self._vertex) * SECONDARY_TO_WORLD + self._vertex
+        return there
+
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at mirrors, bore and secondary.
+
+        Parameters
+        ----------
+        seen_at, to_pupils : (n, 3) arrays
+            Points of the secondary, and directions from these to the lens, both in the unfolded
+            frame.
+        points, to_targets : (n, 3) arrays
+            Points of the primary, and directions from these to the object.
+        """
+        second, from_lens = self.over(seen_at), -to_pupils * SECONDARY_TO_WORLD
+        return clearances(self.mirror, self.secondary, self.mirror_distance_mm, from_lens, second, points, to_targets)
+
+    # -- reflection points of a target -------------------------------------------------------------
+
+    def specular(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None) -> ReflectionPoints:
+        """Return the points (n, 3) on both mirrors that image targets in pupils.
+
+        The optical path is stationary over two points, one on each mirror: Newton's method in four
+        dimensions, from the solution for the pupil centre. ``start`` is not used.
+        """
+        (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
+        place = np.empty((count, 4))
+        with np.errstate(all="ignore"):  # non-finite results are marked invalid
+            first = np.broadcast_to(self._guess(targets), (count, 4))
+            pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
+            for begin in range(0, count, RAY_CHUNK):
+                part = slice(begin, begin + RAY_CHUNK)
+                place[part] = self._stationary(pupils[part], targets[part], first[part])
+            return self._proven(pupils, targets, place)
+
+    def _seen(self, pupils: RayEndpoints) -> RayEndpoints:
+        """Return entrance-pupil points in the secondary's frame."""
+        return pupils if pupils.distant else RayEndpoints(pupils.xyz - self._vertex)
+
+    def _guess(self, targets: RayEndpoints) -> Array:
+        """Return initial points (n, 4) on both mirrors, for the pupil centre."""
+        xyz, low, high = targets.xyz, self.meridian.omega_min, self.meridian.omega_max
+        across, azimuth = np.hypot(xyz[:, 0], xyz[:, 1]), np.arctan2(xyz[:, 1], xyz[:, 0])
+        omega = np.clip(np.where(np.isfinite(across), np.arctan2(across, -xyz[:, 2]), low), low, high)
+        x = self.meridian.x_from_omega(omega)
+        if not targets.distant:
+            near = self.meridian.x_from_point(across, xyz[:, 2])
+            x = np.where(np.isfinite(near), near, x)
+        seen = self.meridian.trace(x).first.x
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        return np.stack([seen * cos, seen * sin, x * cos, x * sin], axis=-1)
+
+    def _stationary(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
+        rims = np.repeat([self.secondary.mirror.rim_radius_mm, self.mirror.rim_radius_mm], 2)
+        place, active = np.array(start), np.arange(len(start))
+        for _ in range(MAX_STEPS):
+            path = self._path(pupils[active], targets[active], place[active])
+            solvable = np.isfinite(path.second).all(axis=(1, 2)) & (np.linalg.det(path.second) != 0)
+            place[active[~solvable]] = np.nan
+            active = active[solvable]
+            step = -np.linalg.solve(path.second[solvable], path.gradient[solvable][..., None])[..., 0] / rims
+            size = np.abs(step).max(axis=1)
+            place[active] += step * np.minimum(1.0, MAX_STEP_LENGTH / size)[:, None] * rims
+            active = active[size > NEWTON_TOLERANCE]
+            if not active.size:
+                break
+        return place
+
+    def _surfaces(self, place: Array) -> tuple[MirrorSurface, MirrorSurface]:
+        return MirrorSurface(self.secondary.mirror, place[:, :2]), MirrorSurface(self.mirror, place[:, 2:])
+
+    def _path(self, pupils: RayEndpoints, targets: RayEndpoints, place: Array) -> _Path:
+        second, first = self._surfaces(place)
+        length, gradient, hessian = np.zeros(len(place)), np.zeros((len(place), 4)), np.zeros((len(place), 4, 4))
+        for end, surface, part in ((pupils, second, slice(0, 2)), (targets, first, slice(2, 4))):
+            far, pull, bend = _leg(end, surface)
+            length += far
+            gradient[:, part] += pull
+            hessian[:, part, part] += bend
+        # path between the mirrors, in the world frame; the secondary's heights point downwards
+        t2, t1 = second.tangents * SECONDARY_TO_WORLD, first.tangents
+        step = first.points - (second.points * SECONDARY_TO_WORLD + self._vertex)
+        distance = np.linalg.norm(step, axis=1)
+        u = step / distance[:, None]
+        t = np.concatenate([-t2, t1], axis=1)
+        along = np.einsum("nai,ni->na", t, u)
+        length += distance
+        gradient += along
+        inner = np.einsum("nai,nbi->nab", t, t) - along[:, :, None] * along[:, None, :]
+        hessian += inner / distance[:, None, None]
+        for surface, part in ((second, slice(0, 2)), (first, slice(2, 4))):
+            hessian[:, part, part] += u[:, 2, None, None] * surface.bend
+        return _Path(length, gradient, hessian)
+
+    def _proven(self, pupils: RayEndpoints, targets: RayEndpoints, place: Array) -> ReflectionPoints:
+        second, first = self._surfaces(place)
+        path = self._path(pupils, targets, place)
+        seen_at, met = second.points * SECONDARY_TO_WORLD + self._vertex, first.points
+        to_pupils = pupils.xyz if pupils.distant else _unit(pupils.xyz - second.points)
+        to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
+        between = _unit(met - seen_at)
+        faces_both = [
+            np.einsum("ni,ni->n", a, b) > 0
+            for a, b in (
+                (to_pupils, second.normals),
+                (between * SECONDARY_TO_WORLD, second.normals),
+                (-between, first.normals),
+                (to_targets, first.normals),
+            )
+        ]
+        steepness = [np.sqrt(1 + np.einsum("ni,ni->n", s.slopes, s.slopes)) for s in (second, first)]
+        misses = [np.hypot(*path.gradient[:, k : k + 2].T) / steepness[k // 2] for k in (0, 2)]
+        reflects = np.logical_and.reduce([*faces_both, *(miss <= REFLECTION_TOLERANCE for miss in misses)])
+        edges = self.clearances(second.points + self._vertex, met, to_pupils, to_targets)
+        valid = np.logical_and.reduce([reflects, *(edge >= 0 for edge in edges.values())])
+        blank = np.where(reflects, 1.0, np.nan)
+        return ReflectionPoints(
+            met, first.normals * blank[:, None], to_pupils * blank[:, None], to_targets * blank[:, None],
+            path.length * blank - self._count_from(pupils, to_pupils), reflects, valid, second.points + self._vertex,
+        )  # fmt: skip
+
+    def _count_from(self, pupils: RayEndpoints, to_pupils: Array) -> Array:
+        """Return the path offset of distant pupils measured from the secondary's vertex."""
+        return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
+
+    def beam(self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array) -> Array:
+        """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
+
+        Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
+        The path stays stationary while the pupil moves; both points move by the inverse of its
+        Hessian.
+        """
+        count = len(found.points)
+        pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
+        place = np.concatenate([found.seen_at[:, :2], found.points[:, :2]], axis=1)
+        with np.errstate(all="ignore"):
+            second, _ = self._surfaces(place)
+            motion = np.broadcast_to(motion, (count, 2, 3))
+            if not pupils.distant:
+                step = second.points - pupils.xyz
+                distance = np.linalg.norm(step, axis=1)[:, None, None]
+                u = step[:, :, None] / distance
+                motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+            mixed = np.zeros((count, 4, 2))
+            mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
+            moved = np.linalg.solve(self._path(pupils, targets, place).second, mixed)[:, 2:]
+            cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+            section: Array = np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(found.normals[:, 2])
+            if not targets.distant:
+                section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+        return section
+
+    def left_at(self, found: ReflectionPoints) -> Array:
+        """Return the points (n, 3) at which rays leave the primary."""
+        return found.points
+
+    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+        """Return objects (n, 3) at distances (n,), mm, from the primary."""
+        objects: Array = found.points + distances[:, None] * found.to_targets
+        return objects
+
+
+def _leg(end: RayEndpoints, surface: MirrorSurface) -> tuple[Array, Array, Array]:
+    """Return the path length to an end, its gradient and Hessian (n, 2, 2)."""
+    if end.distant:
+        far = -np.einsum("ni,ni->n", end.xyz, surface.points)
+        return far, -np.einsum("nai,ni->na", surface.tangents, end.xyz), -end.xyz[:, 2, None, None] * surface.bend
+    step = surface.points - end.xyz
+    distance = np.linalg.norm(step, axis=1)
+    u = step / distance[:, None]
+    along = np.einsum("nai,ni->na", surface.tangents, u)
+    inner = np.einsum("nai,nbi->nab", surface.tangents, surface.tangents) - along[:, :, None] * along[:, None, :]
+    return distance, along, inner / distance[:, None, None] + u[:, 2, None, None] * surface.bend
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_fields
+from ...base.caching import cached_property
 from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError
 from ...base.native import backend, kernel_array
-from ...base.numerics.lazy import cached_property
 from ...base.typing import Array
 from ...cameras.frames import turned
-from ...dewarp.maps.pixels import PixelMap
-from ...dewarp.sampling.samplers import remap
+from ...dewarp.maps import PixelMap
+from ...dewarp.sampling import remap
 from ...io import read_image
-from .contract import rays_from
+from .scene import rays_from
 
 FEWEST_ROWS = 4
-FULL_OF_DEPTH = {"uint8": 255.0, "uint16": 65535.0}
+FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +170,6 @@ class Environment:
 def _linear(image: NDArray[Any]) -> Array | Light:
     """Return linear RGB of an image as stored in files."""
     rgb = image[..., :3] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-    if image.dtype.name in FULL_OF_DEPTH:
-        return linear_from_srgb(rgb / FULL_OF_DEPTH[image.dtype.name])
+    if image.dtype.name in FULL_SCALE:
+        return linear_from_srgb(rgb / FULL_SCALE[image.dtype.name])
     return np.asarray(rgb)

@@ -61,7 +61,7 @@ vec4 weights(float t, float a) {
 }`;
 
 const PROJECTION = `
-// As omnimirror.dewarp.maps.radial_table, over s = sin(Omega/2).
+// As omnimirror.dewarp.radial_table, over s = sin(Omega/2).
 vec2 halfAngle(float across, float along) {
   float len = max(length(vec2(across, along)), 1e-20);
   float more = sqrt((len + abs(along)) / (2.0 * len));
@@ -190,7 +190,7 @@ vec3 cubic(vec2 p) {
   return clamp(total, 0.0, 1.0);
 }
 
-// As omnimirror.dewarp.sampling.footprints: a side is shortened to nothing up to SHARP, and soon no longer.
+// As omnimirror.dewarp._footprints: a side is shortened to nothing up to SHARP, and soon no longer.
 const float SHARP = 1.2, SPACING = 1.5;
 const int MOST_TAPS = 16;
 

@@ -1,1 +1,0 @@
-"""Whole-aperture analysis: ray bundles, spot diagrams, PSF, MTF and illumination."""

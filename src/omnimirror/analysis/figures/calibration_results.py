@@ -1,0 +1,273 @@
+"""Figures of a calibration: residuals, coverage, and the detected mirror outline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+from numpy.typing import NDArray
+
+from ...base.escaping import plot_text, visible
+from ...base.typing import Array
+from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, styled
+
+__all__ = ["coverage_map", "residual_histograms", "residual_vectors", "residuals_by_picture", "residuals_by_radius"]
+
+
+# -- Residuals of a calibration: over the image, against the radius, and per image -----------------
+
+RELATIVE_ARROW_LENGTH = 0.03  # relative to the image width, for a residual of the median length
+BINS = 12
+MAX_LABELS = 30  # labelled images
+
+
+def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int]) -> Figure:
+    """Draw magnified arrows from observed corners to their predicted positions.
+
+    Parameters
+    ----------
+    pixels : (n, 2)
+        Corners, px.
+    residuals : (n, 2)
+        Predicted minus observed position, px.
+    image_size
+        Width and height of the image.
+    """
+    width, height = image_size
+    figure = new_figure(PAGE, PAGE * height / width + 0.3)
+    axes = figure.subplots()
+    lengths = np.hypot(*residuals.T)
+    median = float(np.median(lengths)) or 1.0
+    factor = RELATIVE_ARROW_LENGTH * width / median
+    axes.quiver(
+        *pixels.T, *(residuals * factor).T, angles="xy", scale_units="xy", scale=1, width=0.0012, color=PALETTE[0],
+        headwidth=4, headlength=4,
+    )  # fmt: skip
+    u, v = 0.02 * width, 0.97 * height
+    axes.plot([u, u + RELATIVE_ARROW_LENGTH * width], [v, v], color=INK, linewidth=1.5)
+    axes.text(u + 1.3 * RELATIVE_ARROW_LENGTH * width, v, f"{median:.2g} px", va="center")
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set_title(f"Residuals, {factor:.0f} times enlarged")
+    axes.grid(visible=False)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(True)
+    return figure
+
+
+def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
+    """Draw radial and tangential residuals against the radius; a trend indicates a model error.
+
+    Parameters
+    ----------
+    radii : (n,)
+        Radii of the corners from the centre, px.
+    radial, across : (n,)
+        Residuals, px.
+    """
+    figure = new_figure(PAGE, 0.75 * COLUMN)
+    limit = 1.05 * float(np.percentile(np.abs([radial, across]), 99.5))
+    edges = np.quantile(radii, np.linspace(0, 1, BINS + 1))
+    cell = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, BINS - 1)
+    for axes, values, title in zip(
+        figure.subplots(1, 2, sharey=True), (radial, across), ("Along the radius", "Across the radius"), strict=True
+    ):
+        axes.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
+        middles, means, spreads = [], [], []
+        for i in range(BINS):
+            inside = values[cell == i]
+            if len(inside) > 1:
+                middles.append(float(radii[cell == i].mean()))
+                means.append(float(inside.mean()))
+                spreads.append(float(inside.std() / np.sqrt(len(inside))))
+        axes.errorbar(middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0])
+        axes.axhline(0.0, color=INK, linewidth=0.5)
+        axes.set(xlabel="radius (px)", title=title, ylim=(-limit, limit))
+    figure.axes[0].set_ylabel("residual (px)")
+    return figure
+
+
+def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
+    """Draw the RMS residual of each image, in the fit and in cross-validation.
+
+    Parameters
+    ----------
+    names
+        Names of the images.
+    fit_px, held_out_px : (n,)
+        RMS residuals, px; NaN without a value.
+    """
+    count = len(names)
+    figure = new_figure(PAGE, 0.7 * COLUMN)
+    axes = figure.subplots()
+    places = np.arange(count)
+    axes.bar(places, np.nan_to_num(fit_px), width=0.7, color=PALE, label="in the fit")
+    if np.isfinite(held_out_px).any():
+        axes.plot(places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="left out of it")
+    step = max(1, count // MAX_LABELS)
+    axes.set_xticks(places[::step], [_short(n) for n in names][::step], rotation=60, ha="right", rotation_mode="anchor")
+    axes.set(ylabel="RMS (px)", title="Picture by picture", xlim=(-0.6, count - 0.4))
+    axes.grid(visible=False, axis="x")
+    axes.legend(frameon=False, loc="upper left", ncols=2)
+    axes.set_ylim(0, 1.25 * max(float(np.nanmax(fit_px)), float(np.nanmax([*held_out_px, 0.0]))))
+    return figure
+
+
+def residual_histograms(residuals: Array, noise_px: float) -> Figure:
+    """Draw histograms of the residuals in both directions, with a normal distribution.
+
+    Parameters
+    ----------
+    residuals : (n, 2)
+        Predicted minus observed position, px.
+    noise_px
+        Standard deviation of a coordinate.
+    """
+    figure = new_figure(PAGE, 0.65 * COLUMN)
+    reach = 4.5 * noise_px
+    edges = np.linspace(-reach, reach, 46)
+    x = np.linspace(-reach, reach, 200)
+    normal = (
+        np.exp(-0.5 * (x / noise_px) ** 2) / (noise_px * np.sqrt(2 * np.pi)) * len(residuals) * (edges[1] - edges[0])
+    )
+    for axes, values, name in zip(figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True):
+        axes.hist(np.clip(values, -reach, reach), edges, color=PALE)
+        axes.plot(x, normal, color=PALETTE[0])
+        axes.set(xlabel=f"residual in {name} (px)", xlim=(-reach, reach))
+        axes.text(
+            0.98, 0.95, f"mean {values.mean():+.3f} px", transform=axes.transAxes, ha="right", va="top", color=GREY
+        )
+    figure.axes[0].set_ylabel("corners")
+    return figure
+
+
+def _short(name: str) -> str:
+    """Return the distinguishing end of a long name."""
+    stem = visible(name.rsplit("/", 1)[-1])
+    return plot_text(stem if len(stem) <= 16 else f"…{stem[-15:]}")
+
+
+# -- Coverage of the image by board corners, with the uncertainty of directions --------------------
+
+
+def coverage_map(
+    boards: Sequence[Array],
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float],
+    radii_px: Array,
+    sigma_deg: Array | None = None,
+) -> Figure:
+    """Draw the corners of all boards and the counting rings over the direction uncertainty.
+
+    Parameters
+    ----------
+    boards
+        Corners (n, 2) of each board, px.
+    image_size
+        Width and height of the image.
+    centre_px
+        Pixel of the optical axis.
+    radii_px : (rings + 1,)
+        Edges of the rings.
+    sigma_deg : (rows, columns), optional
+        Standard deviation of directions on a grid over the image; NaN outside the field of view.
+    """
+    width, height = image_size
+    figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
+    axes = figure.subplots()
+    if sigma_deg is not None and np.isfinite(sigma_deg).any():
+        shown = axes.imshow(
+            sigma_deg, extent=(-0.5, width - 0.5, height - 0.5, -0.5), cmap="Greys", vmin=0.0,
+            vmax=float(np.nanpercentile(sigma_deg, 98)), interpolation="bilinear", alpha=0.7,
+        )  # fmt: skip
+        figure.colorbar(shown, ax=axes, label="error of a direction, 1 sigma (deg)", shrink=0.7, pad=0.01)
+    for i, corners in enumerate(boards):
+        colour = PALETTE[i % len(PALETTE)]
+        axes.plot(*corners.T, ".", markersize=1.5, color=colour)
+        if len(corners) > 2:
+            axes.add_patch(Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6))
+    angle = np.linspace(0, 2 * np.pi, 181)
+    for radius in radii_px[1:]:
+        axes.plot(
+            centre_px[0] + radius * np.cos(angle), centre_px[1] + radius * np.sin(angle), color=GREY, linewidth=0.5,
+            linestyle=":",
+        )  # fmt: skip
+    axes.plot(*centre_px, "+", color=INK)
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set_title("Where corners were seen")
+    axes.grid(visible=False)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(True)
+    return figure
+
+
+def _hull(points: Array) -> Array:
+    """Return the convex hull (k, 2) of points, in order (Andrew's monotone chain)."""
+    rows = points[np.lexsort(points.T[::-1])]
+    chains = []
+    for row in (rows, rows[::-1]):
+        chain: list[Array] = []
+        for p in row:
+            while len(chain) > 1 and _turns_right(chain[-2], chain[-1], p):
+                chain.pop()
+            chain.append(p)
+        chains.append(chain[:-1])
+    return np.array(chains[0] + chains[1])
+
+
+def _turns_right(a: Array, b: Array, c: Array) -> bool:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) <= 0
+
+
+# -- Figures of mirror-outline detection: the rim, and the image of the camera at its centre -------
+
+MAX_SIDE_PX = 1200  # maximum side length as drawn
+MAX_COLUMNS = 4
+
+
+class DrawnRim(NamedTuple):
+    """Image with its detected outline."""
+
+    picture: NDArray[Any]
+    """Image (rows, columns[, 3]), RGB."""
+    rim_px: NDArray[np.float64]
+    """Points (n, 2) of the rim, a closed curve."""
+    centre_px: tuple[float, float]
+    camera_px: tuple[float, float, float] | None
+    """Centre and radius of the image of the camera."""
+    is_sure: bool
+    title: str
+
+
+def found_rims(found: Sequence[DrawnRim]) -> Figure:
+    """Draw each image with its rim, dashed if uncertain, and the image of the camera dotted."""
+    columns = min(len(found), MAX_COLUMNS)
+    rows = -(-len(found) // columns)
+    aspect = max(one.picture.shape[0] / one.picture.shape[1] for one in found)
+    with styled():
+        figure = new_figure(PAGE, rows * (PAGE / columns * aspect + 0.2))
+        for ax, one in zip(grid_of_axes(figure, rows, columns, len(found)), found, strict=True):
+            _draw_rim(ax, one)
+    return figure
+
+
+def _draw_rim(ax: Axes, one: DrawnRim) -> None:
+    height, width = one.picture.shape[:2]
+    every = max(1, max(height, width) // MAX_SIDE_PX)
+    shown = one.picture[::every, ::every]
+    low, high = -0.5, 0.5
+    ax.imshow(shown, extent=(low, width - high, height - high, low), cmap="gray", interpolation="antialiased")
+    closed = np.concatenate([one.rim_px, one.rim_px[:1]])
+    for colour, thickness in (("white", 2.2), (PALETTE[1], 1.1)):
+        ax.plot(closed[:, 0], closed[:, 1], "-" if one.is_sure else "--", color=colour, linewidth=thickness)
+    if one.camera_px is not None:
+        u, v, radius = one.camera_px
+        ax.add_patch(Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":"))
+    ax.plot(*one.centre_px, "+", color=PALETTE[1], markersize=6)
+    ax.set_xlim(low, width - high)
+    ax.set_ylim(height - high, low)
+    ax.set_axis_off()
+    ax.set_title(plot_text(one.title))

@@ -1,0 +1,559 @@
+"""Through-focus blur of the virtual images on the imager, and the best focus with its merits.
+
+Signed blur diameters are positive for images beyond the focus. In angle they are ``Delta_t / Dh``
+and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 contains L_t instead of L_s, erratum 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arguments import choice, distances, image_radius, row
+from ..base.caching import cached_property
+from ..base.errors import InvalidParameter
+from ..base.optimisation import minimise_with_derivative
+from ..base.typing import Array
+from ..optics.lenses import BLUR_MODES, BlurMode, Lens
+from ..optics.sensor import Sensor, check_sensor
+from ..optics.tracing.meridian import ChiefRays
+from .meridional_imaging import (
+    ImagingCharacteristics,
+    VirtualImages,
+    distances_from_lens,
+    imaging_characteristics,
+    virtual_images,
+)
+
+# -- Merits of the best focus, and their dependence on the focus -----------------------------------
+#
+# On the coordinate v of linear blur (1/L0; for a telecentric lens L0), a field angle with images at
+# v_t and v_s has the blurs ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, where w is the magnification
+# by lens distortion, and one degree of the object has the image size ``g Dh`` by ``g Dw``; s, g and
+# the Airy disk depend on v alone. Therefore the square of each merit is a sum of a few functions of
+# v, common to all field angles, with focus-independent coefficients.
+
+
+@dataclass(frozen=True)
+class FocusedBlur:
+    """Blur at n field angles for one focus.
+
+    Attributes
+    ----------
+    t_px, s_px : (n,) px
+        Signed tangential and sagittal blur diameters.
+    imaging
+        Image-forming characteristics for the conversion of pixels to degrees.
+    omega : (n,) radians
+    airy_px
+        Diameter of the Airy disk.
+    own_t_px, own_s_px : (n,) px
+        Blur of the lens alone.
+    """
+
+    t_px: Array
+    s_px: Array
+    imaging: ImagingCharacteristics
+    omega: Array
+    airy_px: float
+    own_t_px: Array | float = 0.0
+    own_s_px: Array | float = 0.0
+
+    @property
+    def t_deg(self) -> Array:
+        """Return the tangential blur (n,) in degrees of the object (Eq. 36)."""
+        return self.t_px / self.imaging.height
+
+    @property
+    def s_deg(self) -> Array:
+        """Return the sagittal blur (n,) in degrees of the object (Eq. 37)."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # a degree has no width at the tip of a cone
+            return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.s_px), self.s_px / self.imaging.width)
+
+    def product(self) -> Array:
+        """Return the blur area of the paper (n,), deg^2: signed product without pi/4 (Fig. 9c)."""
+        with np.errstate(invalid="ignore"):
+            area = self.t_deg * self.s_deg
+        return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.t_px * self.s_px), area)
+
+    def floored_area(self) -> Array:
+        """Return the blur area (n,), deg^2, with pixel, Airy disk and lens blur in quadrature.
+
+        In contrast to the product of the blurs, it does not vanish with one of its factors.
+        """
+        # Sum of squares per direction, px^2; division by Ds converts to square degrees (Eq. 11).
+        floor = 1 + self.airy_px**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t, s = self.t_px**2 + floor + self.own_t_px**2, self.s_px**2 + floor + self.own_s_px**2
+            return np.sqrt(t * s) / self.imaging.area
+
+
+# -- merits as functions of the focus -------------------------------------------------------------
+
+
+class Sides(NamedTuple):
+    """Focus-independent quantities of n field angles, with lengths along v in units of a range."""
+
+    t: Array
+    """Focus coordinates of the tangential images (n,)."""
+    s: Array
+    w_t: Array
+    """Magnification of the tangential blur by distortion (n,)."""
+    w_s: Array
+    Dh: Array
+    """Radial resolution (n,), px per deg, at the scale g = 1."""
+    Dw: Array
+    own2: tuple[Array, Array] | None = None
+    """Squared lens blur (n,), (n,), px^2, nearly independent of the focus; None if ideal."""
+
+
+class Scales(NamedTuple):
+    """Focus-dependent quantities: numbers, or arrays for m focus values."""
+
+    u: Any
+    """Focus coordinate."""
+    s: Any
+    """Blur, px, per unit of defocus."""
+    g: Any
+    """Image scale."""
+    floor: Any
+    """Sum of the squares of pixel and Airy disk, px^2."""
+    has_own: bool = False
+    """True for a lens with a blur of its own."""
+
+
+@dataclass(frozen=True)
+class FocusMerit:
+    """Merit that a best focus can minimise over the field."""
+
+    size: Callable[[FocusedBlur], Array]
+    """Function that returns the local merit at each field angle (n,)."""
+    coefficients: Callable[[Sides], Array]
+    """Function that returns the coefficients (terms, k) of its square; k is n or 2 n."""
+    functions: Callable[[Scales], list[Any]]
+    """Function that returns the corresponding functions of the focus."""
+    is_mean: bool = False
+    """True for the mean over the solid angle instead of the maximum."""
+
+    def value(self, blur: FocusedBlur) -> float:
+        """Return the merit of n field angles."""
+        size = self.size(blur)
+        return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
+
+
+def _square(coordinate: Array, weight: Array) -> Array:
+    """Return the coefficients (3, n) of ``weight^2 (u - coordinate)^2`` for u^2, u, 1."""
+    return weight**2 * np.stack([np.ones_like(coordinate), -2 * coordinate, coordinate**2])
+
+
+def _product(x: Array, y: Array) -> Array:
+    """Return the coefficients (5, n) of the product of two quadratics (3, n)."""
+    return np.stack(
+        [
+            x[0] * y[0],
+            x[0] * y[1] + x[1] * y[0],
+            x[0] * y[2] + x[1] * y[1] + x[2] * y[0],
+            x[1] * y[2] + x[2] * y[1],
+            x[2] * y[2],
+        ]
+    )
+
+
+def _product_area(c: Sides) -> Array:
+    return _product(_square(c.t, c.w_t / c.Dh), _square(c.s, c.w_s / c.Dw))
+
+
+def _floored_area(c: Sides) -> Array:
+    t, s = _square(c.t, c.w_t), _square(c.s, c.w_s)
+    one = np.ones((1, len(c.t)))
+    rest = [t + s, one]
+    if c.own2 is not None:
+        own_t, own_s = c.own2
+        rest += [t * own_s + s * own_t, one * (own_t + own_s), one * own_t * own_s]
+    return np.concatenate([_product_area(c), np.concatenate(rest) / (c.Dh * c.Dw) ** 2])
+
+
+def _powers(scale: Any, u: Any, degree: int) -> list[Any]:
+    powers = [scale]
+    for _ in range(degree):
+        powers.append(powers[-1] * u)
+    return powers[::-1]
+
+
+def _floored_functions(f: Scales) -> list[Any]:
+    s, g = f.s * f.s, f.g * f.g
+    s, floor = s / g, f.floor / g
+    found = [*_powers(s * s, f.u, 4), *_powers(s * floor, f.u, 2), floor * floor]
+    return [*found, *_powers(s / g, f.u, 2), floor / g, 1 / (g * g)] if f.has_own else found
+
+
+def _degrees(f: Scales) -> list[Any]:
+    s = f.s / f.g
+    return _powers(s * s, f.u, 2)
+
+
+FOCUS_MERITS: dict[str, FocusMerit] = {
+    "worst_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions),
+    "mean_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions, is_mean=True),
+    "worst_blur_area_deg2": FocusMerit(  # merit of the paper
+        lambda b: np.abs(b.product()),
+        _product_area,
+        lambda f: _powers((f.s * f.s / (f.g * f.g)) ** 2, f.u, 4),
+    ),
+    "worst_blur_px": FocusMerit(
+        lambda b: np.maximum(np.abs(b.t_px), np.abs(b.s_px)),
+        lambda c: np.concatenate([_square(c.t, c.w_t), _square(c.s, c.w_s)], axis=1),
+        lambda f: _powers(f.s * f.s, f.u, 2),
+    ),
+    "worst_blur_deg": FocusMerit(
+        lambda b: np.maximum(np.abs(b.t_deg), np.abs(b.s_deg)),
+        lambda c: np.concatenate([_square(c.t, c.w_t / c.Dh), _square(c.s, c.w_s / c.Dw)], axis=1),
+        _degrees,
+    ),
+    "worst_blur_rss_deg": FocusMerit(
+        lambda b: np.hypot(b.t_deg, b.s_deg),
+        lambda c: _square(c.t, c.w_t / c.Dh) + _square(c.s, c.w_s / c.Dw),
+        _degrees,
+    ),
+}
+"""Focus merits by name."""
+
+MAX_SINGLE_THREAD_PRODUCTS = 150_000  # multiplications, below the threshold for BLAS threads
+IMAGINARY_STEP = 1e-100  # imaginary step, without cancellation error
+
+
+@dataclass(frozen=True)
+class FocusFunction:
+    """Merit of n field angles as a function of the focus."""
+
+    merit: FocusMerit
+    sides: Sides
+    omega: Array
+    scales: Callable[[Any], Scales]
+    """Focus-dependent quantities at focus coordinates u."""
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """Return the coefficients (terms, k)."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the tip of a cone
+            return self.merit.coefficients(self.sides)
+
+    @cached_property
+    def _shares(self) -> Array:
+        return solid_angle_shares(self.omega)
+
+    def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Return the merit (squared for a maximum), its derivative and the worst angle; (m,)."""
+        moved = self._functions(u + 1j * IMAGINARY_STEP)
+        functions, rates = moved.real.T.copy(), moved.imag.T / IMAGINARY_STEP
+        squares = self._squares(functions)
+        if self.merit.is_mean:
+            roots = np.sqrt(squares)
+            slope = _matrix_product(_matrix_product(rates, self.coefficients) / roots, self._shares[:, None])[:, 0] / 2
+            return _matrix_product(roots, self._shares[:, None])[:, 0], slope, np.zeros(len(u), dtype=np.intp)
+        worst = squares.argmax(axis=1)
+        slope = np.einsum("mt,tm->m", rates, self.coefficients[:, worst])
+        return squares[np.arange(len(u)), worst], slope, worst
+
+    def _squares(self, functions: Array) -> Array:
+        """Return the squares at all angles, (m, k), in blocks too small for BLAS threads."""
+        squares = np.empty((len(functions), self.coefficients.shape[1]))
+        few = max(1, MAX_SINGLE_THREAD_PRODUCTS // self.coefficients.size)
+        for i in range(0, len(functions), few):
+            np.matmul(functions[i : i + few], self.coefficients, out=squares[i : i + few])
+        return squares
+
+    def _functions(self, u: NDArray[Any]) -> NDArray[Any]:
+        """Return the functions of the coefficients, (terms, m), with scalars for one focus."""
+        at: Any = complex(u[0]) if len(u) == 1 else u
+        functions = [f + 0 * at for f in self.merit.functions(self.scales(at))]
+        return np.array(functions).reshape(-1, len(u))
+
+
+def _matrix_product(a: Array, b: Array) -> Array:
+    """Return the product of two small matrices without starting BLAS threads."""
+    product: Array = np.einsum("mt,tk->mk", a, b)
+    return product
+
+
+def solid_angle_shares(omega: Array) -> Array:
+    """Return normalised weights (n,) of a mean over the solid angle at field angles (n,).
+
+    Linear interpolation in the angle is assumed between neighbours; equal angles share their
+    weight.
+
+    >>> omega = np.sort(np.random.default_rng(1).uniform(0, 2, 200))
+    >>> omega[[0, -1]] = 0, 2
+    >>> exact = (4 * np.sin(2) - 2 * np.cos(2) - 2) / (1 - np.cos(2))  # mean of omega^2
+    >>> bool(abs(solid_angle_shares(omega) @ omega**2 / exact - 1) < 1e-3)
+    True
+    """
+    angles, which, count = np.unique(omega, return_inverse=True, return_counts=True)
+    if len(angles) == 1:
+        return np.full(len(omega), 1 / len(omega))
+    a, b = angles[:-1], angles[1:]
+    step = b - a
+    # integrals of sin(omega) (omega - a)/step and of sin(omega) (b - omega)/step over each step
+    middle, half = (a + b) / 2, step / 2
+    even = np.sin(middle) * np.sin(half)
+    odd = np.cos(middle) * (np.sin(half) / half - np.cos(half))
+    shares = np.zeros(len(angles))
+    shares[1:] += even + odd
+    shares[:-1] += even - odd
+    shares /= shares.sum()
+    mean: Array = (shares / count)[which]
+    return mean
+
+
+# -- Through-focus blur of the virtual images on the imager, and the best focus --------------------
+#
+# Signed blur diameters are positive for images beyond the focus. In angle they are ``Delta_t / Dh``
+# and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 contains L_t instead of L_s, erratum 7).
+
+POINTED_CENTRE = 0.1  # relative to the image radius
+
+
+@dataclass(frozen=True)
+class FocusStudy:
+    """Focus-independent quantities at n field angles."""
+
+    sensor: Sensor
+    rays: ChiefRays
+    images: VirtualImages
+    mode: BlurMode
+    image_radius_px: float | None
+    wavelength_nm: float
+
+    def __post_init__(self) -> None:
+        choice("mode", self.mode, BLUR_MODES)
+        if self.image_radius_px is not None:
+            image_radius(self.image_radius_px)
+
+    @cached_property
+    def distances(self) -> tuple[Array, Array]:
+        """Return L_t and L_s (n,), mm: image distances from the lens (Eqs. 34, 35)."""
+        L_t, L_s = distances_from_lens(self.rays, self.images)
+        displaced = self.sensor.mirror_pose.displacement_mm if self.sensor.lens.TELECENTRIC else 0.0
+        return L_t + displaced, L_s + displaced  # already included in m for a perspective lens
+
+    def heights(self, sensor: Sensor) -> tuple[Array, Array]:
+        """Return h (px) and dh/dOmega (px per radian), (n,), of a focused sensor."""
+        scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
+        return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
+
+    def imaging(self, sensor: Sensor) -> ImagingCharacteristics:
+        """Return the image (n,) of one object degree, seen from the mirror points."""
+        return imaging_characteristics(self.rays.omega, *self.heights(sensor), *self._parallax)
+
+    @cached_property
+    def _parallax(self) -> tuple[Array, Array]:
+        """Return the image motion (n,), (n,) of a finite object relative to a distant one.
+
+        At a distance D from the start of the ray, ``spread + D Omega'`` and ``x + D sin(Omega)``
+        per motion of the mirror point and per radian of azimuth, both divided by the distance p
+        from the mirror point.
+        """
+        rays, p = self.rays, self.images.object_distance
+        near = 1 / p
+        offset = 0.0 if rays.outside is None else rays.outside.reach - rays.outside.inside
+        further = 1 + near * offset
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = further + near * rays.spread() / rays.domega_dx()
+            s = further + near * rays.start[0] / np.sin(rays.omega)
+        return t, np.where(rays.omega == 0.0, t, s)
+
+    def ideal_height(self, lens: Lens) -> Array:
+        """Return image heights (n,) mm for a lens without distortion."""
+        return lens.ideal_height(self.rays.first.x, self.rays.first.w)
+
+    def stretch(self, lens: Lens) -> tuple[Array, Array]:
+        """Return the off-axis magnification (n,), (n,) of the blur by a focused lens, nearly
+        independent of the focus.
+        """
+        return lens.blur_stretch(self.ideal_height(lens))
+
+    def own_px(self, lens: Lens) -> tuple[Array, Array]:
+        """Return the blur (n,), (n,) px of the lens alone."""
+        pitch = self.sensor.imager.pitch_mm
+        t, s = lens.own_blur(self.ideal_height(lens))
+        return t / pitch, s / pitch
+
+    def coordinates(self, lens: Lens) -> tuple[Array, Array]:
+        """Return the focus coordinates (n,), (n,) of the images."""
+        return lens.image_coordinates(*self.distances, self.ideal_height(lens))
+
+    @cached_property
+    def own_coordinates(self) -> Array:
+        """Return the focus coordinates (2, n) of the images for the lens at its current focus."""
+        return np.stack(self.coordinates(self.sensor.lens))
+
+    def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
+        """Return the focus-dependent quantities as a function of normalised focus coordinates u."""
+        lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
+        own = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
+        airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / own.f_number) ** 2
+
+        def at(u: Any) -> Scales:
+            there = lens.through_focus(middle + unit * u, self.mode)
+            scale = there.image_scale / own.image_scale if self.image_radius_px is None else 1.0
+            floor = 1 + airy2 * there.f_number**2
+            return Scales(u, there.blur_rate * (unit / pitch), scale, floor, not lens.IS_THIN)
+
+        return at
+
+    def at(self, focus_mm: float) -> FocusedBlur:
+        """Return the blur with the lens focused at an object distance in mm."""
+        sensor = self.sensor
+        if focus_mm != sensor.lens.focus_distance_mm:
+            sensor = sensor.with_lens(sensor.lens.focused_at(focus_mm))
+        pitch = sensor.imager.pitch_mm
+        lens = sensor.lens
+        focused = lens.focus_coordinate(focus_mm)
+        rate = lens.through_focus(focused, self.mode).blur_rate / pitch
+        t, s = (w * rate * (focused - v) for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True))
+        imaging, airy = self.imaging(sensor), lens.airy_diameter(self.wavelength_nm) / pitch
+        return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.own_px(lens))
+
+
+class BestFocus(NamedTuple):
+    """Optimal focus and value of the merit."""
+
+    focus_mm: float
+    value: float
+    merit: str
+
+
+def best_focus(
+    sensor: Sensor,
+    merit: str = "worst_floored_area_deg2",
+    *,
+    omega_deg: ArrayLike | None = None,
+    object_distance_mm: ArrayLike = np.inf,
+    mode: BlurMode = "exact",
+    image_radius_px: float | None = None,
+    wavelength_nm: float = 550.0,
+) -> BestFocus:
+    """Compute the focus distance L0 of minimum merit, over the whole field or given angles.
+
+    Parameters
+    ----------
+    sensor
+        Sensor, for example from :func:`omnimirror.load_sensor`.
+    merit
+        Name of a merit in :data:`FOCUS_MERITS`.
+    omega_deg : (n,), optional
+        Field angles in any order and spacing; by default 1001 over the whole field. For a pointed
+        mirror, the central 10 % of the image radius are excluded because the azimuthal image scale
+        vanishes there.
+    object_distance_mm : scalar or (n,)
+        Distance from the reflection point to the object.
+    mode, image_radius_px
+        ``"paper"`` and 500 reproduce the method of the paper.
+    wavelength_nm
+        Wavelength of the Airy disk, nm.
+
+    Returns
+    -------
+    BestFocus
+        Focus L0 in mm, and the merit at this focus.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown merit or mode, invalid numbers, or a mirror without virtual images.
+    OutsideField
+        Field angle outside the field of view.
+
+    Examples
+    --------
+    Focus of the spherical mirror in the paper, L0 = 212 mm:
+
+    >>> from omnimirror.optics.sensor_files import load_sensor
+    >>> best = best_focus(load_sensor("paper-spherical"), "worst_blur_area_deg2", mode="paper", image_radius_px=500)
+    >>> round(best.focus_mm, 1), round(best.value, 4)
+    (212.4, 0.0751)
+    """
+    check_sensor(sensor)
+    choice("merit", merit, FOCUS_MERITS)
+    omega = _focusable(sensor) if omega_deg is None else row("omega_deg", omega_deg)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    p = distance_per_angle(object_distance_mm, rays.x)
+    study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
+    focus = _lowest(study, FOCUS_MERITS[merit])
+    return BestFocus(focus, FOCUS_MERITS[merit].value(study.at(focus)), merit)
+
+
+def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
+    """Return object distances as an array, one for all field angles or one for each (n,)."""
+    p = distances("object_distance_mm", object_distance_mm)
+    if p.shape not in ((), (1,), angles.shape):
+        raise InvalidParameter(
+            f"object_distance_mm has {p.size} values for {angles.size} field angles; give one, or as many"
+        )
+    return p
+
+
+def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
+    """Return the focus (mm) of minimum merit."""
+    lens = study.sensor.lens
+    low, high = _searched(lens, study.own_coordinates)
+    middle, half = (low + high) / 2, (high - low) / 2 or 1.0
+    function = focus_function(study, merit, middle, half)
+    if not np.isfinite(function.coefficients).all():
+        bad = int(np.argmin(np.isfinite(function.coefficients).all(axis=0))) % len(study.rays.omega)
+        raise InvalidParameter(
+            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
+            "has no size in the picture there, or no image); leave it out"
+        )
+    coordinate = middle + half * minimise_with_derivative(function, (low - middle) / half, (high - middle) / half)
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    return float(np.clip(lens.distance_of(coordinate), max(limits.low, lens.nearest_focus_mm), limits.high))
+
+
+def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
+    """Return a merit as a function of normalised :meth:`Lens.focus_coordinate` values."""
+    sensor = study.sensor
+    imaging = study.imaging(sensor)
+    t, s = (study.own_coordinates - middle) / unit
+    own_t, own_s = study.own_px(sensor.lens)
+    own2 = None if sensor.lens.IS_THIN else (own_t**2, own_s**2)
+    sides = Sides(t, s, *study.stretch(sensor.lens), imaging.height, imaging.width, own2)
+    return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
+
+
+def _searched(lens: Lens, coordinates: Array) -> tuple[float, float]:
+    """Return the search range of focus coordinates: those of all images, with a margin."""
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    if lens.TELECENTRIC:
+        return _around(coordinates, limits.low, limits.high)
+    # vergences keep the range bounded for distant images; converging images are beyond infinity
+    far, near = lens.focus_coordinate([limits.high, max(limits.low, lens.nearest_focus_mm)])
+    return _around(np.maximum(coordinates, 0.0), float(far), float(near))
+
+
+def _around(coordinates: Array, least: float, most: float) -> tuple[float, float]:
+    """Return an interval of the focus coordinates of all focusable images, with a margin.
+
+    Coordinates above the upper bound are excluded unless there are no others; those below the lower
+    bound are clipped.
+    """
+    coordinates = coordinates[~np.isnan(coordinates)]
+    if not coordinates.size:
+        raise InvalidParameter("there are no virtual images, so there is no best focus")
+    within = coordinates[coordinates < most] if (coordinates < most).any() else coordinates
+    within = np.clip(within, least, most)
+    margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))
+    return max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
+
+
+def _focusable(sensor: Sensor) -> Array:
+    """Return the field angles (n,), deg, used for focusing."""
+    low, high = sensor.field_deg
+    if sensor.mirror.is_pointed:
+        edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
+        low = float(np.degrees(edge.omega[0]))
+    return np.linspace(low, high, 1001)

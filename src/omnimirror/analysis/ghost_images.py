@@ -1,0 +1,131 @@
+"""Ghost images in a tube or a dome: direction and relative brightness of wall reflections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arguments import checked, row
+from ..base.errors import InvalidParameter
+from ..base.typing import Array
+from ..optics.sensor import Sensor, check_sensor
+from ..optics.tracing.shell_transmission import let_out
+from .evaluation import field_angles
+
+ORIGIN_OFFSET_MM = 1e-6  # offset of a ray start from the surface
+
+
+@dataclass(frozen=True)
+class Ghosts:
+    """First ghost image at n field angles; each array (n,).
+
+    A pixel with the field angle ``omega_deg`` also receives weaker light from ``ghost_omega_deg``
+    in the same meridian, negative on the other side of the axis; NaN if the ghost path is blocked
+    by the camera, a lid or the back of the mirror.
+    """
+
+    omega_deg: Array
+    passed_percent: Array
+    """Direct transmittance of the wall."""
+    ghost_omega_deg: Array
+    """Field angle of the ghost source."""
+    ghost_percent: Array
+    """Brightness relative to the direct image of an equally bright object; 0 for a blocked path."""
+    by_mirror: NDArray[np.bool_]
+    """True if the ghost path includes another reflection by the mirror."""
+
+    def __len__(self) -> int:
+        return len(self.omega_deg)
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+@checked
+def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
+    """Compute the first ghost image of a sensor in a tube or under a dome, at field angles.
+
+    The reflected part of each chief ray, with Fresnel coefficients and summed reflections between
+    both sides of the wall, is traced to the mirror or another part of the wall. Losses of ghosts at
+    the mirror are neglected.
+
+    Parameters
+    ----------
+    sensor
+        Aligned sensor with one mirror and a tube or a dome.
+    omega_deg : (n,), optional
+        Field angles; by default every 5 deg of the unobscured field.
+
+    Returns
+    -------
+    Ghosts
+        Source direction and relative brightness of each ghost.
+
+    Raises
+    ------
+    InvalidParameter
+        Sensor without tube or dome, with two mirrors, or misaligned.
+    OutsideField
+        Field angle outside the field of view.
+
+    Examples
+    --------
+    The reflection at 60 deg leaves through the opposite wall; at 110 deg it ends at the back of the
+    mirror:
+
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> from omnimirror.optics.housing import Housing, Tube
+    >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Tube(120.0)))
+    >>> found = ghosts(sensor, [60.0, 110.0])
+    >>> found.ghost_omega_deg.round(1), found.ghost_percent.round(1)
+    (array([-60.,  nan]), array([7.7, 0. ]))
+    """
+    check_sensor(sensor)
+    sensor.check("ghosts", "one mirror")
+    standing = sensor.obstructions
+    shell = standing.housing.shell
+    if shell is None:
+        raise InvalidParameter(f"{sensor.name!r} has no tube and no dome, so it has no ghosts of their walls")
+    omega = _clear_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    height = rays.z + sensor.mirror_pose.displacement_mm
+    nothing = np.zeros_like(omega)
+    points = np.stack([rays.x, nothing, height], axis=-1)
+    first = let_out(shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1))
+
+    start, way = first.met + ORIGIN_OFFSET_MM * first.thrown_back, first.thrown_back
+    again = sensor.optical_train.posed_mirror.trace(start, way)
+    by_mirror = again.valid
+    start = np.where(by_mirror[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, start)
+    way = np.where(by_mirror[:, None], again.directions, way)
+    ends = np.logical_or.reduce(
+        [*standing.met_by(start, way, way, sensor.mirror_pose).values(), _meets_back(sensor, start, way)]
+    )
+    second = let_out(shell, start, way)
+    out = second.directions
+    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(out[:, 0] < 0, -1.0, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (1 - first.passed) * second.passed / first.passed
+    return Ghosts(
+        omega, 100 * first.passed, np.where(ends, np.nan, angle), np.where(ends, 0.0, 100 * share), by_mirror & ~ends
+    )
+
+
+def _clear_angles(sensor: Sensor) -> Array:
+    low, high = sensor.clear_field_deg
+    angles = field_angles(sensor)
+    return angles[(angles >= low) & (angles <= high)]
+
+
+def _meets_back(sensor: Sensor, points: Array, directions: Array) -> NDArray[np.bool_]:
+    """Return the mask of rays (n, 3), (n, 3) that end at the back of the mirror."""
+    rim = sensor.mirror.rim_radius_mm
+    edge = float(sensor.mirror.sag(np.array(rim))) + sensor.mirror_pose.displacement_mm
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = (edge - points[:, 2]) / directions[:, 2]
+        across = points[:, :2] + steps[:, None] * directions[:, :2]
+    return np.asarray((steps > ORIGIN_OFFSET_MM) & (np.hypot(across[:, 0], across[:, 1]) < rim))

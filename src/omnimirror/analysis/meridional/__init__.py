@@ -1,1 +1,0 @@
-"""Meridional analysis: imaging characteristics, viewpoints, virtual images and focus."""

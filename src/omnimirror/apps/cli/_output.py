@@ -1,0 +1,258 @@
+"""Output of commands: printed text and files; with ``-`` for standard output, text goes to standard
+error.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from ...base.escaping import terminal_text
+from ...base.files import is_same_file, is_standard_output
+from ...base.quantities import QUANTITIES
+from ...io.progress import FrameProgress
+from ._process_state import is_quiet
+
+FIGURES = ("png", "svg", "pdf")
+PICTURES = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
+F = TypeVar("F", bound=Callable[..., Any])
+_TAKEN, _FORMAT = "omnimirror.standard-output", "omnimirror.format"
+
+
+class Output(click.Path):
+    """Output file, or ``-`` for standard output.
+
+    Parameters
+    ----------
+    formats
+        Binary formats for standard output; the first is the default of ``--format``.
+    """
+
+    def __init__(self, formats: tuple[str, ...] = ()) -> None:
+        super().__init__(path_type=Path)
+        self.formats = formats
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = super().convert(value, param, ctx)
+        if not str(value):
+            self.fail("a file name is needed, and this one is empty", param, ctx)
+        if ctx is None or not (str(path) == "-" or str(path) == "/dev/stdout"):
+            return path
+        option = max(param.opts, key=len) if param else "an output"
+        kind = ctx.meta.get(_FORMAT, self.formats[0]) if self.formats and str(path) == "-" else ""
+        return take_standard_output(option, kind, Path(str(path)), ctx)
+
+
+def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: click.Context | None = None) -> Path:
+    """Reserve standard output for one output; return the name for an image of this kind.
+
+    Raises
+    ------
+    click.UsageError
+        Standard output is already reserved, or it is a terminal and the output an image.
+    """
+    meta = (ctx or click.get_current_context()).meta
+    if meta.setdefault(_TAKEN, option) != option:
+        raise click.UsageError(f"{meta[_TAKEN]} and {option} cannot both be written to standard output")
+    if kind and kind != "csv" and sys.stdout.isatty():
+        raise click.UsageError("a picture is not shown on a terminal; send it to a file or another program")
+    return path.with_suffix(f".{kind}") if kind else path
+
+
+def refuse_losses(ctx: click.Context) -> None:
+    """Raise an error for two outputs in one file, or for an output that overwrites an input.
+
+    Raises
+    ------
+    click.UsageError
+        A file would be written twice, or an input overwritten.
+    """
+    written: dict[Path, str] = {}
+    read: list[Path] = []
+    for parameter in ctx.command.get_params(ctx):
+        paths = _paths(ctx.params.get(parameter.name or ""))
+        if not isinstance(parameter.type, Output):
+            read += paths
+            continue
+        name = parameter.opts[0] if isinstance(parameter, click.Argument) else max(parameter.opts, key=len)
+        for path in paths:
+            if os.path.exists(path) and not os.path.isfile(path):  # devices and pipes
+                continue
+            if written.setdefault(path.absolute(), name) != name:
+                raise click.UsageError(f"{written[path.absolute()]} and {name} would both be written to {path}")
+    for path, name in written.items():
+        if os.path.isfile(path) and any(os.path.isfile(other) and is_same_file(path, other) for other in read):
+            raise click.UsageError(f"{name} would be written over {path.name}, which is read; name another file")
+
+
+def _paths(value: Any) -> list[Path]:
+    """Return possible file names among the values of an option or argument: any text, as for
+    ``os.path``.
+    """
+    if isinstance(value, tuple | list):
+        return [path for part in value for path in _paths(part)]
+    return [Path(value)] if isinstance(value, str | Path) else []
+
+
+def write_standard_output_as(kind: str) -> None:
+    """Set the format of ``-`` for an option other than ``--format`` of :func:`format_option`."""
+    click.get_current_context().meta[_FORMAT] = kind
+
+
+def output_option(*names: str, formats: tuple[str, ...] = (), **more: Any) -> Callable[[F], F]:
+    """Return an option for an output file."""
+    return click.option(*names, type=Output(formats), **more)
+
+
+def json_option(help: str = "Write the table.") -> Callable[[F], F]:
+    """Return the option ``--json`` for machine-readable numbers."""
+    return output_option("--json", "json_file", help=help)
+
+
+def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
+    """Return the option ``--format``, the format of standard output."""
+
+    def remember(ctx: click.Context, _: click.Parameter, value: str | None) -> None:
+        if value is not None:
+            ctx.meta[_FORMAT] = value
+
+    def decorate(function: F) -> F:
+        @wraps(function)
+        def checked(*args: Any, **kwargs: Any) -> Any:
+            meta = click.get_current_context().meta
+            if _FORMAT in meta and _TAKEN not in meta:
+                raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+            return function(*args, **kwargs)
+
+        return click.option(
+            "--format", type=click.Choice(formats), is_eager=True, expose_value=False, callback=remember,
+            help=f"Format of '-' (standard output).  [default: {formats[0]}]",
+        )(checked)  # type: ignore[return-value]  # fmt: skip
+
+    return decorate
+
+
+def takes_standard_output() -> bool:
+    """Return whether a file is written to standard output and text must go elsewhere."""
+    context = click.get_current_context(silent=True)
+    return context is not None and _TAKEN in context.meta
+
+
+class Terminal(Console):
+    """Console that leaves a closed pipe to the application."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Render a string, such as a cell of a table, without control sequences."""
+        return super().render_str(terminal_text(text), **options)
+
+
+def output_console() -> Console:
+    """Return the console: of normal width on a terminal, without wrapping for pipes and files.
+
+    Text is printed without markup, including names with brackets or colons; styles are
+    :class:`rich.text.Text`.
+    """
+    stream = sys.stderr if takes_standard_output() else sys.stdout
+    width = None if stream.isatty() else 200
+    return Terminal(file=stream, width=width, markup=False, emoji=False, highlight=False, quiet=is_quiet())
+
+
+def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
+    """Print a line without wrapping, parts of it styled: ``say("Wrote ", ("a.csv", "bold"))``."""
+    plain = [terminal_text(part) if isinstance(part, str) else (terminal_text(part[0]), part[1]) for part in parts]
+    (console or output_console()).print(Text.assemble(*plain), soft_wrap=True)
+
+
+def remark(text: str) -> None:
+    """Print a remark on standard error, unless ``--quiet`` is given."""
+    if not is_quiet():
+        click.echo(terminal_text(text), err=True)
+
+
+def say_written(*paths: Path | None, console: Console | None = None) -> None:
+    """Print the names of written files, except streams and outputs that were not requested."""
+    for path in paths:
+        if path and not is_standard_output(path):
+            say("Wrote ", (str(path), "bold"), console=console)
+
+
+def head(name: str, unit: str | None = None) -> str:
+    """Return the head of a column: title above unit.
+
+    >>> head("omega_deg"), head("filled", "%")
+    ('Ω\\ndeg', 'aperture filled\\n%')
+    """
+    q = QUANTITIES[name]
+    return f"{q.heading}\n{q.unit if unit is None else unit}"
+
+
+def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -> Table:
+    """Return a table without lines: right-aligned numbers, left-aligned text, no wrapped numbers or
+    first column.
+    """
+    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=tight)
+    for i, heading in enumerate(heads):
+        is_words = heading in words
+        table.add_column(heading, justify="left" if is_words else "right", no_wrap=i == 0 or not is_words)
+    return table
+
+
+def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]) -> None:
+    """Print columns of numbers under multi-line headings, each row immediately after its
+    computation.
+
+    The output is that of a plain :class:`rich.table.Table` with right-aligned columns, for any
+    number of rows.
+    """
+    told, cells = [list(heading) for heading in headings], list(columns)
+    widths = [max(map(len, (*heading, *column))) for heading, column in zip(told, cells, strict=True)]
+    for line in zip(*told, strict=True):
+        row = " ".join(word.rjust(width) for word, width in zip(line, widths, strict=True))
+        console.print(Text(row, style="bold"), soft_wrap=True)
+    if console.quiet:
+        return
+    stream = console.file
+    for numbers in zip(*cells, strict=True):
+        stream.write(" ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n")
+    stream.flush()
+
+
+def notice(sentence: object) -> None:
+    """Print a status message on standard error, even with ``--quiet``."""
+    click.echo(f"omnimirror: {terminal_text(str(sentence))}", err=True)
+
+
+@contextmanager
+def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
+    """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
+    console = Console(stderr=True, quiet=is_quiet())
+    bar = Progress(
+        TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=console,
+        transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=None, rate=0.0)
+        yield lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate)
+
+
+def progress_bar(console: Console) -> Progress:
+    """Return a transient progress bar with a description, for terminals only."""
+    return Progress(
+        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=console,
+        transient=True, disable=not console.is_terminal,
+    )  # fmt: skip

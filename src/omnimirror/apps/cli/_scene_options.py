@@ -1,0 +1,190 @@
+"""Options that specify a scene and the rendering of its images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ...cameras.camera import Camera
+from ...optics.sensor import Sensor
+from ...simulation.detector import BAYER, CURVES, Detector
+from ...simulation.radiometry import Radiometry
+from ...simulation.scenes.moving_objects import MovingBox, load_bodies
+from ...simulation.scenes.scene import Pose
+from ...simulation.scenes.scene_sources import BUNDLED, SceneSource
+from ._declarations import Options, flag, option
+from ._option_types import NUMBER, WHOLE, _numbers, angle, distance, factor, three_wavelengths
+from ._process_state import is_quiet
+
+
+def pose(text: str) -> Pose:
+    """Parse a pose ``X,Y,Z``, ``X,Y,Z,PAN``, ... up to ``X,Y,Z,PAN,TILT,ROLL``, in mm and degrees.
+
+    >>> pose("500,0,-200,30")
+    Pose(x_mm=500.0, y_mm=0.0, z_mm=-200.0, pan_deg=30.0, tilt_deg=0.0, roll_deg=0.0)
+    """
+    count = min(max(3, text.count(",") + 1), 6)
+    return Pose(*_numbers(text, count, ",", "a pose X,Y,Z[,PAN[,TILT[,ROLL]]] in mm and deg"))
+
+
+def reflectivity(text: str) -> Any:
+    """Parse a reflectivity: a fraction, the name of a metal or its index, or three comma-separated
+    values.
+
+    >>> reflectivity("0.9"), reflectivity("gold"), reflectivity("0.96+6.69j,0.9,1")
+    (0.9, 'gold', ((0.96+6.69j), 0.9, 1.0))
+    """
+    if "," in text:
+        return tuple(reflectivity(part) for part in text.split(","))
+    for kind in (float, complex):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text.strip()
+
+
+@dataclass(frozen=True)
+class SceneOptions(Options):
+    """Scene."""
+
+    scene: str = option(
+        default="room", metavar="NAME|FILE",
+        help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or a mesh (GLB, glTF, "
+        f"OBJ, PLY, STL).",
+    )  # fmt: skip
+    heading_deg: float | None = option(
+        type=angle, metavar="DEG", help="Heading of the centre of an environment image.  [default: 0]"
+    )
+    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]")
+    up: str | None = option(
+        type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; z for STL]"
+    )
+    background: str | None = option(metavar="FILE", help="Environment image behind a mesh.  [default: none]")
+
+    def source(self) -> SceneSource:
+        """Return the source of the scene."""
+        source = SceneSource(self.scene, **self.picked("heading_deg", "unit_mm", "up", "background"))
+        if not source.is_mesh and (asked := self.picked("unit_mm", "up", "background")):
+            raise click.UsageError(f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none")
+        if self.heading_deg is not None and not (source.is_environment or self.background):
+            raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
+        return source
+
+
+RADIOMETRY = ("reflectivity", "vignetting", "sees_past")
+DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits", "curve", "bayer")
+
+
+@dataclass(frozen=True)
+class TakingOptions(Options):
+    """Rendering."""
+
+    blur: str | None = option(
+        type=click.Choice(["on", "off"]), is_flag=False, flag_value="on",
+        help="Render through the whole aperture, or without blur.  [default: on; off for a calibrated camera, "
+        "which has no known aperture]",
+    )  # fmt: skip
+    no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
+    samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
+    seed: int = option(type=WHOLE, default=0, help="Random seed for ray sampling and noise.")
+    reflectivity: Any = option(
+        type=reflectivity, metavar="SHARE|METAL|N+Kj",
+        help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green "
+        "and blue.  [default: 1]",
+    )  # fmt: skip
+    vignetting: bool | None = option(
+        "--vignetting/--no-vignetting", help="Natural vignetting of the lens, cos^4.  [default: none]"
+    )
+    wavelengths_nm: tuple[float, float, float] | None = option(
+        type=three_wavelengths,
+        metavar="R,G,B",
+        help="Wavelengths of the colours, for dispersion in lens and cover.",
+    )
+    sees_past: bool | None = option(
+        "--sees-past/--black-past", help="Render the surroundings of the mirror, or black.  [default: black]"
+    )
+    exposure: float | None = option(
+        type=factor, metavar="FACTOR", help="Exposure factor; light above 1 saturates.  [default: 1]"
+    )
+    full_well_e: float | None = option(
+        type=distance, metavar="N", help="Full-well capacity, electrons.  [default: no noise]"
+    )
+    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]")
+    black_level_dn: float | None = option(
+        type=NUMBER, metavar="DN",
+        help="Black level added to linear values, which avoids clipping of dark noise.  [default: 5 standard "
+        "deviations of read noise]",
+    )  # fmt: skip
+    bits: int | None = option(
+        type=WHOLE, metavar="8..16", help="Bit depth; PNG and TIFF support more than 8.  [default: 8]"
+    )
+    curve: str | None = option(type=click.Choice(CURVES), help="Transfer curve.  [default: srgb]")
+    bayer: str | None = option(
+        type=click.Choice(BAYER), help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]"
+    )
+
+    @property
+    def wants_blur(self) -> bool | None:
+        """Blur setting; None to blur only cameras with an aperture."""
+        if self.no_blur:
+            return False
+        return None if self.blur is None else self.blur == "on"
+
+    def is_blurred(self, camera: Camera) -> bool:
+        """Return whether images of a camera are rendered through its whole aperture."""
+        return isinstance(camera, Sensor) if self.wants_blur is None else self.wants_blur
+
+    def radiometry(self) -> Radiometry | None:
+        """Return the radiometric settings; None without options."""
+        asked = self.picked(*RADIOMETRY)
+        if not asked:
+            return None
+        if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
+            raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
+        return Radiometry(**asked | {"vignetting": float(self.vignetting or 0.0)})
+
+    def detector(self) -> Detector:
+        """Return the detector model."""
+        return Detector(**self.picked(*DETECTOR))
+
+
+@dataclass(frozen=True)
+class FilmOptions(Options):
+    """Video along poses."""
+
+    path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
+    fps: float | None = option(type=NUMBER, help="Videos: frames per second.  [default: 25]")
+    duration_s: float | None = option(type=NUMBER, help="Videos: duration.  [default: until the last pose]")
+    bodies: Path | None = option(
+        type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file."
+    )
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames per second."""
+        return 25.0 if self.fps is None else self.fps
+
+    def moving(self) -> tuple[MovingBox, ...]:
+        """Return the moving boxes of the scene."""
+        return () if self.bodies is None else load_bodies(self.bodies)
+
+
+@contextmanager
+def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on stderr and yield its update function for rows or frames."""
+    console = Console(stderr=True, quiet=is_quiet())
+    bar = Progress(
+        TextColumn(what, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
+        console=console, transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,119 @@
+"""``omnimirror board``: calibration targets for printing, and the options that specify a target."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from ....base.arguments import shown
+from ....base.files import is_standard_output
+from ....calibration.targets.boards import KINDS, Board
+from ....calibration.targets.printing import PAPERS_MM, SUFFIXES, write_board
+from .._declarations import DocumentedCommand, Options, option, takes
+from .._option_types import NUMBER
+from .._output import format_option, output_option, say, say_written
+
+# -- Options that specify a calibration target -----------------------------------------------------
+
+SIZE = "Columns and rows: inner corners of a chessboard, squares of a ChArUco board, tags of an April grid."
+SQUARE = "Side of a square, or of a tag."
+
+
+def board_size(text: str) -> tuple[int, int]:
+    """Parse the columns and rows of a board.
+
+    >>> board_size("11x7")
+    (11, 7)
+    """
+    match = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text.strip().lower())
+    if not match:
+        raise click.BadParameter(f"{shown(text)} is not the size of a board, such as 11x7")
+    return int(match[1]), int(match[2])
+
+
+@dataclass(frozen=True)
+class SoughtBoardOptions(Options):
+    """Calibration board, with the parameters of :class:`omnimirror.Board`; optional."""
+
+    board: tuple[int, int] | None = option(type=board_size, metavar="CxR", show_default=False, help=SIZE)
+    square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
+    target: str = option(type=click.Choice(KINDS), default="chessboard", help="Type of board.")
+    marker_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
+    )
+    spacing: float | None = option(
+        type=NUMBER, metavar="RATIO", help="April grid: gap between tags as a fraction of their side.  [default: 0.3]"
+    )
+    family: str | None = option(
+        metavar="NAME", help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]"
+    )
+    legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6.")
+
+    def made(self) -> Board | None:
+        """Return the board; None without options for one."""
+        if self.board is None or self.square_mm is None:
+            if self.changed:
+                raise click.UsageError("a board takes --board and --square-mm")
+            return None
+        columns, rows = self.board
+        more = self.picked("marker_mm", "spacing", "family")
+        return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class BoardOptions(SoughtBoardOptions):
+    """Calibration board, with the parameters of :class:`omnimirror.Board`."""
+
+    board: tuple[int, int] = option(type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE)
+    square_mm: float = option(type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE)
+
+    def made(self) -> Board:
+        """Return the board."""
+        made = super().made()
+        assert made is not None
+        return made
+
+
+# -- ``omnimirror board``: calibration targets for printing ----------------------------------------
+
+
+@dataclass(frozen=True)
+class SheetOptions(Options):
+    """Sheet, with the parameters of :func:`omnimirror.write_board`."""
+
+    margin_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]"
+    )
+    paper: str | None = option(
+        type=click.Choice(list(PAPERS_MM)), help="Paper size.  [default: as large as the board requires]"
+    )
+    dpi: float = option(type=NUMBER, default=300.0, help="Resolution of PNG files, dots per inch.")
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",),
+)
+@output_option(
+    "-o", "--output", required=True, formats=tuple(suffix[1:] for suffix in SUFFIXES),
+    help="Output file: .pdf, .svg or .png.",
+)  # fmt: skip
+@format_option(tuple(suffix[1:] for suffix in SUFFIXES))
+@takes(BoardOptions, "board")
+@takes(SheetOptions, "sheet")
+def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:
+    """Write a calibration target for printing at true scale.
+
+    Print it at 100 %, without fitting it to the page, and measure the 100 mm line at its foot.
+    Mount it on a flat and stiff support.
+    """
+    made = board.made()
+    written = write_board(made, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)
+    say_written(written)
+    if not is_standard_output(output):
+        size = f"--board {made.columns}x{made.rows} --square-mm {made.square_mm:g}"
+        say(f"Calibrate with {size} --target {made.kind}, and the square as you measured it")

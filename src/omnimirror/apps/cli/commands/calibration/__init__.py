@@ -1,1 +1,0 @@
-"""Calibration commands: targets, camera models, mirror outlines, uncertainty, conversion."""

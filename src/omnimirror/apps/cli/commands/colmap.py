@@ -1,0 +1,122 @@
+"""``omnimirror colmap``: dewarped images as a COLMAP project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from click.core import ParameterSource
+
+from ....base.files import write_json
+from ....dewarp.request import is_video
+from ....interop.colmap import write_colmap
+from ....interop.pinholes import RigCamera
+from ....io.batch import expand_inputs
+from ....optics.sensor_files import load_camera
+from ....simulation.scenes.scene import Pose
+from .._camera_options import OrientationOptions
+from .._declarations import DocumentedCommand, takes
+from .._option_types import SENSOR, WHOLE, angle, distance
+from .._output import json_option, output_console, plain_table, say, say_written
+from .._scene_options import rows_bar
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="interoperability",
+    examples=(
+        "omnimirror colmap paper-spherical walk -o project",
+        "omnimirror colmap mine.toml walk.mp4 --every 10 -o project",
+        "omnimirror colmap mine.toml walk --poses poses.csv --gsplat -o project",
+    ),
+)
+@click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
+@click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
+@click.option("--views", "views_around", type=WHOLE, default=6, show_default=True, help="Number of perspective views.")
+@click.option("--hfov-deg", type=angle, default="75", show_default=True, metavar="DEG", help="Field of each view.")
+@click.option("--tilt-deg", type=angle, default="0", show_default=True, metavar="DEG", help="Elevation of the views.")
+@click.option("--size", type=WHOLE, metavar="PX", help="Side of a view or width of the panorama.")
+@click.option("--distance-mm", type=distance, default="inf", show_default=True, metavar="MM",
+              help="Object distance at which views are exact.")  # fmt: skip
+@click.option("--panorama", is_flag=True, help="Write one EQUIRECTANGULAR camera instead of views.")
+@takes(OrientationOptions, "orientation")
+@click.option("--every", type=WHOLE, default=1, show_default=True, help="Use every n-th image or frame.")
+@click.option("--poses", type=click.Path(path_type=Path, dir_okay=False), metavar="CSV",
+              help="Poses of the sensor, one row per image or frame, as written by simulate.")  # fmt: skip
+@click.option("--gsplat", is_flag=True, help="Also write transforms.json for Nerfstudio and gsplat; requires --poses.")
+@json_option("Write views, sizes and reprojection errors by distance.")
+def command(
+    camera: str,
+    images: tuple[str, ...],
+    output: Path,
+    views_around: int,
+    hfov_deg: float,
+    tilt_deg: float,
+    size: int | None,
+    distance_mm: float,
+    panorama: bool,
+    orientation: OrientationOptions,
+    every: int,
+    poses: Path | None,
+    gsplat: bool,
+    json_file: Path | None,
+) -> None:
+    """Dewarp IMAGES, files, a folder or a video, into a rig of pinhole cameras for COLMAP.
+
+    The output folder contains images and masks of every view, database.db, rig_config.json, and
+    with --gsplat transforms.json. The printed reprojection errors at several object distances, px,
+    arise because the rays of a mirror do not meet in one point. Lengths are in metres.
+    """
+    _check_view_options(panorama)
+    if gsplat != (poses is not None):
+        raise click.UsageError("--gsplat and --poses must be given together")
+    if is_video(images[0]):
+        orientation.report_video(images[0])
+    else:
+        orientation.report(expand_inputs(images))
+    with rows_bar("Dewarping") as progress:
+        project = write_colmap(
+            load_camera(camera), images, output, views_around=views_around, hfov_deg=hfov_deg, tilt_deg=tilt_deg,
+            size=size, distance_mm=distance_mm, panorama=panorama, every=every,
+            poses=None if poses is None else _read_poses(poses),
+            stored_orientation=orientation.stored_orientation, on_progress=progress,
+        )  # fmt: skip
+    table = plain_table(
+        "view", "size", *(f"error at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px), words=("view", "size")
+    )
+    for view in project.rig:
+        width, height = view.screen.size
+        table.add_row(view.name, f"{width} x {height}", *(f"{error:.2g}" for error in view.errors_px.values()))
+    console = output_console()
+    console.print(table)
+    if json_file:
+        write_json(json_file, [_record(view) for view in project.rig])
+        say_written(json_file, console=console)
+    say(f"{output}: {project.images} images, {len(project.rig)} views each", console=console)
+
+
+def _check_view_options(panorama: bool) -> None:
+    """Raise UsageError for options of perspective views with a panorama."""
+    context = click.get_current_context()
+    for name in ("views_around", "hfov_deg", "tilt_deg", "distance_mm"):
+        if panorama and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            option = "views" if name == "views_around" else name.replace("_", "-")
+            raise click.UsageError(f"--{option} must not be given with --panorama")
+
+
+def _record(view: RigCamera) -> dict[str, Any]:
+    """Return a row of the table for JSON."""
+    errors = [{"distance_mm": mm, "error_px": error} for mm, error in view.errors_px.items()]
+    return {"view": view.name, "size": view.screen.size, "errors": errors}
+
+
+def _read_poses(path: Path) -> list[Pose]:
+    """Return a pose for each row of a file."""
+    from ....simulation.simulated_video import load_path
+
+    track = load_path(path)
+    times = np.unique([time for entries in track.tracks.values() for time, _ in entries])
+    return [Pose(**track.at(float(time))) for time in times]

@@ -1,0 +1,150 @@
+"""``omnimirror convert``: conversion of camera models between file formats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.table import Table
+
+from ....base.files import write_json
+from ....calibration.conversion import DISTANCES_MM, Conversion, convert
+from ....calibration.formats import FORMATS
+from ....cameras.frames import CameraLooks, Mount
+from ....cameras.models.camera_model import Optics
+from .._declarations import DocumentedCommand, Options, option, takes
+from .._option_types import NUMBER, angle, distance, whole_size
+from .._output import Output, json_option, output_console, plain_table, say, say_written
+
+
+def distance_list(text: str) -> tuple[float, ...]:
+    """Parse comma-separated distances in mm, ``inf`` allowed.
+
+    >>> distance_list("500,inf")
+    (500.0, inf)
+    """
+    return tuple(distance(part.strip()) for part in text.split(","))
+
+
+@dataclass(frozen=True)
+class UnsaidOptions(Options):
+    """Missing data of the source, with the parameters of :func:`omnimirror.convert`."""
+
+    camera: str | None = option(metavar="N|NAME", help="Camera of a rig: index from 0, or name.  [default: 0]")
+    optics: Optics | None = option(
+        type=click.Choice(["mirror", "fisheye"]), help="Type of optics: mirror or fisheye lens.  [default: mirror]"
+    )
+    rim_radius_px: float | None = option(
+        type=NUMBER, metavar="PX", help="Radius of the field in the image.  [default: unlimited]"
+    )
+    image_size: tuple[int, int] | None = option(
+        type=whole_size, metavar="WxH", help="Image size, for a source file without it."
+    )
+
+
+@dataclass(frozen=True)
+class MountOptions(Options):
+    """Mounting, which other file formats do not contain."""
+
+    camera_looks: CameraLooks | None = option(
+        type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: up]"
+    )
+    forward_azimuth_deg: float | None = option(
+        type=angle, metavar="DEG",
+        help="Image direction of forward, from image right towards image bottom.  [default: -90]",
+    )  # fmt: skip
+    image_flipped: bool | None = option(
+        is_flag=True, help="Declare that the calibrated image was mirrored left to right."
+    )
+
+
+@dataclass(frozen=True)
+class CostOptions(Options):
+    """Approximation error."""
+
+    tolerance_px: float | None = option(
+        type=NUMBER,
+        metavar="PX",
+        help="Fit another model with at most this error if the format does not support the source model.",
+    )
+    distance_mm: tuple[float, ...] | None = option(
+        type=distance_list, metavar="MM,..",
+        help="Object distances for a camera without a single viewpoint; 'inf' is allowed.  [default: "
+        f"{','.join(f'{d:g}' for d in DISTANCES_MM)}]",
+    )  # fmt: skip
+    field_deg: float | None = option(
+        type=NUMBER, metavar="DEG", help="Maximum field angle of the fit.  [default: the calibrated field]"
+    )
+    inner_deg: float | None = option(
+        type=NUMBER, metavar="DEG", help="Minimum field angle of the fit, excluding the image of the camera itself."
+    )
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5",),
+)
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("target", type=Output())
+@click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="Format of SOURCE.  [default: detected]")
+@click.option("--to", metavar="FORMAT", help="Format of TARGET, or one of its models, such as kalibr-ds.")
+@click.option("--flip", is_flag=True, help="Write the camera of the image mirrored left to right.")
+@takes(UnsaidOptions, "unsaid")
+@takes(MountOptions, "stands")
+@takes(CostOptions, "cost")
+@json_option("Write what it costs, in pixels and for each distance.")
+def command(
+    source: Path,
+    target: Path,
+    from_: str | None,
+    to: str | None,
+    flip: bool,
+    unsaid: UnsaidOptions,
+    stands: MountOptions,
+    cost: CostOptions,
+    json_file: Path | None,
+) -> None:
+    """Convert the camera model in SOURCE to another format, write TARGET, and report the error."""
+    options: dict[str, Any] = {**unsaid.given, **cost.given}
+    if stands.given:
+        options["mount"] = Mount(**stands.given)
+    made = convert(source, target, to=to, from_=from_, flip=flip, **options)
+    console = output_console()
+    say(f"{made.source} to {made.target}: {words_of(made)}", console=console)
+    if len(made.costs) > 1:
+        console.print(_table(made))
+    for note in made.notes:
+        say(("Note: ", "yellow"), note, console=console)
+    if json_file:
+        told = {"exact": made.exact, "rms_px": made.rms_px, "largest_px": made.largest_px}
+        costs = [one._asdict() for one in made.costs]
+        write_json(json_file, {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes})
+    say_written(target, json_file, console=console)
+
+
+def words_of(made: Conversion) -> str:
+    """Format the approximation error of a conversion in one line."""
+    if made.exact:
+        return "the same numbers"
+    what = "a panorama" if made.target.endswith("equirectangular") else "a fitted model"
+    worst = max(made.costs, key=lambda c: c.largest_px)
+    (u, v), far = worst.at_px, "" if len(made.costs) == 1 else f", of things at {_distance(worst.distance_mm)}"
+    return (
+        f"{what}, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
+        f"{worst.at_deg:.3g} deg from the axis{far}"
+    )
+
+
+def _distance(distance_mm: float) -> str:
+    return "any great distance" if np.isinf(distance_mm) else f"{distance_mm:g} mm"
+
+
+def _table(made: Conversion) -> Table:
+    table = plain_table("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg")
+    for c in made.costs:
+        table.add_row(f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
+    return table

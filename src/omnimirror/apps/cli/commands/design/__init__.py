@@ -1,1 +1,0 @@
-"""Design commands: sensors, off-the-shelf parts, tolerances, and export."""

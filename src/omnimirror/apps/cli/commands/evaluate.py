@@ -1,0 +1,285 @@
+"""``omnimirror evaluate``: complete evaluation of one sensor as in the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+
+from ....analysis.camera_evaluation import CameraMapping, evaluate_camera
+from ....analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
+from ....analysis.focus import FOCUS_MERITS, best_focus
+from ....analysis.operating_conditions import at_temperature, thermal_motion_px
+from ....analysis.viewpoints import best_viewpoint
+from ....base.escaping import shell_command
+from ....base.quantities import QUANTITIES
+from ....base.typing import Array
+from ....calibration.sensor_model import SensorModel
+from ....optics.lenses import BlurMode
+from ....optics.mirrors import Cone, SampledProfile
+from ....optics.sensor import Sensor
+from ....optics.sensor_files import load_camera
+from ....optics.tracing.obscuration import hidden_words
+from .._declarations import DocumentedCommand, Options, flag, option, takes
+from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
+from .._output import json_option, output_console, output_option, print_rows, say, say_written
+from .._sensor_options import HousingOptions, LensOptions
+
+MOST_NAMED = 5  # outliers listed by name
+TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]
+"""Columns printed on the terminal; files contain all columns."""
+
+
+@dataclass(frozen=True)
+class EvaluationOptions(Options):
+    """Evaluation points, with the parameters of :func:`omnimirror.evaluate`."""
+
+    omega_deg: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
+    )
+    x_mm: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Mirror points by their distance from the axis, instead of field angles."
+    )
+    h_px: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Image heights in pixels from the centre, instead of field angles."
+    )
+    pixels: tuple[tuple[float, float], ...] = option(
+        "--pixel", type=pixel, metavar="U,V", multiple=True, help="Pixel, instead of field angles (repeatable)."
+    )
+    object_distance_mm: float = option(
+        type=distance, metavar="MM", default=np.inf, help="Object distance from the reflection point."
+    )
+    focus_mm: Any = option(
+        type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]"
+    )
+    merit: str = option(
+        type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2",
+        help="Merit minimised by --focus-mm auto.",
+    )  # fmt: skip
+    paper_mode: bool | None = option(
+        is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form."
+    )
+    image_radius_px: float | None = option(type=NUMBER, help="Scale the image to this rim radius, 500 in the paper.")
+    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
+    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur for the depth of field.")
+    temperature_c: float | None = option(
+        type=NUMBER, metavar="C", help="Temperature of the sensor; requires a table [thermal] in its file."
+    )
+
+    def evaluation(self, sensor: Sensor) -> Evaluation:
+        """Return the evaluation for the options."""
+        asked = self.given | {"pixels": self.pixels or None}
+        asked.pop("temperature_c", None)
+        mode: BlurMode = "paper" if asked.pop("paper_mode", False) else "exact"
+        return evaluate(sensor, **asked, mode=mode)
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="evaluation",
+    examples=(
+        "omnimirror evaluate paper-spherical --omega-deg 0:135:5",
+        "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures",
+    ),
+)
+@click.argument("sensor", type=SENSOR)
+@takes(EvaluationOptions, "asked")
+@output_option(
+    "--csv",
+    "csv_file",
+    help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.",
+)
+@json_option("Write summary and all columns.")
+@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
+@takes(LensOptions, "lens")
+@takes(HousingOptions, "housing")
+def command(
+    sensor: str,
+    asked: EvaluationOptions,
+    lens: LensOptions,
+    housing: HousingOptions,
+    csv_file: Path | None,
+    json_file: Path | None,
+    figures: Path | None,
+) -> None:
+    """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
+
+    Prints a table; output files contain more columns.
+
+    For a calibrated camera (camera file or OCamCalib file) the table contains radius, resolution,
+    viewpoint and, if the uncertainty is known, the error of directions; likewise for a sensor with
+    a decentred or tilted mirror, averaged over azimuths. omnimirror uncertainty evaluates the
+    uncertainty of a calibrated camera over the whole image.
+    """
+    camera, console = load_camera(sensor), output_console()
+    if not isinstance(camera, Sensor) or not camera.is_axial:
+        _refuse_what_asks_for_optics(camera, (asked, lens, housing), figures)
+        if isinstance(camera, Sensor):
+            camera.check("evaluation of what is out of its axis", "one mirror", "thin lens", "ideal but for poses")
+        model = SensorModel(camera) if isinstance(camera, Sensor) else camera
+        result_in_space = evaluate_camera(model, asked.omega_deg)
+        _show_mapping(console, sensor, result_in_space, csv_file, json_file)
+        return
+    camera = housing.on(lens.on(camera))
+    if asked.temperature_c is not None:
+        _say_motion(console, camera, asked.temperature_c)
+        camera = at_temperature(camera, asked.temperature_c)
+    result = asked.evaluation(camera)
+    if csv_file:
+        result.to_csv(csv_file, deviations=True)
+    if json_file:
+        result.to_json(json_file)
+    print_summary(console, result, asked.merit)
+    print_table(console, result)
+    say_written(csv_file, json_file, console=console)
+    if figures:
+        _draw(console, result, figures)
+
+
+def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
+    """Print the image motion due to the change of temperature."""
+    motion = thermal_motion_px(sensor, temperature_c)
+    assert sensor.thermal is not None, "what moves says how"
+    console.print(
+        f"at {temperature_c:g} C the picture lies up to {motion:.3g} px from where it is at "
+        f"{sensor.thermal.reference_c:g} C"
+    )
+
+
+def _refuse_what_asks_for_optics(camera: Any, asked: tuple[Options, ...], figures: Path | None) -> None:
+    """Raise UsageError for quantities that a calibrated camera or a misaligned mirror does not
+    have.
+    """
+    given = [_flag_of(name) for options in asked for name in options.changed if name != "omega_deg"]
+    if given := [*given, *(["--figures"] if figures else [])]:
+        why = "asks for mirror and lens, of which a camera file says nothing"
+        if isinstance(camera, Sensor):
+            why = "asks for the meridian of an aligned mirror and cover, and here one is decentred or tilted"
+        raise click.UsageError(f"{given[0]} {why}; valid with it are --omega-deg, --csv and --json")
+
+
+def _flag_of(name: str) -> str:
+    return "--pixel" if name == "pixels" else flag(name)
+
+
+def _show_mapping(
+    console: Console, source: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None
+) -> None:
+    if csv_file:
+        result.to_csv(csv_file)
+    if json_file:
+        result.to_json(json_file)
+    s = result.summary()
+    words = (
+        f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg, there at "
+        f"{s['rim_radius_px']:.1f} px"
+    )
+    say((Path(source).name, "bold"), words, console=console)
+    if isinstance(result.camera, SensorModel):
+        say(
+            f"{_out_of_place(result.camera.sensor)}: traced in space, far away, means over the azimuths, from which "
+            f"resolution differs by up to {result.varies_percent:.2g} %",
+            console=console,
+        )
+    if result.camera.uncertainty is not None:
+        command = shell_command(["omnimirror", "uncertainty", source])
+        say(f"error: one standard deviation of a direction; {command} shows it over the picture", console=console)
+    console.print()
+    cells = result.texts()
+    heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]
+    print_rows(console, heads, cells.values())
+    say_written(csv_file, json_file, console=console)
+
+
+def print_table(console: Console, result: Evaluation) -> None:
+    """Print the columns that fit; on narrow terminals fewer columns, never wrapped numbers."""
+    columns = [*TERMINAL_COLUMNS, *result.of_lens]
+    cells, width = result.texts(columns), 0
+    shown: list[str] = []
+    for name in columns:
+        q = QUANTITIES[name]
+        width += max(len(q.heading), len(q.unit), *map(len, cells[name])) + 2
+        if console.is_terminal and width > console.width:
+            break
+        shown.append(name)
+    heads = [(QUANTITIES[name].heading, QUANTITIES[name].unit) for name in shown]
+    print_rows(console, heads, [cells[name] for name in shown])
+    hidden = len(columns) - len(shown)
+    if hidden:
+        say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
+
+
+def print_summary(console: Console, result: Evaluation, merit: str) -> None:
+    """Print field, focus and blur of the sensor in a few lines."""
+    sensor, s = result.sensor, result.summary()
+    near, far = result.depth_of_field_mm
+    best = best_focus(
+        sensor, merit, object_distance_mm=float(np.max(result.object_distance_mm)), mode=result.mode,
+        image_radius_px=result.image_radius_px, wavelength_nm=result.wavelength_nm,
+    )  # fmt: skip
+    second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
+    lines = [
+        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
+        f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
+        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
+        f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
+        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {QUANTITIES[merit].unit}",
+    ]
+    if not sensor.housing.is_empty:
+        lines.append(f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.hidden_percent)}")
+    if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
+        radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
+        lines.append(
+            f"a cone has no single viewpoint: virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm"
+        )
+    if np.isfinite(result.object_distance_mm).all():
+        v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
+        lines.append(
+            f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
+            f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
+        )
+    if isinstance(sensor.mirror, SampledProfile):
+        lines += profile_lines(result, sensor.mirror)
+    say((sensor.name, "bold"), "\n".join(lines), console=console)
+    console.print()
+
+
+def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
+    """Format the noise, the outliers and the resulting errors of a measured mirror profile."""
+    fit, lines = mirror.fit, []
+    if wrong := mirror.outliers:
+        named = ", ".join(f"{i + 1} (x = {mirror.x_mm[i]:g} mm)" for i in wrong[:MOST_NAMED])
+        more = f" and {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
+        lines.append(f"points of the profile left out as wrong: {named}{more}")
+    deviations = result.standard_deviations()
+    if deviations:
+        how = "estimated from the points" if mirror.uncertainty_um is None else "as stated, or as they scatter"
+        lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:")
+        worst = ((QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS)
+        shown = [f"{q.heading} {v.max():.2g} {q.unit}".strip() for q, v in worst if v.size and v.max() > 0]
+        lines.append("  " + ", ".join(shown))
+    return lines
+
+
+def _draw(console: Console, result: Evaluation, folder: Path) -> None:
+    from ....analysis.figures import Conditions, save_all
+
+    with console.status("Drawing figures"):
+        paths = save_all([result.sensor], folder, conditions=Conditions.of(result))
+    say(f"Wrote {len(paths)} figures to ", (str(folder), "bold"), console=console)
+
+
+def _out_of_place(sensor: Sensor) -> str:
+    """Format the decentration and tilt of a sensor."""
+    parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
+    said = [
+        f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by "
+        f"{np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg"
+        for name, part in parts.items()
+        if part is not None and not part.is_axial
+    ]
+    return ", ".join(said)

@@ -1,0 +1,244 @@
+"""``omnimirror export``: CAD files, lens files, tables and drawings of a sensor."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from datetime import date
+from pathlib import Path
+
+import click
+
+from ....base.arguments import float_of
+from ....base.files import write_json
+from ....manufacturing import DEFAULT_FORMATS, FORMATS, Body, ExportedFile, Tool, Workshop, load_workshop
+from ....manufacturing.body import TAP_DRILLS_MM
+from ....manufacturing.drawings.sheet import SHEETS
+from ....manufacturing.exporter import export
+from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
+from ....manufacturing.tolerancing.tolerance_file import load_allocated_tolerances
+from ....optics.sensor import Sensor
+from ....optics.sensor_files import load_sensor
+from .._declarations import DocumentedCommand, Options, option, takes
+from .._option_types import NUMBER, SENSOR, WHOLE
+from .._output import json_option, output_console, output_option, plain_table, say, say_written
+from .._sensor_options import HousingOptions
+
+DRAWN = (".pdf", ".svg", ".png", ".dxf")
+
+
+def formats(text: str) -> list[str]:
+    """Parse comma-separated format names.
+
+    >>> formats("step, pdf")
+    ['step', 'pdf']
+    """
+    names = [name.strip() for name in text.split(",")]
+    if unknown := [name for name in names if name not in FORMATS]:
+        raise click.BadParameter(f"formats must be from {', '.join(FORMATS)}; got {unknown[0]!r}")
+    return names
+
+
+def scale(text: str) -> float:
+    """Parse a drawing scale, paper to actual size.
+
+    >>> scale("1:2"), scale("5:1")
+    (0.5, 5.0)
+    """
+    try:
+        paper, nature = (float_of(part) for part in text.split(":"))
+        number = paper / nature
+    except (ValueError, ZeroDivisionError):
+        number = 0.0
+    if not number > 0:
+        raise click.BadParameter(f"scale must have a format such as 1:2 or 5:1; got {text!r}")
+    return number
+
+
+@dataclass(frozen=True)
+class BodyOptions(Options):
+    """Bodies of the mirrors; defaults follow from the rims in the housing of the sensor."""
+
+    thickness_mm: float | None = option(type=NUMBER, help="Body: thickness from rim to back.  [default: 5]")
+    bore_diameter_mm: float | None = option(type=NUMBER, help="Body: diameter of a bore on the axis, from the back.")
+    thread: str | None = option(
+        type=click.Choice(list(TAP_DRILLS_MM)), help="Body: tapped hole for this thread instead of a bore."
+    )
+    bore_depth_mm: float | None = option(
+        type=NUMBER, help="Body: depth of the bore; 'inf' for a through bore.  [default: 10]"
+    )
+    flange_width_mm: float | None = option(type=NUMBER, help="Body: width of a flange at the back, beyond the rim.")
+    flange_thickness_mm: float | None = option(type=NUMBER, help="Body: thickness of the flange.  [default: 2]")
+    counterbore_diameter_mm: float | None = option(
+        type=NUMBER, help="Body: diameter of a counterbore for a camera behind the mirror."
+    )
+    counterbore_depth_mm: float | None = option(type=NUMBER, help="Body: depth of the counterbore.  [default: 5]")
+    secondary_thickness_mm: float | None = option(
+        type=NUMBER, help="Body: thickness of the secondary mirror.  [default: 5]"
+    )
+
+    def body(self, sensor: Sensor) -> Body | None:
+        """Return the body of the mirror; None without options."""
+        changes = {name: value for name, value in self.given.items() if name != "secondary_thickness_mm"}
+        return replace(Body.of(sensor.housing.rim, sensor.mirror), **changes) if changes else None
+
+    def secondary_body(self) -> Body | None:
+        """Return the body of the secondary mirror; None without options."""
+        return None if self.secondary_thickness_mm is None else Body(self.secondary_thickness_mm)
+
+
+@dataclass(frozen=True)
+class FileOptions(Options):
+    """Resolution of files, as for :func:`omnimirror.export`."""
+
+    chord_tolerance_um: float = option(type=NUMBER, default=10.0, help="STL, 3MF: chord tolerance of the triangles.")
+    step_mm: float | None = option(type=NUMBER, help="Sag table: step along x.  [default: 0.01 rim radius]")
+    step_deg: float | None = option(type=NUMBER, help="Sag table: step of the field angle instead.")
+    digits: int = option(type=WHOLE, default=6, help="Sag table, tool path: decimals of a millimetre.")
+    grid_points: int = option(type=WHOLE, default=257, help="Grid sag: points along each side.")
+    sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper size.")
+    scale: float | None = option(
+        type=scale, metavar="1:N", help="Drawing: scale of the sensor view.  [default: the largest that fits]"
+    )
+
+
+@dataclass(frozen=True)
+class ToolOptions(Options):
+    """Lathe tool and cutting parameters."""
+
+    tool_radius_mm: float = option(type=NUMBER, default=0.5, help="Tool path: nose radius.")
+    feed_um: float = option(type=NUMBER, default=2.0, help="Tool path: feed per revolution.")
+    path_tolerance_nm: float = option(type=NUMBER, default=5.0, help="Tool path: maximum form error.")
+    spindle_rpm: float = option(type=NUMBER, default=1000.0, help="Tool path: spindle speed.")
+    clearance_mm: float = option(type=NUMBER, default=1.0, help="Tool path: clearance before and after the cut.")
+    x_is_diameter: bool = option(is_flag=True, default=False, help="Tool path: X is a diameter.")
+
+    def tool(self) -> Tool:
+        """Return the tool."""
+        return Tool(
+            self.tool_radius_mm,
+            self.feed_um,
+            self.path_tolerance_nm,
+            self.spindle_rpm,
+            self.clearance_mm,
+            self.x_is_diameter,
+        )
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="manufacture",
+    examples=(
+        "omnimirror export paper-spherical -o export --thread M6 --bore-depth-mm 12",
+        "omnimirror export mine.toml -o mirror.step",
+    ),
+)
+@click.argument("sensor", type=SENSOR)
+@output_option(
+    "-o",
+    "--output",
+    required=True,
+    formats=("csv",),
+    help="Folder, or file whose suffix selects the format; - prints the sag table.",
+)
+@click.option(
+    "--formats",
+    type=formats,
+    metavar="NAME,..",
+    help=f"Formats for a folder: {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]",
+)
+@click.option(
+    "--workshop", metavar="FILE", help="Drawing: TOML file with title block, material, coating, texture, tolerances."
+)
+@click.option("--tolerances", metavar="FILE", help="Drawing: TOML or JSON file of 'omnimirror tolerance'.")
+@takes(BodyOptions, "solid")
+@takes(FileOptions, "files")
+@takes(ToolOptions, "lathe")
+@takes(HousingOptions, "housing")
+@click.option("--allow-changes", is_flag=True, help="Write the files even if an option changes the evaluated sensor.")
+@click.option(
+    "--requirements",
+    metavar="FILE",
+    help="Requirement file; if an option changes the sensor, list the affected entries.",
+)
+@json_option("Write the table of files and deviations.")
+def command(
+    sensor: str,
+    output: Path,
+    formats: list[str] | None,
+    workshop: str | None,
+    tolerances: str | None,
+    solid: BodyOptions,
+    files: FileOptions,
+    lathe: ToolOptions,
+    housing: HousingOptions,
+    allow_changes: bool,
+    requirements: str | None,
+    json_file: Path | None,
+) -> None:
+    """Export CAD files, lens files, tables and a drawing of SENSOR.
+
+    Prints a table with the deviation of the surface in each file from the mirror.
+    """
+    camera = load_sensor(sensor)
+    data = _workshop(camera, workshop, tolerances)
+    console = output_console()
+    with console.status("Writing"):
+        written = export(
+            camera,
+            output,
+            formats=formats,
+            body=solid.body(camera),
+            secondary_body=solid.secondary_body(),
+            housing=housing.of(camera.housing),
+            tool=lathe.tool(),
+            workshop=data,
+            allow_changes=allow_changes,
+            requirements=requirements,
+            **files.given,
+        )
+    numbers = ("deviation\num", "ray deviation\ndeg")
+    table = plain_table("file", "content", *numbers, words=("file", "content"))
+    for file in written:
+        table.add_row(str(file.path), file.description, deviation_words(file), ray_words(file))
+    console.print(table)
+    if json_file:
+        write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
+        say_written(json_file, console=console)
+    parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
+    if any(file.path.suffix.lower() in DRAWN for file in written) and (missing := data.missing(parts)):
+        console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
+    if any(file.path.suffix.lower() in DRAWN for file in written):
+        for conflict in tolerance_conflicts(camera, data, solid.body(camera), solid.secondary_body()):
+            say(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
+    for file in written:
+        if not file.follows:
+            say(
+                (f"{file.path.name} is not accurate", "yellow"),
+                f": its rays deviate by up to {ray_words(file)} deg from those of the mirror; no asphere is more "
+                "accurate; "
+                "use the grid sag (--formats gridsag)",
+                console=console,
+            )
+
+
+def _workshop(sensor: Sensor, workshop: str | None, tolerances: str | None) -> Workshop:
+    """Return the data of the drawing, with today as the default date."""
+    data = Workshop() if workshop is None else load_workshop(workshop)
+    title = data.title if data.title.date else replace(data.title, date=date.today().isoformat())
+    return replace(
+        data, title=title, tolerances={} if tolerances is None else load_allocated_tolerances(tolerances, sensor)
+    )
+
+
+def deviation_words(file: ExportedFile) -> str:
+    """Format the deviation of a file."""
+    if file.deviation_um is None:
+        return ""
+    return f"{file.deviation_um:.2g}" if file.deviation_um else "exact"
+
+
+def ray_words(file: ExportedFile) -> str:
+    """Format the ray deviation of a lens file."""
+    if file.ray_deg is None:
+        return ""
+    return f"{file.ray_deg:.2g}" if file.ray_deg else "exact"

@@ -1,1 +1,0 @@
-"""Image commands: render, dewarp, restore, view and serve."""

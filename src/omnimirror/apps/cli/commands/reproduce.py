@@ -1,0 +1,40 @@
+"""``omnimirror reproduce``: figures and statements of the paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .._declarations import DocumentedCommand
+from .._output import output_console, say
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="errata",
+    examples=("omnimirror reproduce --out paper --figures",),
+)
+@click.option("--out", type=click.Path(path_type=Path), default="reproduced", show_default=True,
+              help="Folder for numbers.csv, numbers.md and the figures.")  # fmt: skip
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only.")
+@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, for example fig4 (repeatable).")
+def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
+    """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
+
+    The exit code is 1 if a verdict differs from the known one.
+    """
+    from ....base.errors import NotReproduced
+    from ...reproduction import _claims, reproduce_paper
+
+    console = output_console()
+    with console.status("Computing") as status:
+        result = reproduce_paper(
+            out, figures=figures, only=only or None, progress=lambda what: status.update(f"Working on {what}")
+        )
+    console.print(_claims.terminal_table(result.rows))
+    console.print(_claims.summary(result.rows), highlight=False, soft_wrap=True)
+    say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
+    if result.unexpected:
+        rows = "; ".join(r.title for r in result.unexpected)
+        raise NotReproduced(f"verdicts differ from the known ones in row {rows}")

@@ -1,0 +1,103 @@
+"""``omnimirror studio``: image viewer and sensor design in the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ....base.errors import OmnimirrorError
+from ....base.files import write_text
+from .._declarations import DocumentedCommand, Options, option, takes
+from .._option_types import WholeRange
+from .._output import progress_bar, say
+from .._process_state import is_quiet
+
+if TYPE_CHECKING:
+    from ...studio._server_state import Studio
+
+
+@dataclass(frozen=True)
+class ListenOptions(Options):
+    """Server."""
+
+    host: str = option(
+        default="127.0.0.1", help="Host address; addresses reachable from other machines require a token."
+    )
+    port: int = option(type=WholeRange(0, 65535), default=0, show_default=False, help="Port.  [default: any free port]")
+
+
+@dataclass(frozen=True)
+class ServerOptions(ListenOptions):
+    """Server and browser."""
+
+    open_browser: bool = option(
+        "--open/--no-open", default=True, show_default=False, help="Open the page in the browser."
+    )
+    folders: tuple[Path, ...] = option(
+        "--folder", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
+        help="Serve the images and videos of a folder as well.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PageOptions(Options):
+    """Standalone page."""
+
+    page: Path | None = option(
+        "--page", type=click.Path(dir_okay=False, path_type=Path),
+        help="Write a standalone page that views any image through the bundled sensors, without a server.",
+    )  # fmt: skip
+
+
+def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
+    """Serve until Ctrl-C, or report the missing packages."""
+    try:
+        from ...studio.app import serve
+    except ModuleNotFoundError as e:
+        if e.name not in ("fastapi", "starlette", "uvicorn"):
+            raise
+        raise OmnimirrorError("the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'") from None
+    serve(make(), server.host, server.port, server.open_browser, click.echo)
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="studio",
+    examples=("omnimirror studio --folder pictures", "omnimirror studio --page look.html"),
+)
+@takes(PageOptions, "written")
+@takes(ServerOptions, "server")
+def command(server: ServerOptions, written: PageOptions) -> None:
+    """Open the studio in the browser: view images, videos and cameras through a sensor, or design
+    one.
+
+    The server listens on this machine only, unless --host is given.
+    """
+    if written.page is not None:
+        return _write_page(written.page)
+
+    def make() -> Studio:
+        from ...studio._server_state import Sources, Studio
+
+        return Studio(Sources(folders=server.folders))
+
+    run_studio(make, server)
+
+
+def _write_page(path: Path) -> None:
+    """Write the standalone page."""
+    from rich.console import Console
+
+    from ...studio import page_alone
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise click.UsageError(f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}")
+    with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
+        task = bar.add_task("simulating rooms", total=None)
+        text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
+    write_text(path, text)
+    say(f"{path}: open it in a browser, or put it on a web server, and drop pictures on it")

@@ -1,0 +1,77 @@
+"""``omnimirror view``: studio page for images, videos, cameras or streams."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ....base.errors import MediaError
+from ....dewarp.request import is_video
+from ....io import read_image
+from .._camera_options import CameraOptions
+from .._declarations import DocumentedCommand, takes
+from .studio import ServerOptions, run_studio
+
+if TYPE_CHECKING:
+    from ...studio._look_cameras import Known
+    from ...studio._server_state import Studio
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="studio",
+    examples=(
+        "omnimirror view /dev/video0 --sensor mine.toml",
+        "omnimirror view room.mp4 --sensor mine.toml",
+        "omnimirror view rtsp://door/1 rtsp://yard/1 --sensor mine.toml",
+    ),
+)
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@takes(CameraOptions, "camera")
+@takes(ServerOptions, "server")
+def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptions) -> None:
+    """View each SOURCE in the browser.
+
+    SOURCE is an image, a video file, or a camera or stream (/dev/video0, rtsp://...); the page
+    opens with the first and lists the others. Specify the camera with one of --sensor, --ocam and
+    --ball, or select it on the page.
+    """
+    if camera.given:
+        camera.check()
+
+    def make() -> Studio:
+        from ...studio._server_state import Sources, Studio
+
+        live = [source for source in sources if _is_live(source)]
+        known = _known(sources[0], camera) if camera.given else None
+        return Studio(Sources(sources, server.folders, live), known)
+
+    run_studio(make, server)
+
+
+def _is_live(source: str) -> bool:
+    """Return whether a source is a camera or stream; raise an error if it is neither that nor a
+    file.
+    """
+    live = is_video(source) and not Path(source).is_file()
+    if live and Path(source).suffix and "://" not in source and not source.startswith("/dev/"):
+        raise MediaError(f"there is no video {source}")
+    if not live and not is_video(source):
+        read_image(source)
+    return live
+
+
+def _known(source: str, options: CameraOptions) -> Known:
+    """Return the camera of the options; the page adds its mounting to the command line."""
+    from ...studio._camera_tables import title_of
+    from ...studio._look_cameras import Known
+
+    size = (1024, 1024)
+    if options.ball is not None and not is_video(source):
+        height, width = read_image(source).shape[:2]
+        size = (width, height)
+    name, words = options.words()
+    camera = options.camera(size)
+    return Known("given", name, title_of(camera), words, camera)

@@ -1,0 +1,220 @@
+"""File import and export of the bench: sensors, requirements, reports, drawings, tables and
+rendered images."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+
+from ...analysis.evaluation import evaluate
+from ...base.errors import InvalidParameter, SpecError
+from ...base.files import parse_toml
+from ...optics.image_sensor import Imager
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import format_sensor, sensor_of, tables_of
+from ...optics.toml_validation import SourceLocator
+from ._bench_requirements import lens_table, requirements_for
+from ._bench_sensors import in_place, on_bench, sensor_on_bench
+from ._http_messages import framed
+from ._uploads import encoded, safe_name
+from .bench_messages import Download, Opened, PictureAsk, Taken, distance_of
+
+ROWS = 361  # field angles of a table
+JPEG_QUALITY = 86
+MOST_ACROSS = 4096
+"""Maximum width of a panorama and maximum longer side of the imager in a report, pixels."""
+VERY_FAR = 1e12
+"""Finite stand-in for an infinite distance in JSON, mm."""
+
+
+class File(NamedTuple):
+    """Downloadable file."""
+
+    name: str
+    kind: str
+    data: bytes
+
+
+def opened(name: str, data: bytes) -> Opened:
+    """Read an uploaded sensor file or requirement file (recognised by its ``[field]`` table).
+
+    Raises
+    ------
+    OmnimirrorError
+        Invalid or unknown file; the message contains the position.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
+    tables = parse_toml(text, name)
+    where = SourceLocator(text, name)
+    if "field" in tables:
+        return Opened(sensor=None, requirements=_checked(tables, where))
+    return Opened(sensor=on_bench(sensor_of(tables, where)), requirements=None)
+
+
+def _checked(tables: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
+    """Validate and return the tables of a requirement file."""
+    from ...design.requirement_files import requirements_of
+
+    requirements_of(tables, where)
+    plain: dict[str, Any] = _replaced(tables, float("inf"), VERY_FAR)
+    return plain
+
+
+def _replaced(value: Any, old: float, new: float) -> Any:
+    """Return the data with one number replaced and entries of value None removed."""
+    if isinstance(value, dict):
+        return {k: _replaced(v, old, new) for k, v in value.items() if v is not None}
+    if isinstance(value, list):
+        return [_replaced(v, old, new) for v in value]
+    return new if value == old else value
+
+
+def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
+    """Format a requirement file; missing entries are taken from the sensor.
+
+    Raises
+    ------
+    SpecError
+        Invalid requirements.
+    """
+    sensor = in_place(sensor)
+    requirements = requirements_for(tables, sensor)
+    imager = tables_of(sensor)["imager"]
+    rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
+    own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": lens_table(sensor)}
+    return tomli_w.dumps(_replaced({**own, **tables}, VERY_FAR, float("inf")))
+
+
+# -- download --------------------------------------------------------------------------------------
+
+
+def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
+    """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
+
+    For reports, ``tell`` receives the current step and the completed fraction.
+
+    Raises
+    ------
+    OmnimirrorError
+        Invalid sensor, or a sensor without such a file.
+    """
+    sensor = sensor_on_bench(asked.tables)
+    if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
+        what = OF_ONE_MERIDIAN[asked.kind]
+        raise InvalidParameter(
+            f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there"
+        )
+    return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
+
+
+def _sensor_file(sensor: Sensor, asked: Download) -> File:
+    return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
+
+
+def _table(sensor: Sensor, asked: Download) -> File:
+    distance = distance_of(asked.object_distance_mm)
+    result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
+    return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
+
+
+def _sag(sensor: Sensor, asked: Download) -> File:
+    return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
+
+
+def _drawing(sensor: Sensor, asked: Download) -> File:
+    return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
+
+
+def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
+    from ..reports import write_demo
+
+    width, height = sensor.imager.size
+    if max(width, height) > MOST_ACROSS:
+        raise InvalidParameter(
+            f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, "
+            "and omnimirror demo makes larger ones"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        data = write_demo(sensor, folder, progress=tell).read_bytes()
+    return File(f"{_stem(sensor)}-report.html", "text/html", data)
+
+
+KINDS: dict[str, Callable[[Sensor, Download], File]] = {
+    "sensor": _sensor_file,
+    "table": _table,
+    "sag": _sag,
+    "drawing": _drawing,
+}
+SLOW_KINDS = ("drawing", "report")
+
+
+OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
+"""Files of rotationally symmetric quantities, valid in any meridian."""
+
+
+def _exported(sensor: Sensor, name: str, kind: str) -> File:
+    from ...manufacturing.exporter import export
+
+    return _written(name, kind, lambda path: export(sensor, path))
+
+
+def _written(name: str, kind: str, write: Callable[[Path], object]) -> File:
+    """Return the bytes that a function writes to a path."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return File(name, kind, path.read_bytes())
+
+
+def _stem(sensor: Sensor) -> str:
+    return safe_name(sensor.name)
+
+
+# -- images ----------------------------------------------------------------------------------------
+
+
+def taken(ask: PictureAsk) -> bytes:
+    """Render the image of the room and its panorama at a reduced imager resolution.
+
+    Raises
+    ------
+    OmnimirrorError
+        Invalid sensor.
+    """
+    from ...dewarp import Dewarper, views
+    from ...simulation.rendering import take_picture
+    from ...simulation.scenes.room import Room
+
+    sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
+    picture = take_picture(sensor, Room(), samples=ask.samples)
+    view = views.panorama(sensor)
+    if view.size[0] > MOST_ACROSS:  # narrow vertical field
+        view = views.panorama(sensor, (MOST_ACROSS, None))
+    panorama = Dewarper(sensor, view)(picture)
+    files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
+    return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
+
+
+def coarser(sensor: Sensor, longest_px: int) -> Sensor:
+    """Return the sensor with an imager of the same size and ``longest_px`` pixels along its longer
+    side.
+
+    >>> import omnimirror as om
+    >>> small = coarser(om.load_sensor("paper-spherical"), 256)
+    >>> small.imager.size, round(small.rim_radius_px, 1)
+    ((256, 256), 125.4)
+    """
+    i = sensor.imager
+    share = longest_px / max(i.size)
+    centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
+    width, height = (max(1, round(side * share)) for side in i.size)
+    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]

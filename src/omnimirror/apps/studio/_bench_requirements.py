@@ -1,0 +1,157 @@
+"""Requirement checks of arbitrary sensors on the bench, and feasible ranges of sliders."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...analysis.evaluation import Evaluation
+from ...base.errors import OmnimirrorError
+from ...design.merits import values_of_evaluation
+from ...design.requirement_check import Judgement, evaluations, judge
+from ...design.requirement_files import lens_like, requirements_of
+from ...design.requirements import Requirements
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import tables_of
+from ._bench_sensors import in_place, sensor_on_bench
+from .bench_messages import BlockValues, JudgementOf, Slide, SlidesAsk, SlidesOf, columns_of
+
+# -- Requirement checks of arbitrary sensors on the bench, independent of the requirements of their design
+
+DIGITS = 6
+CHECK_ANGLES = 181  # field angles at which limits are evaluated while a slider moves
+OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
+"""Entries that are checked only if the requirements contain them explicitly."""
+
+
+def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
+    """Build requirements from tables; missing parts (mirror, lens, imager) are taken from the
+    sensor.
+
+    Raises
+    ------
+    SpecError
+        Invalid tables; the message contains the position and the valid values.
+    """
+    data = dict(tables)
+    data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
+    data.setdefault("lens", lens_table(sensor))
+    data.setdefault("imager", tables_of(sensor)["imager"])
+    return requirements_of(data)
+
+
+def lens_table(sensor: Sensor) -> dict[str, Any]:
+    """Return the lens of a sensor as a table of a requirement file, with rounded numbers."""
+    return {name: round(v, DIGITS) if isinstance(v, float) else v for name, v in lens_like(sensor).items()}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Result of a requirement check: achieved values or an error message, and the limited
+    quantities."""
+
+    rows: tuple[JudgementOf, ...] = ()
+    trouble: str | None = None
+    curves: tuple[BlockValues, ...] = ()
+    """One block, "limits": limited quantities over the field, named after their rows."""
+
+
+def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
+    """Check an evaluated sensor against requirements from tables, with limits at the same field
+    angles."""
+    sensor = curve.sensor
+    try:
+        requirements = requirements_for(tables, sensor)
+        rows = rows_of(tables, requirements, sensor, CHECK_ANGLES)
+        curves = limit_curves(requirements, curve)
+    except OmnimirrorError as e:
+        return Judged(trouble=str(e))
+    first = len(rows) - len(requirements.limits)
+    return Judged(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
+
+
+def rows_of(tables: dict[str, Any], requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+    """Return the checked requirements of the tables; limits last, in their order."""
+    asked = {*tables.get("mirror", {}), *tables.get("lens", {})}
+    rows = judge(requirements, sensor, angles=angles).rows
+    return [row for row in rows if row.name not in OWN or row.name in asked]
+
+
+def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
+    """Return the limits over the field, the stricter of near and far objects."""
+    omega = curve.omega_deg
+    fields = [values_of_evaluation(result) for result in evaluations(requirements, curve.sensor, omega)]
+    columns = {"omega_deg": omega}
+    for limit in requirements.limits:
+        values = np.stack([limit.of.values(field) for field in fields])
+        if values.shape[1:] == omega.shape:
+            columns[limit.name] = (np.max if limit.of.takes == "largest" else np.min)(values, axis=0)
+    return columns_of("limits", tuple(columns), np.stack(list(columns.values())))
+
+
+def _told(row: Judgement, limit: int) -> JudgementOf:
+    reached = float(row.reached) if np.isfinite(row.reached) else None
+    return JudgementOf(
+        name=row.name,
+        unit=row.unit,
+        at_least=row.at_least,
+        at_most=row.at_most,
+        reached=reached,
+        margin=None if reached is None else float(row.margin),
+        is_met=bool(row.is_met) and reached is not None,
+        omega_deg=row.omega_deg,
+        part_deg=row.part_deg,
+        limit=limit if limit >= 0 else None,
+    )
+
+
+# -- Feasible ranges of sliders with respect to the requirements -----------------------------------
+
+SLIDER_ANGLES = 61
+"""Field angles at which limits are evaluated; slider tracks are only a few hundred pixels long."""
+
+
+def slid(asked: SlidesAsk) -> SlidesOf:
+    """Return the relative violation of each requirement for every value of each number, one number
+    at a time.
+
+    Raises
+    ------
+    OmnimirrorError
+        Invalid requirements.
+    """
+    requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
+    return SlidesOf(
+        missed=tuple(tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides)
+    )
+
+
+def _missed(asked: SlidesAsk, slide: Slide, value: float) -> tuple[float, ...] | None:
+    is_distance = slide.path == ("mount", "mirror_distance_mm")
+    try:
+        sensor = in_place(sensor_on_bench(_with(asked.tables, slide.path, value), asked.follows and not is_distance))
+        rows = rows_of(asked.requirements, requirements_for(asked.requirements, sensor), sensor, SLIDER_ANGLES)
+    except OmnimirrorError:
+        return None
+    return tuple(min(row.shortfall, 0.0) if row.is_met else row.shortfall for row in rows)
+
+
+def _with(tables: dict[str, Any], path: tuple[str, ...], value: float) -> dict[str, Any]:
+    """Return the tables with one number replaced.
+
+    >>> _with({"mirror": {"coefficients": [1.0, 2.0]}}, ("mirror", "coefficients", "1"), 3.0)
+    {'mirror': {'coefficients': [1.0, 3.0]}}
+    """
+    changed = deepcopy(tables)
+    place: Any = changed
+    *way, last = path
+    for step in way:
+        place = place.setdefault(step, {})
+    if isinstance(place, list):
+        place[int(last)] = value
+    else:
+        place[last] = value
+    return changed

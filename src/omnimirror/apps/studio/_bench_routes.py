@@ -1,0 +1,216 @@
+"""HTTP and WebSocket routes of the design bench."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import PlainTextResponse, Response
+
+from ...base.errors import OmnimirrorError
+from ...base.escaping import http_attachment
+from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
+from ...optics.sensor_files import load_sensor
+from ._bench_files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
+from ._bench_requirements import slid
+from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
+from ._http_messages import BYTES, FILE_BODY, FileName
+from ._uploads import collected, safe_name
+from ._workers import Workers, relay, while_open
+from .bench_messages import (
+    Ask,
+    BenchSensor,
+    BenchStart,
+    BuiltAsk,
+    Change,
+    Download,
+    ErrorsAsk,
+    ErrorsOf,
+    FileUnderWay,
+    News,
+    Opened,
+    PictureAsk,
+    RequirementFile,
+    SlidesAsk,
+    SlidesOf,
+    Task,
+    YieldAsk,
+    YieldOf,
+)
+
+if TYPE_CHECKING:
+    from ._server_state import Studio
+
+MOST_SEARCHES = 2
+"""Maximum number of simultaneous searches."""
+
+
+def add_bench(app: FastAPI, studio: Studio) -> None:
+    """Register the routes of the bench."""
+    _add_questions(app, studio)
+    _add_files(app, studio)
+    _add_tolerances(app, studio)
+    _add_sockets(app, Workers("omnimirror.apps.studio._search_process", MOST_SEARCHES, "searches"))
+
+
+def _add_questions(app: FastAPI, studio: Studio) -> None:
+    @app.get("/api/bench")
+    def start() -> BenchStart:
+        """Return the initial data of the bench: all parts with their parameters."""
+        return bench_start()
+
+    @app.get("/api/bench/sensor")
+    def bundled(name: str) -> BenchSensor:
+        """Return a bundled sensor."""
+        if name not in bench_start().sensors:
+            raise OmnimirrorError(f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}")
+        return on_bench(load_sensor(name))
+
+    @app.post("/api/bench/slides")
+    async def slides(asked: SlidesAsk) -> SlidesOf:
+        """Return the relative violation of the requirements along all sliders."""
+        return await studio.slid.run(asked.model_dump_json(), lambda: slid(asked))
+
+    @app.post("/api/bench/change")
+    def change(asked: Change) -> BenchSensor:
+        """Return the sensor with another kind of mirror or lens, or at its best focus."""
+        return on_bench(changed(asked))
+
+    @app.post("/api/bench/open", openapi_extra=FILE_BODY)
+    async def open_file(request: Request, name: FileName = "sensor.toml") -> Opened:
+        """Read a sensor file or a requirement file."""
+        data = await collected(request)
+        return await asyncio.to_thread(opened, safe_name(name), data)
+
+
+def _add_files(app: FastAPI, studio: Studio) -> None:
+    under_way: dict[str, FileUnderWay] = {}
+
+    def made_slowly(asked: Download, key: str) -> File:
+        def tell(sentence: str, share: float) -> None:
+            under_way[key] = FileUnderWay(sentence=sentence, share=share)
+
+        try:
+            return downloaded(asked, tell)
+        finally:
+            under_way.pop(key, None)
+
+    @app.post("/api/bench/making")
+    async def making(asked: Download) -> FileUnderWay | None:
+        """Return the progress of a requested file."""
+        return under_way.get(asked.model_dump_json())
+
+    @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
+    async def file(asked: Download) -> Response:
+        """Return a file of a design: sensor file, tables, drawing or report."""
+        if asked.kind in SLOW_KINDS:
+            key = asked.model_dump_json()
+            made = await studio.reported.run(key, lambda: made_slowly(asked, key))
+        else:
+            made = await asyncio.to_thread(downloaded, asked)
+        headers = {"content-disposition": http_attachment(made.name)}
+        return Response(made.data, media_type=made.kind, headers=headers)
+
+    @app.post("/api/bench/requirements", response_class=PlainTextResponse)
+    def requirements(asked: RequirementFile) -> str:
+        """Return the text of a requirement file."""
+        return requirement_file(asked.requirements, sensor_on_bench(asked.tables))
+
+    @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
+    async def picture(ask: PictureAsk) -> Response:
+        """Return the rendered image of a room and its panorama: two JPEG files after a header with
+        their lengths."""
+        pictures = await studio.simulated.run(ask.model_dump_json(), lambda: taken(ask))
+        return Response(pictures, media_type="application/octet-stream")
+
+
+def _add_tolerances(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/bench/errors")
+    def errors(asked: ErrorsAsk) -> ErrorsOf:
+        """Return the error sources of a sensor."""
+        from ._bench_tolerances import errors_known  # deferred import: requires the tolerancing modules
+
+        return errors_known(asked)
+
+    @app.post("/api/bench/built", response_class=Response, responses={200: BYTES})
+    async def as_built(asked: BuiltAsk) -> Response:
+        """Return the image motion of a sensor with errors, as numbers after a header."""
+        from ._bench_tolerances import built
+
+        found = await studio.built.run(asked.model_dump_json(), lambda: built(asked))
+        return Response(found, media_type="application/octet-stream")
+
+    @app.post("/api/bench/yield")
+    async def yields(asked: YieldAsk) -> YieldOf:
+        """Return the predicted yield and the effect of each error source."""
+        from ._bench_tolerances import yielded
+
+        return await studio.toleranced.run(asked.model_dump_json(), lambda: yielded(asked))
+
+
+def _add_sockets(app: FastAPI, workers: Workers) -> None:
+    @app.websocket("/api/bench/ask")
+    async def ask(socket: WebSocket) -> None:
+        """Answer evaluation requests; among pending requests of one slot, only the newest is
+        evaluated."""
+        await socket.accept()
+        await _answer_newest(socket)
+
+    @app.websocket("/api/bench/work")
+    async def work(socket: WebSocket) -> None:
+        """Run one task and send its progress; closing the socket cancels it."""
+        await while_open(socket, lambda socket: _work(socket, workers))
+
+
+async def _answer_newest(socket: WebSocket) -> None:
+    waiting: dict[int, Ask] = {}
+    news = asyncio.Event()
+    listening = asyncio.create_task(_listen(socket, waiting, news))
+    try:
+        while not (listening.done() and not waiting):
+            await news.wait()
+            news.clear()
+            while waiting:
+                newest = waiting.pop(min(waiting))  # slot 0 is the current design
+                await socket.send_bytes(await asyncio.to_thread(_answered, newest))
+    except (WebSocketDisconnect, RuntimeError, OSError):
+        return
+    finally:
+        listening.cancel()
+
+
+def _answered(ask: Ask) -> bytes:
+    from ._bench_evaluation import answer  # deferred import: requires the analysis modules
+
+    return answer(ask)
+
+
+async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Event) -> None:
+    """Queue incoming requests; a newer request replaces an older one of the same slot."""
+    try:
+        while True:
+            asked = await receive_message(socket, Ask)
+            waiting[asked.slot] = asked
+            news.set()
+    except InvalidMessage as e:
+        await close_invalid(socket, e)
+    except (WebSocketDisconnect, RuntimeError):
+        pass
+    finally:
+        news.set()
+
+
+async def _work(socket: WebSocket, workers: Workers) -> None:
+    try:
+        task = await receive_message(socket, Task)
+        async with workers.one() as worker:
+            worker.tell(task.model_dump_json())
+            await relay(worker, socket, asyncio.create_task(socket.receive()))
+    except InvalidMessage as e:
+        await close_invalid(socket, e)
+        return
+    except OmnimirrorError as e:
+        failed = News(state="failed", sentence=str(e), share=None, value=None, sensor=None)
+        await socket.send_text(failed.model_dump_json())
+    await socket.close()

@@ -1,0 +1,474 @@
+"""Sensors on the bench: slider metadata, tables of a sensor file, conversion between kinds of parts, manual shape editing."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import types
+import typing
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ...analysis.evaluation import evaluate
+from ...analysis.focus import best_focus
+from ...base import quantities
+from ...base.errors import InvalidParameter, OmnimirrorError, SpecError
+from ...base.parameters import Parameter
+from ...base.quantities import Quantity
+from ...base.typing import Array
+from ...design.limits import LIMITABLE
+from ...design.merits import DESIGN_MERITS
+from ...design.mirror_construction import FAMILIES, MountedMirror, RimRay
+from ...design.mirror_fits import fit_mirror
+from ...optics.batch.families import FREE_FORMS
+from ...optics.image_sensor import Imager
+from ...optics.lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
+from ...optics.mirrors import (
+    MIRRORS,
+    SECONDARIES,
+    EvenPolynomial,
+    Mirror,
+    SampledProfile,
+    Secondary,
+    SlopeSpline,
+    TabulatedMapping,
+)
+from ...optics.mirrors.as_built import MirrorPose
+from ...optics.mirrors.mappings import MAPPINGS
+from ...optics.mirrors.prescribed_mapping import Mapped
+from ...optics.mirrors.splines import spline_of_slopes
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
+from ...optics.toml_validation import EntryError, NoFile
+from .bench_messages import BenchSensor, BenchStart, Bend, Change, ParameterOf, PartOf, QuantityOf, Trouble, distance_of
+
+# -- Slider metadata of the bench, from the parameter descriptions of the parts --------------------
+
+DISTANCE = Parameter("mm", 1e-3, 1e7, "from the lens's principal point to the mirror's vertex (m)")
+
+
+@cache
+def bench_start() -> BenchStart:
+    """Return all parts with their parameters, and the quantities available for requirements.
+
+    Examples
+    --------
+    >>> sphere = next(part for part in bench_start().mirrors if part.kind == "sphere")
+    >>> [(p.name, p.unit) for p in sphere.parameters]
+    [('radius_mm', 'mm'), ('rim_radius_mm', 'mm')]
+    """
+    distance = _parameter("mirror_distance_mm", DISTANCE, float, dataclasses.MISSING)
+    mirrors = dict(MIRRORS.items())  # without mirrors of other packages that fail to load
+    return BenchStart(
+        mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
+        secondaries=tuple(
+            part_of(kind, SECONDARIES[kind]) for kind in SECONDARIES if kind in mirrors or kind not in MIRRORS
+        ),
+        lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
+        imager=part_of("imager", Imager),
+        place=part_of("place", Secondary),
+        mount=PartOf(kind="mount", parameters=(distance,)),
+        pose=part_of("mirror_pose", MirrorPose),
+        columns=tuple(map(_quantity, quantities.PER_ANGLE)),
+        quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
+        of_frequency=tuple(name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None),
+        merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
+        shapes=tuple(FREE_FORMS),
+        sensors=tuple(bundled_sensors()),
+    )
+
+
+def _quantity(q: Quantity) -> QuantityOf:
+    return QuantityOf(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
+
+
+def part_of(kind: str, cls: type[Any]) -> PartOf:
+    """Describe a part from the metadata of its class."""
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    parameters: dict[str, Parameter] = cls.PARAMETERS
+    found = [_parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()]
+    return PartOf(kind=kind, parameters=tuple(found))
+
+
+def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterOf:
+    inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
+    return ParameterOf(
+        name=name,
+        unit=p.unit,
+        low=p.low,
+        high=p.high,
+        description=p.description,
+        choices=p.choices,
+        is_list=typing.get_origin(inner) is tuple,
+        is_whole=inner is int,
+        is_optional=default is not dataclasses.MISSING,
+        default=float(default) if isinstance(default, int | float) else None,
+    )
+
+
+# -- Sensors on the bench: tables of a sensor file, errors by entry, and conversion between kinds of parts
+
+NODES = 25  # samples of a profile, spline or table derived from another mirror
+SLOPES = 13
+ELLIPSOID_CONIC = -0.4
+NARROWER = 15.0  # deg below the field angle that a mapping cannot reach
+AROUND = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
+FOCUS_DIGITS = 3  # decimals of the focus distance in mm, finer than lenses can be set
+TABLE_ROWS = 9
+THETA_DEG = 12.0  # default viewing angle of the lens, deg
+NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
+"""First entry that an error message names."""
+
+
+class Form(NoFile):
+    """Locator of the form entry that an error concerns, also for errors that only name it in their
+    message."""
+
+    def error(self, path: tuple[str, ...], message: str) -> SpecError:
+        named = NAMED.search(message)
+        return EntryError((path[0], named[1]) if named and len(path) == 1 else path, message)
+
+
+def trouble_of(error: OmnimirrorError) -> Trouble:
+    """Return the message of an error with the entry that it concerns."""
+    return Trouble(path=getattr(error, "path", ()), sentence=str(error))
+
+
+def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
+    """Build the sensor of the tables; ``follows`` adapts the lens to a mapping that requires it.
+
+    Raises
+    ------
+    EntryError
+        Invalid sensor; the error contains the entry.
+    """
+    form = Form()
+    mount = tables.get("mount", {})
+    if not follows or not isinstance(mount, dict):
+        return sensor_of(tables, form)
+    mount = {**mount, "mirror_distance_mm": 1.0}  # arbitrary value, replaced by that of the mirror
+    sensor = sensor_of({**tables, "mount": mount}, form)
+    if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
+        return sensor_of(tables, form)
+    distance = sensor.mirror.design_distance
+    return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
+
+
+def in_place(sensor: Sensor) -> Sensor:
+    """Return the sensor with mirror and cover aligned to the lens axis, for rotationally symmetric
+    quantities."""
+    return sensor if sensor.is_axial else sensor.aligned()
+
+
+def remark_on(sensor: Sensor) -> str | None:
+    """Return a remark on properties of a sensor that its plots do not include; None if complete."""
+    pose = sensor.mirror_pose
+    if pose.is_axial and sensor.is_ideal_but_for_pose:
+        return None
+    if pose.is_axial:
+        return (
+            "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; "
+            "cross-section, plots and requirements are those of the sensor without."
+        )
+    shift, tilt = (
+        f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
+    )
+    return (
+        f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken "
+        "so; cross-section, plots and requirements are those of the same mirror in its place."
+    )
+
+
+def why_not_optimised(sensor: Sensor) -> str | None:
+    """Return the reason for which the mirror cannot be optimised; None if it can."""
+    if sensor.secondary is not None:
+        return "Mirrors are optimised one at a time, and this sensor has two."
+    if not sensor.mirror_pose.is_axial:
+        return "Mirrors are optimised in their place, and this one is decentred or tilted."
+    if not sensor.is_ideal_but_for_pose:
+        return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
+    return None
+
+
+def on_bench(sensor: Sensor) -> BenchSensor:
+    """Convert a sensor to its bench representation."""
+    mirror = sensor.mirror
+    is_mapped = isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
+    return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
+
+
+def changed(change: Change) -> Sensor:
+    """Return the sensor with another kind of mirror or lens, or at its best focus.
+
+    A new mirror keeps the radius and viewing angle of the rim, and the field if its kind can reach
+    it; kinds with many parameters approximate the shape of the previous mirror.
+
+    Raises
+    ------
+    OmnimirrorError
+        Unknown kind, or a kind that does not support this field.
+    """
+    stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
+    sensor = in_place(stands)
+    if change.what == "focus":
+        best = best_focus(sensor, change.to, object_distance_mm=distance)
+        made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
+    else:
+        changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
+        made = _focused(changed_part, distance)
+    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal)
+
+
+def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
+    if kind not in MIRRORS:
+        raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
+    mounted = recast(sensor, kind)
+    distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
+    return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
+
+
+def recast(sensor: Sensor, kind: str) -> MountedMirror:
+    """Return a mirror of another kind with the same rim.
+
+    >>> import omnimirror as om
+    >>> mounted = recast(om.load_sensor("paper-spherical"), "hyperboloid")
+    >>> round(mounted.mirror.a_mm / 43.9, 3), round(mounted.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
+    (0.741, 3.55)
+    """
+    rim = rim_of(sensor)
+    cls = MIRRORS[kind]
+    if kind in FAMILIES:
+        return FAMILIES[kind](rim, ELLIPSOID_CONIC if kind == "ellipsoid" else None)
+    if cls in AS_BEFORE:
+        return rim.place(AS_BEFORE[cls](sensor, rim))
+    if kind not in MAPPINGS:
+        before = rim.place(sensor.mirror)
+        return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").mounted
+    mirror = _mapped(cls, rim)
+    return MountedMirror(mirror, mirror.design_distance)
+
+
+def rim_of(sensor: Sensor) -> RimRay:
+    """Return field angle, viewing angle and radius of the rim of a sensor."""
+    theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
+    omega = sensor.field_deg[1]
+    return RimRay(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
+
+
+def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
+    """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
+    M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
+    omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
+    own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
+    needed = [name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS]
+    if "cylinder_radius_mm" in needed:
+        needed.append("omega_min_deg")
+    made: Mapped = cls(omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed})
+    return made
+
+
+def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
+    x = np.linspace(0.0, rim.rim_radius_mm, NODES)
+    apex = "pointed" if sensor.mirror.is_pointed else "smooth"
+    return SampledProfile(tuple(x), tuple(sensor.mirror.sag(x)), apex=apex)
+
+
+def spline_like(sensor: Sensor) -> SlopeSpline:
+    """Convert the mirror to a slope spline; a slope spline is returned unchanged."""
+    mirror, rim = sensor.mirror, sensor.mirror.rim_radius_mm
+    return (
+        mirror
+        if isinstance(mirror, SlopeSpline)
+        else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
+    )
+
+
+def mapping_like(sensor: Sensor) -> TabulatedMapping:
+    """Convert the mapping to a table at equidistant image heights; a table is returned unchanged."""
+    if isinstance(sensor.mirror, TabulatedMapping):
+        return sensor.mirror
+    rim = rim_of(sensor)
+    top = sensor.rim_radius_px
+    low = float(sensor.image_height_px(sensor.meridian.trace([sensor.meridian.x_min]))[0])
+    rays = sensor.meridian.trace(sensor.x_from_height_px(np.linspace(low, top, NODES)))
+    omega, height = np.degrees(rays.omega), np.linspace(0.0, 100.0, NODES)
+    return TabulatedMapping(tuple(omega), tuple(height), rim.theta_max_deg, rim.rim_radius_mm)
+
+
+AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
+    SampledProfile: _sampled,
+    SlopeSpline: lambda sensor, rim: spline_like(sensor),
+    TabulatedMapping: lambda sensor, rim: mapping_like(sensor),
+}
+"""Functions of the freeform kinds that approximate the previous mirror."""
+
+
+def _as_table(sensor: Sensor) -> TabulatedLens:
+    """Return the lens as a table that extends slightly beyond the rim."""
+    lens = sensor.lens
+    if not isinstance(lens, GaussianLens):
+        raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
+    angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
+    tangent = np.tan(np.radians(angles))
+    heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
+    return TabulatedLens(
+        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(np.round(angles, 6)),
+        tuple(np.round(heights, 6)), tuple(np.round(lens.pupil.place(tangent), 6)),
+        principal_point_mm=lens.principal_point_mm,
+    )  # fmt: skip
+
+
+def _with_lens(sensor: Sensor, kind: str) -> Sensor:
+    """Return the sensor with another kind of lens and the same image size of the rim."""
+    if kind == sensor.lens.KIND:
+        return sensor
+    M, height = sensor.mirror.rim_radius_mm, sensor.rim_radius_px * sensor.imager.pitch_mm
+    F = sensor.lens.image_f_number()
+    if kind == "orthographic":
+        telecentric = Orthographic(round(height / M, 6), round(F, 3), 0.0)
+        return replace(sensor, lens=telecentric, mirror=_for_theta(sensor.mirror, 0.0))
+    if kind == "table":
+        return replace(sensor, lens=_as_table(sensor))
+    if kind == "surfaces":
+        raise InvalidParameter("a lens by its surfaces comes from its .zmx file, named in a sensor file; open that")
+    if kind != "perspective":
+        raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
+    mirror = _for_theta(sensor.mirror, THETA_DEG)
+    distance = M / np.tan(np.radians(THETA_DEG)) - float(mirror.sag(M))
+    focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)
+    f_number = F * focal / height * np.tan(np.radians(THETA_DEG))
+    lens = Perspective(round(float(focal), 4), round(float(f_number), 3), float(distance))
+    return replace(sensor, lens=lens, mirror=mirror, mirror_distance_mm=float(distance))
+
+
+def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
+    """Solve a prescribed-mapping mirror for another viewing angle; other mirrors are returned
+    unchanged."""
+    if isinstance(mirror, Mapped):
+        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
+    return mirror
+
+
+def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
+    """Return the sensor at its best focus, or unchanged if none exists (the evaluation reports the
+    reason)."""
+    try:
+        best = best_focus(sensor, object_distance_mm=object_distance_mm)
+    except OmnimirrorError:
+        return sensor
+    return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
+
+
+# -- Manual shape editing: moves one point of a profile or mapping and deforms its neighbourhood smoothly
+
+CLEAR = 0.02
+"""Minimum distance from fixed curve ends, relative to the rim radius or the field."""
+
+
+def bent(sensor: Sensor, bend: Bend) -> Sensor:
+    """Deform the mirror so that its profile or mapping passes through a given point.
+
+    Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
+    as a beam supported at the image centre and the rim. The result is a freeform mirror or a
+    tabulated mapping.
+
+    Raises
+    ------
+    InvalidParameter
+        A sensor with two mirrors or a misaligned mirror, a point too close to a fixed end, or no
+        feasible mirror.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sphere = om.load_sensor("paper-spherical")
+    >>> flatter = bent(sphere, Bend(of="profile", at=30.0, to=9.9))
+    >>> round(float(flatter.mirror.sag(30.0)), 9), round(float(sphere.mirror.sag(30.0)), 3)
+    (9.9, 10.01)
+    """
+    if (reason := why_not_optimised(sensor)) is not None:
+        raise InvalidParameter(reason)
+    return (_profile if bend.of == "profile" else _mapping)(sensor, bend.at, bend.to)
+
+
+def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:
+    rim = sensor.mirror.rim_radius_mm
+    if not CLEAR * rim <= x_mm <= rim * (1 + 1e-9):
+        raise InvalidParameter(
+            f"the profile is held {x_mm:g} mm from the axis; it can be held from {CLEAR * rim:.4g} to {rim:g} mm"
+        )
+    before = spline_like(sensor)
+    slopes, held = np.array(before.slopes), min(x_mm / rim, 1.0)
+    rod = _rod_slope(np.linspace(0.0, 1.0, len(slopes)), held)
+    unit = _sag(slopes + rod, held) - _sag(slopes, held)  # the sag is linear in the slopes
+    pulled = z_mm / rim - _sag(slopes, held)
+    return replace(sensor, mirror=SlopeSpline(tuple(slopes + pulled / unit * rod), rim))
+
+
+def _rod_slope(u: Array, held: float) -> Array:
+    """Return the slope (n,), up to a factor, of a rod clamped at 0 and loaded at ``held``; straight
+    beyond."""
+    return np.where(u < held, u * (2 * held - u), held**2)
+
+
+def _sag(slopes: Array, u: float) -> float:
+    """Return the sag of the slope spline at u, in rim radii."""
+    sag = spline_of_slopes(slopes).antiderivative()
+    return float(sag(u) - sag(0.0))
+
+
+def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
+    low, high = sensor.field_deg
+    first, last = (low + share * (high - low) for share in (CLEAR, 1 - CLEAR))
+    if not first <= omega_deg <= last:
+        raise InvalidParameter(
+            f"the mapping is held at {omega_deg:g} deg; it can be held from {first:.4g} to {last:.4g} deg"
+        )
+    rim_px = sensor.rim_radius_px
+    if not 0 < height_px < rim_px:
+        raise InvalidParameter(f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px")
+    table = mapping_like(sensor)
+    omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
+    beam = _beam(omega - low, omega_deg - low, high - low)
+    x = [evaluate(sensor, [omega_deg]).x_mm[0], sensor.x_from_height_px(np.array([height_px]))[0]]
+    now, wanted = _shares(sensor, np.array(x))
+    _check_grows(np.diff(tau), np.diff(beam), wanted - now, omega_deg)
+    mirror = replace(table, height=tuple(tau + (wanted - now) * beam))
+    return replace(sensor, mirror=mirror, mirror_distance_mm=mirror.design_distance)
+
+
+def _beam(x: Array, held: float, length: float) -> Array:
+    """Return the deflection (n,) of a beam supported at 0 and ``length``, normalised to 1 at
+    ``held``."""
+    rest = length - held
+    near = rest * x * (length**2 - rest**2 - x**2)
+    far = held * (length - x) * (length**2 - held**2 - (length - x) ** 2)
+    return np.where(x <= held, near, far) / (2 * held**2 * rest**2)
+
+
+def _shares(sensor: Sensor, x_mm: Array) -> Array:
+    """Return the relative image heights of mirror points (n,) as used by mappings: tan(theta) or x
+    over the rim value."""
+    if sensor.lens.TELECENTRIC:
+        return x_mm / sensor.mirror.rim_radius_mm
+    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(np.radians(rim_of(sensor).theta_max_deg))
+    return shares
+
+
+def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> None:
+    """Reject a deformation after which the image height no longer increases with the field angle."""
+    if np.all(steps + pulled * beam > 0):
+        return
+    side = np.sign(pulled)
+    against = side * beam < 0
+    most = float(np.min(steps[against] / np.abs(beam[against])))
+    raise InvalidParameter(
+        f"pulled by {pulled:+.3g} of the rim's image height at {omega_deg:.4g} deg, the mapping would not grow with "
+        f"the field angle; it can be pulled by less than {side * most:+.3g}"
+    )

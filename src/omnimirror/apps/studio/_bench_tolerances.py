@@ -1,0 +1,153 @@
+"""Tolerance panel of the bench: image motion of interactively set errors, and the predicted yield."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import OmnimirrorError
+from ...base.typing import Array
+from ...manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from ...manufacturing.tolerancing.evaluator import TrialEvaluator
+from ...manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, simulate_trials
+from ...manufacturing.tolerancing.perturbation import check_error_names, error_sources, group_of, perturbed
+from ...manufacturing.tolerancing.perturbed_states import is_vectorised
+from ...manufacturing.tolerancing.requirement_merits import is_lower_limit, select_requirement_merits
+from ...manufacturing.tolerancing.tolerances import Tolerance, Tolerances
+from ...manufacturing.tolerancing.trial_images import Refocus
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import tables_of
+from ._bench_evaluation import finite
+from ._bench_sensors import in_place, sensor_on_bench
+from ._http_messages import framed
+from .bench_messages import Built, BuiltAsk, ErrorAlone, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
+
+LAST_ZERNIKE = 11
+"""Highest Zernike term with a slider; the remaining terms would add 80 sliders."""
+SLOW_TRIALS = 60
+"""Trials of sensors that require sequential tracing, limited to keep the response time at seconds."""
+STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
+KEPT = 8  # cached evaluators, one per sensor and set of requirements
+
+
+def errors_known(ask: ErrorsAsk) -> ErrorsOf:
+    """Return the error sources of the sensor of given tables."""
+    sensor = in_place(sensor_on_bench(ask.tables))
+    kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
+    known = tuple(
+        ErrorOf(name=k.name, unit=k.unit, meaning=k.meaning, group=group_of(k.name), **dict(k.typical_tolerances))
+        for k in kinds
+    )
+    return ErrorsOf(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
+
+
+def _has_slider(name: str) -> bool:
+    start, _, number = name.removesuffix("_um").rpartition("_")
+    return start != "mirror.zernike" or int(number) <= LAST_ZERNIKE
+
+
+def built(ask: BuiltAsk) -> bytes:
+    """Return the image motion of a sensor with errors and its residuals after calibrations.
+
+    Raises
+    ------
+    OmnimirrorError
+        Invalid sensor, or an error source that does not apply to it.
+    """
+    meant = in_place(sensor_on_bench(ask.tables))
+    check_error_names(meant, ask.values)
+    values = {name: value for name, value in ask.values.items() if value} or {"imager.shift_x_px": 0.0}
+    is_quick = is_vectorised(meant, values)
+    evaluator = _judge(_told(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ())
+    merits, moved = evaluator.evaluate_with_motions({name: np.array([0.0, value]) for name, value in values.items()})
+    left = evaluator.compensators.left(np.nan_to_num(moved[1:]))[:, 0].reshape(len(CALIBRATIONS), 2, -1)
+    of = {name: [finite(float(v)) for v in column] for name, column in zip(evaluator.names, merits.T, strict=True)}
+    straight: list[float | None] = [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
+    header = Built(
+        objects=len(evaluator.field),
+        lost=int(merits[1, -1]),
+        radius_px=meant.rim_radius_px,
+        motion_px=tuple(of[after("motion_px", depth)][1] for depth in CALIBRATIONS),
+        direction_error_deg=tuple(of[after("direction_error_deg", depth)][1] for depth in CALIBRATIONS),
+        straightness_deg=tuple(straight),
+        blur_px=(of["blur_px"][0], of["blur_px"][1]),
+        focus_mm=(of["focus_distance_mm"][0], of["focus_distance_mm"][1]),
+        tables=_tables_of_built(meant, ask.values),
+    )
+    return framed(header, evaluator.reference_px.T.astype("<f4").tobytes(), left.astype("<f4").tobytes())
+
+
+def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:
+    try:
+        return tables_of(perturbed(meant, values))
+    except OmnimirrorError:  # infeasible combination of values
+        return None
+
+
+def yielded(ask: YieldAsk) -> YieldOf:
+    """Return the effect of each error and the predicted yield.
+
+    Raises
+    ------
+    OmnimirrorError
+        Invalid sensor, inapplicable error source, or invalid limit.
+    """
+    check_limits({ask.merit: ask.limit})
+    sensor = in_place(sensor_on_bench(ask.tables))
+    errors = {error.name: Tolerance(error.tolerance) for error in ask.errors}
+    tolerances = Tolerances(sensor, errors)
+    evaluator = _judge(_told(ask.tables), ask.refocus, select_requirement_merits([ask.merit]))
+    trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
+    statistics = simulate_trials(evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed)
+    return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
+
+
+def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tuple[ErrorAlone, ...]:
+    """Return the effects of all errors, each evaluated at plus and minus its tolerance."""
+    sizes = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
+    if not sizes:
+        return ()
+    ends = np.kron(np.eye(len(sizes)), [1.0, -1.0])
+    merits = evaluator.evaluate({name: size * row for (name, size), row in zip(sizes.items(), ends, strict=True)})
+    pairs = merits.reshape(len(sizes), 2, -1)
+    names = [after("motion_px", depth) for depth in CALIBRATIONS]
+    rows = []
+    for (name, size), pair in zip(sizes.items(), pairs, strict=True):
+        worst = {each: _worst(each, pair[:, evaluator.names.index(each)]) for each in (*names, merit)}
+        rows.append(ErrorAlone(name=name, tolerance=size, motion_px=tuple(worst[n] for n in names), merit=worst[merit]))
+    return tuple(sorted(rows, key=lambda row: -np.inf if row.motion_px[0] is None else -row.motion_px[0]))
+
+
+def _worst(name: str, values: Array) -> float | None:
+    """Return the worse of two values; None if rays are lost."""
+    return finite(float(values.min() if is_lower_limit(name) else values.max()))
+
+
+def _told_yield(statistics: YieldStatistics, merit: str, rows: tuple[ErrorAlone, ...]) -> YieldOf:
+    of = statistics.yields
+    median, most = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
+    return YieldOf(
+        trials=statistics.trials,
+        lost=statistics.lost,
+        share=of.value,
+        low=of.low,
+        high=of.high,
+        median=median,
+        most=most,
+        rows=rows,
+    )
+
+
+def _told(tables: Mapping[str, Any]) -> str:
+    """Serialise tables as a cache key."""
+    return json.dumps(tables, sort_keys=True)
+
+
+@lru_cache(maxsize=KEPT)
+def _judge(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
+    """Return the cached trial evaluator of a sensor; its set-up takes longer than a trial."""
+    return TrialEvaluator.of(in_place(sensor_on_bench(json.loads(tables))), refocus, required)

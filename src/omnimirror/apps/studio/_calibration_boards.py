@@ -1,0 +1,219 @@
+"""Boards of the Calibrate tab: detections as messages, field coverage, and the dewarped frontal view."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.errors import InvalidParameter
+from ...base.typing import Array
+from ...calibration.estimation.observation_checks import MIN_CORNERS_PER_CELL, Coverage, coverage, recommendations
+from ...calibration.estimation.observations import Sighting
+from ...calibration.targets import Board, Detection
+from ...calibration.targets.board_detection import compared
+from ...calibration.targets.frame_selection import why_not_new
+from ...cameras.models.camera_model import CameraModel
+from ...dewarp import Dewarper
+from ...optics.sensor_files import parse_camera
+from ._board_detection_process import board_of
+from ._uploads import eight_bits, encoded, picture_in
+from .calibration_messages import BoardPlace, BoardSeen, CoverageShown, StraightAsk, Together, TogetherAsk
+
+# -- Conversion of board detections between messages and the calibration engine --------------------
+
+
+def taken(seen: BoardSeen, board: Board) -> Detection:
+    """Convert the message of one image to a detection, if usable.
+
+    Raises
+    ------
+    InvalidParameter
+        Corners outside the board or outside the image.
+    """
+    ids, corners = np.asarray(seen.ids, dtype=int), np.asarray(seen.corners_px, dtype=float).reshape(-1, 2)
+    sigma = None if seen.sigma_px is None else np.asarray(seen.sigma_px, dtype=float)
+    size = np.array(seen.image_size)
+    good = len(ids) == len(corners) == len(set(seen.ids)) and (sigma is None or len(sigma) == len(ids))
+    good = good and bool(np.all((ids >= 0) & (ids < board.corner_count)))
+    if not (good and np.all((corners >= -0.5) & (corners <= size - 0.5))):
+        raise InvalidParameter(
+            f"what is told of {seen.name} cannot be: its corners are not those of a board of {board}"
+        )
+    blur = math.nan if seen.blur_px is None else seen.blur_px
+    return Detection(
+        seen.name, seen.image_size, ids, corners, seen.reason, sigma, blur, seen.is_reversed, seen.begins_white,
+        seen.is_part, seen.time_s,
+    )  # fmt: skip
+
+
+def together(ask: TogetherAsk) -> Together:
+    """Analyse images of one camera together: consistency, field coverage and the recommended next
+    image.
+
+    Raises
+    ------
+    InvalidParameter
+        Invalid board, or a board that does not match the detections.
+    """
+    board = board_of(ask.board)
+    detections = compared([taken(seen, board) for seen in ask.pictures], board)
+    used = [d for d in detections if d.used]
+    spread = _coverage(used, ask) if used else None
+    return Together(
+        reasons=tuple(d.reason for d in detections),
+        coverage=coverage_shown(spread) if spread else None,
+        advice=recommendations(spread, len(used)) if spread else (),
+        not_new=None if ask.candidate is None else why_not_new(taken(ask.candidate, board), used, board),
+    )
+
+
+def _coverage(used: list[Detection], ask: TogetherAsk) -> Coverage:
+    width, height = used[0].image_size
+    centre = ((width - 1) / 2, (height - 1) / 2) if ask.centre_px is None else ask.centre_px
+    sightings = [Sighting(d.name, d.corners_px, np.zeros((len(d.ids), 3))) for d in used]
+    return coverage(sightings, centre, ask.radius_px)
+
+
+def coverage_shown(spread: Coverage) -> CoverageShown:
+    """Convert a coverage to a message."""
+    return CoverageShown(
+        centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
+        radii_px=tuple(float(r) for r in spread.radii_px),
+        counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts),
+        enough=MIN_CORNERS_PER_CELL,
+    )
+
+
+# -- Dewarped frontal view of a calibration board, a visual check of the calibration ---------------
+
+MARGIN = 1.5  # margin around the board, squares
+FINER = 2.5  # pixels of the view per pixel of the image
+LONGEST_PX = 1200
+LARGEST_MM = 1e5
+LEAST_OF_LINE = 3  # minimum number of corners for a straightness residual
+
+
+@dataclass(frozen=True)
+class BoardScreen:
+    """Board plane as a frontal perspective view.
+
+    Parameters
+    ----------
+    place
+        Pose of the board.
+
+    Examples
+    --------
+    >>> rotation = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    >>> place = BoardPlace(
+    ...     picture="a", rotation=rotation, shift_mm=(0, 0, 500), low_mm=(0, 0), high_mm=(40, 20), margin_mm=10,
+    ...     px_per_mm=2.0, is_upwards=False,
+    ... )
+    >>> screen = BoardScreen(place)
+    >>> screen.size, screen.targets_at(np.array([20.0]), np.array([20.0]))
+    ((121, 81), array([[  0.,   0., 500.]]))
+    """
+
+    place: BoardPlace
+
+    @property
+    def sides_mm(self) -> Array:
+        """Width and height of the view, mm."""
+        return np.subtract(self.place.high_mm, self.place.low_mm) + 2 * self.place.margin_mm
+
+    @property
+    def _px_per_mm(self) -> float:
+        return float(min(self.place.px_per_mm, (LONGEST_PX - 1) / self.sides_mm.max()))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Size (width, height) in pixels."""
+        width, height = np.ceil(self.sides_mm * self._px_per_mm).astype(int) + 1
+        return max(int(width), 2), max(int(height), 2)
+
+    is_distant = False
+
+    def targets_at(self, u: Array, v: Array) -> Array:
+        """Return world points (..., 3), mm."""
+        x = self.place.low_mm[0] - self.place.margin_mm + np.asarray(u) / self._px_per_mm
+        down = np.asarray(v) / self._px_per_mm - self.place.margin_mm
+        y = self.place.high_mm[1] - down if self.place.is_upwards else self.place.low_mm[1] + down
+        points = np.stack(np.broadcast_arrays(x, y, 0.0), axis=-1)
+        turned: Array = points @ np.reshape(self.place.rotation, (3, 3)).T + self.place.shift_mm
+        return turned
+
+    def __str__(self) -> str:
+        return f"the board in {self.place.picture}"
+
+
+def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace:
+    """Return the pose of an observed board in the world frame."""
+    assert sighting.motion is not None
+    to_world = model.mount.rotation()
+    low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
+    return BoardPlace(
+        picture=sighting.name,
+        rotation=tuple(float(x) for x in (to_world @ sighting.motion.rotation).ravel()),
+        shift_mm=tuple(float(x) for x in to_world @ sighting.motion.shift_mm),  # type: ignore[arg-type]
+        low_mm=(float(low[0]), float(low[1])),
+        high_mm=(float(high[0]), float(high[1])),
+        margin_mm=MARGIN * board.square_mm,
+        px_per_mm=FINER * _px_per_mm(sighting),
+        is_upwards=board.kind == "aprilgrid",
+    )
+
+
+def _px_per_mm(sighting: Sighting) -> float:
+    """Return the image scale of a board, from the square root of area ratios."""
+    areas = [np.linalg.det(np.cov(values.T)) for values in (sighting.pixels, sighting.points[:, :2])]
+    return float((areas[0] / areas[1]) ** 0.25)
+
+
+def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
+    """Intersect the rays of the observed corners with the board plane; return (k, 2), mm."""
+    place = place_of(sighting, model, board)
+    rays = model.backproject(sighting.pixels)
+    rotation = np.reshape(place.rotation, (3, 3))
+    origins, ways = (rays.origins - place.shift_mm) @ rotation, rays.directions @ rotation
+    with np.errstate(invalid="ignore", divide="ignore"):
+        met: Array = origins[:, :2] - (origins[:, 2] / ways[:, 2])[:, None] * ways[:, :2]
+    return np.where(rays.valid[:, None], met, np.nan)
+
+
+def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> float:
+    """Return the largest distance of a corner from the best-fit line of its row or column on the
+    dewarped board.
+
+    The unit is the mean pixel size of the image on the board.
+    """
+    met = on_board_mm(sighting, model, board) * _px_per_mm(sighting)
+    points = sighting.points[:, :2]
+    worst = 0.0
+    for axis in (0, 1):
+        for at in np.unique(points[:, axis]):
+            line = met[(points[:, axis] == at) & np.isfinite(met).all(axis=1)]
+            if len(line) >= LEAST_OF_LINE:
+                from_middle = line - line.mean(axis=0)
+                worst = max(worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max()))
+    return worst
+
+
+def straightened(ask: StraightAsk, data: bytes) -> bytes:
+    """Render the frontal view of a board as JPEG.
+
+    Raises
+    ------
+    OmnimirrorError
+        Unreadable image, invalid camera or board, or an image of another size than the camera's.
+    """
+    screen = BoardScreen(ask.place)
+    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):
+        raise InvalidParameter(
+            f"the board in {ask.place.picture} is none: its corners lie from {ask.place.low_mm} to "
+            f"{ask.place.high_mm} mm"
+        )
+    picture = eight_bits(picture_in(data, ask.name))
+    camera = parse_camera(ask.camera_file, source="the camera")
+    return encoded(Dewarper(camera, screen)(picture), ".jpg")

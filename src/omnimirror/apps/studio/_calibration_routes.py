@@ -1,0 +1,106 @@
+"""HTTP and WebSocket routes of calibration: detection, joint analysis, calibration, dewarped
+boards."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Annotated
+
+from fastapi import FastAPI, Query, Request, WebSocket
+from fastapi.responses import Response
+
+from ...base.errors import OmnimirrorError
+from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
+from ._calibration_boards import together
+from ._http_messages import BYTES, FILE_BODY, unframed
+from ._uploads import collected
+from ._workers import BoardDetectorPool, Worker, Workers, relay, while_open
+from .calibration_messages import (
+    STOP,
+    BoardLook,
+    BoardSeen,
+    CalibrateStart,
+    CalibrationAsk,
+    CalibrationNews,
+    StraightAsk,
+    Together,
+    TogetherAsk,
+)
+
+if TYPE_CHECKING:
+    from ._server_state import Studio
+
+MOST_CALIBRATIONS = 2
+"""Maximum number of simultaneous calibrations."""
+
+
+def add_calibrate(app: FastAPI, studio: Studio) -> None:
+    """Register the routes of calibration."""
+    _add_questions(app, studio.lookers)
+    _add_straight(app, studio)
+    _add_socket(app, Workers("omnimirror.apps.studio._calibration_process", MOST_CALIBRATIONS, "calibrations"))
+
+
+def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
+    @app.get("/api/calibrate")
+    def start() -> CalibrateStart:
+        """Return the available options."""
+        from ...calibration.estimation.model_sequence import KINDS
+        from ...calibration.sensor_model import SensorModel
+        from ...calibration.targets.boards import families
+
+        return CalibrateStart(models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families()))
+
+    @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
+    async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
+        """Return the corners of a board in an image, or the reason for the failed detection."""
+        data = await collected(request)
+        return await lookers.look(ask, data, request)
+
+    @app.post("/api/calibrate/together")
+    def pictures_together(ask: TogetherAsk) -> Together:
+        """Return the consistency and field coverage of images, and the recommended next image."""
+        return together(ask)
+
+
+def _add_straight(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/calibrate/straight", openapi_extra=FILE_BODY, response_class=Response, responses={200: BYTES})
+    async def straight(request: Request) -> Response:
+        """Return a dewarped board as JPEG; the request header precedes the image."""
+        from ._calibration_boards import straightened  # deferred import: requires the dewarper
+
+        ask, picture = unframed(await collected(request), StraightAsk)
+        made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
+        return Response(made, media_type="image/jpeg")
+
+
+def _add_socket(app: FastAPI, workers: Workers) -> None:
+    @app.websocket("/api/calibrate/work")
+    async def work(socket: WebSocket) -> None:
+        """Run one calibration: request, detections, then progress messages; closing the socket
+        cancels it."""
+        await while_open(socket, lambda socket: _work(socket, workers))
+
+
+async def _work(socket: WebSocket, workers: Workers) -> None:
+    try:
+        ask = await receive_message(socket, CalibrationAsk)
+        async with workers.one() as worker:
+            worker.tell(ask.model_dump_json())
+            for _ in range(ask.pictures):
+                seen = await receive_message(socket, BoardSeen)
+                await asyncio.to_thread(worker.tell, seen.model_dump_json())
+            await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
+    except InvalidMessage as e:
+        await close_invalid(socket, e)
+        return
+    except OmnimirrorError as e:
+        await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())
+    await socket.close()
+
+
+async def _stopped(socket: WebSocket, worker: Worker) -> None:
+    """Forward stop requests until the page disconnects."""
+    while (message := await socket.receive())["type"] != "websocket.disconnect":
+        if message.get("text") == STOP:
+            worker.tell(STOP)

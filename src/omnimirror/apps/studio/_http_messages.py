@@ -1,0 +1,67 @@
+"""HTTP messages: binary messages of a JSON header with a payload, and OpenAPI fragments (``/openapi.json``)."""
+
+from __future__ import annotations
+
+import struct
+from typing import Annotated, Any, TypeVar
+
+from fastapi import Query
+
+from ...interop.http_server.request_bodies import InvalidMessage, parse_message
+from .messages import Message, Problem
+
+# -- Binary messages: a JSON header and a payload of bytes -----------------------------------------
+#
+# A message consists of the length of a JSON text (4 bytes, little-endian), the text padded with
+# blanks to a multiple of 4 bytes, and the payload.
+
+M = TypeVar("M", bound=Message)
+
+
+def framed(header: Message, *parts: bytes) -> bytes:
+    """Encode a header and its payload as one message.
+
+    >>> from .bench.messages import Trouble
+    >>> framed(Trouble(path=(), sentence="no"), b"abcd")
+    b'\\x1c\\x00\\x00\\x00{"path":[],"sentence":"no"} abcd'
+    """
+    text = header.model_dump_json().encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + b"".join(parts)
+
+
+def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
+    """Parse the header of a message; return it with the payload.
+
+    Raises
+    ------
+    InvalidMessage
+        Invalid message.
+
+    >>> from .bench.messages import Trouble
+    >>> unframed(framed(Trouble(path=(), sentence="no"), b"abcd"), Trouble)
+    (Trouble(path=(), sentence='no'), b'abcd')
+    """
+    if len(data) < 4:
+        raise InvalidMessage("the body must be the length of a JSON message, the message and a file")
+    (length,) = struct.unpack_from("<I", data)
+    return parse_message(data[4 : 4 + length], kind), data[4 + length :]
+
+
+# -- OpenAPI fragments (``/openapi.json``) of uploads, downloads and error responses ---------------
+
+BYTES: dict[str, Any] = {"content": {"application/octet-stream": {}}}
+PNG: dict[str, Any] = {"content": {"image/png": {}}}
+FILE_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+FileName = Annotated[str, Query(max_length=200)]
+# Error responses are JSON for every content type.
+REFUSED: dict[str, Any] = {
+    "model": Problem,
+    "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
+}
+REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 408, 413, 422, 503, 507), REFUSED)

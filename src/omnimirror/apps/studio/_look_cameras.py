@@ -1,0 +1,181 @@
+"""Cameras of the studio: bundled sensors, mirror balls, and files given or uploaded."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from ...base.errors import InvalidParameter, SpecError
+from ...cameras.frames import Mount
+from ...cameras.models import MirrorBall
+from ...cameras.models.camera_model import Optics
+from ...cameras.models.ocam import parse_ocam
+from ...optics.image_sensor import Imager
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import AnyCamera, bundled_sensors, format_sensor, is_ocam_text, load_sensor, parse_camera
+from ._camera_tables import camera_model, kind_of, mount_message, title_of
+from .look_messages import CameraShown, SensorEntry, SensorFile
+
+BALL = re.compile(r"ball:(\d{1,3}(?:\.\d{1,3})?)")
+BALL_FIELD_DEG = 340.0
+BALL_SIZE = (1024, 1024)
+MOST_UPLOADED = 64
+
+
+@dataclass(frozen=True)
+class Known:
+    """Camera with its command-line options."""
+
+    id: str
+    name: str
+    title: str
+    options: tuple[str, ...]
+    camera: AnyCamera
+
+    @property
+    def entry(self) -> SensorEntry:
+        return SensorEntry(
+            id=self.id,
+            name=self.name,
+            title=self.title,
+            kind=kind_of(self.camera),
+            mount=mount_message(self.camera.mount),
+        )
+
+    def standing(self, mount: Mount) -> AnyCamera:
+        """Return the camera with another mount."""
+        return replace(self.camera, mount=mount)
+
+    def model(self, mount: Mount | None = None) -> CameraShown:
+        """Return the description of the camera for the page, with its own or another mount."""
+        camera = self.camera if mount is None else self.standing(mount)
+        model = camera_model(self.id, self.name, self.title, self.options, camera)
+        return model.model_copy(update={"mount_in_file": mount_message(self.camera.mount)})
+
+
+class Cameras:
+    """Cameras by name; uploaded cameras are kept while the server runs, and the oldest are removed
+    first."""
+
+    def __init__(self, given: Known | None = None) -> None:
+        self._bundled = {name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()}
+        self._given = {given.id: given} if given else {}
+        self._uploaded: OrderedDict[str, Known] = OrderedDict()
+
+    def entries(self) -> list[SensorEntry]:
+        """Return all selectable cameras."""
+        ball = [] if any(k.startswith("ball:") for k in self._given) else [ball_of(BALL_FIELD_DEG)]
+        known = [*self._given.values(), *self._bundled.values(), *ball, *self._uploaded.values()]
+        return [k.entry for k in known]
+
+    def find(self, id: str) -> Known:
+        """Return a camera by name.
+
+        Raises
+        ------
+        KeyError
+            Unknown name.
+        InvalidParameter
+            Invalid field of a mirror ball.
+        """
+        for shelf in (self._given, self._bundled, self._uploaded):
+            if id in shelf:
+                return shelf[id]
+        if match := BALL.fullmatch(id):
+            return ball_of(float(match[1]))
+        raise KeyError(id)
+
+    def add(self, name: str, data: bytes, optics: str = "mirror") -> Known:
+        """Read an uploaded calibration: a sensor file, a camera file, or OCamCalib text.
+
+        Raises
+        ------
+        OmnimirrorError
+            Unknown or invalid file; the message contains the position and the valid values.
+        """
+        known = read_calibration(name, data, optics)
+        self._uploaded[known.id] = known
+        self._uploaded.move_to_end(known.id)
+        while len(self._uploaded) > MOST_UPLOADED:
+            self._uploaded.popitem(last=False)
+        return known
+
+    def file_of(self, wanted: SensorFile) -> str:
+        """Return the sensor file of a sensor with its image circle fitted to an image.
+
+        Raises
+        ------
+        KeyError
+            Unknown sensor.
+        InvalidParameter
+            A camera without a sensor file, or with a fixed image circle.
+        """
+        return format_sensor(self.fitted(wanted))
+
+    def looking(self, wanted: SensorFile) -> Sensor | MirrorBall:
+        """Return the sensor or mirror ball with its image circle fitted to an image."""
+        camera = self.find(wanted.id).camera
+        if isinstance(camera, MirrorBall):
+            mount = Mount(**wanted.mount.model_dump())
+            return MirrorBall(wanted.centre_px, wanted.rim_radius_px, camera.field_deg, wanted.image_size, mount)
+        return self.fitted(wanted)
+
+    def fitted(self, wanted: SensorFile) -> Sensor:
+        """Return the sensor with its image circle fitted to an image; raises the errors of
+        ``file_of``."""
+        camera = self.find(wanted.id).camera
+        if not isinstance(camera, Sensor) or camera.symmetry is None:
+            raise InvalidParameter(f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors")
+        return fitted(camera, wanted)
+
+
+def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
+    """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
+    if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
+        raise InvalidParameter(f"a circle at {wanted.centre_px} of radius {wanted.rim_radius_px} is none")
+    width, height = wanted.image_size
+    u, v = wanted.centre_px
+    if wanted.mount.image_flipped:
+        u = width - 1 - u
+    pitch_um = sensor.imager.pixel_pitch_um * sensor.rim_radius_px / wanted.rim_radius_px
+    mount = Mount(**wanted.mount.model_dump())
+    return replace(sensor, imager=Imager(width, height, pitch_um, (u, v)), mount=mount)
+
+
+def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
+    """Read a camera from the bytes of a calibration file in any format of the command line."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SpecError(
+            f"{name} is not a text file; valid are sensor files, camera files and OCamCalib's calib_results.txt"
+        ) from None
+    id = f"file:{hashlib.sha256(data + f'{name} {optics}'.encode()).hexdigest()[:16]}"
+    if is_ocam_text(text):
+        if optics not in get_args(Optics):
+            raise InvalidParameter(f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}")
+        kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
+        camera = parse_ocam(text, name, kind)
+        return Known(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)
+    given = parse_camera(text, source=name)
+    if isinstance(given, Sensor):
+        return _of_sensor(id, given, name)
+    return Known(id, name, title_of(given), ("--sensor", name), given)
+
+
+def ball_of(field_deg: float) -> Known:
+    """Return a mirror ball with the given field in an image of its own; the page moves its image
+    circle."""
+    centre = (BALL_SIZE[0] - 1) / 2, (BALL_SIZE[1] - 1) / 2
+    ball = MirrorBall(centre, 500.0, field_deg, BALL_SIZE)
+    options = ("--ball", f"{centre[0]:g},{centre[1]:g},500,{field_deg:g}")
+    return Known(f"ball:{field_deg:g}", "mirror ball", title_of(ball), options, ball)
+
+
+def _of_sensor(id: str, sensor: Sensor, file: str) -> Known:
+    return Known(id, sensor.name, title_of(sensor), ("--sensor", file), sensor)

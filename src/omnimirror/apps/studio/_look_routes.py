@@ -1,0 +1,285 @@
+"""HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams."""
+
+from __future__ import annotations
+
+import asyncio
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import PlainTextResponse, Response
+
+from ... import __version__
+from ...base.errors import OmnimirrorError
+from ...cameras.frames import Mount
+from ...cameras.models import MirrorBall
+from ...io import read_image
+from ...optics.sensor import Sensor
+from ._camera_tables import camera_tables
+from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
+from ._look_cameras import Cameras, Known
+from ._server_state import Stream
+from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, safe_name
+from .look_messages import (
+    CameraAsk,
+    CameraShown,
+    LevelAsk,
+    LevelFound,
+    RestoreAsk,
+    RimFound,
+    SensorEntry,
+    SensorFile,
+    Start,
+    StreamState,
+)
+
+if TYPE_CHECKING:
+    from ._server_state import Studio
+
+
+# -- Images served as 8-bit PNG: files of the server, and rendered rooms ---------------------------
+
+MOST_PIXELS = 4096 * 4096
+"""Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
+RIMS_KEPT = 256
+"""Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
+
+_rims: dict[bytes, RimFound] = {}
+"""Cached mirror outlines by image digest."""
+
+
+def shown_picture(path: Path) -> bytes:
+    """Return an image of the server."""
+    return encoded(eight_bits(read_image(path)), ".png")
+
+
+def rim_in(data: bytes, name: str) -> RimFound:
+    """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
+    from ...calibration.rim import find_rim
+
+    key = sha256(data).digest()
+    found = _rims.get(key)
+    if found is None:
+        rim = find_rim(eight_bits(picture_in(data, name)))
+        found = RimFound(
+            centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure
+        )
+        if len(_rims) >= RIMS_KEPT:
+            _rims.clear()
+        _rims[key] = found
+    return found
+
+
+def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
+    """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
+    from ...calibration.levelling import level_in
+
+    picture = eight_bits(picture_in(data, safe_name(ask.name)))
+    level = level_in(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
+    if level is None:
+        return None
+    return LevelFound(
+        pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright,
+        is_sure=level.is_sure,
+    )  # fmt: skip
+
+
+def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
+    """Restore an uploaded image: remove the optical blur of its sensor.
+
+    Raises
+    ------
+    OmnimirrorError
+        Unreadable image, or an image of another sensor.
+    """
+    from ...dewarp.restoration.deblurring import restore
+
+    picture = eight_bits(picture_in(data, safe_name(ask.name)))
+    distance = np.inf if ask.object_distance_mm is None else ask.object_distance_mm
+    return encoded(restore(sensor, picture, object_distance_mm=distance), ".png")
+
+
+@lru_cache(maxsize=8)
+def room_picture(known: Known) -> bytes:
+    """Render the image of a room by a camera.
+
+    Raises
+    ------
+    OmnimirrorError
+        Image too large.
+    """
+    from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+    from ...simulation.scenes.room import Room
+
+    width, height = known.camera.image_size
+    if width * height > MOST_PIXELS:
+        raise OmnimirrorError(
+            f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
+            f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
+        )
+    return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
+
+
+# -- HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams -----------------
+
+
+def add_look(app: FastAPI, studio: Studio) -> None:
+    """Register the routes of the Look tab."""
+    _add_start(app, studio)
+    _add_cameras(app, studio.cameras)
+    _add_files(app, studio.cameras)
+    _add_pictures(app, studio)
+    _add_streams(app, studio)
+
+
+def _add_start(app: FastAPI, studio: Studio) -> None:
+    @app.get("/api/start")
+    def start() -> Start:
+        """Return the available sources and cameras."""
+        first = next(iter(studio.sources.given), None)
+        return Start(
+            version=__version__,
+            sources=tuple(shown.message for shown in studio.sources.list()),
+            sensors=tuple(studio.cameras.entries()),
+            source=first.id if first else None,
+            sensor=studio.given.id if studio.given else None,
+        )
+
+
+def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
+    @app.get("/api/camera")
+    def camera(ask: Annotated[CameraAsk, Query()]) -> CameraShown:
+        """Return a camera with its own or the requested mount."""
+        known = _known(cameras, ask.id)
+        stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)
+        return known.model(Mount(**stands))
+
+    @app.get("/api/camera/tables", response_class=Response, responses={200: BYTES})
+    def tables(id: str, image_flipped: bool | None = None) -> Response:
+        """Return the tables of a camera as little-endian float32; they do not depend on the mount."""
+        known = _known(cameras, id)
+        flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
+        stands = known.standing(Mount(image_flipped=flipped))
+        return Response(camera_tables(stands).values.astype("<f4").tobytes(), media_type="application/octet-stream")
+
+
+def _add_files(app: FastAPI, cameras: Cameras) -> None:
+    @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
+    async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
+        """Read a calibration file: a sensor file, a camera file, or OCamCalib text."""
+        data = await collected(request)
+        return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
+
+    @app.post("/api/sensor-file", response_class=PlainTextResponse)
+    def sensor_file(wanted: SensorFile) -> str:
+        """Return the file of a sensor with its image circle fitted to an image."""
+        _known(cameras, wanted.id)
+        return cameras.file_of(wanted)
+
+
+def _add_pictures(app: FastAPI, studio: Studio) -> None:
+    @app.get("/api/room", response_class=Response, responses={200: PNG})
+    async def room(id: str) -> Response:
+        """Return the rendered image of a room by a camera."""
+        known = _known(studio.cameras, id)
+        return _png(await studio.simulated.run(known, lambda: room_picture(known)))
+
+    @app.get("/api/picture", response_class=Response, responses={200: PNG})
+    async def picture(id: str) -> Response:
+        """Return an image of the server as 8-bit PNG."""
+        try:
+            shown = await asyncio.to_thread(studio.sources.find, id)
+        except KeyError:
+            raise HTTPException(404, f"there is no picture {id!r} here") from None
+        if shown.kind != "picture":
+            raise HTTPException(404, f"{shown.name} is no picture")
+        path = Path(shown.place)
+        return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
+
+    @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    async def convert(request: Request, name: FileName = "picture") -> Response:
+        """Convert an image that browsers cannot read to 8-bit PNG."""
+        data = await collected(request)
+        return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name))))
+
+    @app.post("/api/rim", openapi_extra=FILE_BODY)
+    async def rim(request: Request, name: FileName = "picture") -> RimFound:
+        """Return the mirror outline in an image with its confidence."""
+        data = await collected(request)
+        return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
+
+    @app.post("/api/level", openapi_extra=FILE_BODY)
+    async def level(request: Request) -> LevelFound | None:
+        """Estimate the camera tilt of an image; the request header precedes the image."""
+        ask, picture = unframed(await collected(request), LevelAsk)
+        _known(studio.cameras, ask.id)
+        camera = studio.cameras.looking(ask)
+        return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
+
+    @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    async def restore(request: Request) -> Response:
+        """Restore an image; the request header precedes the image."""
+        ask, picture = unframed(await collected(request), RestoreAsk)
+        _known(studio.cameras, ask.id)
+        sensor = studio.cameras.fitted(ask)
+        return _png(await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture)))
+
+
+def _add_streams(app: FastAPI, studio: Studio) -> None:
+    @app.websocket("/api/stream")
+    async def stream(socket: WebSocket, id: str) -> None:
+        """Send frames as JPEG on request, and state changes of the stream as text."""
+        await socket.accept()
+        try:
+            shown = studio.sources.find(id)
+        except KeyError:
+            ended = StreamState(state="ended", sentence=f"there is no stream {id!r} here")
+            await socket.send_text(ended.model_dump_json())
+            await socket.close()
+            return
+        async with studio.streams.watch(shown) as watched:
+            await _serve(socket, watched)
+
+
+def _known(cameras: Cameras, id: str) -> Known:
+    try:
+        return cameras.find(id)
+    except KeyError:
+        raise HTTPException(404, f"there is no camera {id!r}; it may have been forgotten: load it again") from None
+
+
+def _png(data: bytes) -> Response:
+    return Response(data, media_type="image/png")
+
+
+async def _serve(socket: WebSocket, watched: Stream) -> None:
+    """Serve one page: state changes, and the newest frame after each request."""
+    count, state = 0, None
+    asked = asyncio.create_task(socket.receive())
+    wants = False
+    try:
+        while True:
+            news = asyncio.create_task(watched.after(count if wants else watched.count, state))
+            done, _ = await asyncio.wait({asked, news}, return_when=asyncio.FIRST_COMPLETED)
+            if asked in done:
+                if asked.result()["type"] == "websocket.disconnect":
+                    news.cancel()
+                    return
+                wants, asked = True, asyncio.create_task(socket.receive())
+            if news not in done:
+                news.cancel()
+                continue
+            number, jpeg, now = news.result()
+            if now != state:
+                state = now
+                await socket.send_text(now.model_dump_json())
+            if wants and jpeg is not None:
+                count, wants = number, False
+                await socket.send_bytes(jpeg)
+    except (WebSocketDisconnect, RuntimeError, OSError):
+        return
+    finally:
+        asked.cancel()

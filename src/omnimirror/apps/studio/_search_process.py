@@ -1,0 +1,110 @@
+"""Search process: mirror optimisation and design from requirements.
+
+Run as ``python -m omnimirror.apps.studio._search_process``, it reads one task from standard input and
+writes one progress message per line.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...design.designer import SearchOptions, design_sensor
+from ...design.optimiser import Progress
+from ...design.requirement_files import requirements_like
+from ...design.requirements import Requirements
+from ...optics.housing import Housing
+from ...optics.image_sensor import Imager
+from ...optics.sensor import Sensor
+from ._bench_requirements import requirements_for
+from ._bench_sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
+from .bench_messages import News, Task, distance_of
+
+Tell = Callable[[News], None]
+
+
+def perform(task: Task, tell: Tell) -> None:
+    """Run a task and report its progress; the last message contains the sensor or an error."""
+    try:
+        sensor = sensor_on_bench(task.tables)
+        (_optimise if task.what == "optimise" else _design)(task, sensor, tell)
+    except OmnimirrorError as e:
+        tell(_news("failed", str(e)))
+
+
+def optimisable(sensor: Sensor, task: Task) -> Requirements:
+    """Derive requirements from the sensor for the object distance, merit and shape of a task.
+
+    They cover its whole field, with an imager of the size of the rim image, because the task
+    optimises the mirror only.
+
+    Raises
+    ------
+    InvalidParameter
+        A sensor with two mirrors or a misaligned mirror.
+    """
+    if (reason := why_not_optimised(sensor)) is not None:
+        raise InvalidParameter(reason)
+    bare = replace(sensor, housing=Housing())
+    like = requirements_like(bare, optimise=task.merit, shape=f"{task.shape}:{task.terms}")
+    distance = distance_of(task.object_distance_mm)
+    asked = like.changed(omega_min_deg=0.0, object_distance_mm=distance)
+    limits = requirements_for(task.requirements, sensor).limits if task.requirements and task.keeps_limits else ()
+    name = f"optimised-{task.merit.replace('_', '-')}"
+    return replace(asked, imager=_filled(sensor), limits=limits, name=name)
+
+
+def _filled(sensor: Sensor) -> Imager:
+    """Return an imager filled by the rim image; it determines the magnification of a telecentric
+    lens."""
+    radius = sensor.rim_radius_px
+    side = int(np.ceil(2 * radius))
+    return Imager(side, side, sensor.imager.pixel_pitch_um, (radius - 0.5, radius - 0.5))
+
+
+def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
+    steps = 0
+
+    def said(progress: Progress) -> None:
+        nonlocal steps
+        steps += 1
+        words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
+        tell(_news("running", words, progress.run / progress.runs, progress.value))
+
+    made = design_sensor(optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=said))
+    if made.optimum is None:
+        missed = ", ".join(made.verdict.missed)
+        raise InvalidParameter(f"{made.notes[0]}; missed: {missed}" if missed else made.notes[0])
+    found = replace(made.sensor, imager=sensor.imager, housing=sensor.housing)
+    tell(_news("done", found.notes, 1.0, made.optimum.value, found))
+
+
+def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
+    if task.requirements is None:
+        raise InvalidParameter("there are no requirements to design from")
+    asked = requirements_for(task.requirements, in_place(sensor))
+    made = design_sensor(asked, lambda words: tell(_news("running", words)))
+    missed = [row.label for row in made.rows if not row.is_met]
+    words = f"Not everything can be met: {', '.join(missed)}." if missed else "Everything is met."
+    tell(_news("done", words, 1.0, None, made.sensor))
+
+
+def _news(
+    state: str, sentence: str, share: float | None = None, value: float | None = None, sensor: Sensor | None = None
+) -> News:
+    on = on_bench(sensor) if sensor is not None else None
+    return News(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
+
+
+def main() -> None:
+    """Run the task from standard input."""
+    task = Task.model_validate_json(sys.stdin.buffer.readline())
+    perform(task, lambda news: print(news.model_dump_json(), flush=True))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,245 @@
+"""State of a studio server: sources, streams, cameras, and queues for long-running requests."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Container, Iterable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from ...base.errors import OmnimirrorError
+from ...interop.http_server.limits import JobQueue
+from ...io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from ._look_cameras import Cameras, Known
+from ._uploads import encoded
+from ._workers import BoardDetectorPool
+from .look_messages import Source, StreamState
+
+# -- Sources that the server may serve: its given sources and the files of given folders -----------
+
+MOST_LISTED = 2000
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Source with its location; the page receives only its ``id``."""
+
+    id: str
+    name: str
+    kind: Literal["picture", "video", "live"]
+    place: str
+
+    @property
+    def message(self) -> Source:
+        return Source(id=self.id, name=self.name, kind=self.kind, command=self.command)
+
+    @property
+    def command(self) -> str:
+        """Location of the source, relative to the working directory if shorter."""
+        here = Path.cwd()
+        is_near = self.kind != "live" and Path(self.place).is_relative_to(here)
+        return str(Path(self.place).relative_to(here)) if is_near else self.place
+
+
+class Sources:
+    """Available sources. A page selects from the list and never sends a path.
+
+    Parameters
+    ----------
+    given
+        Images, videos, cameras and streams; the page opens the first.
+    folders
+        Folders of additional images and videos.
+    live
+        Given sources that are cameras or streams.
+
+    Raises
+    ------
+    MediaError
+        Invalid address of a live camera or stream.
+    """
+
+    def __init__(self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()) -> None:
+        places = list(dict.fromkeys(given))
+        ids = ["source", *(f"source-{number}" for number in range(2, len(places) + 1))]
+        self.given = [_listed(id, place, place in live) for id, place in zip(ids, places, strict=False)]
+        self._folders = [folder.resolve() for folder in folders]
+
+    def list(self) -> list[Shown]:
+        """Return all currently available sources."""
+        found = list(self.given)
+        for number, folder in enumerate(self._folders):
+            for path in sorted(folder.iterdir()):
+                inside = path.resolve().is_relative_to(folder)  # symbolic links can point outside the folder
+                if inside and path.is_file() and kind_of_file(path) and len(found) < MOST_LISTED:
+                    shown = _listed(f"{number}/{path.name}", str(path), False)
+                    found.append(shown)
+        return found
+
+    def find(self, id: str) -> Shown:
+        """Return a source by id.
+
+        Raises
+        ------
+        KeyError
+            Unknown id.
+        """
+        for shown in self.list():
+            if shown.id == id:
+                return shown
+        raise KeyError(id)
+
+
+def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
+    """Return the kind of a file by its suffix.
+
+    >>> kind_of_file(Path("room.PNG")), kind_of_file(Path("ride.mp4")), kind_of_file(Path("notes.txt"))
+    ('picture', 'video', None)
+    """
+    suffix = path.suffix.lower()
+    return "picture" if suffix in IMAGE_SUFFIXES else "video" if suffix in VIDEO_SUFFIXES else None
+
+
+def _listed(id: str, place: str, is_live: bool) -> Shown:
+    if is_live:
+        from ...io.live_sources import checked, named
+
+        checked(place)
+        return Shown(id, named(place), "live", place)
+    path = Path(place)
+    return Shown(id, path.name, kind_of_file(path) or "picture", place)
+
+
+# -- Videos, cameras and streams for any number of pages, decoded and encoded once -----------------
+#
+# A page requests a frame after it has drawn the previous one and receives the newest; intermediate
+# frames are dropped. A slow page therefore accumulates no delay and does not slow down other pages.
+
+State = Literal["waiting", "playing", "lost", "ended"]
+OPENING_S = 60.0
+LINGER_S = 2.0  # a reloaded page finds its stream still running
+
+
+class Stream:
+    """Source that is read in a thread while pages watch it."""
+
+    def __init__(self, shown: Shown, loop: asyncio.AbstractEventLoop) -> None:
+        self.shown = shown
+        self.viewers = 0
+        self.count = 0
+        """Number of frames so far; also the index of the newest frame."""
+        self.state = StreamState(state="waiting", sentence=f"waiting for {shown.name}")
+        self._newest: bytes | None = None
+        self._loop = loop
+        self._news = asyncio.Event()
+        from ...io.live_sources import Playback
+
+        # A source that has played before is reopened after a failure; one that never opened is
+        # reported as an error, and a reload tries again.
+        self._playing = Playback(shown.place, shown.kind == "live", self._report, OPENING_S)
+        self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
+        self._thread.start()
+
+    async def after(self, count: int, state: StreamState | None) -> tuple[int, bytes | None, StreamState]:
+        """Wait for a frame newer than ``count`` or a change of state; return both."""
+        while self.count == count and self.state == state:
+            await self._news.wait()
+        return self.count, (self._newest if self.count != count else None), self.state
+
+    def stop(self) -> None:
+        """Close the source."""
+        self._playing.stop()
+
+    # -- reader thread -------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        from ...io.video_frames import image_of_frame
+
+        try:
+            for frame in self._playing.frames():
+                self._tell(encoded(image_of_frame(frame), ".jpg"), "playing", f"{self.shown.name} is playing")
+            self._tell(None, "ended", f"{self.shown.name} has ended")
+        except OmnimirrorError as e:
+            self._tell(None, "ended", str(e))
+
+    def _report(self, sentence: str) -> None:
+        self._tell(None, "playing" if " is back " in sentence else "lost", sentence)
+
+    def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._publish, jpeg, StreamState(state=state, sentence=sentence))
+
+    def _publish(self, jpeg: bytes | None, state: StreamState) -> None:
+        if jpeg is not None:
+            self._newest, self.count = jpeg, self.count + 1
+        self.state = state
+        self._news.set()  # wakes all current waiters, not later ones
+        self._news = asyncio.Event()
+
+
+class Streams:
+    """Streams that are currently watched."""
+
+    def __init__(self) -> None:
+        self._running: dict[str, Stream] = {}
+
+    @asynccontextmanager
+    async def watch(self, shown: Shown) -> AsyncIterator[Stream]:
+        """Return a stream shared by all pages that watch the source."""
+        stream = self._running.get(shown.id)
+        if stream is None or stream.state.state == "ended":
+            stream = self._running[shown.id] = Stream(shown, asyncio.get_running_loop())
+        stream.viewers += 1
+        try:
+            yield stream
+        finally:
+            stream.viewers -= 1
+            asyncio.get_running_loop().call_later(LINGER_S, self._leave, stream)
+
+    def close(self) -> None:
+        """Stop all streams."""
+        for stream in self._running.values():
+            stream.stop()
+        self._running.clear()
+
+    def _leave(self, stream: Stream) -> None:
+        if stream.viewers == 0:
+            stream.stop()
+            if self._running.get(stream.shown.id) is stream:
+                del self._running[stream.shown.id]
+
+
+# -- State of a studio server, with queues for long-running requests -------------------------------
+
+
+@dataclass
+class Studio:
+    """Sources, cameras, streams and access rules of a server; simulations, images and reports run
+    one at a time.
+
+    Parameters
+    ----------
+    sources
+        Images, videos and streams that pages can request.
+    given
+        Initial camera of the page, if any.
+    hosts
+        Accepted host names in addition to those of this machine.
+    token
+        Access token required from other machines.
+    """
+
+    sources: Sources = field(default_factory=Sources)
+    given: Known | None = None
+    hosts: tuple[str, ...] = ()
+    token: str | None = None
+
+    def __post_init__(self) -> None:
+        self.cameras = Cameras(self.given)
+        self.streams = Streams()
+        self.lookers = BoardDetectorPool()
+        self.simulated, self.unpacked, self.reported = JobQueue(), JobQueue(), JobQueue()
+        self.built, self.toleranced, self.slid = JobQueue(), JobQueue(), JobQueue()

@@ -1,0 +1,143 @@
+"""Page that works without a server, from disk or any web server: cameras, images and design bench."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Callable, Sequence
+from itertools import product
+from pathlib import Path
+from typing import get_args
+
+from ... import __version__
+from ...base.errors import InvalidParameter
+from ...cameras.frames import CameraLooks, Mount
+from ...optics.batch.best_focus import FOCUS_SEARCH
+from ...optics.mirrors import ConicAsphere, Ellipsoid, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
+from ...optics.sensor_files import load_sensor
+from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.scenes.room import Room
+from ._bench_sensors import bench_start, on_bench
+from ._camera_tables import camera_tables
+from ._look_cameras import Cameras, Known
+from ._uploads import encoded
+from .bench_messages import BenchAlone, BenchSensor, PartOf
+from .look_messages import Alone, CameraAlone
+from .pages import base64_of, inside, page_holding, script_text
+
+# -- Bench data of a page without a server: parts, sensors, and the script with the compiled evaluator
+
+KERNEL = Path(__file__).with_name("kernel.wasm")
+"""Compiled design evaluator, built by native/wasm/build.sh."""
+MIRRORS = {cls.KIND for cls in (Sphere, Ellipsoid, Hyperboloid, Paraboloid, ConicAsphere, EvenPolynomial)}
+"""Kinds of mirrors with an analytic profile; all others require a solver."""
+LENSES = {
+    "perspective": ("focal_length_mm", "f_number", "focus_distance_mm"),
+    "orthographic": ("magnification", "working_f_number", "focus_distance_mm"),
+}
+"""Ideal lenses and their parameters."""
+
+
+def bench_alone() -> BenchAlone:
+    """Return the bench for analytic mirrors with ideal lenses; the compiled evaluator in the page
+    computes all values.
+
+    Examples
+    --------
+    >>> [part.kind for part in bench_alone().start.lenses]
+    ['perspective', 'orthographic']
+    """
+    start = bench_start()
+    known = {name: sensor for name in start.sensors if is_known(sensor := on_bench(load_sensor(name)))}
+    parts = {
+        "mirrors": tuple(part for part in start.mirrors if part.kind in MIRRORS),
+        "lenses": tuple(_bare_lens(part) for part in start.lenses if part.kind in LENSES),
+        "secondaries": (), "sensors": tuple(known),
+    }  # fmt: skip
+    only = start.model_copy(update=parts)
+    return BenchAlone(
+        start=only, sensors=tuple(known.values()), search=tuple(map(float, FOCUS_SEARCH)),
+        kernel=b64encode(KERNEL.read_bytes()).decode(), script=script_text("bench.js"),
+    )  # fmt: skip
+
+
+def is_known(sensor: BenchSensor) -> bool:
+    """Check if the bench supports a sensor without a server."""
+    tables = sensor.tables
+    mirror, lens = tables["mirror"]["kind"], tables["lens"]
+    is_bare = not ({"secondary", "mirror_pose", "housing"} & set(tables))
+    own = LENSES.get(lens["kind"], ())
+    return mirror in MIRRORS and is_bare and all(name in ("kind", *own) or not value for name, value in lens.items())
+
+
+def _bare_lens(lens: PartOf) -> PartOf:
+    return lens.model_copy(update={"parameters": tuple(p for p in lens.parameters if p.name in LENSES[lens.kind])})
+
+
+# -- Page that dewarps images of the bundled sensors without a server, from disk or any web server
+
+BALLS = ("ball:260", "ball:160")
+"""Mirror balls offered by the page in addition to the first sensor."""
+JPEG_QUALITY = 85
+
+
+def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None) -> str:
+    """Return a self-contained page that dewarps images dropped on it.
+
+    The page contains the bundled sensors and mirror balls with a rendered image of a room for each
+    sensor, and the design bench for analytic mirrors with ideal lenses. Mirror outlines are fitted
+    manually; automatic outline detection, levelling, restoration, searches, tolerances and
+    calibrations require the server.
+
+    Parameters
+    ----------
+    sensors
+        Names of bundled sensors, and balls as ``ball:340`` with a field in degrees; all by default.
+    progress
+        Called with the number of completed cameras and their total number.
+
+    Returns
+    -------
+    str
+        HTML, about 2 MB.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown sensor name.
+
+    Examples
+    --------
+    >>> from omnimirror.apps.studio import page_alone
+    >>> from pathlib import Path
+    >>> _ = Path("look.html").write_text(page_alone(["paper-spherical"]), encoding="utf-8")  # doctest: +SKIP
+    """
+    known = _symmetric_cameras(sensors)
+    cameras = []
+    for number, each in enumerate(known):
+        cameras.append(_standalone_camera(each))
+        if progress is not None:
+            progress(number + 1, len(known))
+    return page_holding(alone=Alone(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone())
+
+
+def _symmetric_cameras(sensors: Sequence[str] | None) -> list[Known]:
+    """Return the rotationally symmetric cameras; their tables take a few kilobytes each."""
+    cameras = Cameras()
+    everything = [*(entry.id for entry in cameras.entries()), *BALLS]
+    try:
+        known = [cameras.find(name) for name in (everything if sensors is None else sensors)]
+    except KeyError as e:
+        raise InvalidParameter(f"sensors holds {e.args[0]!r}; it is valid with {', '.join(everything)}") from None
+    return [each for each in known if each.camera.symmetry is not None]
+
+
+def _standalone_camera(known: Known) -> CameraAlone:
+    ways = product(get_args(CameraLooks), (False, True))
+    is_ball = known.entry.kind == "ball"
+    room = b"" if is_ball else encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY)
+    return CameraAlone(
+        entry=known.entry,
+        standing=tuple(known.model(Mount(looks, image_flipped=flipped)) for looks, flipped in ways),
+        tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()),
+        room=inside(room, "image/jpeg") if room else "",
+    )

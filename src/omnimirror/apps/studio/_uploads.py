@@ -1,0 +1,135 @@
+"""Uploads: sanitised file names, and images whose size is checked before decompression."""
+
+from __future__ import annotations
+
+import io
+import re
+import tempfile
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.errors import MediaError
+from ...io import images, read_image
+
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+    from starlette.requests import Request
+
+MOST_UNPACKED = 256 << 20
+"""Maximum size of a decoded image in memory, bytes."""
+STRIP = 256
+"""Rows per conversion step."""
+BITS_PER_SAMPLE = 258  # TIFF tag
+KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp", "GIF": ".gif", "PPM": ".pnm"}
+
+
+async def collected(request: Request) -> bytes:
+    """Return the uploaded file of a request.
+
+    Raises
+    ------
+    MediaError
+        Empty request.
+    """
+    data = await request.body()
+    if not data:
+        raise MediaError("the file is empty")
+    return data
+
+
+def safe_name(name: str) -> str:
+    """Return the last component of a name, reduced to characters that are safe in messages and on
+    command lines.
+
+    >>> safe_name("../../etc/pass wd"), safe_name("C:\\\\rooms\\\\hall.toml"), safe_name("..")
+    ('pass_wd', 'hall.toml', 'file')
+    """
+    last = re.split(r"[\\/]", name)[-1]
+    return re.sub(r"[^\w.-]", "_", last).strip("._-")[:80] or "file"
+
+
+def browser_picture(data: bytes, name: str) -> bytes:
+    """Convert an image that browsers cannot read (TIFF, 16 bits, ...) to 8-bit PNG.
+
+    Raises
+    ------
+    MediaError
+        Unknown format, damaged image, or decoded size too large.
+    """
+    return encoded(eight_bits(picture_in(data, name)), ".png")
+
+
+def picture_in(data: bytes, name: str) -> NDArray[Any]:
+    """Decode an uploaded image of any format.
+
+    The decoded size is computed from the header and checked before decompression.
+
+    Raises
+    ------
+    MediaError
+        Unknown format, damaged image, or decoded size too large.
+    """
+    suffix = _checked_kind(data, name)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture{suffix}"
+        path.write_bytes(data)
+        try:
+            return read_image(path)
+        except MediaError as e:
+            raise MediaError(str(e).replace(str(path), name)) from None
+
+
+def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
+    """Encode a grey, RGB or RGBA image as a file."""
+    parameters = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 2]
+    return images.encoded(image, suffix, parameters)
+
+
+def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Convert an image to 8 bits; floating-point values range from 0 to 1."""
+    if image.dtype == np.uint8:
+        return image.astype(np.uint8, copy=False)
+    scale = 255.0 if image.dtype == np.float32 else 255.0 / 65535
+    shallow = np.empty(image.shape, np.uint8)
+    for start in range(0, len(image), STRIP):
+        strip = np.nan_to_num(image[start : start + STRIP].astype(np.float64) * scale)
+        shallow[start : start + STRIP] = strip.clip(0, 255).round()
+    return shallow
+
+
+def _checked_kind(data: bytes, name: str) -> str:
+    """Check the decoded size in the image header; return the suffix of the format."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of large or damaged images; both are rejected below
+            with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
+                kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
+        is_huge = unpacked > MOST_UNPACKED
+    except Image.DecompressionBombError:
+        is_huge = True
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
+        raise MediaError(f"{name} is not a picture that can be read; valid are {', '.join(KINDS)}") from None
+    if is_huge:
+        raise MediaError(f"{name} unfolds to too many pixels; at most {MOST_UNPACKED >> 20} MB of them are valid")
+    return KINDS[kind]
+
+
+def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
+    """Return the decoded size of an image in bytes, from its header."""
+    width, height = picture.size
+    channels = 4 if picture.mode in ("P", "PA") else len(picture.getbands())  # palettes are expanded to colours
+    depth = 8
+    if picture.format == "PNG":
+        depth = data[24]
+    elif picture.format == "TIFF":
+        depth = max(picture.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
+    elif picture.format == "PPM":
+        depth = 16  # maximum value up to 65535
+    return width * height * channels * max(1, -(-depth // 8))

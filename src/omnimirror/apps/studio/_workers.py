@@ -1,0 +1,205 @@
+"""Worker processes for long-running tasks and for board detection."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import IO, Any
+
+from fastapi import Request, WebSocket, WebSocketDisconnect
+
+from ...base.errors import InvalidParameter
+from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
+from . import _board_detection_process
+from .calibration_messages import BoardLook, BoardSeen
+from .messages import Problem
+
+# -- Worker processes for long-running tasks; they do not delay interactive requests and can be cancelled at any time
+#
+# A worker reads its task from standard input and writes its progress, one message per line.
+
+
+def begun(module: str) -> subprocess.Popen[bytes]:
+    """Start a module as a process that is isolated from Ctrl-C at the server."""
+    return subprocess.Popen(
+        [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    )
+
+
+def ended(process: subprocess.Popen[bytes]) -> None:
+    """Terminate a process and close its pipes."""
+    process.kill()
+    process.wait()  # short, because the process is killed
+    for stream in (process.stdin, process.stdout):
+        with suppress(OSError):  # the last input may not have been delivered
+            stream.close()  # type: ignore[union-attr]
+
+
+async def while_open(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
+    """Serve a socket until either side closes it."""
+    await socket.accept()
+    with suppress(WebSocketDisconnect, RuntimeError, OSError):
+        await work(socket)
+
+
+class Worker:
+    """Running worker process."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        self._process = process
+
+    def tell(self, line: str) -> None:
+        """Send a line to the process; ignored after its end."""
+        stdin: IO[bytes] | None = self._process.stdin
+        assert stdin is not None
+        with suppress(OSError):
+            stdin.write(line.encode() + b"\n")
+            stdin.flush()
+
+    async def lines(self) -> AsyncIterator[str]:
+        """Yield the output lines."""
+        stdout = self._process.stdout
+        assert stdout is not None
+        while line := await asyncio.to_thread(stdout.readline):
+            yield line.decode()
+
+
+class Workers:
+    """Limited number of worker processes.
+
+    Parameters
+    ----------
+    module
+        Module to run.
+    most
+        Maximum number of simultaneous processes.
+    what
+        Plural noun for their tasks, used in the error message.
+    """
+
+    def __init__(self, module: str, most: int, what: str) -> None:
+        self.module, self.most, self.what = module, most, what
+        self._running = 0
+
+    @asynccontextmanager
+    async def one(self) -> AsyncIterator[Worker]:
+        """Yield a worker; leaving the block terminates it.
+
+        Raises
+        ------
+        InvalidParameter
+            Too many active workers.
+        """
+        if self._running >= self.most:
+            raise InvalidParameter(f"{self.most} {self.what} are running already; wait for one of them, or cancel it")
+        self._running += 1
+        process = begun(self.module)
+        try:
+            yield Worker(process)
+        finally:
+            self._running -= 1
+            ended(process)
+
+
+async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any]) -> None:
+    """Forward progress messages to a page until their end, or until a disconnect ends
+    ``listening``."""
+    lines = worker.lines()
+    try:
+        while True:
+            line = asyncio.ensure_future(anext(lines))
+            await asyncio.wait({listening, line}, return_when=asyncio.FIRST_COMPLETED)
+            if not line.done():
+                line.cancel()
+                return
+            await socket.send_text(line.result())
+    except StopAsyncIteration:
+        return
+    finally:
+        listening.cancel()
+
+
+# -- Board detection in uploaded images by worker processes, because one image can take seconds ----
+
+MOST_AT_ONCE = 2
+IDLE_S = 60.0
+"""Idle time after which a worker process is terminated, s."""
+
+
+class BoardDetectorPool:
+    """Pool of board detection processes, each with one image at a time; started on demand."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Semaphore(MOST_AT_ONCE)
+        self._idle: list[subprocess.Popen[bytes]] = []
+        self._asked = 0
+        self._letting_go: asyncio.TimerHandle | None = None
+
+    async def look(self, ask: BoardLook, data: bytes, request: Request) -> BoardSeen:
+        """Detect the board in an image; a disconnect of the client cancels the search.
+
+        Raises
+        ------
+        ServerBusy
+            Too many queued requests.
+        OmnimirrorError
+            Unreadable image or invalid board.
+        """
+        if self._asked >= MAX_QUEUED_JOBS:
+            raise ServerBusy("more pictures are looked at than can be waited for; try again in a while")
+        self._asked += 1
+        if self._letting_go is not None:
+            self._letting_go.cancel()
+        try:
+            async with self._turn:
+                answer = await self._answer(ask, data, request)
+        finally:
+            self._asked -= 1
+            if not self._asked:
+                self._letting_go = asyncio.get_running_loop().call_later(IDLE_S, self.close)
+        if answer.startswith(b'{"detail"'):
+            raise InvalidParameter(Problem.model_validate_json(answer).detail)
+        return BoardSeen.model_validate_json(answer)
+
+    def close(self) -> None:
+        """Terminate the idle processes."""
+        while self._idle:
+            ended(self._idle.pop())
+
+    async def _answer(self, ask: BoardLook, data: bytes, request: Request) -> bytes:
+        looker = self._idle.pop() if self._idle else begun(_board_detection_process.__name__)
+        asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
+        gone = asyncio.create_task(_gone(request))
+        answer = b""
+        try:
+            await asyncio.wait({asked, gone}, return_when=asyncio.FIRST_COMPLETED)
+            answer = asked.result() if asked.done() else b""
+        finally:
+            gone.cancel()
+            if answer:
+                self._idle.append(looker)
+            else:
+                ended(looker)  # also ends the thread that waits for its answer
+        if not answer:
+            raise InvalidParameter(f"looking at {ask.name} was cut off; try again")
+        return answer
+
+
+def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> bytes:
+    assert looker.stdin is not None
+    assert looker.stdout is not None
+    with suppress(OSError, ValueError):  # terminated in the meantime
+        looker.stdin.write(b"%s\n%d\n" % (ask.model_dump_json().encode(), len(data)))
+        looker.stdin.write(data)
+        looker.stdin.flush()
+        return looker.stdout.readline()
+    return b""
+
+
+async def _gone(request: Request) -> None:
+    """Wait until the client disconnects."""
+    while (await request.receive())["type"] != "http.disconnect":
+        continue

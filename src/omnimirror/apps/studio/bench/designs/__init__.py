@@ -1,1 +1,0 @@
-"""Designs on the bench: tables, requirement checks and manual shape editing."""

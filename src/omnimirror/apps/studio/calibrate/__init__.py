@@ -1,1 +1,0 @@
-"""Calibrate tab: board detection in images, and camera calibration."""

@@ -1,1 +1,0 @@
-"""Look tab: interactive views of images, videos and streams."""

@@ -1,1 +1,0 @@
-"""Numerical methods: root finding, minimisation, minimax optimisation and polynomials."""

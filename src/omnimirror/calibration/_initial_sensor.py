@@ -1,0 +1,275 @@
+"""Initial mirror sensor from a central model: the shape with the same projection of distant points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.typing import Array
+from ..cameras.camera import inside_image
+from ..cameras.models.camera_model import CameraModel
+from ..optics.image_sensor import Imager
+from ..optics.lenses import Perspective
+from ..optics.mirrors import ConicAsphere, SlopeSpline
+from ..optics.sensor import Sensor
+from ..optics.tracing.meridian import trace_chief_rays
+from .projection_derivatives import profile_derivatives
+from .sensor_parameters import ParameterLocation, ParameterPrior, parameter_location, shape_names, value_of, with_values
+
+Model = TypeVar("Model", bound=CameraModel)
+
+RINGS, SPOKES = 60, 16
+MIN_VISIBLE_FRACTION = 0.5  # minimum visible fraction of a ring with a mean radius
+QUADRATURE = 2001
+MAX_STEPS = 30
+RELATIVE_TOLERANCE = 1e-9
+RIM_TO_DISTANCE = 4.0
+"""Typical distance of a mirror in rim radii (most products: 3 to 5)."""
+DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
+SIZES_MM = (4.0, 1000.0)  # rim radii of mirrors
+MAX_RESIDUAL_MOTION = 0.9  # maximum residual viewpoint motion, relative to the motion itself
+
+
+class RadialProjection(NamedTuple):
+    """Mean radial projection of a central model."""
+
+    centre_px: tuple[float, float]
+    omega: Array
+    """Field angles (k,), radians, increasing."""
+    radius_px: Array
+    """Radii (k,), px."""
+
+
+def radial_projection(central: CameraModel, omega_max_deg: float) -> RadialProjection:
+    """Return the centre and the mean radius of each field angle with a mostly visible ring.
+
+    Raises
+    ------
+    InvalidParameter
+        If the model has no such ring.
+    """
+    directions, omega = ring_directions(central, omega_max_deg)
+    image = central.image(directions, distant=True)
+    seen = image.valid.copy()
+    seen[seen] = inside_image(image.pixels[seen], central.image_size)
+    rings = np.where(seen[:, None], image.pixels, np.nan).reshape(RINGS, SPOKES, 2)
+    whole = np.asarray(seen.reshape(RINGS, SPOKES).all(axis=1))
+    if not whole[:2].all():
+        raise InvalidParameter("the model shows nothing round its axis; a mirror cannot begin from it")
+    u, v = rings[:2].mean(axis=(0, 1))
+    shares = seen.reshape(RINGS, SPOKES).mean(axis=1)
+    kept = np.logical_and.accumulate(shares >= MIN_VISIBLE_FRACTION)
+    radius = np.nanmean(np.hypot(rings[kept, :, 0] - u, rings[kept, :, 1] - v), axis=1)
+    grows = np.concatenate([[True], np.diff(radius) > 0])
+    kept_rings = np.logical_and.accumulate(grows)
+    return RadialProjection((float(u), float(v)), omega[kept][kept_rings], radius[kept_rings])
+
+
+def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, Array]:
+    """Return directions (n, 3) on rings about the axis, and ring angles (k,) in radians."""
+    omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))
+    phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
+    forward = -1.0 if central.optics == "mirror" else 1.0
+    o, p = (a.ravel() for a in np.meshgrid(omega, phi, indexing="ij"))
+    return np.stack([np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), forward * np.cos(o)], axis=-1), omega
+
+
+def unknown_sensor(central: CameraModel, law: RadialProjection, rim_radius_mm: float, distance_mm: float) -> Sensor:
+    """Return a sensor with an unknown mirror of given size and distance for a central model.
+
+    The focal length follows from the radius of the field in the image.
+    """
+    distance, pitch_um = distance_mm, 5.0
+    depth = distance + 0.3 * rim_radius_mm  # to the rim, for most mirrors
+    b0 = law.radius_px[-1] * pitch_um * 1e-3 * depth / rim_radius_mm
+    width, height = central.image_size
+    mount = central.mount
+    u = width - 1 - law.centre_px[0] if mount.image_flipped else law.centre_px[0]
+    return Sensor(
+        ConicAsphere(rim_radius_mm, -1.0, rim_radius_mm, (0.0,) * 4, rim_radius_mm),
+        Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance),
+        Imager(width, height, pitch_um, (u, law.centre_px[1])),
+        mount,
+        distance,
+        name="calibrated",
+    )
+
+
+def guessed_size(
+    central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array
+) -> tuple[float, float] | None:
+    """Estimate rim radius and distance (mm) of an unknown mirror from the motion of its viewpoint.
+
+    For each distance in rim radii, one mirror shape reproduces the projection of a central model;
+    the motion of its viewpoint along the axis is proportional to its size. This motion is the only
+    information on size and distance in images. None if the measured motion fits no such mirror, for
+    example if it is negligible.
+
+    Parameters
+    ----------
+    central
+        Model with a single viewpoint.
+    omega_max_deg
+        Maximum field angle of its observations.
+    omega, viewpoint_mm : (n,)
+        Field angles (radians), and intersections of their rays with the axis along Z of the camera
+        frame, with an arbitrary origin.
+    """
+    law = radial_projection(central, omega_max_deg)
+    wanted = viewpoint_mm - viewpoint_mm.mean()
+    guesses = []
+    for distance in DISTANCES:
+        sensor = with_prescribed_projection(law, unknown_sensor(central, law, 1.0, distance), rim_is_known=False)
+        x = np.linspace(0.02, 1.0, RINGS) * sensor.mirror.rim_radius_mm
+        rays = sensor.meridian.trace(x)
+        moved = np.interp(omega, rays.omega, rays.z + rays.viewpoint_offset())
+        moved -= moved.mean()
+        size = float(moved @ wanted / max(moved @ moved, 1e-12))
+        guesses.append((float(np.sum((wanted - size * moved) ** 2)), size, distance * size))
+    left, size, distance_mm = min(guesses)
+    is_known = SIZES_MM[0] < size < SIZES_MM[1] and left < MAX_RESIDUAL_MOTION**2 * float(wanted @ wanted)
+    return (size, distance_mm) if is_known else None
+
+
+def with_prescribed_projection(law: RadialProjection, sensor: Sensor, rim_is_known: bool) -> Sensor:
+    """Return the sensor with the mirror shape that projects distant points as prescribed.
+
+    An unknown rim is placed at the end of the prescribed projection.
+
+    Raises
+    ------
+    InvalidParameter
+        If no mirror of its kind is suitable.
+    """
+    x, slope = _prescribed_slopes(law, sensor)
+    mirror = sensor.mirror
+    if rim_is_known:
+        x, slope = x[x <= mirror.rim_radius_mm], slope[x <= mirror.rim_radius_mm]
+    else:
+        mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]
+    if isinstance(mirror, SlopeSpline):
+        at = np.linspace(0.0, mirror.rim_radius_mm, len(mirror.slopes))
+        return replace(sensor, mirror=SlopeSpline((0.0, *np.interp(at[1:], x, slope)), mirror.rim_radius_mm))
+    places = tuple(parameter_location(sensor, name) for name in shape_names(sensor))
+    begun = replace(sensor, mirror=mirror)
+    return replace(begun, mirror=_fitted_slopes(begun, places, x, slope).mirror)
+
+
+def without_fold(sensor: Sensor) -> Sensor:
+    """Return the sensor with a rim that excludes decreasing field angles beyond the measured field.
+
+    Only polynomial mirrors are changed.
+    """
+    mirror = sensor.mirror
+    if not isinstance(mirror, ConicAsphere):
+        return sensor
+    distance = sensor.mirror_pose.displacement_mm - sensor.optical_train.pupil_offset[2]
+    x = np.linspace(0.0, mirror.rim_radius_mm, QUADRATURE)[1:]
+    falls = np.flatnonzero(trace_chief_rays(mirror, distance, x).domega_dx() <= 0)
+    if not len(falls) or falls[0] < 2:
+        return sensor
+    return replace(sensor, mirror=replace(mirror, rim_radius_mm=float(x[falls[0] - 1])))
+
+
+def _prescribed_slopes(law: RadialProjection, sensor: Sensor) -> tuple[Array, Array]:
+    """Return distances from the axis (n,) mm and slopes (n,) of the mirror for a radial projection."""
+    height = sensor.lens.undistorted_height(law.radius_px * sensor.imager.pitch_mm)
+    height, wanted = np.concatenate([[0.0], height]), np.concatenate([[0.0], law.omega])
+    if not isinstance(sensor.lens, Perspective):
+        x = height / float(sensor.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0])
+        return x, np.tan(wanted / 2)
+    theta = np.arctan(height / sensor.lens.principal_distance)
+    at = np.linspace(0.0, theta[-1], QUADRATURE)
+    omega = np.interp(at, theta, wanted)
+    rate = np.tan((omega + at) / 2)
+    log_rho = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(at))])
+    x = -sensor.optical_train.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
+    return x, np.tan((omega - at) / 2)
+
+
+def _fitted_slopes(sensor: Sensor, places: tuple[ParameterLocation, ...], x: Array, slope: Array) -> Sensor:
+    """Return the sensor whose mirror has slopes (n,) at x (n,), by damped least squares."""
+    values = np.array([value_of(sensor, place) for place in places])
+
+    def turned(at: Array) -> tuple[Sensor, Array] | None:
+        try:
+            other = with_values(sensor, places, at)
+        except OmnimirrorError:
+            return None
+        return other, np.arctan(other.mirror.slope(np.minimum(x, sensor.mirror.rim_radius_mm))) - np.arctan(slope)
+
+    state, damping = turned(values), 1e-3
+    if state is None:
+        raise InvalidParameter(f"a {sensor.mirror.KIND} cannot be {x[-1]:.4g} mm wide; start with another mirror")
+    for _ in range(MAX_STEPS):
+        here, error = state
+        rates = profile_derivatives(here.mirror, np.minimum(x, here.mirror.rim_radius_mm), places)[1]
+        step = _damped_step(rates / (1 + here.mirror.slope(x) ** 2)[:, None], error, damping)
+        other = turned(values - step)
+        if other is not None and (other[1] ** 2).sum() <= (error**2).sum():
+            values, damping = values - step, damping / 5
+            settled = (error**2).sum() - (other[1] ** 2).sum() <= RELATIVE_TOLERANCE * (error**2).sum()
+            state = other
+            if settled:
+                break
+        else:
+            damping *= 10
+    return state[0]
+
+
+def fit_to_central_model(
+    model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...], omega_max_deg: float
+) -> Model:
+    """Fit the free parameters to the projection of distant points by a central model, with priors."""
+    directions = ring_directions(central, omega_max_deg)[0]
+    wanted = central.image(directions, distant=True)
+    kept = wanted.valid.copy()
+    kept[kept] = inside_image(wanted.pixels[kept], central.image_size)
+    directions, pixels = directions[kept], wanted.pixels[kept]
+    values = np.array([p.value for p in model.parameters])
+    names = [p.name for p in model.parameters]
+    rows = np.zeros((len(priors), len(names)))
+    for i, prior in enumerate(priors):
+        rows[i, names.index(prior.name)] = 1 / prior.sigma
+    means = np.array([p.value for p in priors])[:, None] * rows
+
+    def compared(other: Model) -> tuple[Array, Array]:
+        image = other.image(directions, distant=True)
+        off, rates = image.pixels - pixels, image.d_parameters
+        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(off**2, axis=1)), 0.0)[:, None]  # robust
+        off, rates = np.where(image.valid[:, None], off, 0.0), np.where(image.valid[:, None, None], rates, 0.0)
+        at = np.array([p.value for p in other.parameters])
+        error = np.concatenate([(weight * off).ravel(), rows @ at - means.sum(axis=1)])
+        return error, np.concatenate([(weight[:, :, None] * rates).reshape(-1, len(names)), rows])
+
+    (error, rates), damping = compared(model), 1e-3
+    for _ in range(MAX_STEPS):
+        step = _damped_step(rates, error, damping)
+        try:
+            other = model.with_parameters(values - step)
+        except OmnimirrorError:
+            damping *= 10
+            continue
+        trial = compared(other)
+        if (trial[0] ** 2).sum() > (error**2).sum():
+            damping *= 10
+            continue
+        gained = (error**2).sum() - (trial[0] ** 2).sum()
+        model, values, damping = other, values - step, damping / 5
+        (error, rates), before = trial, (error**2).sum()
+        if gained <= RELATIVE_TOLERANCE * before:
+            break
+    return model
+
+
+def _damped_step(rates: Array, error: Array, damping: float) -> Array:
+    """Return the step of damped least squares, with scaled columns."""
+    size = np.linalg.norm(rates, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    a = rates / size
+    matrix = a.T @ a
+    step: Array = np.linalg.solve(matrix + damping * np.eye(len(matrix)), a.T @ error) / size
+    return step

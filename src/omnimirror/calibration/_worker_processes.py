@@ -1,0 +1,202 @@
+"""Worker processes for computations that are limited by the Python interpreter lock.
+
+They are started directly rather than with :mod:`multiprocessing`, because forking requires a
+process without threads, and spawning runs an unguarded main script again. A worker reads jobs
+from its input and writes the results.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import SimpleQueue
+from threading import Thread
+from typing import IO, Any, Generic, Self, TypeVar
+
+from ..base.native import usable_cores
+
+T = TypeVar("T")
+MAX_WORKERS = 7  # workers, about 100 MB each
+
+
+class WorkerPool:
+    """Pool of worker processes, started on demand, up to the number of free cores.
+
+    Examples
+    --------
+    >>> with Helpers() as spread:
+    ...     spread.map(divmod, [(7, 2), (9, 4)])
+    [(3, 1), (2, 1)]
+    """
+
+    def __init__(self) -> None:
+        self._begun: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        """Terminate all workers."""
+        for helper in self._begun:
+            helper.kill()
+            helper.wait()
+            for stream in (helper.stdin, helper.stdout):
+                with suppress(OSError):  # the last message may be undelivered
+                    stream.close()  # type: ignore[union-attr]
+        self._begun = []
+
+    def begin(self) -> None:
+        """Start workers in advance, while this process continues."""
+        self._enough(usable_cores() - 1)
+
+    def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
+        """Apply a module-level function to each set of arguments and return the results in order.
+
+        Raises
+        ------
+        Exception
+            Exception raised by one of the calls.
+        """
+        results: list[T | None] = [None] * len(jobs)
+        for number, found in self.each(function, jobs):
+            results[number] = found
+        return results  # type: ignore[return-value]
+
+    def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
+        """Yield each result with its index, in order of completion."""
+        waiting, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
+        for helper in self._enough(min(len(jobs), usable_cores()) - 1):
+            Thread(target=_process_jobs, args=(helper, function, waiting, done), daemon=True).start()
+        left = len(jobs)
+        try:
+            while left:
+                try:
+                    number, job = waiting.popleft()
+                except IndexError:  # the last jobs are with the workers
+                    finished = [done.get()]
+                else:
+                    finished = [_Result(number, function(*job))]
+                while not done.empty():
+                    finished.append(done.get())
+                for one in finished:
+                    if one.failure is not None:
+                        raise one.failure
+                    if one.number is not None:
+                        left -= 1
+                        yield one.number, one.found  # type: ignore[misc]
+        finally:
+            waiting.clear()
+            if left:  # interrupted: discard the jobs of the workers
+                self._end()
+
+    def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
+        """Return up to ``count`` running workers."""
+        count = min(count, MAX_WORKERS)
+        self._begun = [helper for helper in self._begun if helper.poll() is None]
+        with suppress(OSError):  # process limit reached or no interpreter: continue without
+            while len(self._begun) < count and sys.executable:
+                self._begun.append(_start_worker())
+        return self._begun[: max(count, 0)]
+
+
+@dataclass(frozen=True)
+class _Result(Generic[T]):
+    """Result of a job."""
+
+    number: int | None = None
+    """None: a worker died, and its jobs may be pending."""
+    found: T | None = None
+    failure: Exception | None = None
+
+
+class _WorkerFailure(Exception):
+    """Failure of a worker process."""
+
+
+def _process_jobs(
+    helper: subprocess.Popen[bytes],
+    function: Callable[..., T],
+    waiting: deque[tuple[int, Any]],
+    done: SimpleQueue[_Result[T]],
+) -> None:
+    """Process jobs with a worker until none is pending.
+
+    The job of a dead worker returns to the queue.
+    """
+    while True:
+        try:
+            number, job = waiting.popleft()
+        except IndexError:
+            return
+        try:
+            done.put(_Result(number, _asked(helper, function, job)))
+        except _WorkerFailure:
+            waiting.appendleft((number, job))
+            return done.put(_Result())
+        except Exception as e:
+            return done.put(_Result(failure=e))
+
+
+def _start_worker() -> subprocess.Popen[bytes]:
+    """Start a worker with the same module search path and without Ctrl-C handling."""
+    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    where = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(
+        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
+        env=os.environ | where | one_thread,
+    )  # fmt: skip
+
+
+def _asked(helper: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]) -> Any:
+    assert helper.stdin is not None
+    assert helper.stdout is not None
+    try:
+        message = pickle.dumps((function, job))
+    except Exception as e:  # for example, a class without a module-level name
+        raise _WorkerFailure from e
+    try:
+        helper.stdin.write(len(message).to_bytes(8, "little") + message)
+        helper.stdin.flush()
+        found, failure = pickle.loads(_message(helper.stdout))
+    except (OSError, EOFError, ValueError) as e:  # ValueError: its pipe was closed
+        raise _WorkerFailure from e
+    if failure is not None:
+        raise failure
+    return found
+
+
+def _message(stream: IO[bytes]) -> bytes:
+    head = stream.read(8)
+    if len(head) < 8:
+        raise EOFError
+    return stream.read(int.from_bytes(head, "little"))
+
+
+def _serve() -> None:
+    """Process jobs until the input ends."""
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # keep printed output out of results
+    with suppress(BrokenPipeError):
+        while True:
+            try:
+                function, job = pickle.loads(_message(sys.stdin.buffer))
+            except Exception:  # end of input, or unknown class: the parent computes the job
+                return
+            try:
+                message = pickle.dumps((function(*job), None))
+            except Exception as e:
+                message = pickle.dumps((None, e))
+            answers.write(len(message).to_bytes(8, "little") + message)
+            answers.flush()
+
+
+if __name__ == "__main__":
+    _serve()

@@ -1,0 +1,501 @@
+"""Conversion of camera models between the file formats of different programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+
+from ..base.arguments import WrongKind, choice, distances, file_name, instance, optional_number, shown, whole
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.files import replacing
+from ..cameras.camera import Camera
+from ..cameras.frames import Mount
+from ..cameras.models import CameraModel, RadialModel
+from ..cameras.models.camera_model import FIELD_ROUNDING_DEG, Optics
+from ..dewarp.views import sphere
+from ..optics.sensor import Sensor
+from ..optics.sensor_files import bundled_sensors, load_sensor
+from ._model_fitting import (
+    INITIAL_MODELS,
+    Cost,
+    FittedModel,
+    Sample,
+    fit_model,
+    initial_models,
+    nearest_point_to_rays,
+    parallax,
+    reprojection_cost,
+    rotational_projection,
+    sample,
+)
+from .formats._camera_format import Reading, Stored
+from .formats._registry import Target, read_cameras, targets_of
+from .sensor_model import SensorModel
+
+__all__ = ["DISTANCES_MM", "Conversion", "Cost", "convert", "flipped"]
+
+
+# -- Camera models of images flipped left to right -------------------------------------------------
+
+Model = TypeVar("Model", bound=CameraModel)
+
+SIGN_CHANGING = {"cx", "skew", "shear", "d", "p2", "s1", "s2"}
+"""Parameters that change sign under a horizontal flip, for the centre up to a constant."""
+ODD_FIELDS = ("skew_px", "shear", "p2", "s1", "s2")  # fields that change sign
+
+
+def flipped(camera: Model) -> Model:
+    """Return the camera of the image flipped left to right: column u becomes width - 1 - u.
+
+    Parameters
+    ----------
+    camera
+        Camera with a centre, and a matrix of two focal lengths and skew or of OCamCalib's c, d and
+        e.
+
+    Returns
+    -------
+    CameraModel
+        Camera of the same class, with the flip recorded in its mount.
+
+    Raises
+    ------
+    InvalidParameter
+        If the camera has no centre.
+
+    Examples
+    --------
+    >>> from omnimirror.cameras.models import OCam
+    >>> camera = OCam((-100.0, 0.0, 0.002), (300.0, 240.0), (640, 480))
+    >>> flipped(camera).centre_px
+    (339.0, 240.0)
+    """
+    found: Any = camera
+    if not hasattr(found, "centre_px"):
+        raise InvalidParameter(f"{camera.KIND} cannot be flipped, since it has no centre of the picture")
+    (u, v), width = found.centre_px, camera.image_size[0]
+    changes: dict[str, Any] = {
+        "centre_px": (width - 1 - u, v),
+        "mount": replace(camera.mount, image_flipped=not camera.mount.image_flipped),
+    }
+    changes |= {name: -getattr(found, name) for name in ODD_FIELDS if getattr(found, name, 0.0)}
+    if hasattr(found, "affine"):
+        c, d, e = found.affine
+        changes["affine"] = (c, -d, -e)
+    if getattr(found, "uncertainty", None) is not None:
+        known = found.uncertainty
+        signs = np.array([-1.0 if name in SIGN_CHANGING else 1.0 for name in known.names])
+        matrix = np.array(known.covariance) * np.outer(signs, signs)
+        changes["uncertainty"] = replace(known, covariance=tuple(map(tuple, matrix.tolist())))
+    return replace(found, **changes)  # type: ignore[no-any-return]
+
+
+# -- Conversion of a camera to another file format, with the error of the conversion ---------------
+
+N_EVALUATION_PIXELS = 20_000  # pixels of the grid for the evaluation of errors
+FIT_THINNING = 8  # thinning factor of the grid for the fit
+SUFFICIENT_ERROR_PX = 0.02  # a simpler model within this error is preferred to a richer one
+NEAREST_MM, FARTHEST_MM = 1.0, 1e9
+DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
+REACH_REMEDY = (
+    "give a smaller field_deg (--field-deg) to convert the middle of the field alone, or rim_radius_px "
+    "(--rim-radius-px) where the field of the camera ends"
+)
+_Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum field angle, deg
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Written camera file and the error of the conversion.
+
+    Attributes
+    ----------
+    path
+        Written file.
+    source
+        Format of the source; "" for a camera object.
+    target
+        Written layout of a format.
+    camera
+        Camera as stored in the file.
+    exact
+        Whether the file contains the exact parameters of the source.
+    costs
+        Reprojection error relative to the source for object points at each distance; one entry for
+        a central camera.
+    viewpoint_mm
+        Origin of the file's frame in the camera frame of the source.
+    notes
+        Assumptions and contradictions in the source, information not stored in the file, and the
+        direction of its frame.
+    """
+
+    path: Path
+    source: str
+    target: str
+    camera: Camera
+    exact: bool
+    costs: tuple[Cost, ...]
+    viewpoint_mm: tuple[float, float, float]
+    notes: tuple[str, ...]
+
+    @property
+    def rms_px(self) -> float:
+        """RMS error over the field and all distances."""
+        return float(np.sqrt(np.mean([c.rms_px**2 for c in self.costs]))) if self.costs else 0.0
+
+    @property
+    def largest_px(self) -> float:
+        """Maximum error over the field and all distances."""
+        return max((c.largest_px for c in self.costs), default=0.0)
+
+
+class _StoredCamera(NamedTuple):
+    """Camera as a target format stores it."""
+
+    target: Target
+    found: FittedModel
+    costs: tuple[Cost, ...]
+    is_restricted: bool = False
+    """Whether the camera sees more than the field of the fit."""
+
+    @property
+    def largest_px(self) -> float:
+        return max((c.largest_px for c in self.costs), default=0.0)
+
+
+def convert(
+    source: str | Path | Camera,
+    target: str | Path,
+    *,
+    to: str | None = None,
+    from_: str | None = None,
+    camera: int | str = 0,
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
+    image_size: tuple[int, int] | None = None,
+    flip: bool = False,
+    tolerance_px: float | None = None,
+    distance_mm: Iterable[float] = DISTANCES_MM,
+    field_deg: float | None = None,
+    inner_deg: float | None = None,
+) -> Conversion:
+    """Convert a camera to the file format of another program.
+
+    If the format supports the camera's model, its parameters are written unchanged. Otherwise
+    another model is fitted within the calibrated field. The conversion fails if the error exceeds
+    ``tolerance_px``.
+
+    Parameters
+    ----------
+    source
+        Camera file of any format, or a camera or sensor.
+    target
+        Output file; its name selects the format unless ``to`` does (cameras.txt: COLMAP).
+    to : optional
+        Format from ``omnimirror.calibration.formats.FORMATS``, or one of its models, such as
+        ``"kalibr-ds"``. For a format, the model that represents the camera exactly, otherwise the
+        best fit.
+    from_ : optional
+        Format of the source, if its content is ambiguous.
+    camera
+        Camera of a rig: its number in the file from 0, or its name.
+    optics, mount, rim_radius_px, image_size
+        Information that files of other programs do not contain: type of optics, orientation of the
+        camera, boundary of its field (px), and for some the image size (px).
+    flip
+        Write the camera of the image flipped left to right; the frame of a mirror is then
+        right-handed.
+    tolerance_px : px, optional
+        Maximum reprojection error of a fitted model over the whole field.
+    distance_mm
+        Distances of object points from the origin of a camera without a single viewpoint, with
+        equal weights.
+    field_deg : deg, optional
+        Maximum field angle of the fit from the viewing direction at the image centre. By default
+        the calibrated field in the camera's file
+        (:attr:`omnimirror.base.parameters.Uncertainty.field_deg`), otherwise the whole field.
+    inner_deg : deg, optional
+        Minimum field angle of the fit; the image centre shows the camera itself, without
+        calibration data.
+
+    Returns
+    -------
+    Conversion
+        Written file and the error of the conversion.
+
+    Raises
+    ------
+    SpecError
+        If the source cannot be read; the message names the location and valid values.
+    InvalidParameter
+        If the format is unknown, or cannot represent the camera within the tolerance; the message
+        states the reason and the error.
+    OmnimirrorError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> camera = om.OCam((-130.0, 0.0, 1.9e-3, 2e-7), (320.0, 240.0), (640, 480), rim_radius_px=200.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     exact = om.convert(camera, f"{folder}/calib_results.txt")
+    ...     fitted = om.convert(camera, f"{folder}/a.yaml", to="opencv-omnidir", tolerance_px=0.5)
+    >>> exact.exact, fitted.exact, fitted.largest_px < 0.5
+    (True, False, True)
+    """
+    target = file_name("target", target)
+    instance("flip", flip, bool, "true or false")
+    reading = _reading(source, optics, mount, rim_radius_px, image_size)
+    allowed = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
+    field = (
+        optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"),
+        optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"),
+    )
+    far = _far(distance_mm)
+    targets = targets_of(target, to)
+    source = source.sensor if isinstance(source, SensorModel) else source
+    read, stored = ("", Stored("", source)) if isinstance(source, Camera) else _of_file(source, reading, from_, camera)
+    made = _exact_target(stored.camera, targets)
+    exact = made is not None
+    if made is None:
+        known = _calibrated_deg(stored.camera)
+        made = _fitted(stored.camera, targets, allowed, far, (known if field[0] is None else field[0], field[1]))
+    elif made.target.layout.is_panorama:
+        made = _panorama(stored.camera, made.target, far)
+        exact = not made.costs
+    written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
+    content = made.target.layout.write(written, stored.name)
+    notes = (*stored.notes, *_notes(stored.camera, written, made), *_field_notes(stored.camera, made, field[0]))
+    with replacing(target) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+    x, y, z = (float(v) for v in made.found.viewpoint_mm)
+    return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
+
+
+# -- arguments --------------------------------------------------------------------------------
+
+
+def _reading(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> Reading:
+    choice("optics", optics, ("mirror", "fisheye"))
+    stands = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
+    rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
+    return Reading(str(source), optics, stands, rim, _size(image_size))
+
+
+def _far(distance_mm: Any) -> tuple[float, ...]:
+    far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
+    if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
+        raise InvalidParameter(
+            f"distance_mm = {shown(distance_mm)} is not valid; it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
+            "and inf"
+        )
+    return tuple(far.tolist())
+
+
+def _size(image_size: Any) -> tuple[int, int] | None:
+    if image_size is None:
+        return None
+    width, height = _row("image_size", image_size, 2)
+    return whole("image_size", width, 1), whole("image_size", height, 1)
+
+
+def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
+    found = [value] if isinstance(value, int | float) else value
+    if isinstance(found, str) or not isinstance(found, Iterable):
+        raise WrongKind(f"{name} = {shown(value)} is no row of numbers")
+    found = list(found)
+    if count is not None and len(found) != count:
+        raise InvalidParameter(f"{name} = {shown(value)} is valid as {count} numbers")
+    return found
+
+
+def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str) -> tuple[str, Stored]:
+    path = file_name("source", source)
+    if name is None and not path.exists() and str(source) in bundled_sensors():
+        return "omnimirror", Stored(str(source), load_sensor(source))
+    read, cameras = read_cameras(path, reading, name)
+    names = [c.name for c in cameras]
+    if isinstance(camera, str) and camera in names:
+        return read, cameras[names.index(camera)]
+    if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
+        raise InvalidParameter(f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}")
+    which = whole("camera", float(camera) if isinstance(camera, str) else camera)
+    if which >= len(cameras):
+        raise InvalidParameter(f"camera = {which} is not in {source}, which has {len(cameras)}, from 0")
+    return read, cameras[which]
+
+
+# -- targets ----------------------------------------------------------------------------------
+
+
+def _exact_target(camera: Camera, targets: list[Target]) -> _StoredCamera | None:
+    """Return the first target that stores the exact parameters of the camera."""
+    for target in targets:
+        if not target.layout.lacks(camera):
+            found: Any = camera
+            return _StoredCamera(target, FittedModel(found, np.zeros(3)), ())
+    return None
+
+
+def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _StoredCamera:
+    """Return a panorama of distant points with the parallax error of near points."""
+    seen = sample(camera, getattr(camera, "mount", Mount()), N_EVALUATION_PIXELS)
+    found: Any = camera
+    if seen.is_central:
+        return _StoredCamera(target, FittedModel(found, np.zeros(3)), ())
+    viewpoint = nearest_point_to_rays(seen.origins, seen.directions)
+    scale = sphere(camera).size[0] / 360
+    return _StoredCamera(target, FittedModel(found, viewpoint), tuple(parallax(seen, viewpoint, d, scale) for d in far))
+
+
+def _fitted(
+    camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: _Field
+) -> _StoredCamera:
+    """Return the target with the smallest error, if within the tolerance."""
+    mount = getattr(camera, "mount", Mount())
+    all_of_it = sample(camera, mount, N_EVALUATION_PIXELS)
+    seen = all_of_it.within(*field)
+    fitted = sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING).within(*field).with_rim_of(seen)
+    tried, reasons = [], []
+    for target in targets:
+        if target.layout.kind not in INITIAL_MODELS:
+            reasons.append(f"{target.name} {target.layout.lacks(camera)}")
+            continue
+        try:
+            tried.append(_best_fit(target, fitted, seen, camera.image_size, far))
+        except OmnimirrorError as problem:
+            reasons.append(f"{target.name} ({target.layout.words}) {problem}")
+    usable = [made for made in tried if np.isfinite(made.largest_px)]
+    reasons += [
+        f"{made.target.name} ({made.target.layout.words}) reaches less far than the field, "
+        f"{np.degrees(seen.omega.max()):.4g} deg from the axis"
+        for made in tried
+        if made not in usable
+    ]
+    if not usable:
+        remedy = f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
+        raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
+    best = min(usable, key=lambda made: made.largest_px)
+    whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
+    if whole_field and allowed is not None:  # prefer a model for the whole field
+        fullest = min(whole_field, key=lambda made: made.largest_px)
+        best = fullest if fullest.largest_px <= allowed else best
+    if allowed is None or best.largest_px > allowed:
+        verdict = (
+            f"give tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to allow that"
+            if allowed is None
+            else f"more than tolerance_px = {allowed:g}"
+        )
+        raise InvalidParameter(
+            f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
+            f"{_description(best, seen.is_central)}, {verdict}{_remedies(camera, best)}"
+        )
+    return best._replace(is_restricted=len(seen.pixels) < len(all_of_it.pixels))
+
+
+def _calibrated_deg(camera: Camera) -> float | None:
+    """Return the calibrated field (deg) of a camera; None if its file does not contain it."""
+    known = getattr(camera, "uncertainty", None)
+    return None if known is None else known.field_deg
+
+
+def _rounded_up(value: float) -> float:
+    """Round a positive number up to two digits.
+
+    >>> _rounded_up(0.0341), _rounded_up(12.0)
+    (0.035, 12.0)
+    """
+    digit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.ceil(value / digit - 1e-9) * digit:.2g}")
+
+
+def _remedies(camera: Camera, best: _StoredCamera) -> str:
+    """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
+    worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
+    remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
+    if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unplaced(camera)):
+        options = " ".join(f"--fix {name}" for name in names)
+        remedies.append(f"or calibrate with {options} (fixed) for a camera that the format holds exactly")
+    return "".join(f", {remedy}" for remedy in remedies)
+
+
+def _best_fit(
+    target: Target, fitted: Sample, seen: Sample, size: tuple[int, int], far: tuple[float, ...]
+) -> _StoredCamera:
+    """Return the best fit among the models of a target, or the first with negligible error."""
+    layout = target.layout
+    best = None
+    for model in initial_models(layout.kind, layout.places, rotational_projection(fitted, size)):
+        free = [layout.places is None or p.name in layout.places for p in model.parameters]
+        found = fit_model(model, fitted, free, far)
+        at = (np.inf,) if seen.is_central else far
+        made = _StoredCamera(target, found, tuple(reprojection_cost(found, seen, distance) for distance in at))
+        if best is None or made.largest_px < best.largest_px:
+            best = made
+        if best.largest_px < SUFFICIENT_ERROR_PX:
+            break
+    assert best is not None
+    return best
+
+
+def _description(made: _StoredCamera, is_central: bool) -> str:
+    worst = max(made.costs, key=lambda c: c.largest_px)
+    rms = np.sqrt(np.mean([c.rms_px**2 for c in made.costs]))
+    where = "" if is_central else f", of things at {worst.distance_mm:g} mm"
+    return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
+
+
+def _field_notes(source: Camera, made: _StoredCamera, field_deg: float | None) -> Iterable[str]:
+    """Yield notes on the calibrated field in which the file is valid."""
+    known = _calibrated_deg(source)
+    if known is None or field_deg is not None or made.target.layout.kind in (RadialModel, Sensor):
+        return
+    if made.is_restricted:
+        yield (
+            f"the fit is restricted to the calibrated field of 0 to {known:.4g} deg; use field_deg (--field-deg) to "
+            "include angles beyond it, where the camera is an extrapolation"
+        )
+    elif not made.costs and np.degrees(getattr(source, "omega_max", 0.0)) > known + FIELD_ROUNDING_DEG:
+        yield (
+            f"the calibrated field of 0 to {known:.4g} deg is not in the file: beyond it the camera is an extrapolation"
+        )
+
+
+def _notes(source: Camera, written: Any, made: _StoredCamera) -> Iterable[str]:
+    """Yield notes for users of the file."""
+    target = made.target
+    if np.any(made.found.viewpoint_mm):
+        x, y, z = (round(float(v), 3) + 0.0 for v in made.found.viewpoint_mm)
+        yield f"the file's frame begins at ({x:g}, {y:g}, {z:g}) mm of the camera frame, where one viewpoint does best"
+    if target.layout.is_panorama:
+        width, height = sphere(source).size
+        yield (
+            f"it is of a panorama, which has to be made of every picture first: omnimirror dewarp --view sphere "
+            f"--size {width}x{height}; its frame looks forward, with the world's right and down"
+        )
+        return
+    if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
+        return
+    if written.is_picture_reversed:
+        yield (
+            "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
+            "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"
+        )
+    elif written.mount.image_flipped:
+        yield "the file is of the picture flipped left to right"
+    reach = np.degrees(getattr(written, "omega_max", 0.0))
+    if reach > target.layout.reach_deg:
+        yield (
+            f"programs that read it project less than {target.layout.reach_deg:g} deg from the axis, and the field "
+            f"reaches {reach:.4g} deg"
+        )
+    if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
+        yield "where the field ends is not in the file: rim_radius_px"
+    if getattr(source, "mount", Mount()) != Mount():
+        yield "how the camera stands is not in the file"

@@ -1,0 +1,698 @@
+"""Bundle adjustment: normal equations in sparse block form and Levenberg-Marquardt iteration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import checked, choice
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.typing import Array, Mask
+from ...cameras.models.camera_model import CameraModel
+from ..straight_edges import EdgeInformation, StraightEdges
+from ._residuals import (
+    SHAPE_NAMES,
+    SHAPE_UNITS,
+    UNSEEN_PX,
+    BoardShape,
+    Estimate,
+    Linearised,
+    Loss,
+    linearise,
+    slid,
+    targets,
+    without_motions,
+)
+from .observations import Sighting, Stack, moved, rms_px, stacked
+
+# -- Normal equations of a bundle adjustment in sparse block form ----------------------------------
+#
+# Shared parameters form one small dense block, and the six parameters of each pose a block of their
+# own. Poses are eliminated image by image with the Schur complement, at a cost linear in the number
+# of images (Triggs et al., "Bundle adjustment: a modern synthesis", 2000, section 6).
+
+MAX_PRODUCTS = 1 << 16  # multiplications per product; OpenBLAS starts threads above
+MIN_ROWS = 32  # minimum rows per product; for wide matrices threads pay off
+
+
+class NormalEquations(NamedTuple):
+    """Normal equations ``H d = -g`` with g shared parameters and m poses."""
+
+    shared: Array
+    """Shared block (g, g)."""
+    cross: Array
+    """Coupling blocks (m, g, 6)."""
+    motions: Array
+    """Pose blocks (m, 6, 6)."""
+    shared_gradient: Array
+    """Gradient of the shared parameters (g,)."""
+    motion_gradients: Array
+    """Gradients of the poses (m, 6)."""
+
+
+def assembled(
+    stack: Stack, residuals: Array, d_shared: Array, d_motion: Array, weights: Array, moving: NDArray[np.bool_]
+) -> NormalEquations:
+    """Assemble the normal equations.
+
+    Inputs are residuals (n, 2), derivatives (n, 2, g) and (n, 2, 6), weights (n,), and a mask
+    ``moving`` (m,) of free poses.
+    """
+    together = np.concatenate([d_shared, d_motion, residuals[..., None]], axis=2)
+    weighted = (together * weights[:, None, None]).reshape(2 * len(weights), -1)
+    together = together.reshape(weighted.shape)
+    count, g = len(stack.slices), d_shared.shape[2]
+    cross, blocks, gradients = np.zeros((count, g, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6))
+    square, gradient = np.zeros((g, g)), np.zeros(g)
+    for i, where in enumerate(stack.slices):
+        rows = slice(2 * where.start, 2 * where.stop)
+        product = _product(together[rows], weighted[rows])
+        square += product[:g, :g]
+        gradient += product[:g, -1]
+        if moving[i]:
+            cross[i], blocks[i], gradients[i] = product[:g, g:-1], product[g:-1, g:-1], product[g:-1, -1]
+        else:
+            blocks[i] = np.eye(6)
+    return NormalEquations(square, cross, blocks, gradient, gradients)
+
+
+def _product(one: Array, other: Array) -> Array:
+    """Return ``one.T @ other`` of rows (n, k), computed in chunks.
+
+    BLAS starts threads even for small products, and they spin for longer than the product takes.
+    For a matrix times itself the limit is lower still, so the weights are applied to one factor.
+    """
+    most = max(MAX_PRODUCTS // one.shape[1] ** 2, MIN_ROWS)
+    total = np.zeros((one.shape[1], one.shape[1]))
+    for first in range(0, len(one), most):
+        total += one[first : first + most].T @ other[first : first + most]
+    return total
+
+
+def with_priors(blocks: NormalEquations, information: Array, pull: Array) -> NormalEquations:
+    """Add priors on shared parameters: information (g, g), and information times deviations (g,)."""
+    return blocks._replace(shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull)
+
+
+def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array, Array]:
+    """Solve for Marquardt's step: shared (g,) and poses (m, 6).
+
+    ``floor`` (g,) is added to the diagonal independently of the damping.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the equations are singular.
+    """
+    motions = _damped(blocks.motions, damping)
+    inverse_cross, inverse_gradient = _eliminated(motions, blocks)
+    enlarged = blocks.shared + np.diag(damping * np.diag(blocks.shared) + floor)
+    reduced = enlarged - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
+    right = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
+    shared = -solved_scaled(reduced, right)
+    return shared, -inverse_gradient - np.einsum("mkg,g->mk", inverse_cross, shared)
+
+
+def reduced_system(blocks: NormalEquations) -> tuple[Array, Array]:
+    """Return the reduced system for free poses: Schur complement (g, g) and gradient (g,)."""
+    inverse_cross, inverse_gradient = _eliminated(_damped(blocks.motions, 1e-12), blocks)
+    reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
+    gradient: Array = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
+    return (reduced + reduced.T) / 2, gradient
+
+
+def solved_scaled(matrix: Array, right: Array) -> Array:
+    """Solve symmetric positive definite equations with diagonal scaling of the unknowns."""
+    if not len(right):
+        return np.zeros(0)
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    lower = np.linalg.cholesky(matrix * scale[:, None] * scale)
+    half = np.linalg.solve(lower, right * scale)
+    return np.asarray(np.linalg.solve(lower.T, half) * scale)
+
+
+def _damped(matrices: Array, damping: float) -> Array:
+    """Return matrices (..., k, k) with enlarged diagonals; undetermined poses remain unchanged."""
+    diagonal = np.einsum("...ii->...i", matrices)
+    least = np.maximum(diagonal.max(axis=-1, initial=0.0, keepdims=True) * 1e-14, 1e-30)
+    damped = matrices.copy()
+    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(diagonal <= least, least, 0.0)
+    return damped
+
+
+def _eliminated(motions: Array, blocks: NormalEquations) -> tuple[Array, Array]:
+    """Return ``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled for radians and mm."""
+    scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", motions), 1e-300))
+    scaled = motions * scale[:, :, None] * scale[:, None, :]
+    right = np.concatenate([blocks.cross.transpose(0, 2, 1), blocks.motion_gradients[..., None]], axis=2)
+    found = np.linalg.solve(scaled, right * scale[..., None]) * scale[..., None]
+    return found[..., :-1], found[..., -1]
+
+
+# -- Levenberg-Marquardt steps with geodesic acceleration ------------------------------------------
+#
+# Focal length and distortion are correlated: the sum of squares has a long, narrow and curved
+# valley, which straight steps leave. Geodesic acceleration (Transtrum and Sethna, "Geodesic
+# acceleration", 2012) follows it with the second derivative of the residuals along the step, at
+# the cost of one more solution of the same equations.
+
+RELATIVE_TOLERANCE = 1e-7  # relative decrease that ends the iteration
+MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-10
+STIFFNESS = 1e-6  # undetermined parameters move by less than their scale in a step
+MIN_NOISE_PX = 1e-6
+PROBE = 0.1  # fraction of the step used to measure the second derivative
+STRAIGHT_STEPS = 4  # number of steps before acceleration
+MAX_ACCELERATION = 0.75  # maximum acceleration relative to the step
+HELD_DAMPING = 1e12  # multiple of the diagonal that is added for held parameters
+
+
+@dataclass(frozen=True)
+class AdjustmentProblem:
+    """Definition of an adjustment problem.
+
+    Names are those of the parameters of the model and of the board shape.
+    """
+
+    stack: Stack
+    moving: Mask
+    free: Mask
+    """Mask (g,) of free shared parameters."""
+    information: Array
+    """Information (g,) of their priors, 1 / sigma^2."""
+    expected: Array
+    """Expected values (g,) of their priors."""
+    loss: Loss
+    noise_px: float
+    """Noise of a coordinate, which weights the priors."""
+    edges: EdgeInformation | None = None
+    """Information from straight edges on the model parameters."""
+
+    @property
+    def has_priors(self) -> bool:
+        """True if there are priors on shared parameters, or edges."""
+        return self.edges is not None or bool(self.information.any())
+
+    def prior(self, values: Array) -> PriorInformation:
+        """Return the prior information on free shared parameters at values (g,)."""
+        information, off = np.diag(self.information * self.free), (values - self.expected) * self.free
+        pull = information @ off
+        cost = float(off @ pull)
+        if self.edges is not None:
+            count = len(self.edges.expected)
+            of_edges = values[:count] - self.edges.expected
+            information[:count, :count] += self.edges.information
+            pull[:count] += self.edges.information @ of_edges
+            cost += float(of_edges @ self.edges.information @ of_edges)
+        return PriorInformation(information[np.ix_(self.free, self.free)], pull[self.free], cost)
+
+
+class PriorInformation(NamedTuple):
+    """Prior information on the f free shared parameters."""
+
+    information: Array
+    """Information matrix (f, f)."""
+    pull: Array
+    """Information times deviation (f,)."""
+    cost: float
+    """Squared deviation in standard deviations."""
+
+
+class Step(NamedTuple):
+    """Change of all unknowns."""
+
+    shared: Array
+    """Shared parameters (g,), 0 if fixed."""
+    motions: Array
+    """Poses (m, 6)."""
+
+    def times(self, factor: float) -> Step:
+        """Return the step multiplied by a factor."""
+        return Step(factor * self.shared, factor * self.motions)
+
+
+def shared_values(estimate: Estimate) -> Array:
+    """Return the shared parameters (g,): model, board shape and mark positions."""
+    values = [p.value for p in estimate.model.parameters]
+    return np.array([*values, *(estimate.shape.values if estimate.shape else ()), *estimate.marks])
+
+
+def minimise(
+    estimate: Estimate,
+    question: AdjustmentProblem,
+    most_steps: int,
+    settled: float = RELATIVE_TOLERANCE,
+    on_step: Callable[[float], None] | None = None,
+) -> Estimate:
+    """Minimise the sum, starting from an estimate."""
+    raw = linearise(estimate, question.stack)
+    cost, damping = _cost(estimate, raw, question), 1e-3
+    for number in range(most_steps):
+        blocks = _blocks(estimate, without_motions(raw), question)
+        before, growth = cost, 2.0
+        while damping < MOST_DAMPING:
+            trial = _trial_step(estimate, raw, blocks, question, damping, number >= STRAIGHT_STEPS)
+            if trial is not None:
+                found = linearise(trial, question.stack)
+                trial_cost = _cost(trial, found, question)
+                if trial_cost <= cost:
+                    estimate, raw, cost, damping = trial, found, trial_cost, max(damping / 5, LEAST_DAMPING)
+                    break
+            damping, growth = damping * growth, growth * 2
+        else:
+            return estimate
+        if on_step is not None:
+            on_step(cost)
+        if before - cost <= settled * before or cost < MIN_NOISE_PX**2 * len(raw.seen):
+            return estimate
+    return estimate
+
+
+def _cost(estimate: Estimate, found: Linearised, question: AdjustmentProblem) -> float:
+    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # full penalty: points must be visible
+    known = question.noise_px**2 * question.prior(shared_values(estimate)).cost
+    total = question.loss.sum(found.residuals) + unseen + known
+    return total if np.isfinite(total) else np.inf
+
+
+def _blocks(estimate: Estimate, found: Linearised, question: AdjustmentProblem) -> NormalEquations:
+    weights = question.loss.weights(found.residuals) * found.seen
+    blocks = assembled(
+        question.stack, found.residuals, found.d_shared[:, :, question.free], found.d_motion, weights, question.moving
+    )
+    prior, scale = question.prior(shared_values(estimate)), question.noise_px**2
+    return with_priors(blocks, scale * prior.information, scale * prior.pull)
+
+
+def _trial_step(
+    estimate: Estimate,
+    raw: Linearised,
+    blocks: NormalEquations,
+    question: AdjustmentProblem,
+    damping: float,
+    is_bent: bool,
+) -> Estimate | None:
+    """Return the estimate after a step; None if the equations or the model do not permit it."""
+    step = _solved(estimate, blocks, question, damping)
+    if step is None:
+        return None
+    straight = _stepped(estimate, raw, question, step)
+    if straight is None:
+        stopped = _stopped(estimate, step)
+        step = _solved(estimate, blocks, question, damping, stopped) if stopped.any() else None
+        return None if step is None else _stepped(estimate, raw, question, step)
+    bend = _acceleration(estimate, raw, blocks, question, damping, step) if is_bent and raw.d_slide is None else None
+    if bend is None:
+        return straight
+    return _stepped(estimate, raw, question, Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2))
+
+
+def _acceleration(
+    estimate: Estimate,
+    raw: Linearised,
+    blocks: NormalEquations,
+    question: AdjustmentProblem,
+    damping: float,
+    step: Step,
+) -> Step | None:
+    """Return the geodesic acceleration of a step; None if it is too large."""
+    probe = _stepped(estimate, raw, question, step.times(PROBE))
+    if probe is None:
+        return None
+    found = linearise(probe, question.stack)
+    along = raw.d_shared @ step.shared + np.einsum("nki,ni->nk", raw.d_motion, step.motions[question.stack.owner])
+    second = 2 / PROBE * ((found.residuals - raw.residuals) / PROBE - along)
+    both = found.seen & raw.seen
+    weights = question.loss.weights(raw.residuals) * both
+    bent = assembled(question.stack, second, raw.d_shared[:, :, question.free], raw.d_motion, weights, question.moving)
+    right = blocks._replace(shared_gradient=bent.shared_gradient, motion_gradients=bent.motion_gradients)
+    bend = _solved(estimate, right, question, damping)
+    if bend is None or _step_length(bend, blocks, question) > MAX_ACCELERATION * _step_length(step, blocks, question):
+        return None
+    return bend
+
+
+def _step_length(step: Step, blocks: NormalEquations, question: AdjustmentProblem) -> float:
+    """Return the length of a step, weighted by its effect on the residuals."""
+    shared = step.shared[question.free] ** 2 @ np.diag(blocks.shared)
+    return float(np.sqrt(shared + np.sum(step.motions**2 * np.einsum("mii->mi", blocks.motions))))
+
+
+def _stopped(estimate: Estimate, step: Step) -> Mask:
+    """Return the mask (g,) of model parameters at the boundary of their range."""
+    values = np.array([p.value for p in estimate.model.parameters])
+    stopped = np.zeros(len(step.shared), dtype=bool)
+    for i in np.flatnonzero(step.shared[: len(values)]):
+        trial = values.copy()
+        trial[i] += step.shared[i]
+        try:
+            estimate.model.with_parameters(trial)
+        except OmnimirrorError:
+            stopped[i] = True
+    return stopped
+
+
+def _solved(
+    estimate: Estimate,
+    blocks: NormalEquations,
+    question: AdjustmentProblem,
+    damping: float,
+    stopped: Mask | None = None,
+) -> Step | None:
+    """Return the step; stopped parameters are held."""
+    scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
+    scales += [1.0] * len(estimate.marks)
+    floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
+    if stopped is not None:
+        floor = np.where(stopped[question.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor)
+    try:
+        free, motions = solved(blocks, damping, floor)
+    except np.linalg.LinAlgError:
+        return None
+    if not (np.isfinite(free).all() and np.isfinite(motions).all()):
+        return None
+    shared = np.zeros(len(question.free))
+    shared[question.free] = free
+    return Step(shared, motions)
+
+
+def _stepped(estimate: Estimate, raw: Linearised, question: AdjustmentProblem, step: Step) -> Estimate | None:
+    """Return the estimate after a step; None if the values do not describe a camera."""
+    values = shared_values(estimate) + step.shared
+    count, last = len(estimate.model.parameters), len(values) - len(estimate.marks)
+    try:
+        model = estimate.model.with_parameters(values[:count])
+    except OmnimirrorError:
+        return None
+    motions = moved(estimate.motions, np.where(question.moving[:, None], step.motions, 0.0))
+    shape = estimate.shape and estimate.shape.with_values(values[count:last])
+    slides = estimate.slides
+    if raw.d_slide is not None:
+        slides = slides + slid(raw, question.stack, step.shared, step.motions)
+    return Estimate(model, motions, shape, slides, values[last:])
+
+
+# -- Bundle adjustment of a camera model, target poses and board shape to all observations ---------
+#
+# Levenberg-Marquardt steps on normal equations with eliminated poses. Gross errors are downweighted
+# by iterative reweighting with Cauchy weights at the scale of the noise (Hartley and Zisserman,
+# "Multiple view geometry", A6).
+
+MAX_STEPS = 80
+SCALES_ADJUSTED = 4  # re-estimations of the scale of robust weights
+CAUCHY = 2.385  # scale over noise at which Cauchy weights have 95 % efficiency for normal noise
+EDGES_FORMED, EDGES_SETTLED = 6, 0.01
+"""Maximum relinearisations of the edges, and the parameter change (about pixels) that ends them."""
+MEDIAN_OF_NOISE = 1.1774  # median length of two-dimensional noise of 1 px per coordinate
+
+
+class Prior(NamedTuple):
+    """Prior knowledge of a parameter, from a drawing or another measurement.
+
+    Examples
+    --------
+    >>> Prior("xi", 0.97, 0.02)
+    Prior(name='xi', value=0.97, sigma=0.02)
+    """
+
+    name: str
+    """Name of the model parameter."""
+    value: float
+    """Expected value in the unit of the parameter."""
+    sigma: float
+    """Standard deviation; 0 fixes the parameter to the value."""
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Result of a bundle adjustment.
+
+    Parameters
+    ----------
+    model
+        Estimated camera model.
+    sightings
+        Observations with estimated poses.
+    shape
+        Estimated shape of the board; None if assumed flat.
+    linearised
+        Residuals and derivatives of all points of all sightings, in order.
+    question
+        Problem that was solved.
+    estimate
+        Solution in numerical form.
+    fixed, priors, edges
+        Constraints of the adjustment.
+    """
+
+    model: CameraModel
+    sightings: tuple[Sighting, ...]
+    shape: BoardShape | None
+    linearise: Linearised
+    question: AdjustmentProblem
+    estimate: Estimate
+    fixed: tuple[str, ...] = ()
+    priors: tuple[Prior, ...] = ()
+    edges: StraightEdges | None = None
+
+    def again(self, sightings: Sequence[Sighting], **options: Any) -> Adjustment:
+        """Adjust again from this solution with other sightings; options as of :func:`adjust`."""
+        given = {"shape": self.shape, "fixed": self.fixed, "priors": self.priors, "edges": self.edges} | options
+        return adjust(self.model, sightings, **given)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all shared parameters, free or fixed."""
+        return (*shared_names(self.model, self.shape), *_mark_names(self.question.stack))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of all shared parameters."""
+        marks = ("mm",) * len(_mark_names(self.question.stack))
+        return (*(p.unit for p in self.model.parameters), *(SHAPE_UNITS if self.shape else ()), *marks)
+
+    @property
+    def residuals(self) -> Array:
+        """Reprojection errors (n, 2), image minus pixel, px; 0 for invisible points."""
+        return self.linearised.residuals
+
+    @property
+    def seen(self) -> Mask:
+        """Visibility of the points in the model (n,)."""
+        return self.linearised.seen
+
+    @property
+    def rms_px(self) -> float:
+        """RMS reprojection error ``sqrt(mean |e|^2)``; invisible points count as gross errors."""
+        return rms_px(np.where(self.seen[:, None], self.residuals, UNSEEN_PX))
+
+    @property
+    def noise_px(self) -> float:
+        """Noise of a coordinate, estimated from residuals and degrees of freedom."""
+        count = 2 * int(self.seen.sum()) - self.unknowns
+        if self.question.stack.along is not None:
+            count -= int(np.any(self.question.stack.along != 0, axis=1).sum())
+        total = float(np.sum(self.residuals[self.seen] ** 2))
+        return max(float(np.sqrt(total / max(count, 1))), MIN_NOISE_PX)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns: shared parameters and target poses."""
+        moving = (s for s, m in zip(self.sightings, self.question.moving, strict=True) if m)
+        return int(self.question.free.sum()) + sum(3 if s.distant.all() else 6 for s in moving)
+
+    def residuals_of(self, number: int) -> Array:
+        """Return the residuals (n, 2) of a sighting."""
+        return self.residuals[self.question.stack.slices[number]]
+
+
+def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...]:
+    """Return the names of the parameters of the model and of the board."""
+    return (*(p.name for p in model.parameters), *(SHAPE_NAMES if shape else ()))
+
+
+def _mark_names(stack: Stack) -> tuple[str, ...]:
+    """Return the names of the coordinates of marks on their planes."""
+    return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
+
+
+@checked
+def adjust(
+    model: CameraModel,
+    sightings: Sequence[Sighting],
+    *,
+    shape: BoardShape | None = None,
+    fixed: Iterable[str] = (),
+    priors: Iterable[Prior] = (),
+    loss: str = "squares",
+    noise_px: float | None = None,
+    most_steps: int = MAX_STEPS,
+    settled: float = RELATIVE_TOLERANCE,
+    on_step: Callable[[float], None] | None = None,
+    edges: StraightEdges | None = None,
+) -> Adjustment:
+    """Adjust a camera model, target poses and the board shape to observations.
+
+    Parameters
+    ----------
+    model
+        Initial value of the camera model.
+    sightings
+        Observations of points, directions, lines or marks on planes in any combination, each with a
+        known pose or an initial pose.
+    shape
+        Initial shape of the board in all near sightings except surveyed ones; None: nominal points.
+    fixed
+        Names of parameters held at their initial values.
+    priors
+        Prior knowledge of parameters.
+    loss
+        ``"squares"``, or the robust ``"cauchy"`` or ``"huber"`` for observations with outliers.
+    noise_px
+        Noise of a coordinate, which weights priors and scales robust losses; by default estimated
+        from the residuals.
+    most_steps
+        Maximum number of steps.
+    settled
+        Relative decrease of the sum that ends the iteration.
+    on_step
+        Callback with the minimised sum after every successful step.
+    edges
+        Straight edges, as additional observations.
+
+    Returns
+    -------
+    Adjustment
+        Solution.
+
+    Raises
+    ------
+    InvalidParameter
+        If a name is unknown, a sighting has no pose, or there are no observations.
+
+    Examples
+    --------
+    Camera from surveyed points of a room:
+
+    >>> import omnimirror as om
+    >>> from omnimirror.cameras.models import Unified
+    >>> from omnimirror.calibration.estimation import Motion
+    >>> truth = Unified(0.9, (150.0, 150.0), (322.0, 241.0), (640, 480))
+    >>> points = np.random.default_rng(0).normal(0, 2000, (60, 3)) * [1, 1, 0.2]
+    >>> room = om.Sighting("room", truth.image(points).pixels, points, Motion.none(), is_known=True)
+    >>> start = Unified(1.0, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> found = om.adjust(start, [room], fixed=("k1", "k2", "k3", "p1", "p2", "skew"))
+    >>> round(found.model.xi, 4), round(found.rms_px, 6)
+    (0.9, 0.0)
+    """
+    choice("loss", loss, ("squares", "cauchy", "huber"))
+    fixed, priors = tuple(fixed), tuple(priors)
+    question = _problem(model, sightings, shape, fixed, priors)
+    estimate = _start(model, sightings, shape, priors, question.stack)
+    for _ in range(1 if edges is None else EDGES_FORMED):
+        known = None if edges is None else edges.known(estimate.model)
+        before = estimate.model
+        estimate, question = _settled(
+            estimate, replace(question, edges=known), loss, noise_px, most_steps, settled, on_step
+        )  # fmt: skip
+        if _max_change(before, estimate.model) < EDGES_SETTLED:
+            break
+    found = _informed(estimate, sightings, question, fixed, priors)
+    return replace(found, edges=edges)
+
+
+def _settled(
+    estimate: Estimate, question: AdjustmentProblem, loss: str, noise_px: float | None, most_steps: int, settled: float,
+    on_step: Callable[[float], None] | None,
+) -> tuple[Estimate, AdjustmentProblem]:  # fmt: skip
+    """Return the minimum for the given noise, or for noise estimated from the residuals."""
+    if noise_px is not None:
+        question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
+        return minimise(estimate, question, most_steps, settled, on_step), question
+    for _ in range(1 if loss == "squares" and not question.has_priors else SCALES_ADJUSTED):
+        noise = _noise(estimate, question, robust=loss != "squares")
+        question = replace(question, noise_px=noise, loss=Loss(loss, CAUCHY * noise))
+        estimate = minimise(estimate, question, most_steps, settled, on_step)
+        now = _noise(estimate, question, robust=loss != "squares")
+        if abs(now - noise) < 0.02 * noise:
+            break
+    return estimate, replace(question, noise_px=_noise(estimate, question, robust=loss != "squares"))
+
+
+def _max_change(before: CameraModel, after: CameraModel) -> float:
+    """Return the largest parameter change, in units that move the image by about 1 px."""
+    pairs = zip(before.parameters, after.parameters, strict=True)
+    return max((abs(b.value - a.value) / a.scale for a, b in pairs), default=0.0)
+
+
+def _informed(
+    estimate: Estimate,
+    sightings: Sequence[Sighting],
+    question: AdjustmentProblem,
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
+) -> Adjustment:
+    found = linearise(estimate, question.stack)
+    moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
+    if question.stack.marks is not None:  # sightings hold the positions of the marks
+        at = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack)
+        moved = tuple(replace(s, points=at[where]) for s, where in zip(moved, question.stack.slices, strict=True))
+    return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors)
+
+
+def _problem(
+    model: CameraModel,
+    sightings: Sequence[Sighting],
+    shape: BoardShape | None,
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
+) -> AdjustmentProblem:
+    stack = stacked(sightings)
+    of_board = slice(len(model.parameters), len(shared_names(model, shape)))
+    names = (*shared_names(model, shape), *_mark_names(stack))
+    for name in (*fixed, *(p.name for p in priors)):
+        if name not in names:
+            raise InvalidParameter(f"there is no parameter {name!r} to fix; {', '.join(names)} are")
+    missing = [s.name for s in sightings if s.motion is None]
+    if missing:
+        raise InvalidParameter(f"it is not said where the target stands in {', '.join(missing)}")
+    free = np.array([n not in fixed for n in names], dtype=bool)
+    information, expected = np.zeros(len(names)), np.zeros(len(names))
+    if shape is not None:
+        information[of_board] = 1 / shape.sigmas**2
+    for prior in priors:
+        at = names.index(prior.name)
+        expected[at] = prior.value
+        if prior.sigma > 0:
+            information[at] = 1 / prior.sigma**2
+        else:
+            free[at] = False
+    moving = np.array([not s.is_known for s in sightings])
+    return AdjustmentProblem(stack, moving, free, information, expected, Loss(), 1.0)
+
+
+def _start(
+    model: CameraModel, sightings: Sequence[Sighting], shape: BoardShape | None, priors: tuple[Prior, ...], stack: Stack
+) -> Estimate:
+    values = np.array([p.value for p in model.parameters])
+    names = [p.name for p in model.parameters]
+    for prior in priors:
+        if prior.sigma == 0 and prior.name in names:
+            values[names.index(prior.name)] = prior.value
+    motions = tuple(s.motion for s in sightings if s.motion is not None)
+    return Estimate(
+        model.with_parameters(values), motions, shape, np.zeros(len(stack.pixels)), np.zeros(len(_mark_names(stack)))
+    )
+
+
+def _noise(estimate: Estimate, question: AdjustmentProblem, *, robust: bool) -> float:
+    """Return the noise of a coordinate, px."""
+    found = linearise(estimate, question.stack)
+    lengths = np.hypot(*found.residuals[found.seen].T)
+    if not len(lengths):
+        return 1.0
+    noise = np.median(lengths) / MEDIAN_OF_NOISE if robust else np.sqrt(np.mean(lengths**2) / 2)
+    return max(float(noise), MIN_NOISE_PX)

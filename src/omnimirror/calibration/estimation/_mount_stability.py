@@ -1,0 +1,284 @@
+"""Mount stability: consistency of the mirror centre over all images."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.typing import Array, Mask
+from ._bundle_adjustment import Adjustment, assembled, reduced_system, shared_values, with_priors
+from ._residuals import without_motions
+from .observation_checks import MIN_IMAGES, joined_names
+from .observations import board_ends, flipped_observations
+
+MOVED_PX = 1.5
+"""Maximum distance of centres that count as equal."""
+CHANCE = 1e-3
+"""Probability that images without motion are split into two groups."""
+PLAUSIBLE = 0.05
+"""Probability above which no further test is made."""
+MOVED_GAIN = 100.0
+"""Minimum gain of two centres in the sum of squares over the noise variance."""
+FLIPPED_GAIN, CLEAN = 25.0, 2.0
+"""Minimum gain of a flip, and maximum remaining gain of separate centres.
+
+A flip adds no parameters. The remaining gain is per parameter, after all flips.
+"""
+WORTH_A_FLIP, FLIPS_TRIED, MOSTLY = 8.0, 3, 0.6
+"""Limits of the search for flipped images.
+
+They are the minimum first-order gain of one image's horizontal centre offset, the number of
+images tried at once, and the minimum fraction of the gain of all centres that two centres
+explain.
+"""
+ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
+ROUNDING = 1e-9  # relative to the largest eigenvalue
+CENTRE = {"mirror": "the mirror's centre", "fisheye": "the optical centre"}
+MOVED = {
+    "mirror": "the mirror moved against the camera",
+    "fisheye": "the lens moved against the image sensor, as by zoom, focus or stabilisation",
+}
+SEVERAL = (
+    "{centre} in each lies elsewhere than in the other pictures: {moved}, or pictures are flipped or cut; "
+    "calibrate them apart"
+)
+ALONE = "{centre} in it lies {:.1f} px from that in the others: {moved}, or it is flipped or cut"
+GROUPS = (
+    "{centre} in {} lies {:.1f} px from that in {}: {moved} between them, or pictures are flipped or cut; "
+    "calibrate them apart"
+)
+FLIPPED = "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
+HALF_FLIPPED = (
+    "half of the pictures, {}, fit the others when they are flipped left to right, and not as they are: flip those "
+    "that are not as the camera delivers them"
+)
+
+
+def check_mount_stability(adjustment: Adjustment) -> dict[str, str]:
+    """Check that the mirror centre is the same in all images.
+
+    A single inconsistent image is returned as name and reason; with larger groups it is ambiguous
+    which images are correct.
+
+    Each image obtains its own centre, while camera, board and poses adapt. If two centres, of two
+    groups of images, explain much more than separate centres within the groups, the mirror moved or
+    images are flipped. The comparison (an F test) accounts for the scatter of centres caused by
+    model errors.
+
+    Raises
+    ------
+    InvalidParameter
+        If there are two or more groups; the message names the smaller.
+    """
+    if len(adjustment.sightings) <= MIN_IMAGES:
+        return {}
+    apart = _two_centres(adjustment)
+    if apart is None:
+        return {}
+    second, distance = apart
+    names = np.array([s.name for s in adjustment.sightings])
+    if second.sum() == 1:
+        return {str(names[second][0]): reason(ALONE, adjustment, distance)}
+    smaller, larger = joined_names(list(names[second])), joined_names(list(names[~second]))
+    raise InvalidParameter(reason(GROUPS, adjustment, smaller, distance, larger))
+
+
+def reason(sentence: str, adjustment: Adjustment, *values: object) -> str:
+    """Return a sentence about different centres, for a mirror or for a fisheye."""
+    optics = getattr(adjustment.model, "optics", "mirror")
+    return sentence.format(*values, centre=CENTRE[optics], moved=MOVED[optics])
+
+
+def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
+    """Return images that fit the others only when flipped left to right, as name and reason.
+
+    For boards that equal their mirror image no other evidence exists. Images are flipped one at a
+    time while the gain is significant. The result is accepted if all images then agree within the
+    noise and no other initial image leads to a similar fit.
+
+    Raises
+    ------
+    InvalidParameter
+        If half of the images are flipped, since the correct half is ambiguous.
+    """
+    count = len(adjustment.sightings)
+    if count <= MIN_IMAGES:
+        return {}
+    own = OwnCentres.of(adjustment, np.zeros((count, 2)))
+    (gained,), (explained, _) = own.of_groups(own.split()[None])[0], own.explained
+    if gained < max(WORTH_A_FLIP, MOSTLY * explained):
+        return {}
+    ends = [_all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))]
+    if not ends:
+        return {}
+    fit, turned = min(ends, key=lambda one: float(np.sum(one[0].residuals ** 2)))
+    rivals = [adjustment, *(other for other, those in ends if (those != turned).any())]
+    left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
+    if min(_gain(rival, fit) for rival in rivals) < FLIPPED_GAIN or left > CLEAN * numbers:
+        return {}
+    names = [s.name for s, is_turned in zip(adjustment.sightings, turned, strict=True) if is_turned]
+    if 2 * len(names) == count:
+        raise InvalidParameter(HALF_FLIPPED.format(joined_names(names)))
+    return dict.fromkeys(names, FLIPPED)
+
+
+@dataclass(frozen=True)
+class OwnCentres:
+    """First-order estimate of a separate centre for each of m images, while all else adapts.
+
+    Parameters
+    ----------
+    information : (m, 2, m, 2)
+        Information matrix of the centre offsets, 1/px^2.
+    pull : (m, 2)
+        Gradient of 0.5 times the sum of squares over the noise variance, 1/px.
+    """
+
+    information: Array
+    pull: Array
+
+    @classmethod
+    def of(cls, adjustment: Adjustment, applied: Array) -> OwnCentres:
+        """Compute from the derivatives of a fit with applied centre offsets (m, 2) px."""
+        question, found = adjustment.question, without_motions(adjustment.linearised)
+        count, points, free = len(question.stack.slices), len(question.stack.owner), int(question.free.sum())
+        own = np.zeros((points, 2, count, 2))
+        own[np.arange(points), :, question.stack.owner] = np.eye(2)
+        shared = np.concatenate([found.d_shared[:, :, question.free], own.reshape(points, 2, -1)], axis=2)
+        weights = found.seen / adjustment.noise_px**2
+        blocks = assembled(question.stack, found.residuals, shared, found.d_motion, weights, question.moving)
+        known, rest = question.prior(shared_values(adjustment.estimate)), (0, 2 * count)
+        matrix, right = reduced_system(with_priors(blocks, np.pad(known.information, rest), np.pad(known.pull, rest)))
+        scale = 1 / np.sqrt(np.maximum(np.diag(matrix)[:free], 1e-300))
+        camera = np.linalg.pinv(matrix[:free, :free] * scale[:, None] * scale, rcond=ROUNDING, hermitian=True)
+        taken_up = matrix[free:, :free] @ (camera * scale[:, None] * scale)
+        information = matrix[free:, free:] - taken_up @ matrix[:free, free:]
+        pull = right[free:] - taken_up @ right[:free] - information @ applied.ravel()
+        return cls(information.reshape(count, 2, count, 2), pull.reshape(count, 2))
+
+    @property
+    def explained(self) -> tuple[float, int]:
+        """Gain of all centres in the normalised sum of squares, and number of parameters."""
+        values, vectors = self._eigen()
+        return float(np.sum((vectors.T @ self.pull.ravel()) ** 2 / values)), len(values)
+
+    @property
+    def offsets(self) -> Array:
+        """Offsets of the centres (m, 2) px, as far as they are determined."""
+        values, vectors = self._eigen()
+        return np.asarray(-(vectors / values) @ (vectors.T @ self.pull.ravel())).reshape(-1, 2)
+
+    def _eigen(self) -> tuple[Array, Array]:
+        values, vectors = np.linalg.eigh(self.information.reshape(2 * len(self.pull), -1))
+        known = values > ROUNDING * values[-1]
+        return values[known], vectors[:, known]
+
+    def of_groups(self, groups: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the gain (k,) of a common offset of groups (k, m), and the offsets (k, 2) px."""
+        part = groups.astype(float)
+        information = np.einsum("km,minj,kn->kij", part, self.information, part, optimize=True)
+        information += ROUNDING * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+        pull = part @ self.pull
+        offsets = -np.linalg.solve(information, pull[..., None])[..., 0]
+        return -np.sum(pull * offsets, axis=1), offsets
+
+    def split(self) -> Mask:
+        """Return the group of images (m,) with the largest gain by a common offset.
+
+        Initial groups are all images after one image, each image alone, and the images beyond each
+        along the principal axis of the scatter of centres. Single images are then moved between the
+        groups while the gain increases.
+        """
+        count = len(self.pull)
+        scattered = self.offsets - np.median(self.offsets, axis=0)
+        order = np.argsort(scattered @ np.linalg.svd(scattered, full_matrices=False)[2][0])
+        after = np.tri(count, count - 1, -1, dtype=bool).T
+        beyond = np.zeros_like(after)
+        beyond[:, order] = after
+        groups = np.concatenate([after, np.eye(count, dtype=bool), beyond])
+        gains, _ = self.of_groups(groups)
+        best, gain = groups[np.argmax(gains)], float(gains.max())
+        while True:
+            changed = best ^ np.eye(count, dtype=bool)
+            changed = changed[changed.any(axis=1) & ~changed.all(axis=1)]
+            gains, _ = self.of_groups(changed)
+            if gains.max() <= gain:
+                return np.asarray(best if 2 * best.sum() <= count else ~best)
+            best, gain = changed[np.argmax(gains)], float(gains.max())
+
+
+def _all_flips(fit: Adjustment, turned: Mask) -> tuple[Adjustment, Mask]:
+    """Return the fit after successive flips and the smaller group (m,) of flipped images."""
+    while True:
+        better = min(_with_one_flipped(fit, turned), key=lambda one: float(np.sum(one[0].residuals ** 2)), default=None)
+        if better is None or _gain(fit, better[0]) < FLIPPED_GAIN:
+            break
+        fit, turned = better
+    is_first = 2 * turned.sum() == len(turned) and turned[0]  # half without the first image
+    return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(turned) or is_first else turned
+
+
+def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, Mask]]:
+    """Return fits with one more image flipped, and the flipped images.
+
+    A flip shifts the centre horizontally: images with the largest gain by such a shift are tried.
+    """
+    count, ends_mm, width = len(fit.sightings), board_ends(fit.sightings), fit.model.image_size[0]
+    own = OwnCentres.of(fit, np.zeros((count, 2)))
+    across = own.pull[:, 0] ** 2 / np.maximum(own.information[range(count), 0, range(count), 0], 1e-300)
+    across[[s.is_surveyed for s in fit.sightings]] = 0.0
+    tried = []
+    for number in np.argsort(-across)[:FLIPS_TRIED]:
+        if across[number] < WORTH_A_FLIP:
+            break
+        other = [flipped_observations(s, ends_mm, width) if i == number else s for i, s in enumerate(fit.sightings)]
+        with suppress(OmnimirrorError):  # the flip may lead to no valid camera
+            tried.append((fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number)))
+    return tried
+
+
+def _gain(before: Adjustment, after: Adjustment) -> float:
+    """Return the decrease of the sum of squares between two fits over the noise variance."""
+    return float(np.sum(before.residuals**2) - np.sum(after.residuals**2)) / after.noise_px**2
+
+
+def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
+    """Return the smaller of two groups of images and the distance of their centres in px."""
+    count = len(adjustment.sightings)
+    fit, applied = adjustment, np.zeros((count, 2))
+    for number in range(ROUNDS):
+        own = OwnCentres.of(fit, applied)
+        second = own.split()
+        (gain,), (offset,) = own.of_groups(second[None])
+        explained, numbers = own.explained
+        if number == 0 and _chance(float(gain), explained - float(gain), count, numbers) > PLAUSIBLE:
+            return None
+        step = offset * second[:, None] - applied
+        applied = applied + step
+        moved = [replace(s, pixels=s.pixels - o) for s, o in zip(fit.sightings, step, strict=True)]
+        fit = fit.again(moved, most_steps=ROUND_STEPS)
+        if np.abs(step).max() < AGREED_PX:
+            break
+    gained = _gain(adjustment, fit)
+    left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
+    distance = float(np.hypot(*offset))
+    is_apart = distance > MOVED_PX and gained > MOVED_GAIN and _chance(gained, left, count, numbers) < CHANCE
+    return (second, distance) if is_apart else None
+
+
+def _chance(gain: float, left: float, count: int, numbers: int) -> float:
+    """Return the probability that the best split gains as much by chance.
+
+    The scatter of centres within groups is taken into account.
+
+    Fisher's F distribution with 2 and d degrees of freedom exceeds x with probability
+    ``(1 + 2 x / d)^(-d / 2)``. There are about ``count^2 / 2`` splits of points in a plane by a
+    line.
+    """
+    others = max(numbers - 2, 1)
+    beyond = (1 + gain / others / max(left / others, 1.0)) ** (-others / 2)
+    return float(min(beyond * count**2 / 2, 1.0))

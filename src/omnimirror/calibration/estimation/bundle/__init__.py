@@ -1,1 +1,0 @@
-"""Bundle adjustment: observations, parameters, residuals, normal equations and iteration steps."""

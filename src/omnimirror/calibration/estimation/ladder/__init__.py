@@ -1,1 +1,0 @@
-"""Model sequence without an initial value: stereographic, unified, and richer models."""

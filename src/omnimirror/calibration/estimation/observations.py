@@ -1,0 +1,610 @@
+"""Observations: pixels with known points or directions, survey files, and simulated detections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import checked, finite, number, shown, whole
+from ...base.errors import InvalidParameter
+from ...base.files import read_text
+from ...base.typing import Array, Mask
+from ...cameras.camera import Camera
+from ..straight_edges import csv_cells, csv_number
+from ..targets import Board, Detection
+
+# -- Observations: pixels with their known points, directions, lines or planes ---------------------
+#
+# One form serves all kinds. A :class:`Sighting` holds the observations of one rigid target in one
+# image: corners of a board with unknown pose, surveyed points, stars, edges. Points are given in
+# the target frame; a known or estimated :class:`Motion` transforms them to the camera frame.
+
+
+class Motion(NamedTuple):
+    """Rigid transform from a target frame to the camera frame: ``X = rotation @ p + shift_mm``.
+
+    Examples
+    --------
+    >>> turned = Motion(rotation_of(np.array([0.0, 0.0, np.pi / 2])), np.array([0.0, 0.0, 500.0]))
+    >>> turned(np.array([[10.0, 0.0, 0.0]])).round(6) + 0.0
+    array([[  0.,  10., 500.]])
+    """
+
+    rotation: Array
+    """Rotation matrix (3, 3)."""
+    shift_mm: Array
+    """Translation (3,)."""
+
+    @classmethod
+    def none(cls) -> Motion:
+        """Return the identity transform.
+
+        Returns
+        -------
+        Motion
+            Identity.
+        """
+        return cls(np.eye(3), np.zeros(3))
+
+    def __call__(self, points_mm: Array) -> Array:
+        """Return points (n, 3) in the camera frame."""
+        moved: Array = points_mm @ self.rotation.T + self.shift_mm
+        return moved
+
+
+def moved(motions: Sequence[Motion], steps: Array) -> tuple[Motion, ...]:
+    """Apply steps (m, 6), rotation vectors and translations, to rigid transforms."""
+    before = np.array([m.rotation for m in motions])
+    rotations = rotations_of(steps[:, :3]) @ before
+    # orthonormalise: rounding of many steps does not accumulate
+    rotations = rotations @ (1.5 * np.eye(3) - 0.5 * rotations.transpose(0, 2, 1) @ rotations)
+    shifts = np.array([m.shift_mm for m in motions]) + steps[:, 3:]
+    return tuple(Motion(r, t) for r, t in zip(rotations, shifts, strict=True))
+
+
+def rotation_of(vector: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) in radians.
+
+    >>> rotation_of(np.array([0.0, 0.0, np.pi / 2])).round(12) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    """
+    matrix: Array = rotations_of(np.asarray(vector, dtype=float)[None])[0]
+    return matrix
+
+
+def rotations_of(vectors: Array) -> Array:
+    """Return rotation matrices (n, 3, 3) of rotation vectors (n, 3) in radians (Rodrigues)."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    cross = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2  # sin(a) / a, (1 - cos(a)) / a^2
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Observations of one target in one image.
+
+    Parameters
+    ----------
+    name
+        Name of the image.
+    pixels : (n, 2)
+        Observed pixels, px.
+    points : (n, 3)
+        Observed points in the target frame in mm, or directions where ``is_distant``.
+    motion
+        Known or initial pose of the target; None: unknown, without an initial value (boards only).
+    is_known
+        Whether ``motion`` is known and not estimated.
+    is_distant
+        Whether the targets are at infinity, such as stars and the sun; one value, or one per point
+        (n,) if an image contains both.
+    along : (n, 3), optional
+        For observed lines: directions of the lines through ``points``. The observed point may be
+        anywhere on its line.
+    normals : (n, 3), optional
+        For marks on planes: normals of the planes through ``points``. The mark may be anywhere on
+        its plane. A single observation of a mark gives no constraint; several images must observe
+        it under the same number in ``ids``.
+    ids : (n,), optional
+        Numbers of the points, such as corner numbers of a board; 0, 1, ... by default.
+    is_surveyed
+        Whether the points are exact, independent of the board shape in other images.
+
+    Raises
+    ------
+    InvalidParameter
+        If the numbers of pixels and points differ, or a known pose is missing.
+
+    Examples
+    --------
+    >>> sun = Sighting("noon", [[400.0, 300.0]], [[0.0, 0.0, -1.0]], Motion.none(), is_known=True, is_distant=True)
+    >>> len(sun)
+    1
+    """
+
+    name: str
+    pixels: Array
+    points: Array
+    motion: Motion | None = None
+    is_known: bool = False
+    is_distant: bool | Mask = False
+    along: Array | None = None
+    normals: Array | None = None
+    ids: NDArray[np.int64] | None = None
+    is_surveyed: bool = False
+
+    def __post_init__(self) -> None:
+        pixels, points = finite("pixels", self.pixels, last=2), finite("points", self.points, last=3)
+        if pixels.ndim != 2 or len(pixels) != len(points):
+            raise InvalidParameter(
+                f"{self.name}: pixels {pixels.shape} and points {points.shape} are not as many; valid: (n, 2), (n, 3)"
+            )
+        if self.is_known and self.motion is None:
+            raise InvalidParameter(f"{self.name}: its motion is said to be known and not given")
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "points", points)
+        ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
+        object.__setattr__(self, "ids", ids)
+        if np.ndim(self.is_distant) and np.shape(self.is_distant) != (len(pixels),):
+            raise InvalidParameter(
+                f"{self.name}: is_distant is one truth value, or one for each of {len(pixels)} points"
+            )
+        for name in ("along", "normals"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._directions(name, len(pixels)))
+        if self.normals is not None and (self.along is not None or self.distant.any()):
+            raise InvalidParameter(f"{self.name}: normals belong to planes, not to lines or to what is far away")
+
+    def _directions(self, name: str, count: int) -> Array:
+        """Return unit vectors (n, 3), one per point."""
+        given = finite(name, getattr(self, name), last=3)
+        lengths = np.linalg.norm(given, axis=-1, keepdims=True)
+        if given.shape != (count, 3) or not (lengths > 0).all():
+            raise InvalidParameter(f"{self.name}: {name} {given.shape} are not ({count}, 3) directions, one a point")
+        return np.asarray(given / lengths)
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @property
+    def distant(self) -> Mask:
+        """Mask (n,) of points that are directions."""
+        return np.broadcast_to(np.asarray(self.is_distant, dtype=bool), len(self.pixels))
+
+    def before(self, motion: Motion) -> Array:
+        """Return the observed targets in the camera frame for a given pose.
+
+        Parameters
+        ----------
+        motion
+            Transform from the target frame to the camera frame.
+
+        Returns
+        -------
+        (n, 3) array
+            Points in mm, and directions of distant targets.
+        """
+        turned: Array = self.points @ motion.rotation.T
+        return turned + np.where(self.distant[:, None], 0.0, motion.shift_mm)
+
+    def only(self, kept: Mask | NDArray[np.int64]) -> Sighting:
+        """Return the sighting with a subset of its points.
+
+        Parameters
+        ----------
+        kept : (n,) or (k,)
+            Mask or indices of the retained points.
+
+        Returns
+        -------
+        Sighting
+            Sighting with k points.
+        """
+        assert self.ids is not None
+        along, normals = (None if d is None else d[kept] for d in (self.along, self.normals))
+        distant = self.distant[kept] if np.ndim(self.is_distant) else self.is_distant
+        return replace(
+            self, pixels=self.pixels[kept], points=self.points[kept], along=along, normals=normals, ids=self.ids[kept],
+            is_distant=distant,
+        )  # fmt: skip
+
+    def moved(self, motion: Motion | None) -> Sighting:
+        """Return the sighting with another pose.
+
+        Parameters
+        ----------
+        motion
+            Transform from the target frame to the camera frame; None: unknown.
+
+        Returns
+        -------
+        Sighting
+            Sighting with the same pixels.
+        """
+        return replace(self, motion=motion)
+
+
+class Marks(NamedTuple):
+    """Marks at unknown positions on planes, each observed in several images."""
+
+    ids: NDArray[np.int64]
+    """Mark numbers (k,)."""
+    number: NDArray[np.int64]
+    """Index of the mark of each point (n,); -1 without a mark."""
+    axes: Array
+    """Two directions in the plane of each mark (n, 3, 2); 0 without a mark."""
+
+    def changes(self) -> Array:
+        """Return derivatives (n, 3, 2k) of the points with respect to the marks."""
+        change = np.zeros((len(self.number), 3, 2 * len(self.ids)))
+        at = np.flatnonzero(self.number >= 0)
+        for axis in (0, 1):
+            change[at, :, 2 * self.number[at] + axis] = self.axes[at, :, axis]
+        return change
+
+
+class Stack(NamedTuple):
+    """Concatenated points of several sightings."""
+
+    pixels: Array
+    """Pixels (n, 2)."""
+    points: Array
+    """Points (n, 3)."""
+    owner: NDArray[np.int64]
+    """Index of the sighting (n,)."""
+    distant: Mask
+    """Mask of directions (n,)."""
+    shaped: Mask
+    """Mask of points that follow the board shape (n,)."""
+    along: Array | None
+    """Line directions (n, 3), 0 for points; None without lines."""
+    slices: tuple[slice, ...]
+    """Range of points of each sighting."""
+    ids: NDArray[np.int64]
+    """Point numbers (n,)."""
+    marks: Marks | None
+    """Marks on planes; None if there are none."""
+
+
+def stacked(sightings: Sequence[Sighting]) -> Stack:
+    """Return the concatenation of sightings."""
+    if not sightings:
+        raise InvalidParameter("there is nothing to adjust: no picture saw anything")
+    counts = [len(s) for s in sightings]
+    ends = np.cumsum(counts)
+    along = None
+    if any(s.along is not None for s in sightings):
+        along = np.concatenate([np.zeros((len(s), 3)) if s.along is None else s.along for s in sightings])
+    return Stack(
+        np.concatenate([s.pixels for s in sightings]),
+        np.concatenate([s.points for s in sightings]),
+        np.repeat(np.arange(len(sightings)), counts),
+        np.concatenate([s.distant for s in sightings]),
+        np.concatenate([~s.distant & (not s.is_surveyed) for s in sightings]),
+        along,
+        tuple(slice(int(e) - c, int(e)) for e, c in zip(ends, counts, strict=True)),
+        np.concatenate([s.ids for s in sightings if s.ids is not None]),
+        _marks(sightings) if any(s.normals is not None for s in sightings) else None,
+    )
+
+
+def _marks(sightings: Sequence[Sighting]) -> Marks:
+    """Return the marks on planes by their numbers.
+
+    Raises
+    ------
+    InvalidParameter
+        If only one image observes a mark, or a mark belongs to two planes.
+    """
+    ids = np.concatenate([s.ids for s in sightings if s.ids is not None])
+    points = np.concatenate([s.points for s in sightings])
+    normals = np.concatenate([np.zeros((len(s), 3)) if s.normals is None else s.normals for s in sightings])
+    at = np.flatnonzero(np.any(normals != 0, axis=1))
+    known, first, number, count = np.unique(ids[at], return_index=True, return_inverse=True, return_counts=True)
+    if (alone := known[count < 2]).size:
+        raise InvalidParameter(
+            f"mark {alone[0]} on a plane is seen once, which says nothing: somewhere on it every pixel looks; it is "
+            "valid with the same number (ids) in several pictures"
+        )
+    one, other = at[first][number], at
+    off = np.abs(np.sum(normals[one] * (points[other] - points[one]), axis=1))
+    size = 1e-6 * (np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[one], axis=1))
+    if (apart := (off > size) | (np.abs(np.sum(normals[one] * normals[other], axis=1)) < 1 - 1e-9)).any():
+        raise InvalidParameter(f"mark {ids[at][apart][0]} is said to lie on two planes; it is valid on one")
+    axes = np.zeros((len(ids), 3, 2))
+    axes[at] = np.linalg.svd(normals[one][:, None])[2][:, 1:].transpose(0, 2, 1)
+    numbers = np.full(len(ids), -1)
+    numbers[at] = number
+    return Marks(known, numbers, axes)
+
+
+def rms_px(residuals: ArrayLike) -> float:
+    """Return ``sqrt(mean |e|^2)`` of residuals (n, 2): per point in two dimensions, as in OpenCV.
+
+    >>> rms_px([[3.0, 4.0], [0.0, 0.0]])  # sqrt((25 + 0) / 2)
+    3.5355339059327378
+    """
+    e = np.asarray(residuals, dtype=float).reshape(-1, 2)
+    return float(np.sqrt(np.mean(np.sum(e * e, axis=1)))) if len(e) else float("nan")
+
+
+# -- Boards that equal their mirror image: numbering in mirrored and flipped images ----------------
+
+
+def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
+    """Return boards that equal their mirror image with corners numbered as seen from the front.
+
+    The image of a mirror is reversed, and a detector numbers the corners in image order: the board
+    appears as seen from behind. This has no effect on a flat board, but inverts the sign of a
+    bulge.
+    """
+    ends_mm = board_ends(sightings)
+    return tuple(_counted_backwards(s, ends_mm) if _is_from_behind(s) else s for s in sightings)
+
+
+def flipped_observations(sighting: Sighting, ends_mm: float, width: int) -> Sighting:
+    """Return the observation in the image flipped left to right.
+
+    In a flipped image a detector numbers the columns from the other end.
+
+    Parameters
+    ----------
+    sighting
+        Observation with a pose, from which the initial pose of the flipped board follows.
+    ends_mm : mm
+        Result of :func:`board_ends`.
+    width
+        Width of the image, px.
+    """
+    board = _counted_backwards(sighting, ends_mm)
+    assert board.motion is not None
+    across = np.array([-1.0, 1.0, 1.0])
+    motion = Motion(across[:, None] * board.motion.rotation * [1.0, 1.0, -1.0], across * board.motion.shift_mm)
+    return replace(board, pixels=board.pixels * across[:2] + [width - 1.0, 0.0], motion=motion)
+
+
+def board_ends(sightings: Sequence[Sighting]) -> float:
+    """Return the sum of the minimum and maximum X of all boards, mm.
+
+    It equals the sum of the X coordinates of a column and its mirror image.
+    """
+    x = np.concatenate([np.zeros(0), *(s.points[:, 0] for s in sightings if not s.is_surveyed)])
+    return float(x.min() + x.max()) if len(x) else 0.0
+
+
+def _counted_backwards(sighting: Sighting, ends_mm: float) -> Sighting:
+    """Return a board at its pose with reversed column numbers, read from the other side."""
+    assert sighting.motion is not None
+    rotation, shift = sighting.motion
+    points = sighting.points * [-1.0, 1.0, 1.0] + [ends_mm, 0.0, 0.0]
+    return replace(
+        sighting, points=points, motion=Motion(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm)
+    )
+
+
+def _is_from_behind(sighting: Sighting) -> bool:
+    """Return whether a board's Z axis, which points away from the viewer, points at the camera."""
+    if sighting.is_surveyed or sighting.motion is None:
+        return False
+    return float(sighting.motion.rotation[:, 2] @ sighting.motion(sighting.points).mean(axis=0)) < 0
+
+
+# -- Survey files: pixels with the surveyed points or star directions that they show ---------------
+
+PIXEL_COLUMNS = ("u_px", "v_px")
+POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
+DIRECTION_COLUMNS = ("x", "y", "z")
+ANGLE_COLUMNS = ("azimuth_deg", "elevation_deg")
+IMAGE_COLUMN = "picture"
+ONLY = "survey"  # name of the image if no column names images
+
+
+class Surveys(NamedTuple):
+    """Contents of survey files."""
+
+    sightings: tuple[Sighting, ...]
+    """One sighting per image."""
+    places: dict[str, tuple[str, ...]]
+    """File and line of each point, by image."""
+
+
+class _Row(NamedTuple):
+    """Line of a survey file."""
+
+    place: str
+    """File and line number."""
+    picture: str
+    pixel: tuple[float, float]
+    target: tuple[float, float, float]
+    is_distant: bool
+
+
+@checked
+def read_surveys(points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()) -> Surveys:
+    """Read surveyed points and directions with their pixels from CSV tables with a header line.
+
+    Lines with the same image name, in all files, belong to one camera pose: a camera that did not
+    move between images has one name for all of them. All files of an image share one right-handed
+    coordinate system with arbitrary origin. The camera pose in it is not required.
+
+    Parameters
+    ----------
+    points
+        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``picture``
+        for several images.
+    directions
+        CSV files with ``u_px``, ``v_px`` and either ``x``, ``y``, ``z`` of any length, or
+        ``azimuth_deg`` (clockwise from above, for example from north) and ``elevation_deg``. X has
+        azimuth 0, Y points to its left, and Z up.
+
+    Returns
+    -------
+    Surveys
+        One sighting per image, with the file and line of each point.
+
+    Raises
+    ------
+    InvalidParameter
+        If a column is missing or unknown, or a value is not a number; the message names the line.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/stars.csv", "w") as file:
+    ...         _ = file.write("u_px,v_px,azimuth_deg,elevation_deg\\n412.5,88.25,90,0\\n310.0,95.5,120,30\\n")
+    ...     sightings, places = om.read_surveys(directions=[f"{folder}/stars.csv"])
+    >>> (sightings[0].points.round(3)[0] + 0.0).tolist(), places["survey"]
+    ([0.0, -1.0, 0.0], ('stars.csv line 2', 'stars.csv line 3'))
+    """
+    rows = [row for path in points for row in _rows(Path(path), (POINT_COLUMNS,), is_distant=False)]
+    rows += [
+        row for path in directions for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)
+    ]
+    sightings, places = [], {}
+    for name in dict.fromkeys(row.picture for row in rows):
+        own = [row for row in rows if row.picture == name]
+        pixels, targets = np.array([row.pixel for row in own]), np.array([row.target for row in own])
+        distant = np.array([row.is_distant for row in own])
+        sightings.append(Sighting(name, pixels, targets, is_distant=distant, is_surveyed=True))
+        places[name] = tuple(row.place for row in own)
+    return Surveys(tuple(sightings), places)
+
+
+def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
+    """Return the lines of a file with pixel columns and one of several sets of target columns."""
+    text = read_text(path, "points and directions", InvalidParameter, f"there is no file {path}")
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if len(lines) < 2:
+        raise InvalidParameter(
+            f"{path} holds no points; its first line should be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
+        )
+    (number, head), *rest = lines
+    columns = csv_cells(head, f"line {number} of {path}")
+    target = next((names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}), None)
+    if target is None or len(set(columns)) < len(columns):
+        ways = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
+        raise InvalidParameter(
+            f"line {number} of {path} names {shown(head)}; valid is {ways}, and {IMAGE_COLUMN} if several"
+        )
+    return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
+
+
+def _row(place: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool) -> _Row:
+    cells = csv_cells(line, place)
+    if len(cells) != len(columns):
+        raise InvalidParameter(f"{place} has {len(cells)} values, and the first line names {len(columns)}")
+    entries = dict(zip(columns, cells, strict=True))
+    u, v = (csv_number(entries, name, place) for name in PIXEL_COLUMNS)
+    numbers = [csv_number(entries, name, place) for name in target]
+    if target == ANGLE_COLUMNS:
+        azimuth, elevation = np.radians(numbers)
+        if abs(elevation) > np.pi / 2:
+            raise InvalidParameter(f"{place}: elevation_deg = {numbers[1]:g} is not within -90 to 90")
+        level = np.cos(elevation)
+        numbers = [level * np.cos(azimuth), -level * np.sin(azimuth), np.sin(elevation)]
+    if is_distant and not np.linalg.norm(numbers) > 0:
+        raise InvalidParameter(f"{place}: 0, 0, 0 is no direction")
+    x, y, z = numbers
+    return _Row(place, entries.get(IMAGE_COLUMN) or ONLY, (u, v), (float(x), float(y), float(z)), is_distant)
+
+
+# -- Simulated board corners without rendering, to test a calibration against a known camera -------
+
+MAX_IMAGES = 10_000
+MAX_TRIES = 200  # attempts per pose before an error is raised
+MIN_VISIBLE = 0.8  # minimum fraction of visible corners
+MAX_TILT = np.radians(45.0)
+BOARD_DISTANCES = (0.9, 2.5)  # multiples of the board's diagonal
+
+
+@checked
+def simulate_detections(
+    camera: Camera,
+    board: Board,
+    count: int = 12,
+    *,
+    noise_px: float = 0.1,
+    seed: int = 0,
+    points_mm: Array | None = None,
+) -> list[Detection]:
+    """Simulate corners of a board at random poses around a camera, with normal noise.
+
+    Parameters
+    ----------
+    camera
+        Camera of any type.
+    board
+        Target, placed 0.9 to 2.5 times its diagonal from the camera and tilted by up to 45 deg.
+    count
+        Number of images.
+    noise_px
+        Standard deviation of each coordinate.
+    seed
+        Random seed of poses and noise.
+    points_mm : (n, 3), optional
+        True positions of the board's corners, for a board that is not flat.
+
+    Returns
+    -------
+    list of Detection
+        Simulated detections.
+
+    Raises
+    ------
+    InvalidParameter
+        If the camera sees the board at no pose.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> [len(d.ids) > 50 for d in om.simulate_detections(camera, om.Board("chessboard", 11, 7, 30.0), 3)]
+    [True, True, True]
+    """
+    whole("count", count, 1, MAX_IMAGES)
+    number("noise_px", noise_px, low=0.0, unit="px")
+    random = np.random.default_rng(whole("seed", seed))
+    points = board.points_mm if points_mm is None else finite("points_mm", points_mm, last=3)
+    detections = []
+    for i in range(count):
+        for _ in range(MAX_TRIES):
+            seen = camera.project(_held(camera, points, random))
+            if seen.valid.mean() >= MIN_VISIBLE:
+                break
+        else:
+            raise InvalidParameter(f"the camera sees no board of {board} with squares of {board.square_mm:g} mm")
+        ids = np.flatnonzero(seen.valid)
+        corners = seen.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))
+        detections.append(Detection(f"picture {i + 1}", camera.image_size, ids, corners))
+    return detections
+
+
+def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
+    """Return the corners (n, 3) of a board at a random pose in the world frame."""
+    size = np.array(camera.image_size)
+    while True:
+        rays = camera.backproject(random.uniform(0, 1, (1, 2)) * size - 0.5)
+        if rays.valid[0]:
+            break
+    ahead = rays.directions[0]
+    middle = points.mean(axis=0)
+    diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    across = np.cross(ahead, random.normal(size=3))
+    x = across / np.linalg.norm(across)
+    facing = np.stack([x, np.cross(ahead, x), ahead], axis=1)  # Z points away from the viewer
+    tilt = random.normal(size=3)
+    rotation = rotation_of(random.uniform(0, MAX_TILT) * tilt / np.linalg.norm(tilt)) @ facing
+    place = rays.origins[0] + random.uniform(*BOARD_DISTANCES) * diagonal * ahead
+    return np.asarray((points - middle) @ rotation.T + place)

@@ -1,0 +1,613 @@
+"""Interface of camera file formats: parsed content, recognition, reading, writing, and camera models."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from ...base.arguments import float_of, shown
+from ...base.caching import cached_property
+from ...base.errors import SpecError
+from ...base.files import LARGEST_TEXT, TOO_DEEP, compose_yaml, decompressed, parse_json, parse_xml
+from ...base.typing import Array
+from ...cameras.camera import Camera
+from ...cameras.frames import Mount
+from ...cameras.models.camera_model import Optics
+from ...optics.toml_validation import did_you_mean
+
+# -- Values of a YAML, JSON or XML file with their locations, for errors that name the line --------
+
+
+@dataclass(frozen=True)
+class Node:
+    """Value in a file: a mapping or a list of entries, or a single word or number.
+
+    Attributes
+    ----------
+    value
+        Dict or list of entries, or text, number, boolean or None.
+    source
+        File name.
+    name
+        Path of the entry, such as ``cam0.intrinsics``.
+    line
+        Line number from 1; None if unknown.
+    """
+
+    value: Any
+    source: str
+    name: str = ""
+    line: int | None = None
+
+    def refuse(self, message: str) -> NoReturn:
+        """Raise an error at this entry."""
+        where = f" line {self.line}" if self.line else ""
+        raise SpecError(f"{self.source}{where}: {self.name}{' ' * bool(self.name)}{message}")
+
+    # -- mappings ----------------------------------------------------------------------------------
+
+    def __contains__(self, name: str) -> bool:
+        return isinstance(self.value, dict) and name in self.value
+
+    def names(self) -> list[str]:
+        """Return the names in a mapping."""
+        if not isinstance(self.value, dict):
+            self.refuse(f"is valid as a table of names and values, and is {self._kind()}")
+        return list(self.value)
+
+    def __getitem__(self, name: str) -> Node:
+        if name not in self.names():
+            self.refuse(f"has no {name}, which is needed{did_you_mean(name, self.value)}")
+        entry: Node = self.value[name]
+        return entry
+
+    def polynomial(self, prefix: str) -> tuple[float, ...]:
+        """Return the coefficients of a mapping named by their powers: p0, p1, ..."""
+        numbers = [self[f"{prefix}0"].number()]
+        while f"{prefix}{len(numbers)}" in self:
+            numbers.append(self[f"{prefix}{len(numbers)}"].number())
+        return tuple(numbers)
+
+    # -- values ------------------------------------------------------------------------------------
+
+    def number(self) -> float:
+        """Return a finite number."""
+        value = self.value
+        try:
+            number = np.nan if isinstance(value, bool | dict | list | None) else float_of(str(value))
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            self.refuse(f"= {self._kind()} is not valid; it is valid as one finite number")
+        return number
+
+    def whole(self) -> int:
+        """Return an integer, such as a number of pixels."""
+        number = self.number()
+        if number != np.floor(number) or abs(number) > 2**31:
+            self.refuse(f"= {shown(self.value)} is not valid; it is valid as a whole number")
+        return int(number)
+
+    def word(self) -> str:
+        """Return a word."""
+        if not isinstance(self.value, str):
+            self.refuse(f"= {self._kind()} is not valid; it is valid as a word")
+        return self.value
+
+    def choice(self, *valid: str) -> str:
+        """Return one of several words."""
+        word = self.word()
+        if word not in valid:
+            self.refuse(f"= {shown(word)} is not known; valid are {', '.join(valid)}")
+        return word
+
+    def entries(self) -> list[Node]:
+        """Return the entries of a list."""
+        if not isinstance(self.value, list):
+            self.refuse(f"is valid as a list, and is {self._kind()}")
+        return self.value
+
+    def numbers(self, *counts: int) -> tuple[float, ...]:
+        """Return a list of numbers with one of the given lengths."""
+        entries = self.entries()
+        if counts and len(entries) not in counts:
+            valid = " or ".join(map(str, counts))
+            self.refuse(f"has {len(entries)} numbers; it is valid with {valid}")
+        return tuple(entry.number() for entry in entries)
+
+    def matrix(self, rows: int, columns: int) -> Array:
+        """Return a matrix from nested lists, or from ``rows``, ``cols`` and ``data``."""
+        if "data" in self:
+            flat = self["data"].numbers(rows * columns)
+            for name, valid in (("rows", rows), ("cols", columns)):
+                if name in self and self[name].whole() != valid:
+                    self[name].refuse(f"= {self[name].whole()} is not valid; it is valid as {valid}")
+            return np.array(flat).reshape(rows, columns)
+        if len(self.entries()) != rows:
+            self.refuse(f"has {len(self.entries())} rows; it is valid with {rows} of {columns} numbers")
+        return np.array([row.numbers(columns) for row in self.entries()])
+
+    def row(self, *counts: int) -> tuple[float, ...]:
+        """Return a row of numbers, from a list or a matrix with one row or column."""
+        return self.flat().numbers(*counts)
+
+    def flat(self) -> Node:
+        """Return the data list of a matrix with ``data``; other lists unchanged."""
+        return self["data"] if "data" in self else self  # noqa: SIM401
+
+    def _kind(self) -> str:
+        match self.value:
+            case dict():
+                return "a table"
+            case list():
+                return "a list"
+            case None:
+                return "empty"
+        return shown(self.value)
+
+
+# -- reading ----------------------------------------------------------------------------------
+
+
+def read_yaml(text: str, source: str) -> Node:
+    """Read the entries of a YAML text.
+
+    OpenCV's dialect (``%YAML:1.0``, ``!!opencv-matrix``) is supported.
+
+    Parameters
+    ----------
+    text
+        YAML text.
+    source
+        File name, for error messages.
+
+    Returns
+    -------
+    Node
+        Whole document.
+
+    Raises
+    ------
+    SpecError
+        If it is not valid YAML, contains references, or is nested too deeply.
+
+    Examples
+    --------
+    >>> read_yaml("cam0:\\n  resolution: [640, 480]\\n", "a.yaml")["cam0"]["resolution"].numbers(2)
+    (640.0, 480.0)
+    """
+    if text.startswith("%YAML:"):  # OpenCV's header; the line is kept for correct line numbers
+        text = "#" + text
+    node = compose_yaml(text, source)
+    return Node(None, source) if node is None else _entry(node, source, "")
+
+
+def _entry(tree: Any, source: str, name: str) -> Node:
+    """Convert a node of PyYAML's tree; words and numbers remain text."""
+    line = tree.start_mark.line + 1
+    if tree.id == "mapping":
+        pairs = [(str(k.value) if k.id == "scalar" else "?", k, v) for k, v in tree.value]
+        table: dict[str, Node] = {}
+        for key, key_node, value in pairs:
+            if key in table:
+                raise SpecError(f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time")
+            table[key] = _entry(value, source, f"{name}.{key}" if name else key)
+        return Node(table, source, name, line)
+    if tree.id == "sequence":
+        items = [_entry(v, source, f"{name}[{i}]") for i, v in enumerate(tree.value)]
+        return Node(items, source, name, line)
+    is_empty = tree.style is None and tree.value in ("", "~", "null")
+    return Node(None if is_empty else tree.value, source, name, line)
+
+
+def read_json(text: str, source: str) -> Node:
+    """Read the entries of a JSON text.
+
+    Raises
+    ------
+    SpecError
+        If it is not valid JSON, or is nested too deeply.
+
+    Examples
+    --------
+    >>> read_json('{"distortion_center": [319.5, 239.5]}', "a.json")["distortion_center"].numbers(2)
+    (319.5, 239.5)
+    """
+    try:
+        return _plain(parse_json(text), source, "")
+    except json.JSONDecodeError as problem:
+        raise SpecError(f"{source} line {problem.lineno} is not valid JSON: {problem.msg}") from None
+    except ValueError as problem:
+        reason = f": {problem}" if str(problem) == TOO_DEEP else " holds a whole number of thousands of digits"
+        raise SpecError(f"{source}{reason}") from None
+
+
+def _plain(value: Any, source: str, name: str) -> Node:
+    if isinstance(value, dict):
+        table = {k: _plain(v, source, f"{name}.{k}" if name else k) for k, v in value.items()}
+        return Node(table, source, name)
+    if isinstance(value, list):
+        return Node([_plain(v, source, f"{name}[{i}]") for i, v in enumerate(value)], source, name)
+    return Node(value, source, name)
+
+
+def read_xml(text: str, source: str) -> Node:
+    """Read the entries of an XML text written by OpenCV's ``FileStorage``.
+
+    An element with child elements is a mapping, or a list if these are named ``_``. The content of
+    ``data`` and several numbers in a row are lists; other content is a word or number.
+
+    Raises
+    ------
+    SpecError
+        If it is not valid XML, declares entities, or is nested too deeply.
+
+    Examples
+    --------
+    >>> read_xml("<opencv_storage><xi>1.3</xi><size>4 3</size></opencv_storage>", "a.xml")["size"].numbers(2)
+    (4.0, 3.0)
+    """
+    return _element(parse_xml(text, source), source, "")
+
+
+def _element(element: Any, source: str, name: str) -> Node:
+    """Convert an element of an XML tree."""
+    children = list(element)
+    if children and all(child.tag == "_" for child in children):
+        return Node([_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name)
+    if children:
+        table: dict[str, Node] = {}
+        for child in children:
+            if child.tag in table:
+                raise SpecError(f"{source}: {child.tag} stands in {name or 'the file'} a second time")
+            table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
+        return Node(table, source, name)
+    words = (element.text or "").split()
+    if element.tag == "data" or (len(words) > 1 and all(map(_is_number, words))):
+        return Node([Node(w, source, f"{name}[{i}]") for i, w in enumerate(words)], source, name)
+    return Node(" ".join(words).strip('"') or None, source, name)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float_of(word)
+    except ValueError:
+        return False
+    return True
+
+
+# -- Interface of camera file formats: recognition, reading, writing, and supported camera models
+#
+# The parameters of a file apply to the calibrated image, as do those of the camera models here.
+# Information that files lack is given for reading (:class:`Reading`): the type of optics and
+# whether the image is flipped.
+#
+# Files use one frame: right and down in the image, and a third axis along the viewing direction at
+# the image centre. In the camera frame here (X right, Y down, Z ahead of the lens), it is (X, Y, Z)
+# for a fisheye and (X, Y, -Z) for a mirror, which is left-handed because the image of a mirror is
+# reversed. For a flipped mirror image it is (-X, Y, -Z), right-handed again.
+
+Content = str | bytes
+GZIP = b"\x1f\x8b"
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+RELATIVE_ROUNDING = 1e-9  # relative to a typical parameter change: rounding of a fit
+NEUTRAL_VALUES = {"c": 1.0}  # neutral values other than 0: OCamCalib's stretch
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Information that files of other programs do not contain.
+
+    Attributes
+    ----------
+    source
+        File name, for error messages.
+    optics : "mirror" or "fisheye"
+        Type of optics.
+    mount
+        Orientation of the camera; ``image_flipped`` states that the calibrated image was flipped.
+    rim_radius_px : px, optional
+        Boundary of the field.
+    image_size : (width, height), optional
+        Image size, for files without it.
+    """
+
+    source: str
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    image_size: tuple[int, int] | None = None
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """Arguments of all camera models that files do not contain."""
+        return {"optics": self.optics, "mount": self.mount, "rim_radius_px": self.rim_radius_px}
+
+    def size_in(self, table: Node, name: str) -> tuple[int, int]:
+        """Return the image size from a table entry of width and height, or the given size.
+
+        Raises
+        ------
+        SpecError
+            If there is no size, or the entry is invalid.
+        """
+        if name not in table:
+            return self.size()
+        entries = table[name].entries()
+        if len(entries) != 2:
+            table[name].refuse("is valid as two numbers, width and height")
+        return entries[0].whole(), entries[1].whole()
+
+    def size(self) -> tuple[int, int]:
+        """Return the given image size, for a file without it.
+
+        Raises
+        ------
+        SpecError
+            If no size was given.
+        """
+        if self.image_size is None:
+            raise SpecError(
+                f"{self.source} does not say how large the picture is; "
+                "give its size (image_size, on the command line --image-size), such as 1024x768"
+            )
+        return self.image_size
+
+
+class Stored(NamedTuple):
+    """Camera in a file."""
+
+    name: str
+    """Name in the file: "cam0", "1"; "" without a name."""
+    camera: Camera
+    notes: tuple[str, ...] = ()
+    """Assumptions made while reading, and contradictions in the file."""
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """Content of a camera file, parsed once for all formats.
+
+    Attributes
+    ----------
+    source
+        File name, for error messages.
+    data
+        Content; gzip files are decompressed (:meth:`of`).
+    """
+
+    source: str
+    data: bytes
+
+    @classmethod
+    def of(cls, source: str, data: bytes) -> CameraFile:
+        """Create from the content of a file, decompressing gzip files such as OpenCV's ``.yml.gz``.
+
+        Raises
+        ------
+        SpecError
+            If the compressed content is damaged or too large.
+        """
+        if data.startswith(GZIP):
+            try:
+                data = decompressed(data, LARGEST_TEXT)
+            except ValueError as problem:
+                raise SpecError(f"cannot read {source}: {problem}") from None
+        return cls(source, data)
+
+    @property
+    def name(self) -> str:
+        """File name without its folder, in lower case."""
+        return Path(self.source).name.lower()
+
+    @property
+    def is_binary(self) -> bool:
+        """True if the content is binary."""
+        return b"\0" in self.data
+
+    @cached_property
+    def text(self) -> str:
+        """Text of the file.
+
+        Raises
+        ------
+        SpecError
+            If the content is not text.
+        """
+        try:
+            return self.data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        except UnicodeDecodeError:
+            raise SpecError(f"cannot read {self.source}: it is not a text file") from None
+
+    @cached_property
+    def _parsed(self) -> Node | SpecError:
+        """Entries of JSON, XML or YAML content, or the parsing error."""
+        if self.is_binary:
+            return SpecError(f"cannot read {self.source}: it is not a text file")
+        problem: SpecError | None = None
+        for parse in self._parsers:
+            try:
+                return parse()
+            except SpecError as reason:
+                problem = problem or reason
+        assert problem is not None
+        return problem
+
+    @property
+    def _parsers(self) -> list[Callable[[], Node]]:
+        """Parsers by the first character, in order; YAML mappings may start like JSON."""
+
+        def yaml() -> Node:
+            return read_yaml(self._documents[0], self.source)
+
+        match self.data.removeprefix(BYTE_ORDER_MARK).lstrip()[:1]:
+            case b"<":
+                return [lambda: read_xml(self.text, self.source)]
+            case b"{":
+                return [lambda: read_json(self.text, self.source), yaml]
+        return [yaml]
+
+    @cached_property
+    def _documents(self) -> list[str]:
+        """Documents of a YAML text separated by ``---``, as by ``ros2 topic echo``."""
+        documents: list[list[str]] = [[]]
+        has_begun = False
+        for line in self.text.splitlines():
+            if line.rstrip() in ("---", "...") and has_begun:
+                documents.append([])
+                has_begun = False
+                continue
+            documents[-1].append(line)
+            has_begun = has_begun or bool(line.split("#")[0].strip("- ") and not line.startswith("%"))
+        if len(documents) == 1:
+            return [self.text]
+        texts = ["\n".join(document) + "\n" for document in documents]
+        return [text for i, text in enumerate(texts) if i == 0 or text.strip()]
+
+    @property
+    def entries(self) -> Node:
+        """Entries of the file.
+
+        Raises
+        ------
+        SpecError
+            If the file is not valid JSON, XML or YAML.
+        """
+        if isinstance(self._parsed, SpecError):
+            raise self._parsed
+        return self._parsed
+
+    @property
+    def table(self) -> Node | None:
+        """Entries, if the content is a mapping; otherwise None."""
+        is_table = isinstance(self._parsed, Node) and isinstance(self._parsed.value, dict)
+        return self.entries if is_table else None
+
+    def has(self, *names: str) -> bool:
+        """Return whether the file is a mapping with these names."""
+        return self.table is not None and all(name in self.table for name in names)
+
+    @property
+    def problem(self) -> SpecError | None:
+        """Parsing error of a file that is JSON, XML or YAML according to its start or its name."""
+        claims = self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz")) or self.data.lstrip()[:1] in b"{<%"
+        return self._parsed if isinstance(self._parsed, SpecError) and claims else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on ignored content."""
+        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in ("{", "<")
+        count = len(self._documents) if several else 1
+        return (f"the file holds {count} YAML documents; the first is read",) if count > 1 else ()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Camera model of a format.
+
+    Attributes
+    ----------
+    kind
+        Camera model with the same formula.
+    write
+        Function that returns the content of a file for a camera and its name.
+    places : optional
+        Names of supported parameters; None: all. The others must have no effect, which is the value
+        0 except for a stretch (:data:`NEUTRAL_VALUES`) except for rounding.
+    reach_deg : deg
+        Field angle below which programs that read the file project points, independent of the
+        formula.
+    refuses
+        Further reason for which it cannot store a camera of this kind, in words that follow "it";
+        "" for none.
+    is_panorama
+        Whether it describes a panorama that must be rendered from the images first; selected by its
+        own name only.
+    suffixes
+        File suffixes, if the same model has several encodings; empty for any.
+    words
+        Name of the model in its program.
+    """
+
+    kind: type[Any]
+    write: Callable[[Any, str], Content]
+    words: str
+    places: frozenset[str] | None = None
+    reach_deg: float = 180.0
+    suffixes: tuple[str, ...] = ()
+    is_panorama: bool = False
+    refuses: Callable[[Any], str] = lambda camera: ""
+
+    def lacks(self, camera: Camera) -> str:
+        """Return the reason for which it cannot store a camera exactly, in words that follow "it".
+
+        Empty if it can.
+        """
+        if self.is_panorama:
+            return ""
+        if not isinstance(camera, self.kind):
+            name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
+            return f"holds {self.words}, and this camera is {name}"
+        if names := self.unplaced(camera):
+            value = next(p.value for p in camera.parameters if p.name == names[0])
+            return f"has no place for {names[0]} = {value:.6g}"
+        return self.refuses(camera)
+
+    def unplaced(self, camera: Any) -> tuple[str, ...]:
+        """Return the names of a camera's parameters that have an effect but are not supported."""
+        if self.places is None or not isinstance(camera, self.kind):
+            return ()
+        return tuple(
+            p.name
+            for p in camera.parameters
+            if p.name not in self.places
+            and abs(p.value - NEUTRAL_VALUES.get(p.name, 0.0)) > RELATIVE_ROUNDING * p.scale
+        )
+
+
+@dataclass(frozen=True)
+class CameraFormat:
+    """Camera file format of a program.
+
+    Attributes
+    ----------
+    title
+        Name in words: "Kalibr camchain YAML".
+    recognises
+        Whether a file has this format, from its parsed content; a file recognised by several
+        formats is rejected.
+    read
+        Read the cameras of a file; raises :class:`SpecError` with the line.
+    layouts
+        Writable layouts by name, preferred first.
+    names
+        Patterns of file names that select this format by default.
+    """
+
+    title: str
+    recognises: Callable[[CameraFile], bool]
+    read: Callable[[CameraFile, Reading], list[Stored]]
+    layouts: Mapping[str, Layout]
+    names: tuple[str, ...] = ()
+
+
+def named_numbers(names: Iterable[str], numbers: Iterable[float]) -> dict[str, Any]:
+    """Return numbers by name as arguments of a model; missing numbers are 0."""
+    return dict(zip(names, numbers, strict=False))
+
+
+def number_row(numbers: Any, separator: str = ", ") -> str:
+    """Format numbers for files: the shortest text that reads back exactly, also in YAML 1.1.
+
+    In YAML 1.1 ``1e-05`` is a string because it has no decimal point.
+
+    >>> row([0.1, 2, 1e-5])
+    '0.1, 2.0, 1.0e-05'
+    """
+    return separator.join(re.sub(r"^(-?\d+)e", r"\1.0e", repr(float(x))) for x in numbers)

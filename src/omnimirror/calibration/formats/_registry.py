@@ -1,0 +1,249 @@
+"""Registry of camera file formats, with omnimirror's own camera and sensor files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...base.arguments import WrongKind, choice, shown
+from ...base.errors import InvalidParameter, SpecError
+from ...base.files import LARGEST_TEXT, read_bytes
+from ...base.registry import Registry
+from ...cameras.models import RadialModel
+from ...cameras.models.plausibility import plausibility_warnings
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import CALIBRATION_MARK, format_camera, format_sensor, parse_camera
+from . import _basalt, _camodocal, _colmap, _kalibr, _opencv, _ros, _scaramuzza
+from ._camera_format import CameraFile, CameraFormat, Layout, Reading, Stored
+
+# -- omnimirror's own files: camera files (TOML with a table ``[camera]``) and sensor files --------
+#
+# Both describe a camera completely.
+
+
+def _read_omnimirror(file: CameraFile, reading: Reading) -> list[Stored]:
+    """Read the camera or the sensor; mount and optics are stored in the file."""
+    camera = parse_camera(file.text, reading.source, Path(reading.source).parent)
+    return [Stored(getattr(camera, "name", ""), camera)]
+
+
+def write_camera(camera: RadialModel, name: str = "") -> str:
+    """Return the text of a camera file."""
+    return format_camera(camera)
+
+
+def write_sensor(sensor: Sensor, name: str = "") -> str:
+    """Return the text of a sensor file."""
+    return format_sensor(sensor)
+
+
+OMNIMIRROR = CameraFormat(
+    "omnimirror camera or sensor TOML",
+    lambda file: file.name.endswith(".toml"),
+    _read_omnimirror,
+    {
+        "camera": Layout(RadialModel, write_camera, "a calibrated model"),
+        "sensor": Layout(Sensor, write_sensor, "a sensor of mirror, lens and imager"),
+    },
+    ("*.toml",),
+)
+
+
+# -- Registry of camera file formats: reading of any format, and selection of the output format ----
+
+BUILT_IN_FORMATS = {
+    "ocamcalib": _scaramuzza.OCAMCALIB,
+    "py-ocamcalib": _scaramuzza.PY_OCAMCALIB,
+    "py-omnicalib": _scaramuzza.PY_OMNICALIB,
+    "matlab": _scaramuzza.MATLAB,
+    "opencv-omnidir": _opencv.OMNIDIR,
+    "opencv-fisheye": _opencv.FISHEYE,
+    "opencv-pinhole": _opencv.PINHOLE,
+    "camodocal": _camodocal.FORMAT,
+    "multicol": _scaramuzza.MULTICOL,
+    "basalt": _basalt.FORMAT,
+    "kalibr": _kalibr.FORMAT,
+    "ros": _ros.FORMAT,
+    "colmap": _colmap.FORMAT,
+    "omnimirror": OMNIMIRROR,
+}
+
+
+def _check_format(name: str, kind: Any) -> None:
+    if not isinstance(kind, CameraFormat):
+        raise WrongKind(f"{shown(kind)} is no omnimirror.calibration.formats.CameraFormat")
+    taken = [layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts]
+    if taken:
+        raise InvalidParameter(f"{taken[0]} is written by another format; choose another name")
+
+
+FORMATS: Registry[CameraFormat] = Registry(
+    "omnimirror.camera_formats", "a camera format", BUILT_IN_FORMATS, _check_format
+)
+"""Camera file formats by name."""
+
+
+def register_camera_format(name: str, kind: CameraFormat) -> None:
+    """Register a camera file format for :func:`omnimirror.convert` and ``omnimirror convert``.
+
+    Installed packages can instead declare an entry point in their ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.camera_formats"]`` with ``mine = "my_package:FORMAT"``.
+
+    Parameters
+    ----------
+    name
+        Name of the format, such as ``"mine"``.
+    kind
+        Functions for recognition, reading and writing.
+
+    Raises
+    ------
+    InvalidParameter
+        If another format has this name or one of its layout names.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.calibration.formats import FORMATS, CameraFormat, Layout
+    >>> two = Layout(om.OCam, lambda camera, name: "{} {}".format(*camera.centre_px), "the centre alone")
+    >>> om.register_camera_format("docs", CameraFormat("centre", lambda f: False, lambda f, r: [], {"docs": two}))
+    >>> FORMATS["docs"].layouts["docs"].write(om.OCam((-100.0,), (5.0, 4.0), (11, 9)), "")
+    '5.0 4.0'
+    >>> FORMATS.withdraw("docs")
+    """
+    FORMATS.register(name, kind)
+
+
+# -- reading ----------------------------------------------------------------------------------
+
+
+def read_cameras(path: str | Path, reading: Reading, name: str | None = None) -> tuple[str, list[Stored]]:
+    """Read the cameras of a file; return the name of its format and the cameras.
+
+    Parameters
+    ----------
+    path
+        Camera file.
+    reading
+        Information that files do not contain.
+    name : optional
+        Format from :data:`FORMATS`; by default recognised from the content.
+
+    Returns
+    -------
+    str, list of Stored
+        Name of the format, and cameras.
+
+    Raises
+    ------
+    SpecError
+        If the file cannot be read or its format is unknown; the message names the location and
+        valid values.
+    """
+    if name is not None:
+        choice("from_", name, FORMATS)
+    try:
+        data = read_bytes(path, LARGEST_TEXT)
+    except FileNotFoundError:
+        raise SpecError(f"there is no camera file {path}") from None
+    except OSError as e:
+        raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
+    file = CameraFile.of(str(path), data)
+    name = _recognised(file) if name is None else name
+    stored = FORMATS[name].read(file, reading)
+    return name, [one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading))) for one in stored]
+
+
+def _recognised(file: CameraFile) -> str:
+    """Return the one format that recognises a file.
+
+    Raises
+    ------
+    SpecError
+        If none or several do.
+    """
+    found = [name for name, kind in FORMATS.items() if kind.recognises(file)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in found)
+        raise SpecError(
+            f"{file.source} is ambiguous: it can be read as {titles}; "
+            "give its format (from_, on the command line --from)"
+        )
+    if file.has(CALIBRATION_MARK.strip('":')):
+        raise SpecError(
+            f"{file.source} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+        )
+    if file.problem:
+        raise file.problem
+    known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
+    raise SpecError(f"{file.source} is not recognised as a camera file; say which it is, of {known}")
+
+
+def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
+    """Return contradictions in the parameters of a file of another program, and with given values."""
+    if name == "omnimirror" or not isinstance(camera, RadialModel):
+        return []
+    (width, height), given = camera.image_size, reading.image_size
+    unused = [] if given in (None, (width, height)) else [f"the image size of the file is used, {width}x{height}"]
+    return [*unused, *plausibility_warnings(camera)]
+
+
+# -- writing ----------------------------------------------------------------------------------
+
+
+class Target(NamedTuple):
+    """Writable layout."""
+
+    name: str
+    """Name of the layout."""
+    format: CameraFormat
+    layout: Layout
+
+
+def targets_of(path: str | Path, to: str | None) -> list[Target]:
+    """Return the candidate layouts for a file, preferred first: one layout, or all of a format.
+
+    Parameters
+    ----------
+    path
+        Output file; its name selects the format unless ``to`` does.
+    to
+        Name from :data:`FORMATS`, or of one of their layouts.
+
+    Raises
+    ------
+    InvalidParameter
+        If the name is unknown, or the file name does not determine the format.
+    """
+    named = {t.name: t for t in _all_targets()}
+    known = ", ".join(dict.fromkeys([*FORMATS, *named]))
+    if to is not None:
+        if not isinstance(to, str):
+            raise WrongKind(f"to = {shown(to)} is no name of a format; valid are {known}")
+        if to in named and to not in FORMATS:
+            return [named[to]]
+        if to in FORMATS:
+            return _of_path(FORMATS[to], path)
+        raise InvalidParameter(f"to = {shown(to)} is not known; valid are {known}")
+    for kind in FORMATS.values():
+        if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
+            return _of_path(kind, path)
+    raise InvalidParameter(f"{Path(path).name} does not say which format is wanted; give to, one of {known}")
+
+
+def _all_targets() -> Iterator[Target]:
+    for kind in FORMATS.values():
+        for name, layout in kind.layouts.items():
+            yield Target(name, kind, layout)
+
+
+def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
+    """Return all layouts of a format, or only those for the suffix of the file."""
+    suffix = Path(path).suffix.lower()
+    all_of_it = [Target(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
+    fitting = [t for t in all_of_it if suffix in t.layout.suffixes]
+    return fitting or [t for t in all_of_it if not t.layout.suffixes] or all_of_it

@@ -1,1 +1,0 @@
-"""File formats of Scaramuzza's polynomial model."""

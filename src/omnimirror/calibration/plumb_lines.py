@@ -1,0 +1,449 @@
+"""Plumb-line calibration without a target, from straight edges in images of rooms and streets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arguments import checked, finite, instance, number
+from ..base.errors import InvalidParameter
+from ..base.parameters import Uncertainty
+from ..base.typing import Array
+from ..cameras.frames import Mount
+from ..cameras.models import Unified
+from ..cameras.models.camera_model import CameraModel, Optics
+from ..optics.sensor import Sensor
+from .edge_detection import edge_chains
+from .levelling import Level, level_from, level_in
+from .sensor_model import SensorModel
+from .straight_edges import (
+    MIN_MARKED_POINTS,
+    SCALE_PX,
+    Edges,
+    FreeParameters,
+    LinesFit,
+    edges_of,
+    fit_lines,
+    gradients_left_out,
+    normal_equations,
+    read_lines,
+)
+from .uncertainty import direction_uncertainty, measured_field_deg
+
+__all__ = [
+    "Level",
+    "LineCalibration",
+    "calibrate_lines",
+    "drawn_edges",
+    "edge_chains",
+    "level_from",
+    "level_in",
+    "read_lines",
+]
+
+
+# -- Calibration without a target, from straight edges in images of rooms and streets --------------
+
+XIS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 1.8)
+FOCALS = np.geomspace(0.2, 2.5, 14)
+"""Trial values for an unknown camera: xi, and focal length in radii of the field for xi = 1."""
+XI_SIGMA = 0.5
+STRETCH_SIGMA = 0.3
+"""Standard deviation of s - 1 in ``tan Omega -> s tan Omega`` for an unknown camera.
+
+This stretch of the field preserves straight lines.
+"""
+TRIED, THINNED = 60, 4  # number of the longest chains in that search, and thinning factor
+SEARCH_STEPS = 8
+MIN_CHAINS = 8
+CENTRE_SIGMA = 0.01  # fraction of the field's radius
+LOOSE_PRIOR = 10.0  # typical changes; prior of a model to be refined, without other information
+OUTLYING, LEAST_OUTLYING_PX = 3.0, 0.4
+OUTLIER_PASSES = 3  # passes of outlier rejection
+FREE_PX = 5.0
+
+
+@dataclass(frozen=True)
+class LineCalibration:
+    """Result of a plumb-line calibration.
+
+    Parameters
+    ----------
+    camera
+        Refined camera with its uncertainty, levelled if upright edges were found.
+    chains
+        Detected edges of each image: points (n, 2) px.
+    used
+        Whether each chain of each image is straight.
+    rms_px
+        RMS distance of the points of used edges from their edges.
+    free
+        Combinations of parameters that the edges do not determine.
+    levels
+        Tilt of the camera in each image; None without upright edges.
+    distance_mm
+        Assumed distance of the edges; relevant for cameras with several viewpoints.
+
+    Examples
+    --------
+    Grid of a window in front of a horizontal camera with a field of 90 deg:
+
+    >>> import omnimirror as om
+    >>> picture = np.full((400, 400), 90, np.uint8)
+    >>> for at in range(40, 380, 64):
+    ...     picture[at : at + 6], picture[:, at : at + 6] = 200, 200
+    >>> camera = om.KannalaBrandt((250.0, 250.0), (199.5, 199.5), (400, 400), k1=0.3)
+    >>> found = om.calibrate_lines([picture], model=camera)
+    >>> sum(found.used[0]) >= 8
+    True
+    """
+
+    camera: Sensor | CameraModel
+    chains: tuple[tuple[Array, ...], ...]
+    used: tuple[tuple[bool, ...], ...]
+    rms_px: float
+    free: tuple[str, ...]
+    levels: tuple[Level | None, ...]
+    distance_mm: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Convert to plain data for files.
+
+        Returns
+        -------
+        dict
+            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures``
+            (edges, used, level).
+        """
+        known = self.camera.uncertainty
+        sigmas = {} if known is None else {k: float(v) for k, v in known.sigmas.items()}
+        model = self.camera
+        if isinstance(model, Sensor):
+            model = SensorModel(model, tuple(sigmas))
+        return {
+            "rms_px": self.rms_px,
+            "parameters": [
+                {"name": p.name, "value": p.value, "sigma": sigmas[p.name], "unit": p.unit}
+                for p in model.parameters
+                if p.name in sigmas
+            ],
+            "free": list(self.free),
+            "pictures": [
+                {"edges": len(used), "used": sum(used), "level": None if level is None else level._asdict()}
+                for used, level in zip(self.used, self.levels, strict=True)
+            ],
+        }
+
+
+@checked
+def calibrate_lines(
+    pictures: Sequence[NDArray[Any]] = (),
+    *,
+    lines: Sequence[Sequence[Array]] = (),
+    image_size: tuple[int, int] | None = None,
+    model: Sensor | CameraModel | None = None,
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    centre_px: tuple[float, float] | None = None,
+    radius_px: float | None = None,
+    inner_radius_px: float = 0.0,
+    distance_mm: float = np.inf,
+) -> LineCalibration:
+    """Refine a camera so that straight edges of the scene map to planes through its viewpoint.
+
+    Edges are traced in the images. Edges of curved objects have a low weight and are rejected at
+    the end. Lines contain no scale, and parallax only for cameras with several viewpoints, whose
+    edges are assumed at ``distance_mm``.
+
+    Parameters
+    ----------
+    pictures
+        One or several images of the same camera, (height, width, 3) uint8 RGB or (height, width).
+    lines
+        Marked edges of each image, and of further images: points (n, 2) px, n at least 3
+        (:func:`omnimirror.read_lines`). They are used in addition to the traced ones.
+    image_size : (width, height), px
+        Image size, if only lines are given.
+    model
+        Model to refine: a sensor or its :class:`omnimirror.SensorModel`, whose free parameters are
+        estimated within their tolerances, or a camera model. By default an unknown camera, for
+        which a unified model is estimated. It is exact for mirrors with one viewpoint and accurate
+        to some degrees for others: stretching the scene along the camera's axis preserves lines,
+        and only a known type of mirror determines the stretch.
+    optics
+        Optics of the unknown camera: ``"mirror"`` or ``"fisheye"``.
+    mount
+        Orientation of the unknown camera.
+    centre_px, radius_px
+        Circle of the field, from the mirror's rim; by default the largest in the image.
+    inner_radius_px
+        Radius of the camera's own image.
+    distance_mm
+        Distance of the edges.
+
+    Returns
+    -------
+    LineCalibration
+        Camera, edges and tilt.
+
+    Raises
+    ------
+    InvalidParameter
+        If there are no images, their sizes differ, or there are too few edges.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.calibrate_lines([np.zeros((64, 64), np.uint8)])
+    Traceback (most recent call last):
+    omnimirror.base.errors.InvalidParameter: 0 edges are too few to refine a camera; ...
+    """
+    size = _size(pictures, lines, image_size)
+    chains = _chains(pictures, lines, centre_px, radius_px, inner_radius_px)
+    edges = edges_of([chain for found in chains for chain in found])
+    number("distance_mm", distance_mm if np.isfinite(distance_mm) else 1.0, above=0.0)
+    begun: CameraModel
+    if model is None:
+        radius = min(size) / 2 if radius_px is None else radius_px
+        begun = _begun(edges, size, optics, mount or Mount(), centre_px, radius)
+        knobs = _unknown_knobs(begun, radius)
+    else:
+        instance("model", model, (Sensor, CameraModel), "a sensor or a camera model")
+        begun = SensorModel(model) if isinstance(model, Sensor) else model
+        if begun.image_size != size:
+            raise InvalidParameter(
+                f"pictures are {size} px large and the model's {begun.image_size}; it takes the same"
+            )
+        knobs = _knobs(begun)
+    fit, kept = _without_bent(begun, edges, knobs, distance_mm)
+    covariance, free = _certainty(fit, kept, knobs)
+    if model is None:
+        covariance = covariance + _stretched(fit.model, knobs)
+    starts = {part.start for part in kept.slices}
+    used = [tuple(part.start in starts for part in own) for own in _by_picture(edges.slices, chains)]
+    at = np.repeat(np.arange(len(chains)), [sum(map(len, found)) for found in chains])[[s.start for s in kept.slices]]
+    lengths = np.array([float(part.stop - part.start) for part in kept.slices])
+    levels = [level_from(fit.normals[at == i], lengths[at == i], begun.mount) for i in range(len(chains))]
+    field = measured_field_deg(fit.model, np.concatenate([edges.pixels[part] for part in kept.slices]))
+    camera = _finished(fit.model, covariance, levels[0], field)
+    levels = [level and _as_sure_as(camera, level) for level in levels]
+    seen = np.concatenate([fit.residuals[part] for part in kept.slices])
+    rms = float(np.sqrt(np.nanmean(seen**2)))
+    return LineCalibration(camera, tuple(map(tuple, chains)), tuple(used), rms, free, tuple(levels), distance_mm)
+
+
+def _size(
+    pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], said: tuple[int, int] | None
+) -> tuple[int, int]:
+    """Return the common size (width, height) of all images."""
+    sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures} | ({tuple(said)} if said else set())
+    if not pictures and not lines:
+        raise InvalidParameter("there is no picture; it takes one at least")
+    if not sizes:
+        raise InvalidParameter("of lines alone the pictures' size has to be said (image_size, --image-size)")
+    if len(sizes) > 1:
+        raise InvalidParameter(f"pictures are of {len(sizes)} different sizes; one camera takes all alike")
+    ((width, height),) = sizes
+    return int(width), int(height)
+
+
+def _chains(
+    pictures: Sequence[NDArray[Any]],
+    lines: Sequence[Sequence[Array]],
+    centre: tuple[float, float] | None,
+    radius: float | None,
+    inner: float,
+) -> list[list[Array]]:
+    """Return the traced and marked edges of each image, after a check of their number."""
+    followed = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures]
+    marked = [[_marked(edge) for edge in edges] for edges in lines]
+    none: list[Array] = []
+    chains = [[*a, *b] for a, b in zip_longest(followed, marked, fillvalue=none)]
+    count = sum(map(len, chains))
+    if count < MIN_CHAINS:
+        raise InvalidParameter(
+            f"{count} edges are too few to refine a camera; it takes {MIN_CHAINS}, long and in all directions"
+        )
+    return chains
+
+
+def _marked(edge: Array) -> Array:
+    points = finite("lines", edge, last=2)
+    if points.ndim != 2 or len(points) < MIN_MARKED_POINTS:
+        raise InvalidParameter(f"an edge of shape {points.shape} is not valid; it is valid as (n, 2), n from 3 on")
+    return points
+
+
+def _begun(
+    edges: Edges,
+    size: tuple[int, int],
+    optics: Optics,
+    mount: Mount,
+    centre: tuple[float, float] | None,
+    radius: float,
+) -> CameraModel:
+    """Return the unified camera with the straightest edges."""
+    middle = centre or ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    longest = sorted(edges.slices, key=lambda part: part.start - part.stop)[:TRIED]
+    some = edges_of([edges.pixels[part][::THINNED] for part in longest])
+    best: LinesFit | None = None
+    for xi in XIS:
+        tried = []
+        for focal in FOCALS * radius * (1 + xi) / 2:
+            model = Unified(xi, (float(focal),) * 2, middle, size, optics=optics, mount=mount)
+            tried.append(fit_lines(model, some, _unknown_knobs(model, radius), most_steps=0))
+        begun = min(tried, key=lambda fit: fit.cost).model
+        found = fit_lines(begun, some, _unknown_knobs(begun, radius), most_steps=SEARCH_STEPS)
+        best = found if best is None or found.cost < best.cost else best
+    assert best is not None
+    return best.model
+
+
+def _unknown_knobs(model: CameraModel, radius: float) -> FreeParameters:
+    """Return the free parameters of an unknown camera: xi, a common focal length and the centre."""
+    groups = (("xi",), ("fx", "fy"), ("cx",), ("cy",))
+    sigma = np.array([XI_SIGMA, np.inf, CENTRE_SIGMA * radius, CENTRE_SIGMA * radius])
+    xi = next(p.value for p in model.parameters if p.name == "xi")
+    return _of_groups(model, groups, np.array([1.0 - xi, 0.0, 0.0, 0.0]), sigma)
+
+
+def _stretched(model: CameraModel, knobs: FreeParameters) -> Array:
+    """Return the covariance (p, p) of a stretch of the scene along the camera's axis.
+
+    Planes through the viewpoint remain planes under ``tan Omega -> s tan Omega``; therefore lines
+    do not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
+    added.
+    """
+    omega, phi = (a.ravel() for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5)))
+    across = np.stack([np.cos(phi), np.sin(phi)])
+    forward = -1.0 if model.optics == "mirror" else 1.0
+    image = model.image(np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True)
+    turn = np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1) * np.sin(2 * omega)[:, None] / 2
+    kept = image.valid
+    moved = np.einsum("nij,nj->ni", image.d_points[kept], turn[kept]).ravel()
+    rates = (image.d_parameters[kept] @ knobs.turn).reshape(len(moved), -1)
+    change = knobs.turn @ np.linalg.lstsq(rates, moved, rcond=None)[0] * STRETCH_SIGMA
+    spread: Array = np.outer(change, change)
+    return spread
+
+
+def _knobs(model: CameraModel) -> FreeParameters:
+    """Return the free parameters of a model to refine, with priors.
+
+    Priors are the tolerances, or typical changes.
+    """
+    known = {p.name: p for p in getattr(model, "priors", ())}
+    expected = np.array([known[p.name].value - p.value if p.name in known else 0.0 for p in model.parameters])
+    sigma = np.array([known[p.name].sigma if p.name in known else LOOSE_PRIOR * p.scale for p in model.parameters])
+    return _of_groups(model, tuple((p.name,) for p in model.parameters), expected, sigma)
+
+
+def _of_groups(
+    model: CameraModel, groups: tuple[tuple[str, ...], ...], expected: Array, sigma: Array
+) -> FreeParameters:
+    names = [p.name for p in model.parameters]
+    turn = np.zeros((len(names), len(groups)))
+    for column, group in enumerate(groups):
+        for name in group:
+            turn[names.index(name), column] = 1.0
+    scales = np.array([model.parameters[names.index(group[0])].scale for group in groups])
+    return FreeParameters(groups, turn, expected, SCALE_PX**2 / sigma**2, scales)
+
+
+def _without_bent(
+    model: CameraModel, edges: Edges, knobs: FreeParameters, distance_mm: float
+) -> tuple[LinesFit, Edges]:
+    """Return the fit to the edges that it straightens, and these edges."""
+    kept = edges
+    fit = fit_lines(model, kept, knobs, distance_mm=distance_mm)
+    for _ in range(OUTLIER_PASSES):
+        rms = fit.rms_of(kept)
+        limit = max(OUTLYING * float(np.median(rms[np.isfinite(rms)])), LEAST_OUTLYING_PX)
+        straight = [part for part, r in zip(kept.slices, rms, strict=True) if r <= limit]
+        if len(straight) < MIN_CHAINS:
+            raise InvalidParameter(
+                f"of {len(edges.slices)} edges only {len(straight)} can be straight for one camera; it takes "
+                f"{MIN_CHAINS}, and a picture of this camera"
+            )
+        if len(straight) == len(rms):
+            break
+        kept = Edges(edges.pixels, tuple(straight))
+        fit = fit_lines(model, kept, knobs, distance_mm=distance_mm)
+    return fit, kept
+
+
+def _by_picture(slices: Sequence[slice], chains: Sequence[Sequence[Array]]) -> list[Sequence[slice]]:
+    """Return the concatenated chains grouped by image."""
+    ends = np.cumsum([len(found) for found in chains])
+    return [slices[int(end) - len(found) : int(end)] for end, found in zip(ends, chains, strict=True)]
+
+
+def _certainty(fit: LinesFit, edges: Edges, knobs: FreeParameters) -> tuple[Array, tuple[str, ...]]:
+    """Return the covariance (p, p) of the parameters, and the undetermined combinations.
+
+    Errors of points on one edge are correlated if it is not exactly straight, or near. Therefore
+    each edge counts as one observation (cluster-robust covariance): ``H^-1 (sum g g^T) H^-1`` with
+    the gradients g of the edges. Each gradient is evaluated at the model without this edge (Bell
+    and McCaffrey, Survey Methodology 28 (2002)), because a fit to few edges reduces their
+    residuals.
+    """
+    matrix, _ = normal_equations(fit, edges, knobs, knobs.prior)
+    gradients = gradients_left_out(fit, edges, matrix)
+    count = len(gradients)
+    scatter = gradients.T @ gradients * (count - 1) / count + np.diag(knobs.information) * SCALE_PX**2
+    sizes = np.outer(knobs.scales, knobs.scales)
+    inverse = np.linalg.pinv(matrix * sizes, hermitian=True)
+    scaled = inverse @ (scatter * sizes) @ inverse
+    values, vectors = np.linalg.eigh(scaled)
+    loose = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if np.sqrt(max(value, 0.0)) > FREE_PX:
+            order = np.argsort(-np.abs(vector))
+            named = [knobs.names[i] for i in order if abs(vector[i]) > 0.25 * np.abs(vector).max()]
+            loose.append(" with ".join("/".join(group) for group in named))
+    whole: Array = knobs.turn @ (scaled * sizes) @ knobs.turn.T
+    return (whole + whole.T) / 2, tuple(loose)
+
+
+def _finished(
+    model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None
+) -> Sensor | CameraModel:
+    """Return the levelled camera with its uncertainty and the field in which edges were measured."""
+    moving = np.diag(covariance) > 0
+    names = [p.name for p, free in zip(model.parameters, moving, strict=True) if free]
+    known = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])), field_deg)
+    camera: Any = model.sensor if isinstance(model, SensorModel) else model
+    mount = camera.mount if level is None else level.on(camera.mount)
+    finished: Sensor | CameraModel = replace(camera, uncertainty=known, mount=mount)
+    return finished
+
+
+def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
+    """Return the tilt including the camera's own uncertainty in the vertical direction.
+
+    The vertical direction may be outside the calibrated field.
+    """
+    up = level.on(camera.mount).rotation()[2]
+    model = SensorModel(camera) if isinstance(camera, Sensor) else camera
+    image = model.image(np.array([up, -up]), distant=True)
+    pixels = image.pixels[image.valid]
+    sigma = direction_uncertainty(camera, pixels, field_deg=180.0) if len(pixels) else np.zeros(0)
+    seen = sigma[np.isfinite(sigma)]
+    return level._replace(sigma_deg=float(np.hypot(level.sigma_deg, seen.min()))) if len(seen) else level
+
+
+def drawn_edges(picture: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]) -> NDArray[np.uint8]:
+    """Draw edges on the darkened image: green if straight for the camera, otherwise red."""
+    import cv2
+
+    rgb = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+    canvas: NDArray[np.uint8] = np.ascontiguousarray(rgb // 2).astype(np.uint8)
+    for chain, straight in zip(chains, used, strict=True):
+        colour = (80, 230, 120) if straight else (240, 80, 60)
+        cv2.polylines(canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
+    return canvas

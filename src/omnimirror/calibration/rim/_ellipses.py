@@ -1,0 +1,369 @@
+"""Nearly circular ellipses, their fit to edges, and subpixel refinement in the full-size image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.typing import Array
+from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, turns
+
+# -- Nearly circular ellipses, and their fit to edges ----------------------------------------------
+
+FLATTEST = 0.16  # limit of the stretch parameters; ratio of axes 0.73
+USUAL_STRETCH = 0.03  # typical stretch by tilt; prior for partially visible rims
+NORMAL_SLACK = 0.26  # radians; maximum angle between an edge and the ellipse
+PARAMETERS = 5
+SECTORS = 72
+CUT = 2.0  # multiple of the reach beyond which edges are ignored
+TURNED = 0.3  # radians; maximum rotation of the ellipse against its edges during the fit
+SHIFT_COST = 0.02  # fraction of the circumference that a shift of one working pixel must gain
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Circle stretched by ``exp(p)`` along one direction and ``exp(-p)`` across it.
+
+    ``stretch`` contains p cos 2a and p sin 2a for the direction a, which are smooth for a circle.
+    """
+
+    centre: tuple[float, float]
+    radius: float
+    stretch: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def semi_axes(self) -> tuple[float, float]:
+        """Major and minor semi-axis."""
+        p = float(np.hypot(*self.stretch))
+        return self.radius * float(np.exp(p)), self.radius * float(np.exp(-p))
+
+    @property
+    def angle_deg(self) -> float:
+        """Direction of the major axis, from image right towards image bottom, 0 to 180 deg."""
+        return float(np.degrees(np.arctan2(self.stretch[1], self.stretch[0])) / 2 % 180)
+
+    def scaled(self, scale: float) -> Ellipse:
+        """Return the ellipse in an image scaled by ``scale``; pixel centres are integers."""
+        u, v = ((c + 0.5) * scale - 0.5 for c in self.centre)
+        return Ellipse((u, v), self.radius * scale, self.stretch)
+
+    def grown(self, share: float) -> Ellipse:
+        """Return the ellipse enlarged about its centre."""
+        return Ellipse(self.centre, self.radius * share, self.stretch)
+
+    def points(self, turn: Array, share: Array | float = 1.0) -> Array:
+        """Return points (n, 2) on the (enlarged) ellipse for angles (n,) on the original circle."""
+        unit = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), self.stretch)
+        points: Array = unit * (self.radius * np.asarray(share)[..., None]) + np.asarray(self.centre)
+        return points
+
+    def on_circle(self, points: Array) -> Array:
+        """Return points (n, 2) mapped to the original unit circle about the origin."""
+        return _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1])) / self.radius
+
+    def away(self, points: Array) -> Array:
+        """Return approximate distances (n,) of points (n, 2) outside the ellipse."""
+        circle = _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1]))
+        distance: Array = np.hypot(circle[:, 0], circle[:, 1]) - self.radius
+        return distance
+
+    def near(self, points: Array, reach: float) -> NDArray[np.intp]:
+        """Return the indices of points (n, 2) that may be within a distance in px of the ellipse.
+
+        The result contains all such points and few others.
+        """
+        away = points - np.asarray(self.centre)
+        square = np.einsum("ij,ij->i", away, away)
+        longer, shorter = self.semi_axes
+        return np.nonzero((square < (longer + reach) ** 2) & (square > max(0.0, shorter - reach) ** 2))[0]
+
+    def outward(self, turn: Array) -> Array:
+        """Return unit normals (n, 2) for angles (n,) on the original circle."""
+        normals = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), (-self.stretch[0], -self.stretch[1]))
+        return normals / np.hypot(normals[..., 0], normals[..., 1])[..., None]
+
+    def offset_share(self, other: Ellipse) -> float:
+        """Return the distance of the centres in radii."""
+        return float(np.hypot(*np.subtract(self.centre, other.centre))) / self.radius
+
+    def is_near(self, other: Ellipse, share: float) -> bool:
+        """Return whether radius and centre agree within a fraction of the radius."""
+        return abs(other.radius / self.radius - 1) < share and self.offset_share(other) < share
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Search range and step of ellipse shifts in working pixels.
+
+    ``turns`` is the number of parts of the circumference.
+    """
+
+    reach_px: float
+    step_px: float
+    turns: int
+    stretch_px: float = 0.0
+    """Maximum change of the semi-axes."""
+
+    @property
+    def cell_px(self) -> float:
+        """Width of the cells in which edges are counted."""
+        return self.step_px / 2
+
+    @property
+    def half(self) -> int:
+        """Number of cells to each side of the ring."""
+        return int(np.ceil((3 * self.reach_px + 2 * self.stretch_px) / self.cell_px))
+
+
+def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) -> Ellipse:
+    """Return the shifted and stretched ring for which most of the circumference has an edge.
+
+    Unlike a least-squares fit, the result is not biased by edges next to the ring.
+
+    Parameters
+    ----------
+    edges
+        Edges with the direction of the ring.
+    ring
+        Initial ellipse.
+    shift
+        Search range.
+    scale
+        Size of a working pixel in pixels of edges and ring.
+
+    Returns
+    -------
+    Ellipse
+        Best ellipse.
+    """
+    circle = ring.on_circle(edges.points)
+    away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
+    turn = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
+    there = np.zeros((shift.turns, 2 * shift.half + 1))
+    at = np.clip(np.round(away / shift.cell_px).astype(int) + shift.half, 0, 2 * shift.half)
+    sector = (turn * (shift.turns / (2 * np.pi))).astype(int) % shift.turns
+    np.maximum.at(there, (sector, at), edges.weights)
+    there = np.maximum(there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1)))
+    known = max(int(np.count_nonzero(there.any(axis=1))), 1)
+    moves, cost, wanted = _moves(shift, ring.stretch)
+    share = there.astype(np.float32).ravel()[wanted].sum(axis=0) / known
+    u, v, r, p, q = (float(move) * scale for move in moves[int(np.argmax(share - cost))])
+    stretch = ring.stretch[0] + p / ring.radius, ring.stretch[1] + q / ring.radius
+    return Ellipse((ring.centre[0] + u, ring.centre[1] + v), ring.radius + r, stretch)
+
+
+@lru_cache(maxsize=4)
+def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, NDArray[np.int32]]:
+    """Return the search grid of ellipse shifts for a ring shape.
+
+    The result contains shifts (n, 5) to the right, downwards, outwards and in both stretches in
+    working pixels, their costs (n,), and the cell (turns, n) on the shifted ring for each part of
+    the circumference.
+    """
+    steps = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
+    bends = np.arange(-shift.stretch_px, shift.stretch_px + 0.01, shift.step_px)
+    moves = np.stack([a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1)
+    turn = turns(shift.turns) + np.pi / shift.turns
+    out = Ellipse((0.0, 0.0), 1.0, stretch).outward(turn)
+    outwards = np.stack([out[:, 0], out[:, 1], np.ones_like(turn), np.cos(2 * turn), np.sin(2 * turn)])
+    cells = np.round(outwards.T @ moves.T / shift.cell_px).astype(np.int32) + shift.half
+    cells += np.arange(shift.turns, dtype=np.int32)[:, None] * (2 * shift.half + 1)
+    return moves, SHIFT_COST * np.linalg.norm(moves, axis=1), cells
+
+
+def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
+    """Return points (n, 2) times the matrix exponential of ((p, q), (q, -p))."""
+    p, q = stretch
+    size = math.hypot(p, q)
+    slope = math.sinh(size) / size if size > 0 else 1.0
+    middle = math.cosh(size)
+    matrix = np.array([[middle + slope * p, slope * q], [slope * q, middle - slope * p]])
+    turned: Array = points @ matrix
+    return turned
+
+
+def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) -> Ellipse:
+    """Fit an ellipse to edges near an initial one by Gauss-Newton steps with robust weights.
+
+    Parameters
+    ----------
+    edges
+        Edges of the image.
+    first
+        Initial ellipse.
+    reaches : px
+        Maximum distance of edges in each step, with the first and the last repeated; also the width
+        of the Cauchy weights.
+
+    Returns
+    -------
+    Ellipse
+        Fitted ellipse; the initial one if there are too few edges.
+    """
+    ellipse = first
+    near = edges.among(_along(edges, first, CUT * reaches[0] + 3))
+    circle = first.on_circle(near.points)
+    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    for reach in (reaches[0], *reaches, reaches[-1]):
+        step = _step(near, sector, ellipse, reach)
+        if step is None:
+            return ellipse
+        u, v = ellipse.centre
+        p, q = (min(max(s + float(d), -FLATTEST), FLATTEST) for s, d in zip(ellipse.stretch, step[3:], strict=True))
+        radius = ellipse.radius * math.exp(min(max(float(step[2]), -0.1), 0.1))
+        ellipse = Ellipse((u + float(step[0]), v + float(step[1])), radius, (p, q))
+    return ellipse
+
+
+def _along(edges: EdgePoints, ellipse: Ellipse, reach: float) -> NDArray[np.intp]:
+    """Return the indices of edges near an ellipse that may belong to it during the fit."""
+    near = ellipse.near(edges.points, reach)
+    out = _stretched(ellipse.on_circle(edges.points[near]), (-ellipse.stretch[0], -ellipse.stretch[1]))
+    normals = edges.normals[near]
+    across = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1])
+    chosen: NDArray[np.intp] = near[across > np.cos(NORMAL_SLACK + TURNED) * np.hypot(out[:, 0], out[:, 1])]
+    return chosen
+
+
+def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: float) -> Array | None:
+    """Return a Gauss-Newton step (5,) of centre, log radius and stretch; None for too few edges."""
+    circle = ellipse.on_circle(edges.points)
+    length = np.hypot(circle[:, 0], circle[:, 1])
+    residual, r = (length - 1) * ellipse.radius, ellipse.radius
+    out = _stretched(circle, (-ellipse.stretch[0], -ellipse.stretch[1]))
+    out /= np.hypot(out[:, 0], out[:, 1])[:, None]
+    across = np.abs(out[:, 0] * edges.normals[:, 0] + out[:, 1] * edges.normals[:, 1])
+    used = (np.abs(residual) < CUT * reach) & (across > np.cos(NORMAL_SLACK))
+    if used.sum() < 2 * PARAMETERS:
+        return None
+    weight = used * edges.weights / (1 + (residual / reach) ** 2)
+    total = np.bincount(sector, weight, SECTORS)  # equal weight of all directions
+    weight = weight / np.maximum(total, 0.5)[sector]
+    c, s = circle[:, 0] / length, circle[:, 1] / length
+    columns = np.stack([out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1)
+    normal = (columns * weight[:, None]).T @ columns
+    right = (columns * weight[:, None]).T @ residual
+    pull = (reach / USUAL_STRETCH) ** 2 * 0.5
+    normal[3, 3] += pull
+    normal[4, 4] += pull
+    right[3:] -= pull * np.asarray(ellipse.stretch)
+    normal[np.diag_indices(PARAMETERS)] += 1e-9 * np.trace(normal)
+    step: Array = np.linalg.solve(normal, right)
+    return step
+
+
+# -- Subpixel refinement of a ring in the full-size image, from edges of profiles across it --------
+
+PROFILES = 720
+REACH_PX = 5.0  # working pixels to both sides
+EDGE_PX = 1.5  # working pixels; minimum distance of profiles from the image boundary
+SAMPLES = 4  # maximum number per working pixel
+SHIFT = Shift(reach_px=1.5, step_px=0.3, turns=180)  # search range for a rim next to another edge
+REACHES_PX = (0.8, 0.4)
+CLEAR = 0.5  # fraction of the circumference above which no search is needed
+CLOSE_PX, BESIDE_PX = 0.4, 1.5
+STRETCH_COST = 8.0  # fraction of the circumference that a stretch must gain: most rims are round
+LEAN = 0.08  # slope of an edge relative to the ring, caused by noise
+
+
+def refine_ring(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ellipse, float]:
+    """Return the refined ellipse, and the fraction of the circumference with a close edge.
+
+    Parameters
+    ----------
+    levels : (rows, columns, channels)
+        Image, 0 to 255.
+    ring
+        Initial ellipse in pixels of the image, accurate to about one working pixel.
+    scale
+        Size of a working pixel in pixels.
+
+    Returns
+    -------
+    tuple
+        Ellipse and fraction.
+    """
+    edges = _edges_across(levels, ring, scale)
+    shapes = {ring.stretch, (ring.stretch[0] / 2, ring.stretch[1] / 2), (0.0, 0.0)}
+    reaches = tuple(reach * scale for reach in REACHES_PX)
+    best = laid_through(edges, ring, reaches)
+    share = _close(edges, best, CLOSE_PX * scale)
+    if share > CLEAR:
+        return best, share
+    most = -np.inf
+    for shape in sorted(shapes):
+        start = shifted(edges, Ellipse(ring.centre, ring.radius, shape), SHIFT, scale)
+        ellipse = laid_through(edges, start, reaches)
+        close = _close(edges, ellipse, CLOSE_PX * scale)
+        score = clearness(ellipse, close)
+        if score > most:
+            best, share, most = ellipse, close, score
+    return best, share
+
+
+def clearness(ellipse: Ellipse, share: float) -> float:
+    """Return the clarity of an ellipse: fraction of close edges minus a stretch penalty."""
+    return share - STRETCH_COST * float(np.hypot(*ellipse.stretch))
+
+
+def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
+    """Return the edges of profiles across the ring; a profile may have several."""
+    import cv2
+
+    step = max(0.5, scale / SAMPLES)
+    reach = REACH_PX * scale
+    away = np.arange(-reach, reach + step / 2, step)
+    turn = turns(PROFILES)
+    on, out = ring.points(turn), ring.outward(turn)
+    points = (on[:, None, :] + away[None, :, None] * out[:, None, :]).astype(np.float32)
+    height, width = levels.shape[:2]
+    margin = EDGE_PX * scale
+    inside = np.asarray(((on > margin) & (on < np.array([width - 1, height - 1]) - margin)).all(axis=1))
+    top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
+    crop = np.ascontiguousarray(levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2])
+    if not inside.any() or not crop.size:
+        return EdgePoints(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
+    seen = cv2.remap(
+        crop, points[..., 0] - left, points[..., 1] - top, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    seen = seen.reshape(PROFILES, len(away), -1).astype(np.float32)
+    smooth = cv2.GaussianBlur(
+        seen.reshape(PROFILES, -1, seen.shape[2]), (0, 0), sigmaX=0.8 * scale / step if scale > 1 else 1.6, sigmaY=0.8
+    )
+    smooth = smooth.reshape(seen.shape)
+    across = np.gradient(smooth, step / scale, axis=1)
+    which = np.abs(across).argmax(axis=2)[..., None]
+    across = np.take_along_axis(across, which, axis=2)[..., 0]
+    along = (np.roll(smooth, -1, axis=0) - np.roll(smooth, 1, axis=0)) / (4 * np.pi * ring.radius / PROFILES / scale)
+    lean = np.take_along_axis(along, which, axis=2)[..., 0] / (np.abs(across) + 1e-6)
+    slope = np.abs(across)
+    here, before, after = slope[:, 1:-1], slope[:, :-2], slope[:, 2:]
+    found = (here >= after) & (here > before) & (here > MIN_STEP) & inside[:, None]
+    which, place = np.nonzero(found)
+    a, b, c = before[found], here[found], after[found]
+    offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
+    at = away[place + 1] + offset * step
+    edge = on[which] + at[:, None] * out[which]
+    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # an outer frame may be stronger
+    most = np.zeros(PROFILES)
+    np.maximum.at(most, which, clear)
+    weights = (
+        (clear / most[which]) ** 2 * np.minimum(b / FULL_WEIGHT_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
+    )
+    return EdgePoints(edge, out[which], b.astype(float), weights)
+
+
+def _close(edges: EdgePoints, ellipse: Ellipse, close: float) -> float:
+    """Return the fraction of the profiles with an edge close to the ellipse."""
+    circle = ellipse.on_circle(edges.points)
+    away = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius
+    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * PROFILES).astype(int) % PROFILES
+    there, near = np.zeros((2, PROFILES))
+    np.maximum.at(there, sector, edges.weights)
+    np.maximum.at(near, sector, edges.weights * np.exp(-((away / close) ** 2) / 2))
+    known = max(int(np.count_nonzero(there)), 1)
+    return float(near.sum() / known)

@@ -1,0 +1,467 @@
+"""Detection of the mirror's rim, and of the camera's own image, in one or several images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import check_fields, checked
+from ...base.caching import cached_property
+from ...base.errors import InvalidParameter
+from ...base.typing import Array
+from ..edge_detection import SHORT_SIDE_PX, EdgePoints, WorkingImage, at_working_size, edges_of, levels_of
+from ._candidates import candidate_rings, hough_circles_between, working_rings
+from ._classifier import UNLISTED, confidence, odds
+from ._ellipses import Ellipse, clearness, laid_through, refine_ring
+from ._features import Ring, ring_of
+
+# -- Detection of the camera's own image at the centre of the mirror: a disc with little texture
+
+LEAST, LARGEST = 0.04, 0.6  # fractions of the rim's radius
+MIN_RADIUS_PX = 5.0
+RADIUS_STEP = 1.06
+OFFSET, VOTED_OFFSET = 0.12, 0.15  # fractions of the rim's radius, for disc and circle
+MAX_TRIED_CIRCLES = 20  # circles
+SUPPORT, CALM = 0.45, 0.4  # fraction of the circumference with an edge; ratio of texture
+SCENE_TEXTURE = 0.08  # texture of a scene
+STRETCH_COST = 4.0  # fraction of the circumference that a stretch must gain
+REACHES_PX = (2.0, 1.2)
+
+
+def find_camera_image(working: WorkingImage, edges: EdgePoints, rim: Ellipse) -> Ellipse | None:
+    """Return the clearest disc at the centre of a rim, both at working size; None if there is none."""
+    away = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
+    inner = edges.among(away < LARGEST + OFFSET)
+    if not len(inner.points):
+        return None
+    radii = max(LEAST * rim.radius, MIN_RADIUS_PX), LARGEST * rim.radius
+    voted = hough_circles_between(inner, working.size, radii, RADIUS_STEP)
+    best, most = None, SUPPORT
+    for circle in islice((one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES):
+        disc = laid_through(inner, circle, REACHES_PX)
+        if rim.offset_share(disc) < OFFSET and (clear := _clear(working, inner, disc)) > most:
+            best, most = disc, clear
+    return best
+
+
+def _clear(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
+    """Return the edge clarity of a round disc with little texture inside and much outside, else 0."""
+    ring = ring_of(working, edges, disc)
+    if ring is None:
+        return 0.0
+    inside, outside = ring.band(0.2, 0.9), ring.band(1.06, 1.4)
+    if not inside < CALM * outside:
+        return 0.0
+    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(np.hypot(*disc.stretch))
+    return edge * min(1.0, outside / SCENE_TEXTURE)
+
+
+# -- Detection of the mirror's rim in one or several images of a sensor ----------------------------
+
+Picture = NDArray[Any]
+
+SURE = 0.6
+"""Minimum confidence of an accepted rim."""
+OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions
+SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # tolerance between them: fraction of the radius, working px
+SAME_CENTRE, RING_RADII = 0.03, (0.55, 0.93)  # fractions of the radius, for a mirror in its housing
+MAX_CANDIDATES = 3
+SAME_RIM = 0.015  # fraction of the radius; rings within it are the same rim
+CLOSE_ODDS = 4.0  # log odds below the best one for alternatives of the same rim
+SAME_SENSOR = 0.03  # fraction of the radius; maximum motion of a rim between images
+NOT_FOUND = -6.0  # log odds of a ring in an image without it
+MIN_SIDE_PX = 48
+MAX_NAMED = 5  # images in a message
+CANDIDATE_ENTRIES = ("centre_px", "semi_axes_px", "angle_deg", "confidence")
+
+
+@dataclass(frozen=True)
+class CameraImage:
+    """Image of the camera itself at the centre, as a disc."""
+
+    centre_px: tuple[float, float]
+    radius_px: float
+
+
+@dataclass(frozen=True)
+class FoundRim:
+    """Ellipse of the mirror's rim in pixels of the image, with integers at pixel centres.
+
+    Examples
+    --------
+    >>> rim = FoundRim((319.5, 239.5), (201.0, 199.0), 30.0, 0.97, (640, 480), CameraImage((320.5, 239.5), 40.0))
+    >>> rim.annulus_px, rim.is_sure
+    ((41.0, 199.0), True)
+    """
+
+    centre_px: tuple[float, float]
+    """Centre (u, v)."""
+    semi_axes_px: tuple[float, float]
+    """Major and minor semi-axis."""
+    angle_deg: float
+    """Direction of the major axis, from image right towards image bottom, 0 to 180 deg."""
+    confidence: float
+    """Confidence from 0 to 1, from the agreement between working resolutions.
+
+    Outlines below :data:`SURE` are not accepted.
+    """
+    image_size: tuple[int, int]
+    """Image size (width, height)."""
+    inner: CameraImage | None = None
+    """Image of the camera itself; None if not detected."""
+    pictures: tuple[FoundRim, ...] = ()
+    """Rim in each image, for a joint detection in several images."""
+    candidates: tuple[Any, ...] = ()
+    """Rejected outlines (:class:`FoundRim`), best first.
+
+    The first is this one, if it is not accepted.
+    """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def radius_px(self) -> float:
+        """Radius of the circle of equal area, px."""
+        return float(np.sqrt(self.semi_axes_px[0] * self.semi_axes_px[1]))
+
+    @property
+    def is_sure(self) -> bool:
+        """True if the confidence is sufficient."""
+        return self.confidence >= SURE
+
+    @property
+    def annulus_px(self) -> tuple[float, float]:
+        """Inner and outer radius about the centre of the annulus that shows the scene.
+
+        The inner circle encloses the camera's own image.
+        """
+        inner = 0.0
+        if self.inner is not None:
+            away = float(np.hypot(*np.subtract(self.inner.centre_px, self.centre_px)))
+            inner = self.inner.radius_px + away
+        return inner, self.semi_axes_px[1]
+
+    def points(self, count: int = 360) -> Array:
+        """Return points (count, 2) px on the ellipse over one revolution.
+
+        Parameters
+        ----------
+        count
+            Number of points.
+
+        Returns
+        -------
+        (count, 2) array
+            Points in px.
+        """
+        turn, lean = np.arange(count) * (2 * np.pi / count), np.radians(self.angle_deg)
+        x, y = self.semi_axes_px[0] * np.cos(turn), self.semi_axes_px[1] * np.sin(turn)
+        u, v = x * np.cos(lean) - y * np.sin(lean), x * np.sin(lean) + y * np.cos(lean)
+        return np.stack([u + self.centre_px[0], v + self.centre_px[1]], axis=1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Convert to JSON-serialisable data.
+
+        Returns
+        -------
+        dict
+            Numbers, lists and None.
+        """
+        inner = self.inner
+        camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
+        found = {
+            "centre_px": list(self.centre_px), "semi_axes_px": list(self.semi_axes_px), "angle_deg": self.angle_deg,
+            "confidence": self.confidence, "accepted": self.is_sure, "camera_image": camera,
+            "annulus_px": list(self.annulus_px), "image_size": list(self.image_size),
+        }  # fmt: skip
+        found["candidates"] = [
+            {name: value for name, value in one.to_json().items() if name in CANDIDATE_ENTRIES}
+            for one in self.candidates
+        ]
+        return found | ({"pictures": [rim.to_json() for rim in self.pictures]} if self.pictures else {})
+
+
+@dataclass(frozen=True)
+class _AnalysedImage:
+    """Rings of one image at one working resolution."""
+
+    picture: Picture
+    working: WorkingImage
+    edges: EdgePoints
+    working_rings: list[Ring]
+    odds: Array
+    """Log odds (members, n)."""
+    others: tuple[_AnalysedImage, ...] = ()
+    """Results at the other working resolutions."""
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean log odds over the ensemble (n,)."""
+        return np.asarray(self.odds.mean(axis=0))
+
+    @cached_property
+    def places(self) -> Array:
+        """Centres and radii (n, 3) of the rings."""
+        return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
+
+    def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
+        """Return the mask (n,) of rings equal to an ellipse, except for shape.
+
+        The tolerance is a fraction of its radius.
+        """
+        away = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
+        return np.asarray((np.hypot(away[:, 0], away[:, 1]) < share) & (away[:, 2] < share))
+
+    def like(self, ellipse: Ellipse) -> int | None:
+        """Return the most probable ring at the position of a ring in another image."""
+        near = np.nonzero(self.near(ellipse, SAME_SENSOR))[0]
+        return int(near[np.argmax(self.mean[near])]) if len(near) else None
+
+    def ranked(self, ellipse: Ellipse) -> tuple[Array, Array]:
+        """Return log odds (resolutions,) of an ellipse and of the best other ring."""
+        odds, rivals = [], []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            near = one.near(here, max(SAME_SCALES, SAME_SCALES_PX / here.radius))
+            odds.append(float(one.mean[near].max(initial=NOT_FOUND)))
+            rivals.append(float(one.mean[~near].max(initial=UNLISTED)))
+        return np.array(odds), np.array(rivals)
+
+    def pooled(self, ellipse: Ellipse) -> float:
+        """Return the mean log odds of an ellipse over the resolutions."""
+        return float(self.ranked(ellipse)[0].mean())
+
+    def chance(self, ellipse: Ellipse) -> float:
+        """Return the fraction of the circumference with parallel edges next to an ellipse."""
+        near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
+        return float(np.median(near)) if near else 0.0
+
+    def within(self, ellipse: Ellipse) -> float:
+        """Return the clarity of the clearest concentric inner ring, over the resolutions.
+
+        It is the fraction of the circumference with close edges.
+        """
+        clearest = []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            inner = [
+                ring.close
+                for ring in one.rings
+                if here.offset_share(ring.ellipse) < SAME_CENTRE
+                and RING_RADII[0] < ring.ellipse.radius / here.radius < RING_RADII[1]
+            ]
+            clearest.append(max(inner, default=0.0))
+        return float(np.mean(clearest))
+
+    def confidence(self, ellipse: Ellipse) -> float:
+        """Return the confidence that an ellipse is the rim."""
+        return confidence(*self.ranked(ellipse), self.chance(ellipse), self.within(ellipse))
+
+    def distinct(self, ellipse: Ellipse, count: int) -> list[Ellipse]:
+        """Return the most probable rings that differ from an ellipse and from each other."""
+        found: list[Ellipse] = []
+        for i in np.argsort(-self.mean):
+            one = self.rings[i].ellipse
+            if self.mean[i] > UNLISTED and not any(other.is_near(one, SAME_SENSOR) for other in (ellipse, *found)):
+                found.append(one)
+            if len(found) == count:
+                break
+        return found
+
+    def alike(self, k: int) -> NDArray[np.intp]:
+        """Return the rings equal to a given one with similar odds.
+
+        Subpixel refinement selects among them.
+        """
+        near = self.near(self.rings[k].ellipse, SAME_RIM) & (self.mean > self.mean[k] - CLOSE_ODDS)
+        return np.nonzero(near)[0]
+
+
+@checked
+def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
+    """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
+
+    Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
+    the features of each ellipse (:mod:`omnimirror.calibration.rim._classifier`), and the best one is
+    refined in the full-size image. The classifier is trained on simulated photographs. Detection
+    runs at three working resolutions with short sides of 240, 360 and 500 px: the confidence is
+    high if the same circle is the best at all of them.
+
+    Parameters
+    ----------
+    pictures : (rows, columns[, channels]) array, or a sequence of them
+        Unmodified images of one camera with equal size and a fixed mirror position.
+
+    Returns
+    -------
+    FoundRim
+        Most probable rim, whatever its confidence: check ``is_sure``. Rejected ones are in
+        ``candidates``.
+
+    Raises
+    ------
+    InvalidParameter
+        If there is no image, an image is too small, or sizes differ.
+
+    Examples
+    --------
+    Mirror under a bright sky, on a black background:
+
+    >>> import omnimirror as om
+    >>> v, u = np.mgrid[:240, :320]
+    >>> inside = np.hypot(u - 170, v - 110) < 90
+    >>> scene = 120 + 60 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170)))
+    >>> rim = om.find_rim(np.where(inside, scene, 10.0).astype(np.uint8))
+    >>> np.round(rim.centre_px), round(rim.radius_px)
+    (array([170., 110.]), 90)
+    """
+    many = [pictures] if isinstance(pictures, np.ndarray) else list(pictures)
+    _check(many)
+    seen = [_analysed(picture) for picture in many]
+    size = (many[0].shape[1], many[0].shape[0])
+    if not any(one.rings for one in seen):
+        return _nothing(size)
+    ellipse, together = _agreed(seen)
+    singles = []
+    for one in seen:
+        k = one.like(ellipse)
+        starts = [ellipse] if k is None else [one.rings[i].ellipse for i in one.alike(k)]
+        alone = together if len(seen) == 1 else 0.0 if k is None else one.confidence(one.rings[k].ellipse)
+        singles.append((_rim(one, starts, alone, size), k is not None))
+    if len(singles) == 1:
+        rim = singles[0][0]
+        others = [
+            _candidate(seen[0], other, rim.confidence, size) for other in seen[0].distinct(ellipse, MAX_CANDIDATES)
+        ]
+        return replace(rim, candidates=(*(() if rim.is_sure else (rim,)), *others))
+    pooled = _pooled([rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together)
+    return pooled if pooled.is_sure else replace(pooled, candidates=(pooled,))
+
+
+def _candidate(one: _AnalysedImage, ring: Ellipse, best: float, size: tuple[int, int]) -> FoundRim:
+    """Return a circle that was not selected, with its confidence limited by that of the best one."""
+    ellipse = ring.scaled(one.working.scale)
+    sure = min(one.confidence(ring), 1 - best, float(np.nextafter(SURE, 0)))
+    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, sure, size)
+
+
+def _check(pictures: list[Picture]) -> None:
+    if not pictures:
+        raise InvalidParameter("there is no picture to look for a rim in; give at least one")
+    for picture in pictures:
+        if picture.ndim not in (2, 3) or min(picture.shape[:2]) < MIN_SIDE_PX:
+            raise InvalidParameter(
+                f"a picture of the shape {picture.shape} holds no rim; valid are (rows, columns) or (rows, columns, "
+                f"channels) of at least {MIN_SIDE_PX} px each side"
+            )
+    check_alike(pictures, [f"picture {number}" for number in range(len(pictures))])
+
+
+def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
+    """Raise an error for images of different sizes, which are not from one sensor.
+
+    The message names the images whose size differs from most.
+    """
+    sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
+    usual = max(sizes, key=sizes.count, default=(0, 0))
+    odd = [f"{name} is {width} x {height}" for name, (width, height) in zip(names, sizes, strict=True)
+           if (width, height) != usual]  # fmt: skip
+    if odd:
+        told = ", ".join(odd[:MAX_NAMED]) + (f" and {len(odd) - MAX_NAMED} more" if len(odd) > MAX_NAMED else "")
+        raise InvalidParameter(
+            f"pictures of one sensor have one size: {names[sizes.index(usual)]} is {usual[0]} x {usual[1]} px, and "
+            f"{told} px; look at those apart"
+        )
+
+
+def _analysed(picture: Picture) -> _AnalysedImage:
+    """Detect the rings of an image at the main working resolution and at the others.
+
+    Resolutions above that of the image are omitted.
+    """
+    working = at_working_size(picture)
+    edges = edges_of(working)
+    found = candidate_rings(picture, working, edges)
+    sides = {min(side, *picture.shape[:2]) for side in OTHER_SIDES_PX} - {min(working.size), SHORT_SIDE_PX}
+    others = tuple(_at_resolution(picture, side) for side in sorted(sides))
+    return _AnalysedImage(picture, working, edges, found, odds(found, working), others)
+
+
+def _at_resolution(picture: Picture, side: int) -> _AnalysedImage:
+    """Detect the rings of an image at another working resolution."""
+    working = at_working_size(picture, side)
+    edges = edges_of(working)
+    found = working_rings(working, edges)
+    return _AnalysedImage(picture, working, edges, found, odds(found, working))
+
+
+def _agreed(seen: list[_AnalysedImage]) -> tuple[Ellipse, float]:
+    """Return the most probable ring of all images together, and its confidence.
+
+    Images of one sensor share their surroundings: the evidence of n images grows with the square
+    root of n.
+    """
+    if len(seen) == 1:
+        one = seen[0]
+        listed = np.nonzero(one.mean >= min(UNLISTED + 1, one.mean.max()))[0]
+        ellipse = max((one.rings[i].ellipse for i in listed), key=one.pooled)
+        return ellipse, one.confidence(ellipse)
+    every = [ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED]
+    sums = np.zeros((len(seen[0].odds), len(every)))
+    for one in seen:
+        for i, ellipse in enumerate(every):
+            k = one.like(ellipse)
+            sums[:, i] += NOT_FOUND if k is None else np.maximum(one.odds[:, k], NOT_FOUND)
+    sums /= np.sqrt(len(seen))
+    mean = sums.mean(axis=0)
+    best = int(np.argmax(mean))
+    pairs = [one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None]
+    odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
+    chance = float(np.median([one.chance(every[best]) for one in seen]))
+    within = float(np.median([one.within(every[best]) for one in seen]))
+    return every[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
+
+
+def _rim(one: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:
+    """Return the clearest of several rings after refinement in the full-size image."""
+    levels = levels_of(one.picture)
+    levels = levels.reshape(*levels.shape[:2], -1)
+    scale = one.working.scale
+    tried = [refine_ring(levels, start.scaled(scale), scale) for start in starts]
+    ellipse = max(tried, key=lambda one: clearness(*one))[0]
+    disc = find_camera_image(one.working, one.edges, ellipse.scaled(1 / scale))
+    inner = None
+    if disc is not None:
+        large = disc.scaled(scale)
+        inner = CameraImage(large.centre, large.radius)
+    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, confidence, size, inner)
+
+
+def _pooled(good: list[FoundRim], every: list[FoundRim], confidence: float) -> FoundRim:
+    """Return the median of the rims of several images."""
+    u, v = np.median([rim.centre_px for rim in good], axis=0)
+    stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in good]
+    angles = 2 * np.radians([rim.angle_deg for rim in good])
+    stretch = float(np.median(stretches * np.cos(angles))), float(np.median(stretches * np.sin(angles)))
+    middle = Ellipse((float(u), float(v)), float(np.median([rim.radius_px for rim in good])), stretch)
+    discs = [rim.inner for rim in good if rim.inner is not None]
+    inner = None
+    if len(discs) > len(good) / 2:
+        x, y, radius = np.median([(*disc.centre_px, disc.radius_px) for disc in discs], axis=0)
+        inner = CameraImage((float(x), float(y)), float(radius))
+    return FoundRim(
+        middle.centre, middle.semi_axes, middle.angle_deg, confidence, every[0].image_size, inner, tuple(every)
+    )  # fmt: skip
+
+
+def _nothing(size: tuple[int, int]) -> FoundRim:
+    """Return the result for an image without rings: the largest circle in it, with confidence 0."""
+    width, height = size
+    radius = min(size) / 2
+    return FoundRim(((width - 1) / 2, (height - 1) / 2), (radius, radius), 0.0, 0.0, size)

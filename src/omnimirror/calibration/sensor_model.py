@@ -1,0 +1,449 @@
+"""Camera model of a mirror sensor with free parameters of mirror, lens and mounting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, Self, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import checked, finite, number, vectors
+from ..base.caching import cached_property
+from ..base.errors import InvalidParameter
+from ..base.parameters import Uncertainty
+from ..base.typing import Array
+from ..cameras.camera import AxialSymmetry, Projection, Rays
+from ..cameras.frames import Mount
+from ..cameras.models.camera_model import CameraModel, Image, ModelParameter
+from ..optics.image_sensor import Imager
+from ..optics.lenses import Perspective
+from ..optics.mirrors import Sphere
+from ..optics.mirrors.as_built import MirrorPose
+from ..optics.sensor import Sensor, check_sensor
+from ._initial_sensor import (
+    RIM_TO_DISTANCE,
+    fit_to_central_model,
+    radial_projection,
+    unknown_sensor,
+    with_prescribed_projection,
+)
+from .projection_derivatives import image_of_points, image_through_cover
+from .sensor_parameters import (
+    DEFAULT_GROUPS,
+    ParameterLocation,
+    ParameterPrior,
+    checked_priors,
+    free_names,
+    group_names,
+    guessed_priors,
+    parameter_location,
+    usual_priors,
+    value_of,
+    with_values,
+)
+
+__all__ = ["ParameterPrior", "SensorModel", "mirror_ball_model"]
+
+
+# -- Camera model of a mirror sensor with free parameters of mirror, lens and mounting -------------
+
+N_PROBES = 96
+"""Number of points for the estimate of a parameter's effect."""
+PROBE_DISTANCE = 10.0
+"""Their distance in rim radii; all parameters affect near points."""
+
+
+@dataclass(frozen=True)
+class SensorModel(CameraModel):
+    """Sensor with selected free parameters for estimation; all others are fixed.
+
+    The model is exact: each point, near or far, is projected via its own mirror point for any pose
+    of the mirror.
+
+    Parameters
+    ----------
+    sensor
+        Nominal sensor or current estimate.
+    free
+        Names of parameters as in the sensor file (``"lens.focal_length_mm"``,
+        ``"mirror.coefficients[0]"``), or groups: ``"shape"`` of the mirror, ``"focal"`` length,
+        ``"centre"`` of the image, ``"distortion"`` of the lens, ``"distance"``, ``"decentre"`` and
+        ``"tilt"`` of the mirror. By default the estimated parameters of a calibrated sensor,
+        otherwise focal length, distance, decentre and tilt.
+    priors
+        Prior knowledge of free parameters from the drawing: name, value, standard deviation. By
+        default typical workshop tolerances for parameters that images determine poorly.
+
+    Raises
+    ------
+    InvalidParameter
+        If the sensor does not have a parameter, a prior refers to a fixed parameter, or the sensor
+        has two mirrors.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), free=("focal", "decentre"))
+    >>> [p.name for p in model.parameters]
+    ['lens.focal_length_mm', 'mirror_pose.decentre_x_mm', 'mirror_pose.decentre_y_mm']
+    >>> image = model.image([[1000.0, 0.0, 0.0]])  # 1 m to the right of the mirror's vertex
+    >>> image.pixels.round(2), image.d_parameters[0, 0].round(1)  # by mm of focal length and of decentring
+    (array([[905.38, 511.5 ]]), array([35.9, 11.4,  0. ]))
+    """
+
+    sensor: Sensor
+    free: tuple[str, ...] = None  # type: ignore[assignment]  # None only until chosen
+    priors: tuple[ParameterPrior, ...] = None  # type: ignore[assignment]  # None only until created
+
+    KIND: ClassVar[str] = "sensor"
+
+    def __post_init__(self) -> None:
+        check_sensor(self.sensor)
+        self.sensor.check("a model with free parameters", "one mirror", "thin lens", "ideal but for poses")
+        if self.sensor.housing.shell is not None:  # constant during an estimation
+            object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
+        known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
+        free = asked if asked is not None else DEFAULT_GROUPS if known is None else known.names
+        object.__setattr__(self, "free", free_names(self.sensor, free))
+        given: tuple[ParameterPrior, ...] | None = self.priors
+        priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
+        object.__setattr__(self, "priors", priors)
+
+    # -- camera model interface ------------------------------------------------------------------
+
+    @property
+    def optics(self) -> Literal["mirror"]:  # type: ignore[override]  # a field of other models
+        """Type of optics, ``"mirror"``: the image centre looks back past the lens."""
+        return "mirror"
+
+    @cached_property
+    def parameters(self) -> tuple[ModelParameter, ...]:
+        """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
+        return tuple(
+            ModelParameter(place.name, value_of(self.sensor, place), unit, scale)
+            for place, unit, scale in zip(self._places, self._units, self._scales, strict=True)
+        )
+
+    def with_parameters(self, values: ArrayLike) -> Self:
+        """Return the model with other values of its free parameters.
+
+        Parameters
+        ----------
+        values : (n,)
+            Values of the parameters, in the units of :attr:`parameters`.
+
+        Returns
+        -------
+        SensorModel
+            Model with the same free parameters and priors.
+
+        Raises
+        ------
+        InvalidParameter
+            If the number of values is wrong, or a value is out of range.
+        """
+        wanted = np.asarray(values, dtype=float)
+        if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
+            raise InvalidParameter(f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite")
+        other = object.__new__(type(self))  # free parameters and priors are already checked
+        other.__dict__["sensor"] = with_values(self.sensor, self._places, wanted)
+        for kept in ("free", "priors", "_places", "_scales"):  # constant during an estimation
+            other.__dict__[kept] = getattr(self, kept)
+        return other
+
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+        """Compute the image of points (n, 3) mm in the camera frame.
+
+        The origin of the frame is the nominal mirror vertex.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points: X right and Y down in the image, Z from the lens to the mirror.
+        distant
+            Whether they are directions, of any length.
+
+        Returns
+        -------
+        Image
+            Pixels (n, 2), valid (n,), and derivatives (n, 2, 3) by the points and (n, 2, p) by the
+            free parameters. Pixels outside the image are not clipped, and the mirror continues
+            smoothly slightly beyond its rim.
+
+        Raises
+        ------
+        InvalidParameter
+            If the shape of the points is wrong.
+        """
+        image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
+        return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
+
+    @classmethod
+    def start_from(
+        cls,
+        central: CameraModel,
+        sensor: Sensor | None = None,
+        *,
+        free: Iterable[str] | None = None,
+        priors: Iterable[ParameterPrior] | None = None,
+        omega_max_deg: float = 170.0,
+        rim_radius_mm: float = 40.0,
+        distance_mm: float | None = None,
+    ) -> Self:
+        """Create an initial sensor model that reproduces a central model for distant points.
+
+        Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
+        the central model does. The other free parameters follow by least squares within their
+        tolerances. Boards placed with the central model must be shifted by :attr:`viewpoint_mm`.
+
+        Parameters
+        ----------
+        central
+            Estimated model with a single viewpoint.
+        sensor
+            Nominal sensor; by default the mirror is a conic with four aspheric terms of unknown
+            shape and given size.
+        free, priors
+            As for the class; without a sensor, the shape is also free.
+        omega_max_deg
+            Maximum field angle of the observations of the central model.
+        rim_radius_mm
+            Size of the unknown mirror; it affects only the image of near points.
+        distance_mm
+            Distance of the mirror from the lens; by default four rim radii.
+
+        Returns
+        -------
+        SensorModel
+            Initial model.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> ball = om.MirrorBall((319.5, 239.5), 230.0, 250.0, (640, 480))
+        >>> model = om.SensorModel.start_from(ball)
+        >>> both = [m.image([[3.0, 2.0, 0.5]], distant=True).pixels for m in (model, ball)]
+        >>> bool(abs(both[1] - both[0]).max() < 0.1)
+        True
+        """
+        law = radial_projection(central, omega_max_deg)
+        distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
+        known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
+        words = (
+            tuple(free)
+            if free is not None
+            else DEFAULT_GROUPS
+            if sensor is not None
+            else ("shape", *DEFAULT_GROUPS, "centre")
+        )
+        names = free_names(known, words)
+        typical = guessed_priors if sensor is None else usual_priors
+        tolerances = typical(known, names) if priors is None else tuple(priors)
+        if set(group_names(known, "shape")) <= set(names):
+            known = with_prescribed_projection(law, known, rim_is_known=sensor is not None)
+        model = cls(known, names, tolerances)
+        return fit_to_central_model(model, central, model.priors, omega_max_deg)
+
+    @property
+    def viewpoint_mm(self) -> Array:
+        """Mean viewpoint (3,) mm in the camera frame, over all pixels.
+
+        Adding it to the points converts a pose of a central model, whose viewpoint is its origin,
+        to one of this model.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> om.SensorModel(om.load_sensor("paper-spherical")).viewpoint_mm.round(1)
+        array([ 0. ,  0. , 12.8])
+        """
+        meridian = self.sensor.aligned().meridian
+        x = np.sqrt(np.linspace(0.01, 1.0, N_PROBES)) * self.sensor.mirror.rim_radius_mm
+        rays = meridian.trace(x[x >= meridian.x_min])
+        return np.array([0.0, 0.0, float(np.median(rays.z + rays.viewpoint_offset()))])
+
+    @cached_property
+    def _places(self) -> tuple[ParameterLocation, ...]:
+        return tuple(parameter_location(self.sensor, name) for name in self.free)
+
+    @property
+    def _units(self) -> list[str]:
+        parts: dict[str, Any] = {"mirror": self.sensor.mirror, "lens": self.sensor.lens, "imager": self.sensor.imager}
+        parts["mirror_pose"] = self.sensor.mirror_pose
+        return ["mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit for p in self._places]
+
+    @cached_property
+    def _scales(self) -> tuple[float, ...]:
+        turn = np.pi * (1 + np.sqrt(5)) * np.arange(N_PROBES)
+        height = 2 * (np.arange(N_PROBES) + 0.5) / N_PROBES - 1
+        across = np.sqrt(1 - height**2)
+        sphere = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=-1)
+        image = self.image(PROBE_DISTANCE * self.sensor.mirror.rim_radius_mm * sphere)
+        moved = image.d_parameters[image.valid]
+        if not len(moved):
+            return (1.0,) * len(self.free)
+        size = np.median(np.linalg.norm(moved, axis=1), axis=0)  # unbounded near the tip of a cone
+        return tuple(float(s) for s in 1 / np.where(size > 0, size, 1.0))
+
+    # -- camera interface ------------------------------------------------------------------------
+
+    @property
+    def image_size(self) -> tuple[int, int]:  # type: ignore[override]
+        """Image size (width, height) in pixels."""
+        return self.sensor.image_size
+
+    @property
+    def mount(self) -> Mount:  # type: ignore[override]
+        """Orientation of the camera."""
+        return self.sensor.mount
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]
+        """Covariance of the parameters estimated by a calibration."""
+        return self.sensor.uncertainty
+
+    @property
+    def symmetry(self) -> AxialSymmetry | None:
+        """Axis of symmetry of the sensor; None if its mirror or lens is not symmetric."""
+        return self.sensor.symmetry
+
+    def backproject(self, pixels: ArrayLike) -> Rays:
+        """Return rays of pixels (n, 2) into the world, from their mirror points.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), integers at their centres.
+
+        Returns
+        -------
+        Rays
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
+        """
+        return self.sensor.backproject(pixels)
+
+    def project(self, points_mm: ArrayLike) -> Projection:
+        """Return pixels of world points, clipped at rim and image.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            World points, mm.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and validity (n,).
+        """
+        return self.sensor.project(points_mm)
+
+    def project_directions(self, directions: ArrayLike) -> Projection:
+        """Return pixels of world directions, clipped at rim and image.
+
+        Parameters
+        ----------
+        directions : (n, 3)
+            World directions of any nonzero length.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and validity (n,).
+        """
+        return self.sensor.project_directions(directions)
+
+
+# -- Mirror ball at a finite distance and off the image centre -------------------------------------
+
+GRAZING = 1 - 1e-6  # fraction of the outline's distance from the axis: grazing incidence
+MAX_PX = 1e9
+MIN_ANGULAR_RADIUS = 1e-6  # radians; minimum angular radius of a ball
+PITCH_UM = 5.0  # arbitrary: an image determines only angles
+
+
+@checked
+def mirror_ball_model(
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float],
+    rim_radius_px: float,
+    *,
+    focal_px: float,
+    ball_radius_mm: float = 40.0,
+    mount: Mount | None = None,
+) -> SensorModel:
+    """Create a sensor model of a ball from its outline in the image.
+
+    The outline of a ball of radius A at centre distance D has the angular radius
+    ``sin(alpha) = A / D``. An image determines only the ratio of radius and distance: the radius is
+    assumed known, and distance and position are estimated.
+
+    Parameters
+    ----------
+    image_size : (width, height)
+        Size of the image.
+    centre_px : (u, v)
+        Centre of the outline.
+    rim_radius_px
+        Radius of the outline.
+    focal_px
+        Focal length of the camera in pixels: ``width / 2 / tan(hfov / 2)``.
+    ball_radius_mm
+        Radius of the ball.
+    mount
+        Orientation of the camera; by default horizontal, as on a tripod.
+
+    Returns
+    -------
+    SensorModel
+        Model with free distance and position.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is not positive.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> model = om.mirror_ball_model((4000, 3000), (2050.0, 1480.0), 900.0, focal_px=6000.0)
+    >>> round(model.sensor.mirror_distance_mm + 40.0)  # to the centre of the ball
+    270
+    >>> [p.name for p in model.parameters]
+    ['mount.mirror_distance_mm', 'mirror_pose.decentre_x_mm', 'mirror_pose.decentre_y_mm']
+    """
+    number("rim_radius_px", rim_radius_px, low=1.0, high=MAX_PX)
+    number("focal_px", focal_px, low=1.0, high=MAX_PX)
+    number("ball_radius_mm", ball_radius_mm, low=1e-3, high=1e6)
+    stand = Mount("forward") if mount is None else mount
+    (width, height), (u, v) = finite("image_size", image_size, 1.0), finite("centre_px", centre_px)
+    across = np.array([u - (width - 1) / 2, v - (height - 1) / 2])
+    if stand.image_flipped:
+        across[0] = -across[0]
+    off = float(np.hypot(*across))
+    far, near = np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px)
+    delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
+    if not alpha > MIN_ANGULAR_RADIUS:
+        raise InvalidParameter(
+            f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point"
+        )
+    towards = np.append(np.sin(delta) * across / (off or 1.0), np.cos(delta))
+    vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards
+    distance, b0 = float(vertex[2]), focal_px * PITCH_UM * 1e-3
+    pose = MirrorPose(
+        decentre_x_mm=float(vertex[0]),
+        decentre_y_mm=float(vertex[1]),
+        tilt_x_deg=float(-np.degrees(np.arcsin(towards[1]))),
+        tilt_y_deg=float(np.degrees(np.arctan2(towards[0], towards[2]))),
+    )
+    sensor = Sensor(
+        Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)),
+        Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance),
+        Imager(int(width), int(height), PITCH_UM),
+        stand,
+        distance,
+        name="mirror ball",
+        mirror_pose=pose,
+    )
+    return SensorModel(sensor, ("distance", "decentre"))

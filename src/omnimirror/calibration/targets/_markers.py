@@ -1,0 +1,205 @@
+"""Boards with markers: marker detection and prediction of the corners."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.typing import Array
+from ._image_preparation import Grey, bytes_of, scaled, scales, unscaled_px
+from ._lattice_growth import completed, predicted, without_strays
+from .boards import Board, dictionary
+
+Ids = NDArray[np.int_]
+
+LEAST_MARKERS = 2
+ENOUGH = 0.6
+"""Fraction of a board's markers above which larger image sizes are skipped."""
+KALIBR_CORNERS = ((1, 0), (0, 0), (0, 1), (1, 1))
+"""Column and row, on an April grid tag, of OpenCV's four corners; Kalibr rotates tags by 180 deg.
+"""
+
+
+KALIBR_RIGHT = -1
+"""Difference of tag numbers between an upright tag and its right neighbour.
+
+For the tag below, the difference is the number of columns.
+"""
+BESIDE, FARTHEST, FEWEST_BESIDE = 0.3, 2.2, 3
+"""Criteria for neighbouring tags.
+
+They are the maximum lateral offset relative to the distance, the maximum distance in tag sides,
+and the minimum number of pairs that determine the layout.
+"""
+FRAME = "{} tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+SPACING_OFF = 0.25
+"""Deviation of the gaps between tags, in tag sides, above which the spacing is reported as wrong.
+"""
+
+
+class Markers(NamedTuple):
+    """Markers detected in an image."""
+
+    ids: Ids
+    """Marker numbers (k,)."""
+    corners_px: Array
+    """Corners (k, 4, 2): clockwise from the upper left of the marker as drawn."""
+    is_reversed: bool
+    """Whether they were detected in the mirror image."""
+
+
+def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Markers:
+    """Detect the board's markers in the image and its mirror image; return the larger set.
+
+    The mirror image is skipped if most markers are detected in the image, since false detections of
+    a family in mirror images are rare.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Greyscale image.
+    board
+        Board with markers.
+    is_quick
+        Search at one image size only.
+    """
+    detector = _detector(board)
+    width = picture.shape[1]
+    both: list[dict[int, Array]] = [{}, {}]
+    for scale in [1.0] if is_quick else scales(picture.shape)[:3]:
+        values = bytes_of(scaled(picture, scale))
+        for is_reversed, found in enumerate(both):
+            corners, ids, _ = detector.detectMarkers(np.ascontiguousarray(values[:, ::-1]) if is_reversed else values)
+            for number, quad in zip([] if ids is None else ids.ravel(), corners, strict=True):
+                pixels = quad.reshape(4, 2).astype(float)
+                if is_reversed:
+                    pixels[:, 0] = values.shape[1] - 1 - pixels[:, 0]
+                if number < board.marker_count:
+                    found[int(number)] = unscaled_px(pixels, scale)
+            if len(found) > ENOUGH * board.marker_count:
+                break
+        if max(map(len, both)) > ENOUGH * board.marker_count:
+            break
+    found = max(both, key=len)
+    ids = np.array(sorted(found), dtype=int)
+    pixels = np.array([found[i] for i in ids]).reshape(-1, 4, 2)
+    return Markers(ids, np.clip(pixels, 0, [width - 1, picture.shape[0] - 1]), found is both[1])
+
+
+def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids, Array]:
+    """Return ids (k,) and pixels (k, 2) of the board's corners predicted from its markers.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Greyscale image.
+    board
+        Board with markers.
+    markers
+        Result of :func:`read_markers`.
+    """
+    if len(markers.ids) < LEAST_MARKERS:
+        return np.empty(0, dtype=int), np.empty((0, 2))
+    if board.kind == "aprilgrid":
+        ids, pixels = _tag_corners(board, markers)
+    else:
+        ids, pixels = predicted(
+            picture, board, marker_corners_mm(board, markers.ids), markers.corners_px.reshape(-1, 2)
+        )
+    ids, pixels = without_strays(board, ids, pixels)
+    if len(ids) >= 4:
+        ids, pixels = completed(picture, board, ids, pixels)
+    return ids, pixels
+
+
+def laid_otherwise(picture: Grey, board: Board, markers: Markers, *, is_quick: bool = False) -> str | None:
+    """Return a description of the layout of an April grid if it differs from Kalibr's of this size.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Greyscale image.
+    board
+        April grid.
+    markers
+        Result of :func:`read_markers`.
+    is_quick
+        Skip the search for tags with another frame if few tags of the board are detected.
+    """
+    if len(markers.ids) <= LEAST_MARKERS:
+        if is_quick:
+            return None
+        count = max(len(_detector(board, 1).detectMarkers(bytes_of(p))[0]) for p in (picture, picture[:, ::-1]))
+        return FRAME.format(count) if count > 2 * LEAST_MARKERS else None
+    first, second, third, fourth = markers.corners_px.transpose(1, 0, 2)
+    axes = np.stack([second - first + third - fourth, fourth - first + third - second], axis=2) / 2
+    middles = markers.corners_px.mean(axis=1)
+    towards = (np.linalg.pinv(axes)[:, None] @ (middles - middles[:, None])[..., None])[..., 0]
+    right, below = (_usual_step(markers.ids, towards, place) for place in ((1.0, 0.0), (0.0, 1.0)))
+    if right is None or below is None:
+        return None
+    told = KALIBR_RIGHT, board.columns
+    if (right[0], below[0]) != told:
+        return (
+            f"its tags do not lie as on an April grid of {board}: right of the upright tag N stands N{right[0]:+d} and "
+            f"below it N{below[0]:+d}, where Kalibr's has N{told[0]:+d} and N{told[1]:+d}"
+        )
+    spacing = (right[1] + below[1]) / 2 - 1
+    if abs(spacing - board.spacing) > SPACING_OFF:
+        return f"the gaps between its tags are {spacing:.2f} of a tag's side, and spacing = {board.spacing:g} was said"
+    return None
+
+
+def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[int, float] | None:
+    """Return the differences in number and distance (tag sides) to the next tag in a direction.
+
+    None if there are too few pairs.
+    """
+    ahead = towards @ place
+    off = np.abs(towards @ place[::-1])
+    ahead = np.where((ahead > 0.5) & (ahead < FARTHEST) & (off < BESIDE * ahead), ahead, np.inf)
+    next_to = np.argmin(ahead, axis=1)
+    nearest = ahead[np.arange(len(ids)), next_to]
+    has_one = np.isfinite(nearest)
+    steps, counts = np.unique((ids[next_to] - ids)[has_one], return_counts=True)
+    if not len(steps) or counts.max() < max(FEWEST_BESIDE, has_one.sum() / 2):
+        return None
+    return int(steps[np.argmax(counts)]), float(np.median(nearest[has_one]))
+
+
+def marker_corners_mm(board: Board, ids: Ids) -> Array:
+    """Return the corners (4 k, 2) of a ChArUco board's markers, mm, as in OpenCV."""
+    drawn = opencv_board(board)
+    corners = {int(i): np.array(quad)[:, :2] for i, quad in zip(drawn.getIds(), drawn.getObjPoints(), strict=True)}
+    return np.concatenate([corners[int(i)] for i in ids]) - board.square_mm
+
+
+def opencv_board(board: Board) -> Any:
+    """Return a ChArUco board as an OpenCV object."""
+    import cv2
+
+    size, side, marker = (board.columns, board.rows), board.square_mm, board.marker_side_mm
+    made = cv2.aruco.CharucoBoard(size, side, marker, dictionary(board.marker_family))
+    made.setLegacyPattern(board.legacy)
+    return made
+
+
+def _tag_corners(board: Board, markers: Markers) -> tuple[Ids, Array]:
+    column, row = markers.ids % board.columns, markers.ids // board.columns
+    ids = np.stack([(2 * row + y) * 2 * board.columns + 2 * column + x for x, y in KALIBR_CORNERS], axis=1)
+    return ids.ravel(), markers.corners_px.reshape(-1, 2)
+
+
+def _detector(board: Board, border_bits: int | None = None) -> Any:
+    """Return a detector with wider limits for small quadrilaterals with curved sides."""
+    import cv2
+
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = border_bits or board.border_bits
+    parameters.polygonalApproxAccuracyRate = 0.06
+    parameters.minMarkerPerimeterRate = 0.012
+    parameters.adaptiveThreshWinSizeMax = 43
+    parameters.perspectiveRemovePixelPerCell = 6
+    return cv2.aruco.ArucoDetector(dictionary(board.marker_family), parameters)

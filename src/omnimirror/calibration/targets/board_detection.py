@@ -1,0 +1,358 @@
+"""Detection of boards in images, with the reason for each failure."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import checked, instance
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...cameras.camera import Camera
+from .._worker_processes import WorkerPool
+from ._chessboards import find_chessboard, find_chessboards, is_whole, ordered, placed
+from ._corner_refinement import maps_about, refine_corners
+from ._image_preparation import Grey, LocalView, edge_blur_px, grey, local_views
+from ._lattice_growth import LatticePart, coloured, completed, goes_on, grown, trimmed
+from ._markers import find_by_markers, laid_otherwise, read_markers
+from .boards import Board, Detection
+
+Picture = NDArray[Any]
+
+BLURRED_PX = 2.5
+"""Edge blur above which an image without a board is reported as blurred."""
+TINY_PX = 4.0
+MIN_PART = 12
+"""Minimum number of corners of a part of a board."""
+LEAST_OF_MARKED = 4
+WHOLE_SHARE = 0.8
+"""Minimum fraction of a chessboard's corners after refinement."""
+NO_BOARD = "no board was found"
+TILES = "squares were found that go on past {board}, as tiles, a checked cloth or a larger board have them"
+LONG_S = 2.0  # minimum remaining time for which worker processes are started
+STOPPED = "the search was stopped before this picture"
+
+
+@checked
+def find_board(
+    picture: Picture, board: Board, *, name: str = "", camera: Camera | None = None, quick: bool = False
+) -> Detection:
+    """Detect the corners of a board in an image distorted by a mirror or a fisheye.
+
+    Corners of four squares are detected in the whole image. From nine that form a grid, the lattice
+    is grown neighbour by neighbour. If this fails, OpenCV's detectors provide a part to grow from,
+    as do dewarped views if a camera is given. Markers are also read in the mirror image.
+
+    Parameters
+    ----------
+    picture : (height, width) or (height, width, 3)
+        RGB or greyscale image of any depth.
+    board
+        Calibration board.
+    name
+        Name of the image, for tables and messages.
+    camera
+        Approximate camera, such as a calibration from other images.
+    quick
+        Search at one image size only and without OpenCV's detectors, which are slow on images
+        without a board; for live images.
+
+    Returns
+    -------
+    Detection
+        Corners (k, 2) with an accuracy of a few 0.01 px, or the reason for the failure. The corners
+        of a partially visible chessboard are numbered as if they were its centre, and the reason
+        says so.
+
+    Raises
+    ------
+    InvalidParameter
+        If the image or the board is invalid, or the image size of the camera differs.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[:120, :150]
+    >>> picture = np.where((u // 25 + v // 25) % 2, 200, 40).astype(np.uint8)
+    >>> find_board(picture, Board("chessboard", 5, 4)).corners_px[:2].round(1).tolist()
+    [[24.5, 24.5], [49.5, 24.5]]
+    >>> find_board(picture, Board("chessboard", 8, 6)).reason
+    'a board of 5 x 4 corners was found, and one of 8 x 6 corners was looked for'
+    """
+    instance("board", board, Board, "a board")
+    values = grey(picture)
+    size = (values.shape[1], values.shape[0])
+    if camera is not None and tuple(camera.image_size) != size:
+        raise InvalidParameter(
+            f"a picture of {size[0]} x {size[1]} px is not one of the camera's, which have "
+            f"{camera.image_size[0]} x {camera.image_size[1]} px"
+        )
+    look = _look_for_markers if board.has_markers else _look_for_squares
+    found = look(values, board, name, is_quick=quick)
+    if camera is not None and not found.used:
+        for view in local_views(values, camera):
+            seen = look(view.picture, board, "", is_quick=True)
+            if seen.used and (again := _back_in_picture(values, seen, view, board, name)) is not None:
+                found = again
+                break
+    return _measured(values, found, board)
+
+
+def _back_in_picture(values: Grey, seen: Detection, view: LocalView, board: Board, name: str) -> Detection | None:
+    """Return a detection in a dewarped view as a detection in the image, which may be mirrored."""
+    size = (values.shape[1], values.shape[0])
+    pixels = view.back(seen.corners_px)
+    known = np.isfinite(pixels).all(axis=1)
+    ids, pixels = seen.ids[known], pixels[known]
+    if board.has_markers:  # including parts of the board outside the view
+        ids, pixels = completed(values, board, ids, pixels)
+        return Detection(name, size, ids, pixels, is_reversed=_runs_backwards(board, ids, pixels))
+    part = trimmed(grown(values, coloured(values, board.lattice[ids], pixels)))
+    is_board = is_whole(part, board) and not goes_on(values, part)
+    return _whole(part, board, name, size) if is_board else None
+
+
+@checked
+def find_boards(
+    pictures: Iterable[Picture | str | Path],
+    board: Board,
+    *,
+    names: Sequence[str] | None = None,
+    camera: Camera | None = None,
+    several: bool = False,
+    stored_orientation: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Detection]:
+    """Detect the board in each of several images of one sensor, and check their consistency.
+
+    Parameters
+    ----------
+    pictures
+        Image files, or images (height, width, 3) or (height, width).
+    board
+        Calibration board.
+    names
+        Names of the images; by default the file names, or ``picture 1``, ...
+    camera
+        As for :func:`find_board`.
+    several
+        Whether an image may contain several such chessboards. Each becomes a detection: the first
+        with the name of the image, the others with a number appended.
+    stored_orientation
+        Use the pixels of files as stored, without the orientation in their EXIF data.
+    progress
+        Callback with the number of processed images and the total.
+
+    Returns
+    -------
+    list[Detection]
+        One per image, in order, unless ``several``. The :attr:`~Detection.reason` reports images
+        that cannot be read, have a different size, or are reversed unlike the others. Ctrl-C ends
+        the search and keeps the results so far.
+
+    Raises
+    ------
+    InvalidParameter
+        If there are no images, or the number of names differs.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[:120, :150]
+    >>> picture = np.where((u // 25 + v // 25) % 2, 200, 40).astype(np.uint8)
+    >>> found = find_boards([picture, np.full((120, 150), 99, np.uint8), picture[:100]], Board("chessboard", 5, 4))
+    >>> [(d.name, d.used) for d in found]
+    [('picture 1', True), ('picture 2', False), ('picture 3', False)]
+    """
+    given = list(pictures)
+    if not given:
+        raise InvalidParameter("there are no pictures; at least one is needed")
+    names = _names(given) if names is None else list(names)
+    if len(names) != len(given):
+        raise InvalidParameter(f"there are {len(names)} names for {len(given)} pictures; each needs one")
+    jobs = [
+        (picture, board, name, camera, several, stored_orientation) for name, picture in zip(names, given, strict=True)
+    ]
+    found = {number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)}
+    try:
+        for done, (number, boards) in enumerate(_looked_through(jobs), 1):
+            found[number] = boards
+            if progress is not None:
+                progress(done, len(given))
+    except KeyboardInterrupt:
+        pass  # keep the results so far
+    return compared([one for boards in found.values() for one in boards], board)
+
+
+def _looked_through(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[Detection]]]:
+    """Yield the boards of each image, with worker processes for long searches."""
+    for number, job in enumerate(jobs):
+        began = time.perf_counter()
+        yield number, _boards_in(*job)
+        rest = jobs[number + 1 :]
+        if (time.perf_counter() - began) * len(rest) > LONG_S:
+            with WorkerPool() as helpers:
+                for later, boards in helpers.each(_boards_in, rest):
+                    yield number + 1 + later, boards
+            return
+
+
+def _boards_in(
+    picture: Picture | str | Path,
+    board: Board,
+    name: str,
+    camera: Camera | None,
+    several: bool,
+    stored_orientation: bool,
+) -> list[Detection]:
+    """Return the boards of an image or file, or a detection with the reason for the failure."""
+    from ...io import read_image
+
+    try:
+        pixels = (
+            read_image(picture, stored_orientation=stored_orientation) if isinstance(picture, str | Path) else picture
+        )
+        boards = _several(pixels, board, name) if several and not board.has_markers else []
+        return boards or [find_board(pixels, board, name=name, camera=camera)]
+    except OmnimirrorError as e:
+        return [Detection(name, (0, 0), reason=str(e))]
+
+
+def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
+    """Return detections of one sensor with reasons against inconsistent ones."""
+    judged = list(found)
+    sizes = Counter(d.image_size for d in judged if d.used) or Counter(d.image_size for d in judged if d.found)
+    usual = sizes.most_common(1)[0][0] if sizes else (0, 0)
+    hands = Counter(d.is_reversed for d in judged if d.used and d.image_size == usual and d.is_reversed is not None)
+    usual_hand = hands.most_common(1)[0][0] if hands else None
+    shows_hand = board.is_symmetric and board.columns != board.rows
+    colours = Counter(d.begins_white for d in judged if d.used and d.image_size == usual and d.begins_white is not None)
+    usual_colour = colours.most_common(1)[0][0] if colours and shows_hand else None
+    is_right_board = any(d.used and not d.is_part for d in judged)
+    for i, detection in enumerate(judged):
+        if detection.found and detection.image_size != usual:
+            reason = "its size of {} x {} px is not the {} x {} px of the others".format(*detection.image_size, *usual)
+            judged[i] = replace(detection, reason=reason)
+        elif detection.used and usual_hand is not None and detection.is_reversed not in (None, usual_hand):
+            what = (
+                "is a mirror image, and the others are not"
+                if detection.is_reversed
+                else "is no mirror image as the others are"
+            )
+            judged[i] = replace(detection, reason=f"it {what}: it was flipped")
+        elif detection.used and usual_colour is not None and detection.begins_white not in (None, usual_colour):
+            reason = "it shows the mirror image of the board that the others show: it was flipped"
+            judged[i] = replace(detection, reason=reason)
+        elif detection.found and detection.is_part and is_right_board:
+            judged[i] = replace(detection, reason=None)  # other images confirm the board
+    return judged
+
+
+def _names(pictures: Sequence[Any]) -> list[str]:
+    names = [Path(p).name if isinstance(p, str | Path) else f"picture {i}" for i, p in enumerate(pictures, 1)]
+    if len(set(names)) < len(names):  # files with the same name in several folders
+        names = [str(p) if isinstance(p, str | Path) else name for p, name in zip(pictures, names, strict=True)]
+    return names
+
+
+def _several(picture: Picture, board: Board, name: str) -> list[Detection]:
+    """Return all complete boards in an image."""
+    values = grey(picture)
+    size = (values.shape[1], values.shape[0])
+    names = (name if k == 1 else f"{name} ({k})" for k in count(1))
+    parts = find_chessboards(values, board)
+    return [_measured(values, _whole(part, board, next(names), size), board) for part in parts]
+
+
+def _whole(part: LatticePart, board: Board, name: str, size: tuple[int, int]) -> Detection:
+    ids, pixels, begins_white = ordered(part, board)
+    return Detection(name, size, ids, pixels, begins_white=begins_white)
+
+
+def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
+    size = (values.shape[1], values.shape[0])
+    part = find_chessboard(values, board, is_quick=is_quick)
+    if part is not None and is_whole(part, board):
+        if goes_on(values, part):
+            return Detection(name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values))
+        return _whole(part, board, name, size)
+    if part is None or len(part.places) < MIN_PART:
+        return Detection(name, size, reason=_why_nothing(values), blur_px=edge_blur_px(values))
+    reason = _other_size(part, board, values)
+    if (inside := placed(part, board)) is None:
+        return Detection(name, size, reason=reason, blur_px=edge_blur_px(values))
+    return Detection(name, size, *inside, reason=reason, is_part=True)
+
+
+def _look_for_markers(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
+    size = (values.shape[1], values.shape[0])
+    markers = read_markers(values, board, is_quick=is_quick)
+    if board.kind == "aprilgrid" and (other := laid_otherwise(values, board, markers, is_quick=is_quick)) is not None:
+        return Detection(name, size, reason=other, blur_px=edge_blur_px(values))
+    ids, pixels = find_by_markers(values, board, markers)
+    if len(ids) >= LEAST_OF_MARKED:
+        return Detection(name, size, ids, pixels, is_reversed=markers.is_reversed)
+    if len(markers.ids):
+        few = "1 marker" if len(markers.ids) == 1 else f"{len(markers.ids)} markers"
+        reason = f"only {few} of the board's {board.marker_count} and {len(ids)} of its corners can be made out"
+    else:
+        reason = _why_nothing(values)
+        if reason == NO_BOARD:
+            reason = f"no marker of the family {board.marker_family} can be read, in the picture or its mirror image"
+    return Detection(name, size, reason=reason, blur_px=edge_blur_px(values))
+
+
+def _why_nothing(values: Grey) -> str:
+    if np.ptp(np.percentile(values[::4, ::4], [1, 99])) < 8:
+        return "the picture is blank"
+    blur = edge_blur_px(values)
+    if blur > BLURRED_PX:
+        return f"no board was found; the picture is blurred: its edges are spread over {blur:.1f} px"
+    return NO_BOARD
+
+
+def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
+    blur = edge_blur_px(values)
+    blurred = f"; the picture is blurred: its edges are spread over {blur:.1f} px" if blur > BLURRED_PX else ""
+    columns, rows = sorted(part.size, reverse=True)
+    wanted = sorted(board.lattice_size, reverse=True)
+    if [columns, rows] == wanted:
+        return f"only {len(part.places)} of the board's {board.corner_count} corners can be made out"
+    if [columns + 1, rows + 1] == wanted:
+        return (
+            f"a board of {columns} x {rows} corners was found, and one of {board} was looked for; "
+            f"what counts are the inner corners, not the squares{blurred}"
+        )
+    return f"a board of {columns} x {rows} corners was found, and one of {board} was looked for{blurred}"
+
+
+def _measured(values: Grey, found: Detection, board: Board) -> Detection:
+    """Return the detection with refined corners, rejected if these are too few or too small."""
+    if not found.found:
+        return found
+    refined = refine_corners(values / np.float32(255), found, board)
+    least = WHOLE_SHARE * board.corner_count if not (board.has_markers or found.is_part) else LEAST_OF_MARKED
+    if refined.used and len(refined.ids) < least:
+        reason = f"only {len(refined.ids)} of the board's {board.corner_count} corners can be measured"
+        if refined.blur_px > BLURRED_PX:
+            reason += f"; the picture is blurred: its edges are spread over {refined.blur_px:.1f} px"
+        refined = replace(refined, reason=reason)
+    if refined.used:
+        places = board.points_mm[refined.ids, :2] / board.square_mm
+        side = float(np.median(maps_about(places, refined.corners_px, places).spacing()))
+        if side < TINY_PX:
+            refined = replace(refined, reason=f"the board is too small in it: its squares are {side:.1f} px wide")
+    return refined
+
+
+def _runs_backwards(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64]) -> bool:
+    """Return whether a board is mirrored in an image."""
+    places = board.points_mm[ids, :2] / board.square_mm
+    known = np.isfinite(pixels).all(axis=1)
+    turn = float(np.median(np.linalg.det(maps_about(places[known], pixels[known], places[known]).first)))
+    return (turn < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up

@@ -1,1 +1,0 @@
-"""Board search: seeds, lattice growth, markers, local rectification, and corner fitting."""

@@ -1,0 +1,288 @@
+"""Propagation of a calibration's covariance to directions and to points on a floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import checked, finite, instance, number, optional_number, vectors, whole
+from ..base.errors import InvalidParameter
+from ..base.parameters import Uncertainty
+from ..base.typing import Array
+from ..cameras.camera import Rays
+from ..cameras.frames import turned
+from ..cameras.models.camera_model import (
+    CameraModel,
+    direction_covariance_at,
+    direction_sigma_deg,
+    field_angles,
+    major_sigma,
+    within_field,
+)
+from ..optics.sensor import Sensor
+from .sensor_model import SensorModel
+
+MAX_GRID_STEPS = 2000  # of a map, whose rows are computed together
+MAX_HEIGHT_MM = 1e9  # of a camera above a floor
+MAX_FLOOR_DISTANCE = 100.0  # multiple of the height; rays beyond are treated as horizontal
+
+
+@checked
+def direction_uncertainty(
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
+) -> Array:
+    """Return the standard deviation (n,) in deg of the directions of pixels, along the larger axis.
+
+    Formula: :func:`omnimirror.cameras.models.camera_model.direction_covariance`. The orientation of the
+    camera in the world, its mount, is assumed exact.
+
+    Parameters
+    ----------
+    camera
+        Calibrated sensor or camera model.
+    pixels : (n, 2)
+        Pixels (u, v), integers at their centres.
+    covariance
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
+    field_deg : deg, optional
+        Maximum field angle from the viewing direction at the image centre; by default the
+        calibrated field, if known.
+
+    Returns
+    -------
+    (n,) array
+        Standard deviation in deg; NaN for pixels outside the image field or the calibrated field.
+
+    Raises
+    ------
+    InvalidParameter
+        If there is no covariance, or its parameters differ.
+
+    Examples
+    --------
+    Focal length with an uncertainty of 0.1 %: the error of directions grows off the axis.
+
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
+    >>> pixels = [[811.5, 511.5], [961.5, 511.5]]
+    >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]]).round(3)
+    array([0.078, 0.189])
+    >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]], field_deg=90.0).round(3)
+    array([0.078,   nan])
+    """
+    known = _uncertain_model(camera, covariance, field_deg)
+    rays = known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    directions = turned(rays.directions, known.model.mount.rotation())
+    return direction_sigma_deg(known.model, known.covariance, directions, known.field_deg)
+
+
+@checked
+def floor_uncertainty(
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    height_mm: float,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
+) -> Array:
+    """Return the standard deviation (n,) in mm of floor points along the larger axis.
+
+    Parameters
+    ----------
+    camera
+        Calibrated sensor or camera model.
+    pixels : (n, 2)
+        Pixels (u, v), integers at their centres.
+    height_mm
+        Height of the world origin (for a sensor, the mirror vertex) above the floor; negative for a
+        ceiling.
+    covariance
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
+    field_deg : deg, optional
+        Maximum field angle from the viewing direction at the image centre; by default the
+        calibrated field, if known.
+
+    Returns
+    -------
+    (n,) array
+        Standard deviation in mm; NaN for pixels that do not see the floor within 100 heights, and
+        outside the field.
+
+    Raises
+    ------
+    InvalidParameter
+        If there is no covariance, or its parameters differ.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
+    >>> pixels = [[711.5, 511.5], [811.5, 511.5], [961.5, 511.5]]
+    >>> om.floor_uncertainty(model, pixels, height_mm=1500.0, covariance=[[0.0116**2]]).round(1)
+    array([ 2.1, 10.6,  nan])
+    """
+    height = number("height_mm", height_mm, low=-MAX_HEIGHT_MM, high=MAX_HEIGHT_MM, unit="mm")
+    if height == 0:
+        raise InvalidParameter("height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling")
+    known = _uncertain_model(camera, covariance, field_deg)
+    model, rays = known.model, known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    along = _to_floor(rays, height)
+    points = rays.origins + along[:, None] * rays.directions
+    world = model.mount.rotation()
+    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
+    sigma = major_sigma(direction_covariance_at(model, known.covariance, turned(points, world), level, distant=False))
+    return np.where(within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan)
+
+
+@dataclass(frozen=True)
+class UncertaintyMap:
+    """Standard deviations over the image, on a grid of pixels.
+
+    Parameters
+    ----------
+    columns, rows
+        Coordinates of the grid, px.
+    sigma
+        Standard deviations (rows, columns); NaN outside the image field and the calibrated field.
+    unit
+        ``"deg"`` or ``"mm"``.
+    field_deg
+        Field angle (deg) to which the map is restricted; None without restriction.
+    is_restricted
+        Whether the image extends beyond that field.
+    """
+
+    columns: Array
+    rows: Array
+    sigma: Array
+    unit: str
+    field_deg: float | None = None
+    is_restricted: bool = False
+
+    def summary(self) -> dict[str, float]:
+        """Return the median, the 95th percentile and the maximum of all finite values."""
+        seen = self.sigma[np.isfinite(self.sigma)]
+        if not seen.size:
+            return {}
+        return {
+            f"median_{self.unit}": float(np.median(seen)),
+            f"percentile_95_{self.unit}": float(np.percentile(seen, 95)),
+            f"largest_{self.unit}": float(seen.max()),
+        }
+
+
+@checked
+def uncertainty_map(
+    camera: Sensor | CameraModel,
+    *,
+    height_mm: float | None = None,
+    covariance: ArrayLike | Uncertainty | None = None,
+    steps: int = 96,
+    field_deg: float | None = None,
+) -> UncertaintyMap:
+    """Compute the standard deviations of directions, or of points on a floor, over the whole image.
+
+    Parameters
+    ----------
+    camera
+        Calibrated sensor or camera model.
+    height_mm
+        Height of the camera above the floor; None for directions.
+    covariance
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
+    steps
+        Number of grid points along the longer side of the image.
+    field_deg : deg, optional
+        Maximum field angle from the viewing direction at the image centre; by default the
+        calibrated field, if known.
+
+    Returns
+    -------
+    UncertaintyMap
+        Standard deviations on a grid.
+
+    Raises
+    ------
+    InvalidParameter
+        If there is no covariance, or its parameters differ.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
+    >>> om.uncertainty_map(model, covariance=[[0.0116**2]], steps=16).summary()["median_deg"] < 0.2
+    True
+    """
+    whole("steps", steps, 1, MAX_GRID_STEPS)
+    width, height = camera.image_size
+    step = max(width, height) / steps
+    columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    if height_mm is None:
+        sigma, unit = direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg), "deg"
+    else:
+        sigma = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg)
+        unit = "mm"
+    known = _uncertain_model(camera, covariance, field_deg)
+    rays = known.model.backproject(pixels)
+    inside = within_field(known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg)
+    is_restricted = bool((rays.valid & ~inside).any())
+    return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit, known.field_deg, is_restricted)
+
+
+def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
+    """Return the calibrated field of measured pixels (n, 2): their maximum field angle (deg)."""
+    rays = model.backproject(pixels)
+    directions = turned(rays.directions[rays.valid], model.mount.rotation())
+    return float(field_angles(model, directions).max()) if len(directions) else None
+
+
+def _to_floor(rays: Rays, height_mm: float) -> Array:
+    """Return the lengths (n,) in mm of rays to the floor; NaN beyond 100 heights."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
+        return np.where((along > 0) & (along < MAX_FLOOR_DISTANCE * abs(height_mm)), along, np.nan)
+
+
+class _UncertainModel(NamedTuple):
+    """Camera model with the covariance of its parameters and its field of validity."""
+
+    model: CameraModel
+    covariance: Array
+    field_deg: float | None
+
+
+def _uncertain_model(
+    camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None, field_deg: float | None
+) -> _UncertainModel:
+    """Return the model, its covariance, and the given or calibrated field."""
+    instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
+    field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
+    given = camera.uncertainty if covariance is None else covariance
+    if given is None:
+        raise InvalidParameter(
+            "nothing is known of the camera's uncertainty; it is valid with a covariance of its parameters, which "
+            "calibration writes into the table [uncertainty] of its file"
+        )
+    if isinstance(given, Uncertainty):
+        field = given.field_deg if field is None else field
+        if isinstance(camera, Sensor | SensorModel):
+            sensor = camera if isinstance(camera, Sensor) else camera.sensor
+            return _UncertainModel(SensorModel(sensor, given.names), given.of(given.names), field)
+        return _UncertainModel(camera, given.of([p.name for p in camera.parameters]), field)
+    model = SensorModel(camera) if isinstance(camera, Sensor) else camera
+    names = [p.name for p in model.parameters]
+    matrix = finite("covariance", given)
+    if matrix.shape != (len(names), len(names)):
+        raise InvalidParameter(
+            f"covariance has shape {matrix.shape}; the camera's parameters are {', '.join(names)}, so that it is valid "
+            f"as {len(names), len(names)}"
+        )
+    return _UncertainModel(model, matrix, field)

@@ -1,0 +1,324 @@
+"""Radial and tangential distortion of a circular image (Brown), with OpenCV's signs and order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polysub
+
+from ...base.root_finding import increasing_root
+from ...base.typing import Array, Mask
+
+Rows = tuple[Array, Array]
+
+MIN_RATE = 0.01  # minimum rate relative to the centre, limit of validity of fitted polynomials
+INVERSION_NODES = 257  # of the table of initial values for inversion
+MAX_STEPS = 30
+MIN_COEFFICIENT = 1e-60  # smaller coefficients have no effect and would overflow as divisors
+MAX_COEFFICIENT = 1e12
+NEWTON_TOLERANCE = 1e-9  # relative Newton step; the remaining error is about its square
+
+
+class DistortedPoints(NamedTuple):
+    """Point of the distorted image, and its matrix of derivatives by the undistorted one."""
+
+    x: Array
+    y: Array
+    d_xx: Array
+    d_xy: Array
+    d_yx: Array
+    d_yy: Array
+
+
+class DistortionModel(Protocol):
+    """Distortion of points of a circular image, before the affine matrix."""
+
+    @property
+    def _fields(self) -> tuple[str, ...]: ...
+
+    @property
+    def is_radial(self) -> bool:
+        """True if radial coefficients are not 0."""
+        ...
+
+    @property
+    def is_tangential(self) -> bool:
+        """True if tangential coefficients are not 0."""
+        ...
+
+    def radius(self, r: Array) -> Array:
+        """Compute distorted radii from undistorted radii, by the radial part."""
+        ...
+
+    def rate(self, r: Array) -> Array:
+        """Compute the derivative of :meth:`radius`."""
+        ...
+
+    def end(self) -> float:
+        """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
+        ...
+
+    def applied(self, x: Array, y: Array) -> DistortedPoints:
+        """Distort points of the circular image."""
+        ...
+
+    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+        """Return derivatives of the distorted point by the fields, (of x, of y) each."""
+        ...
+
+
+class Distortion(NamedTuple):
+    """``x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)``; y' with p1 and p2
+    exchanged.
+
+    >>> Distortion(k1=-0.1).radius(np.array([0.5]))
+    array([0.4875])
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+    @property
+    def is_radial(self) -> bool:
+        return bool(self.k1 or self.k2 or self.k3)
+
+    @property
+    def is_tangential(self) -> bool:
+        return bool(self.p1 or self.p2)
+
+    def radius(self, r: Array) -> Array:
+        """Compute distorted radii from undistorted radii, by the radial part."""
+        s = r * r
+        return r * (1 + s * (self.k1 + s * (self.k2 + s * self.k3)))
+
+    def rate(self, r: Array) -> Array:
+        """Compute the derivative of :meth:`radius`."""
+        s = r * r
+        return 1 + s * (3 * self.k1 + s * (5 * self.k2 + s * 7 * self.k3))
+
+    def end(self) -> float:
+        """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
+        return float(np.sqrt(first_root(np.array([1 - MIN_RATE, 3 * self.k1, 5 * self.k2, 7 * self.k3]))))
+
+    def applied(self, x: Array, y: Array) -> DistortedPoints:
+        """Distort points of the circular image."""
+        k1, k2, k3, p1, p2 = self
+        s = x * x + y * y
+        factor = 1 + s * (k1 + s * (k2 + s * k3))
+        growth = 2 * (k1 + s * (2 * k2 + 3 * k3 * s))
+        return _moved(x, y, factor, growth, p1, p2)
+
+    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+        """Return derivatives of the distorted point by k1 to k3, p1 and p2."""
+        s = x * x + y * y
+        radial = tuple((x * power, y * power) for power in (s, s * s, s**3))
+        return (*radial, *_tangential_terms(x, y, s))
+
+
+class Rational(NamedTuple):
+    """``x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)``, plus p1, p2
+    terms.
+
+    >>> Rational(k1=0.2, k4=0.2).radius(np.array([0.5]))
+    array([0.5])
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+    @property
+    def is_radial(self) -> bool:
+        return any(self[:6])
+
+    @property
+    def is_tangential(self) -> bool:
+        return bool(self.p1 or self.p2)
+
+    def radius(self, r: Array) -> Array:
+        """Compute distorted radii from undistorted radii, by the radial part."""
+        over, under, _, _ = self._parts(r * r)
+        return np.asarray(r * over / under)
+
+    def rate(self, r: Array) -> Array:
+        """Compute the derivative of :meth:`radius`."""
+        s = r * r
+        over, under, d_over, d_under = self._parts(s)
+        return np.asarray(over / under + 2 * s * (d_over * under - over * d_under) / under**2)
+
+    def end(self) -> float:
+        """Return the radius of a vanishing or diverging rate; else infinity."""
+        over, under = np.array([1.0, *self[:3]]), np.array([1.0, *self[3:6]])
+        cross = polysub(polymul(polyder(over), under), polymul(over, polyder(under)))
+        rate = polysub(polyadd(polymul(over, under), polymul([0.0, 2.0], cross)), MIN_RATE * polymul(under, under))
+        return float(np.sqrt(min(first_root(rate), first_root(under))))
+
+    def applied(self, x: Array, y: Array) -> DistortedPoints:
+        """Distort points of the circular image."""
+        over, under, d_over, d_under = self._parts(x * x + y * y)
+        growth = 2 * (d_over * under - over * d_under) / under**2
+        return _moved(x, y, over / under, growth, self.p1, self.p2)
+
+    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+        """Return derivatives of the distorted point by k1 to k6, p1 and p2."""
+        s = x * x + y * y
+        over, under, _, _ = self._parts(s)
+        shares = [power / under for power in (s, s * s, s**3)]
+        shares += [-share * over / under for share in shares]
+        return (*((x * share, y * share) for share in shares), *_tangential_terms(x, y, s))
+
+    def _parts(self, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Return numerator and denominator, and their derivatives by r^2."""
+        k1, k2, k3, k4, k5, k6, *_ = self
+        return (
+            1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6)),
+            k1 + s * (2 * k2 + 3 * k3 * s), k4 + s * (2 * k5 + 3 * k6 * s),
+        )  # fmt: skip
+
+
+class ThinPrism(NamedTuple):
+    """``x' = x + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + s2 r^4``; y' with p1 and p2 exchanged, s3
+    and s4.
+
+    >>> ThinPrism(s1=0.1).applied(np.array([1.0]), np.array([0.0])).x
+    array([1.1])
+    """
+
+    p1: float = 0.0
+    p2: float = 0.0
+    s1: float = 0.0
+    s2: float = 0.0
+    s3: float = 0.0
+    s4: float = 0.0
+
+    @property
+    def is_radial(self) -> bool:
+        return False
+
+    @property
+    def is_tangential(self) -> bool:
+        return any(self)
+
+    def radius(self, r: Array) -> Array:
+        """Return the radii unchanged."""
+        return r
+
+    def rate(self, r: Array) -> Array:
+        """Return ones."""
+        return np.ones_like(r)
+
+    def end(self) -> float:
+        """Return infinity."""
+        return np.inf
+
+    def applied(self, x: Array, y: Array) -> DistortedPoints:
+        """Distort points of the circular image."""
+        s = x * x + y * y
+        at = _moved(x, y, np.ones_like(s), np.zeros_like(s), self.p1, self.p2)
+        right, down = 2 * self.s1 + 4 * self.s2 * s, 2 * self.s3 + 4 * self.s4 * s
+        return DistortedPoints(
+            at.x + s * (self.s1 + self.s2 * s), at.y + s * (self.s3 + self.s4 * s),
+            at.d_xx + right * x, at.d_xy + right * y, at.d_yx + down * x, at.d_yy + down * y,
+        )  # fmt: skip
+
+    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+        """Return derivatives of the distorted point by p1, p2 and s1 to s4."""
+        s = x * x + y * y
+        zero = np.zeros_like(s)
+        return (*_tangential_terms(x, y, s), (s, zero), (s * s, zero), (zero, s), (zero, s * s))
+
+
+def _moved(x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: float) -> DistortedPoints:
+    """Apply a radial factor, whose derivative by x is ``growth x``, and tangential distortion."""
+    s, xy = x * x + y * y, x * y
+    across = growth * xy + 2 * (p1 * x + p2 * y)
+    return DistortedPoints(
+        x * factor + 2 * p1 * xy + p2 * (s + 2 * x * x),
+        y * factor + 2 * p2 * xy + p1 * (s + 2 * y * y),
+        factor + growth * x * x + 2 * p1 * y + 6 * p2 * x,
+        across,
+        across,
+        factor + growth * y * y + 6 * p1 * y + 2 * p2 * x,
+    )
+
+
+def _tangential_terms(x: Array, y: Array, s: Array) -> tuple[Rows, Rows]:
+    """Return derivatives of the distorted point by p1 and p2."""
+    return (2 * x * y, s + 2 * y * y), (s + 2 * x * x, 2 * x * y)
+
+
+# -- inversion -------------------------------------------------------------------------------------
+
+
+def undistorted_radius(distortion: DistortionModel, radius: Array, end: float) -> Array:
+    """Invert the radial part: radii (n,) up to ``end`` of distorted radii; ``end`` beyond."""
+    if not distortion.is_radial or not radius.size:
+        return np.minimum(radius, end)
+    radius = np.where(np.isfinite(radius), radius, 0.0)
+    far = float(radius.max())
+    high = _reach(distortion, far, end)
+    nodes = np.linspace(0.0, high, INVERSION_NODES)
+    values = distortion.radius(nodes)
+    inside = np.minimum(radius, values[-1])
+    cell = np.clip(np.searchsorted(values, inside) - 1, 0, INVERSION_NODES - 2)
+    start = np.interp(inside, values, nodes)
+    return increasing_root(
+        lambda r: (distortion.radius(r) - inside, distortion.rate(r)), nodes[cell], nodes[cell + 1], start, high
+    )
+
+
+def undistorted(distortion: DistortionModel, x: Array, y: Array, end: float) -> tuple[Array, Array, Mask]:
+    """Remove distortion from points of the circular image, within a radius."""
+    r = np.hypot(x, y)
+    if not (distortion.is_radial or distortion.is_tangential):
+        return x, y, r <= end
+    ratio = undistorted_radius(distortion, r, end) / np.where(r > 0, r, 1.0)
+    px, py = x * ratio, y * ratio
+    solved = np.ones(r.shape, dtype=bool)
+    if distortion.is_tangential:
+        px, py, solved = _refined(distortion, x, y, px, py)
+    with np.errstate(invalid="ignore"):
+        inside = np.hypot(px, py) <= end
+        if not distortion.is_tangential and np.isfinite(end):
+            inside = r <= distortion.radius(np.array(end))
+    return px, py, solved & inside
+
+
+def _refined(distortion: DistortionModel, x: Array, y: Array, px: Array, py: Array) -> tuple[Array, Array, Mask]:
+    """Refine undistorted points from the radial solution by Newton's method in two dimensions."""
+    with np.errstate(all="ignore"):
+        for _ in range(MAX_STEPS):
+            at = distortion.applied(px, py)
+            ex, ey = at.x - x, at.y - y
+            determinant = at.d_xx * at.d_yy - at.d_xy * at.d_yx
+            dx = (at.d_yy * ex - at.d_xy * ey) / determinant
+            dy = (at.d_xx * ey - at.d_yx * ex) / determinant
+            px, py = px - dx, py - dy
+            unsolved = np.hypot(dx, dy) > NEWTON_TOLERANCE * np.hypot(px, py)
+            if not unsolved.any():
+                break
+    return px, py, (determinant > 0) & ~unsolved
+
+
+def _reach(distortion: DistortionModel, far: float, end: float) -> float:
+    """Return a radius whose distorted radius is at least ``far``, or else the end."""
+    high = max(far, 1.0)
+    while high < end and distortion.radius(np.array(high)) < far:
+        high *= 2
+    return min(high, end)
+
+
+def first_root(coefficients: Array) -> float:
+    """Return the smallest positive root of a polynomial, infinity if there is none."""
+    known = np.flatnonzero(np.abs(coefficients) > MIN_COEFFICIENT)
+    roots = polyroots(coefficients[: known[-1] + 1])
+    return float(roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf))

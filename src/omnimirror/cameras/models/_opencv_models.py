@@ -1,0 +1,287 @@
+"""Models of OpenCV: Kannala-Brandt fisheye, thin-prism fisheye and rational pinhole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.polynomial import polysub, polyval
+
+from ...base.arguments import number
+from ...base.caching import cached_property
+from ...base.parameters import Uncertainty
+from ...base.root_finding import increasing_root
+from ...base.typing import Array
+from ..frames import Mount
+from ._distortion import MAX_COEFFICIENT, MIN_RATE, DistortionModel, Rational, ThinPrism, first_root
+from .camera_model import Optics
+from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialProjection
+
+# -- Kannala-Brandt fisheye model, as in OpenCV's module fisheye, Kalibr and ROS -------------------
+
+NODES = 257  # of the table of initial values for inversion
+
+
+@dataclass(frozen=True)
+class KannalaBrandt(FocalModel):
+    """Fisheye model with a radius polynomial, odd in the field angle.
+
+    ``r = Omega (1 + k1 Omega^2 + k2 Omega^4 + k3 Omega^6 + k4 Omega^8)``. The field ends at 180
+    deg, or at the angle with a rate of r below 1 % of that at the centre, the limit of validity of
+    a fitted polynomial.
+
+    Parameters
+    ----------
+    focal_px : (fx, fy)
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    k1, k2, k3, k4
+        Coefficients of the polynomial.
+    skew_px
+        OpenCV's alpha times fx.
+    optics
+        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
+    mount
+        Orientation of the camera.
+    rim_radius_px : px, optional
+        Radius of the field in the image.
+    uncertainty : Uncertainty, optional
+        Covariance of the calibrated parameters.
+
+    Raises
+    ------
+    InvalidParameter
+        If the parameters are invalid.
+
+    References
+    ----------
+    J. Kannala and S. Brandt, "A generic camera model and calibration method for conventional, wide-angle, and
+    fish-eye lenses", IEEE PAMI 28(8), 2006.
+
+    Examples
+    --------
+    >>> camera = KannalaBrandt((180 / np.pi, 180 / np.pi), (319.5, 239.5), (640, 480))
+    >>> camera.image([[100.0, 0.0, 0.0]]).pixels  # 90 deg from the axis
+    array([[409.5, 239.5]])
+    """
+
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    skew_px: float = 0.0
+    optics: Optics = "fisheye"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "kannala-brandt"
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4")
+
+    def __post_init__(self) -> None:
+        self._check_focal()
+        for name in (*self.COEFFICIENTS, *self.LENS):
+            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
+
+    @property
+    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        law = tuple(ParameterSlot(name, name, None, "", 0.1**i) for i, name in enumerate(self.COEFFICIENTS, start=1))
+        return law, self._affine_places
+
+    @property
+    def _polynomial(self) -> Array:
+        """Polynomial of r / Omega in the squared field angle."""
+        return np.array([1.0, *(getattr(self, name) for name in self.COEFFICIENTS)])
+
+    @property
+    def _rate_polynomial(self) -> Array:
+        return self._polynomial * np.arange(1, 2 * len(self._polynomial), 2)
+
+    @cached_property
+    def _law_end(self) -> float:
+        return float(
+            min(np.sqrt(first_root(np.asarray(polysub(self._rate_polynomial, [MIN_RATE]), dtype=float))), np.pi)
+        )
+
+    def _law_radius(self, omega: Array) -> Array:
+        radius: Array = omega * polyval(omega * omega, self._polynomial)
+        return radius
+
+    def _law(self, omega: Array) -> RadialProjection:
+        square = omega * omega
+        odd = np.empty((len(omega), len(self.COEFFICIENTS)))
+        odd[:, 0] = omega * square
+        for i in range(1, len(self.COEFFICIENTS)):
+            odd[:, i] = odd[:, i - 1] * square
+        return RadialProjection(self._law_radius(omega), self._law_rate(omega), odd)
+
+    def _law_rate(self, omega: Array) -> Array:
+        return np.asarray(polyval(omega * omega, self._rate_polynomial), dtype=float)
+
+    def _law_inverse(self, radius: Array) -> Array:
+        omegas, radii = self._table
+        inside = np.minimum(radius, radii[-1])
+        cell = np.clip(np.searchsorted(radii, inside) - 1, 0, NODES - 2)
+
+        def difference(omega: Array) -> tuple[Array, Array]:
+            return self._law_radius(omega) - inside, self._law_rate(omega)
+
+        start = np.interp(inside, radii, omegas)
+        return increasing_root(difference, omegas[cell], omegas[cell + 1], start, self._law_end)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        omegas = np.asarray(np.linspace(0.0, self._law_end, NODES), dtype=float)
+        return omegas, self._law_radius(omegas)
+
+
+# -- Lens models with additional terms: OpenCV's rational pinhole, and the thin-prism fisheye ------
+
+
+@dataclass(frozen=True)
+class RationalPinhole(FocalModel):
+    """Pinhole model with rational radial distortion, as in OpenCV and ROS.
+
+    Parameters
+    ----------
+    focal_px : (fx, fy)
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    k1, k2, k3, k4, k5, k6
+        Radial distortion: k1 to k3 in the numerator, k4 to k6 in the denominator.
+    p1, p2
+        Tangential distortion.
+    skew_px
+    optics
+        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
+    mount
+        Orientation of the camera.
+    rim_radius_px : px, optional
+        Radius of the field in the image.
+    uncertainty : Uncertainty, optional
+        Covariance of the calibrated parameters.
+
+    Raises
+    ------
+    InvalidParameter
+        If the parameters are invalid.
+
+    Examples
+    --------
+    >>> camera = RationalPinhole((100.0, 100.0), (319.5, 239.5), (640, 480))
+    >>> camera.image([[100.0, 0.0, 100.0]]).pixels
+    array([[419.5, 239.5]])
+    """
+
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    skew_px: float = 0.0
+    optics: Optics = "fisheye"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "rational-pinhole"
+    LENS = {**{f"k{i}": ("", 0.1) for i in range(1, 7)}, "p1": ("", 0.01), "p2": ("", 0.01)}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        self._check_focal()
+        for name in self.LENS:
+            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
+
+    @cached_property
+    def distortion(self) -> DistortionModel:
+        """Distortion of the model."""
+        return Rational(**{name: getattr(self, name) for name in self.LENS})
+
+    @property
+    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        return (), self._affine_places
+
+    @property
+    def _law_end(self) -> float:
+        return np.pi / 2 * (1 - ROUNDING)
+
+    def _law_radius(self, omega: Array) -> Array:
+        return np.tan(omega)
+
+    def _law(self, omega: Array) -> RadialProjection:
+        tan = np.tan(omega)
+        return RadialProjection(tan, 1 + tan * tan, np.empty((len(omega), 0)))
+
+    def _law_inverse(self, radius: Array) -> Array:
+        return np.arctan(radius)
+
+
+@dataclass(frozen=True)
+class ThinPrismFisheye(KannalaBrandt):
+    """Kannala-Brandt polynomial with two more terms, tangential and thin-prism distortion.
+
+    It is RAD_TAN_THIN_PRISM_FISHEYE in COLMAP and Fisheye624 in project Aria.
+
+    Parameters
+    ----------
+    focal_px : (fx, fy)
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    k1, k2, k3, k4, k5, k6
+        Coefficients of the polynomial.
+    skew_px
+    optics
+        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
+    mount
+        Orientation of the camera.
+    rim_radius_px : px, optional
+        Radius of the field in the image.
+    uncertainty : Uncertainty, optional
+        Covariance of the calibrated parameters.
+    p1, p2
+        Tangential distortion, in OpenCV's order: COLMAP's p1 and p0.
+    s1, s2, s3, s4
+        Thin-prism distortion: of columns by r^2 and r^4, then of rows.
+
+    Raises
+    ------
+    InvalidParameter
+        If the parameters are invalid.
+
+    Examples
+    --------
+    >>> camera = ThinPrismFisheye((100.0, 100.0), (319.5, 239.5), (640, 480), s3=0.1)
+    >>> camera.image([[1.0, 0.0, 0.0]]).pixels.round(2)  # 90 deg to the right, pi/2 from the centre before the prism
+    array([[476.58, 264.17]])
+    """
+
+    k5: float = 0.0
+    k6: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    s1: float = 0.0
+    s2: float = 0.0
+    s3: float = 0.0
+    s4: float = 0.0
+
+    KIND = "thin-prism-fisheye"
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4", "k5", "k6")
+    LENS = dict.fromkeys(ThinPrism._fields, ("", 0.01))
+
+    @cached_property
+    def distortion(self) -> DistortionModel:
+        """Distortion of the model."""
+        return ThinPrism(**{name: getattr(self, name) for name in self.LENS})

@@ -1,0 +1,102 @@
+"""Plausibility checks of camera files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+
+from ...base.typing import Array
+from .radial_model import RadialModel
+
+MAX_CENTRE_OFFSET = 0.03
+"""Distance of the centre from the image centre, relative to the shorter side, above which swapped
+values are considered; covers well-mounted mirror cameras."""
+MAX_SWAPPED_RATIO = 0.4
+"""Factor by which swapping must reduce that distance."""
+MAX_STRETCH = 0.02
+"""Largest plausible difference of the two image scales; pixels are square within 0.1 %."""
+MAX_DIFFERENCE_PX = 1.0
+"""Largest plausible difference of direct and inverse polynomial; usual is 0.1 px."""
+ROUNDING = 1e-9
+EXCLUDED_FRACTION = 1 / 3
+"""Fraction of the field around the axis excluded from the comparison."""
+SAMPLES = 200
+
+
+def plausibility_warnings(camera: RadialModel) -> list[str]:
+    """List implausible parameters of a camera, each with its magnitude.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> doubts(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]  # doctest: +ELLIPSIS
+    'the centre (380, 510) lies 182 px from the middle of the image of 1024x768; with its coordinates, or width ...'
+    """
+    found = []
+    (u, v), (width, height) = camera.centre_px, camera.image_size
+    middle = np.array([width - 1, height - 1]) / 2
+    off, swapped = (float(np.hypot(*(np.array(place) - middle))) for place in ((u, v), (v, u)))
+    place = f"the centre ({u:.4g}, {v:.4g}) lies"
+    if off > MAX_CENTRE_OFFSET * min(width, height) and swapped < MAX_SWAPPED_RATIO * off:
+        found.append(
+            f"{place} {off:.3g} px from the middle of the image of {width}x{height}; with its coordinates, or width "
+            f"and height, swapped it lies {swapped:.3g} px from it: check the file"
+        )
+    elif not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
+        found.append(f"{place} outside the image of {width}x{height}")
+    large, small = np.linalg.svd(camera.matrix, compute_uv=False)
+    stretch = float(large / small) - 1
+    if stretch > MAX_STRETCH:
+        shift = stretch * min(camera.field_radius_px, min(width, height) / 2)
+        found.append(
+            f"the image is stretched by {100 * stretch:.3g} % in one direction ({_affine(camera)}), up to {shift:.3g} "
+            "px; pixels are square in nearly all cameras"
+        )
+    return found
+
+
+def inverse_polynomial_warnings(
+    camera: RadialModel, inverse: Sequence[float] | Array, start: float = np.pi / 2
+) -> list[str]:
+    """Compare the inverse polynomial of a file with its direct one, up to the nearest image edge.
+
+    Parameters
+    ----------
+    camera
+        Camera with the direct polynomial.
+    inverse
+        Radius in px, in the camera's circular image, by powers of the field angle minus ``start``,
+        lowest power first; empty for a file without one.
+    start : radians
+        Origin of the field angle.
+
+    Returns
+    -------
+    list of str
+        One sentence if they differ by more than :data:`MAX_DIFFERENCE_PX`.
+    """
+    if not len(inverse):
+        return []
+    reach = min(camera.field_radius_px, min(camera.image_size) / 2)
+    end = float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING)
+    # An inverse with many terms deviates in unfitted regions, such as the centre of annular images.
+    omega = np.linspace(EXCLUDED_FRACTION * end, end, SAMPLES)
+    with np.errstate(over="ignore", invalid="ignore"):
+        difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))
+    worst = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0
+    if difference[worst] <= MAX_DIFFERENCE_PX:
+        return []
+    return [
+        f"the inverse polynomial of the file differs from the direct one by up to {difference[worst]:.3g} px "
+        f"({np.degrees(omega[worst]):.3g} deg from the axis); the direct one is used"
+    ]
+
+
+def _affine(camera: RadialModel) -> str:
+    """Return the parameters of the file that stretch the image."""
+    if affine := getattr(camera, "affine", ()):
+        return "c = {:.4g}, d = {:.4g}, e = {:.4g}".format(*affine)
+    (fx, skew), (_, fy) = camera.matrix
+    return f"fx = {fx:.4g}, fy = {fy:.4g}, skew = {skew:.4g}"

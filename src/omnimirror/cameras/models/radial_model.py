@@ -1,0 +1,589 @@
+"""Base classes of radial camera models: projection function, distortion and camera matrix."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import finite, instance, number, optional_number, places, shown, vectors
+from ...base.caching import cached_property
+from ...base.errors import InvalidParameter
+from ...base.parameters import Uncertainty
+from ...base.typing import Array, Mask
+from ..camera import AxialSymmetry, Projection, Rays, inside_image
+from ..frames import Mount, turned
+from ._distortion import DistortedPoints, Distortion, DistortionModel, undistorted, undistorted_radius
+from .camera_model import CameraModel, Image, ModelParameter
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+
+# -- Radial camera models: field angle, radius, distortion, delivered image ------------------------
+#
+# The projection function of the model maps the field angle Omega of a point to the radius of its
+# image, at the azimuth of the point; Brown's distortion is applied; a matrix and the centre convert
+# to pixels. A model provides the projection function, its inverse and derivatives. All other steps,
+# from the mount to the image edge, are implemented here.
+
+MAX_PX = 1e6  # of a radius, a focal length, a centre
+ROUNDING = 1e-12  # relative tolerance of angles and radii at the rim
+
+
+class ParameterSlot(NamedTuple):
+    """Location of a parameter in its model."""
+
+    name: str
+    field: str
+    item: int | None
+    """Index in the field; None for a scalar field."""
+    unit: str
+    scale: float
+
+
+class RadialProjection(NamedTuple):
+    """Radii in the circular image."""
+
+    radius: Array
+    """(n,) in the unit of the model: px, or focal lengths."""
+    rate: Array
+    """(n,) derivative by the field angle."""
+    terms: Array
+    """(n, q) derivatives by the parameters of the projection function."""
+
+
+class AngleRates(NamedTuple):
+    """Derivatives of the field angles of points."""
+
+    rho: Array
+    """(n,) by the distance from the axis."""
+    z: Array
+    """(n,) by the position along the axis."""
+    terms: Array | None = None
+    """(n, q) by the parameters of the viewpoint; None for a central model."""
+
+
+class RadialModel(CameraModel):
+    """Camera with a radial projection function, distortion and stretch."""
+
+    centre_px: tuple[float, float]
+    rim_radius_px: float | None
+
+    AFFINE: ClassVar[tuple[tuple[tuple[float, float], tuple[float, float]], ...]] = ()
+    """Derivatives (2, 2) of :attr:`matrix` by its parameters."""
+    LENS: ClassVar[Mapping[str, tuple[str, float]]] = {}
+    """Supported ones of k1, k2, k3, p1 and p2, with unit and typical change."""
+
+    # -- interface of the models --------------------------------------------------------------
+
+    @abstractmethod
+    def _law(self, omega: Array) -> RadialProjection:
+        """Return the radii of field angles (n,), radians, up to :attr:`_law_end`."""
+
+    @abstractmethod
+    def _law_radius(self, omega: Array) -> Array:
+        """Return the radii only."""
+
+    @abstractmethod
+    def _law_inverse(self, radius: Array) -> Array:
+        """Return the field angles of radii."""
+
+    @property
+    @abstractmethod
+    def _law_end(self) -> float:
+        """Largest field angle (radians) of the projection function, which increases up to it."""
+
+    @property
+    @abstractmethod
+    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        """Parameters of the projection function, and of the matrix."""
+
+    @property
+    def matrix(self) -> Array:
+        """Matrix (2, 2) from the circular image, in model units, to the image."""
+        return np.eye(2)
+
+    @property
+    def scale_px(self) -> float:
+        """Pixels per model unit."""
+        return 1.0
+
+    def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
+        """Return field angles of points by distance from the axis and height; else NaN."""
+        with np.errstate(invalid="ignore"):
+            return np.where(rho + np.abs(z) > 0, np.arctan2(rho, z), np.nan)
+
+    def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
+        """Return the derivatives of the field angles."""
+        square = rho * rho + z * z
+        return AngleRates(z / square, -rho / square)
+
+    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+        """Return the ray origins of field angles, from and along the axis, mm."""
+        return np.zeros_like(omega), np.zeros_like(omega)
+
+    def _viewpoint_mm(self, omega: Array) -> Array:
+        """Return the positions of the rays' intersections with the axis."""
+        return np.zeros_like(omega)
+
+    @property
+    def is_central(self) -> bool:
+        """True if all rays start at the origin."""
+        return True
+
+    # -- parameters --------------------------------------------------------------------------------
+
+    @cached_property
+    def parameters(self) -> tuple[ModelParameter, ...]:
+        """Adjustable parameters of projection function, matrix, centre and distortion."""
+        return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
+
+    def with_parameters(self, values: Sequence[float] | Array) -> Self:
+        """Return the model with other parameter values, without uncertainty.
+
+        Parameters
+        ----------
+        values : (n,) numbers
+            Values in the order of :attr:`parameters`.
+
+        Returns
+        -------
+        CameraModel
+            Model of the same class.
+
+        Raises
+        ------
+        InvalidParameter
+            If the values are invalid.
+        """
+        places = self._all_places
+        found = finite("values", values)
+        if found.shape != (len(places),):
+            raise InvalidParameter(f"values has shape {found.shape}; {self.KIND} has {len(places)} parameters")
+        changes: dict[str, Any] = {}
+        for place, value in zip(places, found.tolist(), strict=True):
+            if place.item is None:
+                changes[place.field] = value
+            else:
+                changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = value
+        model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
+        changed = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
+        return replace(model, **changed, uncertainty=None)  # type: ignore[return-value]
+
+    @cached_property
+    def _all_places(self) -> tuple[ParameterSlot, ...]:
+        law, affine = self._places
+        centre = tuple(ParameterSlot(name, "centre_px", i, "px", 1.0) for i, name in enumerate(("cx", "cy")))
+        lens = tuple(ParameterSlot(name, name, None, unit, scale) for name, (unit, scale) in self.LENS.items())
+        return (*law, *affine, *centre, *lens)
+
+    def _at(self, place: ParameterSlot) -> float:
+        value = getattr(self, place.field)
+        return value if place.item is None else value[place.item]  # type: ignore[no-any-return]
+
+    @cached_property
+    def distortion(self) -> DistortionModel:
+        """Distortion of the model; zero if it has no such parameters."""
+        return Distortion(**{name: getattr(self, name) for name in self.LENS})
+
+    # -- projection with derivatives ---------------------------------------------------------------
+
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+        """Project points or directions in the camera frame, with derivatives.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points in mm (X right, Y down, Z ahead).
+        distant
+            True for directions, of any non-zero length, to infinitely distant points.
+
+        Returns
+        -------
+        Image
+            Pixels (n, 2), validity (n,), and derivatives (n, 2, 3) and (n, 2, p).
+
+        Raises
+        ------
+        InvalidParameter
+            If the points do not have the shape (n, 3).
+        """
+        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False)
+
+    def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+        # Continuous to first order: the projection function ends at a stationary radius.
+        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True)
+
+    def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
+        """Project points (n, 3), with optional clamping to the end of the field."""
+        signs = self._signs
+        x, y, z = (points * signs).T
+        rho, (ux, uy) = _length_and_unit(x, y)
+        omega = self._field_angle(rho, z, distant)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
+            inside = omega <= self.model_end
+            valid = (np.isfinite(omega) if is_clamped else inside) & np.isfinite(ux)
+            law = self._law(np.minimum(omega, self.model_end))
+            if is_clamped:
+                law = law._replace(rate=np.where(inside, law.rate, 0.0))
+            angle = self._angle_rates(omega, rho, z, distant)
+            meridional = law.rate * angle.rho
+            across = np.where(rho > ROUNDING * np.abs(z), law.radius / rho, meridional)
+            rx, ry = law.radius * ux, law.radius * uy
+            at = self.distortion.applied(rx, ry)
+            matrix = self.matrix
+            step = _Step(matrix, at)
+            extra = meridional - across
+            d_points = np.empty((len(points), 2, 3))
+            step.put(d_points, 0, signs[0] * (across + extra * ux * ux), signs[0] * extra * ux * uy)
+            step.put(d_points, 1, extra * ux * uy, across + extra * uy * uy)
+            along = signs[2] * law.rate * angle.z
+            step.put(d_points, 2, along * ux, along * uy)
+            d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
+            pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
+        valid = valid & np.isfinite(pixels).all(axis=-1)  # excludes poles of rational models
+        if not valid.all():
+            pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
+        return Image(pixels, valid, d_points, d_parameters)
+
+    def _parameter_derivatives(
+        self,
+        step: _Step,
+        flat: tuple[Array, Array],
+        distorted: tuple[Array, Array],
+        side: tuple[Array, Array],
+        law: RadialProjection,
+        angle: AngleRates,
+    ) -> Array:
+        terms = law.terms if angle.terms is None else np.hstack([law.terms, law.rate[:, None] * angle.terms])
+        q = terms.shape[1]
+        result = np.zeros((len(terms), 2, len(self._all_places)))
+        moved = step.of(side[0], side[1])
+        for row in (0, 1):
+            result[:, row, :q] = moved[row][:, None] * terms
+        for i, direction in enumerate(self.AFFINE, start=q):
+            for row in (0, 1):
+                result[:, row, i] = direction[row][0] * distorted[0] + direction[row][1] * distorted[1]
+        first = q + len(self.AFFINE)
+        result[:, 0, first] = result[:, 1, first + 1] = 1.0
+        if names := self.LENS:
+            derivatives = dict(zip(self.distortion._fields, self.distortion.terms(*flat), strict=True))
+            for i, name in enumerate(names, start=first + 2):
+                dx, dy = derivatives[name]
+                for row in (0, 1):
+                    result[:, row, i] = step.matrix[row, 0] * dx + step.matrix[row, 1] * dy
+        return result
+
+    # -- limits of the field -----------------------------------------------------------------------
+
+    @cached_property
+    def model_end(self) -> float:
+        """Largest field angle (radians) of projection function and distortion."""
+        end = self._law_end
+        if (plane := self.distortion.end()) < np.inf:
+            with np.errstate(over="ignore"):
+                reached = float(self._law_radius(np.array([end]))[0])
+            if plane < reached:
+                end = float(self._law_inverse(np.array([plane]))[0])
+        return end
+
+    @cached_property
+    def omega_max(self) -> float:
+        """Largest field angle (radians), limited by rim, image corners and model."""
+        end = self._plane_end
+        x, y, found = self._round_picture(self._corners, end)
+        radii = [float(np.hypot(x, y).max()) if found.all() else end]
+        if self.rim_radius_px is not None:
+            radii.append(
+                float(undistorted_radius(self.distortion, np.array([self.rim_radius_px / self.scale_px]), end)[0])
+            )
+        radius = min(radii)
+        return self.model_end if radius >= end else float(self._law_inverse(np.array([radius]))[0])
+
+    @property
+    def _corners(self) -> Array:
+        width, height = self.image_size
+        return np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
+
+    def _farthest_corner(self, into_plane: NDArray[np.floating]) -> float:
+        """Return the largest corner distance from the centre, after a matrix (2, 2)."""
+        return float(np.hypot(*((self._corners - self.centre_px) @ into_plane.T).T).max())
+
+    @property
+    def _plane_end(self) -> float:
+        with np.errstate(over="ignore"):
+            return float(self._law_radius(np.array([self.model_end]))[0])
+
+    @cached_property
+    def field_radius_px(self) -> float:
+        """Radius of the circle of validity, in the image before the stretch."""
+        return float(self.radius_from_omega(np.array([self.omega_max]))[0])
+
+    def radius_from_omega(self, omega: ArrayLike) -> Array:
+        """Compute radii (n,), px, of field angles (n,), radians, up to :attr:`omega_max`.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians.
+
+        Returns
+        -------
+        (n,) array
+            Distances from the centre before tangential distortion and stretch, px.
+
+        Raises
+        ------
+        InvalidParameter
+            If the angles are not one-dimensional.
+        """
+        return self.scale_px * self.distortion.radius(self._law_radius(places("omega", omega, is_row=True)))
+
+    def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
+        """Compute radius, its rate and the viewpoint at field angles.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians, up to :attr:`omega_max`.
+
+        Returns
+        -------
+        tuple of (n,) arrays
+            Radii as in :meth:`radius_from_omega`, px; derivatives, px per radian; and intersections
+            of the rays with the axis, mm along the camera's Z from the origin of its frame.
+
+        Raises
+        ------
+        InvalidParameter
+            If the angles are not one-dimensional.
+        """
+        omega = places("omega", omega, is_row=True)
+        law = self._law(omega)
+        rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
+        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # avoids -0
+
+    def omega_from_radius(self, radius_px: ArrayLike) -> Array:
+        """Compute field angles (n,), radians, of radii (n,), px, up to :attr:`field_radius_px`.
+
+        Parameters
+        ----------
+        radius_px : (n,)
+            Distances from the centre before tangential distortion and stretch, px.
+
+        Returns
+        -------
+        (n,) array
+            Field angles, radians.
+
+        Raises
+        ------
+        InvalidParameter
+            If the radii are not one-dimensional.
+        """
+        radius = places("radius_px", radius_px, is_row=True) / self.scale_px
+        return self._law_inverse(undistorted_radius(self.distortion, radius, self._plane_end))
+
+    @property
+    def stretch(self) -> Array:
+        """Matrix (2, 2) from the circular image, px, to the image, both (right, down)."""
+        return self.matrix / self.scale_px
+
+    # -- Camera interface --------------------------------------------------------------------------
+
+    @property
+    def symmetry(self) -> AxialSymmetry | None:
+        """Axial symmetry; None with stretch or tangential distortion."""
+        if not np.array_equal(self.stretch, np.eye(2)) or self.distortion.is_tangential:
+            return None
+        x, y, _ = self.mount.rotation().T
+        right, down = self._signs[0] * x, self._signs[1] * y
+        starts = None if self.is_central else self._ray_starts
+        return AxialSymmetry(
+            self.centre_px, self.axis, right, down, 0.0, self.omega_max, self.radius_from_omega, starts
+        )
+
+    def backproject(self, pixels: ArrayLike) -> Rays:
+        """Compute the rays of pixels (n, 2); a central model has the origin (0, 0, 0).
+
+        Pixels outside the image or the model's field are invalid and NaN.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), with integers at pixel centres.
+
+        Returns
+        -------
+        Rays
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            If the pixels have another shape.
+        """
+        pixels = vectors("pixels", pixels, 2)
+        end = float(self._law_radius(np.array([self.omega_max]))[0])
+        x, y, found = self._round_picture(pixels, end * (1 + ROUNDING))
+        radius, (ux, uy) = _length_and_unit(x, y)
+        valid = inside_image(pixels, self.image_size) & found
+        omega = self._law_inverse(np.minimum(radius[valid], end))
+        signs = self._signs
+        origins, directions = np.full((2, *radius.shape, 3), np.nan)
+        for rays, (across, along) in (
+            (directions, (np.sin(omega), np.cos(omega))),
+            (origins, self._ray_starts(omega)),
+        ):
+            in_camera = np.stack([across * ux[valid], across * uy[valid], along], axis=-1) * signs
+            rays[valid] = turned(in_camera, self.mount.rotation().T)
+        return Rays(origins, directions, valid)
+
+    def project(self, points_mm: ArrayLike) -> Projection:
+        """Project points (n, 3), mm.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            World points, mm.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and validity (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            If the points have another shape.
+        """
+        return self._projected(vectors("points_mm", points_mm, 3), distant=False)
+
+    def project_directions(self, directions: ArrayLike) -> Projection:
+        """Project directions (n, 3) of any non-zero length.
+
+        Parameters
+        ----------
+        directions : (n, 3)
+            World directions, of any non-zero length.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and validity (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            If the directions have another shape.
+        """
+        return self._projected(vectors("directions", directions, 3), distant=True)
+
+    def _projected(self, world: Array, distant: bool) -> Projection:
+        in_camera = turned(world, self.mount.rotation()) * self._signs
+        rho, (ux, uy) = _length_and_unit(in_camera[..., 0], in_camera[..., 1])
+        omega = self._field_angle(rho, in_camera[..., 2], distant)
+        with np.errstate(invalid="ignore"):
+            seen = (omega <= self.omega_max * (1 + ROUNDING)) & np.isfinite(ux)
+        radius = self._law_radius(np.minimum(omega[seen], self.omega_max))
+        at = self.distortion.applied(radius * ux[seen], radius * uy[seen])
+        pixels = np.full((*rho.shape, 2), np.nan)
+        pixels[seen] = self.centre_px + turned(np.stack([at.x, at.y], axis=-1), self.matrix.T)
+        valid = inside_image(pixels, self.image_size)
+        pixels[~valid] = np.nan
+        return Projection(pixels, valid)
+
+    def _round_picture(self, pixels: Array, end: float) -> tuple[Array, Array, Mask]:
+        """Return points (n,), (n,) of the undistorted circular image, and validity."""
+        plane = turned(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
+        with np.errstate(invalid="ignore"):
+            return undistorted(self.distortion, plane[..., 0], plane[..., 1], end)
+
+    # -- validation in the constructors of all models --------------------------------------------
+
+    def _check_radial(self) -> None:
+        self._check_camera()
+        if finite("centre_px", self.centre_px, -MAX_PX, MAX_PX, unit="px").shape != (2,):
+            raise InvalidParameter(f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)")
+        optional_number("rim_radius_px", self.rim_radius_px, above=0.0, high=MAX_PX, unit="px")
+        instance("mount", self.mount, Mount, "a Mount")
+        if self.uncertainty is not None:
+            instance("uncertainty", self.uncertainty, Uncertainty, "an Uncertainty")
+
+
+class _Step:
+    """Derivatives of a pixel by its position in the undistorted circular image."""
+
+    def __init__(self, matrix: Array, at: DistortedPoints) -> None:
+        self.matrix = matrix
+        (a, b), (c, d) = matrix
+        self.rows = (
+            (a * at.d_xx + b * at.d_yx, a * at.d_xy + b * at.d_yy),
+            (c * at.d_xx + d * at.d_yx, c * at.d_xy + d * at.d_yy),
+        )
+
+    def of(self, dx: Array, dy: Array) -> tuple[Array, Array]:
+        """Convert displacements in the circular image to the image, (of u, of v)."""
+        (a, b), (c, d) = self.rows
+        return a * dx + b * dy, c * dx + d * dy
+
+    def put(self, derivatives: Array, column: int, dx: Array, dy: Array) -> None:
+        derivatives[:, 0, column], derivatives[:, 1, column] = self.of(dx, dy)
+
+
+def _length_and_unit(x: Array, y: Array) -> tuple[Array, tuple[Array, Array]]:
+    """Return lengths (..., ) and unit vectors; the zero vector points right."""
+    length = np.hypot(x, y)
+    zero = length == 0
+    divisor = np.where(zero, 1.0, length)
+    with np.errstate(invalid="ignore"):  # infinite vectors become NaN and invalid
+        return length, (np.where(zero, 1.0, x / divisor), y / divisor)
+
+
+# -- Models with a circular image in focal lengths, and the camera matrix K of OpenCV --------------
+
+MIN_FOCAL_PX = 1e-6
+
+
+class FocalModel(RadialModel):
+    """Model with camera matrix: ``u = fx x + skew y + cx``, ``v = fy y + cy``."""
+
+    focal_px: tuple[float, float]
+    skew_px: float
+
+    AFFINE = (((1.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, 1.0)), ((0.0, 1.0), (0.0, 0.0)))
+
+    @property
+    def matrix(self) -> Array:
+        """Matrix (2, 2) from the circular image, in focal lengths, to the image."""
+        (fx, fy), skew = self.focal_px, self.skew_px
+        return np.array([[fx, skew], [0.0, fy]])
+
+    @property
+    def scale_px(self) -> float:
+        """Pixels per focal length: geometric mean of fx and fy."""
+        fx, fy = self.focal_px
+        return fx if fx == fy else float(np.sqrt(fx * fy))
+
+    @property
+    def _affine_places(self) -> tuple[ParameterSlot, ...]:
+        fx, fy = self.focal_px
+        return (
+            ParameterSlot("fx", "focal_px", 0, "px", 0.01 * fx),
+            ParameterSlot("fy", "focal_px", 1, "px", 0.01 * fy),
+            ParameterSlot("skew", "skew_px", None, "px", 0.01 * fx),
+        )
+
+    def _check_focal(self) -> None:
+        self._check_radial()
+        focal = finite("focal_px", self.focal_px, high=MAX_PX, unit="px")
+        if focal.shape != (2,) or not focal.min() >= MIN_FOCAL_PX:
+            raise InvalidParameter(
+                f"focal_px = {shown(self.focal_px)} is not valid; it is valid as (fx, fy), both above 0 px"
+            )
+        number("skew_px", self.skew_px, low=-MAX_PX, high=MAX_PX, unit="px")

@@ -1,0 +1,537 @@
+"""Spline camera models: radius and viewpoint as splines of the field angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import finite, number, shown, whole
+from ...base.caching import cached_property
+from ...base.errors import InvalidParameter
+from ...base.parameters import Uncertainty
+from ...base.root_finding import increasing_root
+from ...base.typing import Array
+from ..frames import Mount
+from ._distortion import MAX_COEFFICIENT, MIN_RATE
+from .camera_model import Optics
+from .radial_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
+
+# -- Even and odd cubic splines on uniform knots, defined by their values at the knots -------------
+
+
+class SplineBasis(NamedTuple):
+    """Basis of splines on knots h, 2 h ... n h: polynomials of x from the start of a cell."""
+
+    step: float
+    cells: Array
+    """Coefficients (n, 4, n) by cell, power, and value at the knot."""
+
+    def at(self, x: Array) -> Array:
+        """Return the weights (m, n) of the knot values in the spline at x (m,)."""
+        cell, t = _place(x, self.step, len(self.cells))
+        c, t = self.cells[cell], t[:, None]
+        shares: Array = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
+        return shares
+
+    def of(self, values: Array) -> Spline:
+        """Return the spline with values (n,) at the knots."""
+        return Spline(self.step, self.cells @ values)
+
+
+class Spline(NamedTuple):
+    """Piecewise cubic on uniform knots from 0."""
+
+    step: float
+    cells: Array
+    """Coefficients (n, 4) of x from the start of each cell."""
+
+    def __call__(self, x: Array) -> Array:
+        cell, t = _place(x, self.step, len(self.cells))
+        c = self.cells[cell]
+        value: Array = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
+        return value
+
+    def rate(self, x: Array) -> Array:
+        """Evaluate the derivative."""
+        cell, t = _place(x, self.step, len(self.cells))
+        c = self.cells[cell]
+        value: Array = c[..., 1] + t * (2 * c[..., 2] + 3 * t * c[..., 3])
+        return value
+
+    def end_of_growth(self, slowest: float) -> float:
+        """Return the first position at which the derivative falls below a value; the last knot if
+        there is none.
+        """
+        for cell, (_, b, c, d) in enumerate(self.cells.tolist()):
+            for t in sorted(_crossings(3 * d, 2 * c, b - slowest)):
+                if 0 <= t <= self.step:
+                    return cell * self.step + t
+        return len(self.cells) * self.step
+
+
+def _crossings(a: float, b: float, c: float) -> list[float]:
+    """Return the position at which ``a t^2 + b t + c`` crosses 0 downwards."""
+    square = b * b - 4 * a * c
+    if square < 0 or (a == 0 and b >= 0):
+        return []
+    # Root with negative slope, in the form without cancellation, valid for a = 0.
+    root = square**0.5
+    return [2 * c / (-b + root)] if b < 0 else [(-b - root) / (2 * a)]
+
+
+def _place(x: Array, step: float, count: int) -> tuple[NDArray[np.intp], Array]:
+    cell = np.fmin(np.fmax(x / step, 0), count - 1).astype(np.intp)  # NaN maps to the first cell
+    return cell, x - cell * step
+
+
+@lru_cache(maxsize=64)
+def odd_basis(count: int, end: float) -> SplineBasis:
+    """Return the basis of odd splines, ``f(-x) = -f(x)``, on ``count`` uniform knots up to ``end``,
+    3 or more.
+
+    >>> spline = odd_basis(4, 2.0).of(np.array([0.5, 1.0, 1.5, 2.0]) ** 3)
+    >>> spline(np.array([0.3, 1.7])).round(12)  # what is a cubic is met exactly
+    array([0.027, 4.913])
+    """
+    at_zero = np.zeros((2, count + 1 + count + 1))
+    at_zero[0, 0] = 1.0  # f(0)
+    at_zero[1, count + 1] = 1.0  # f''(0)
+    basis = _solved(count, end, at_zero)
+    basis.cells[0, [0, 2]] = 0.0  # exact zero: rounding would affect radii near the axis
+    return basis
+
+
+@lru_cache(maxsize=64)
+def even_basis(count: int, end: float) -> SplineBasis:
+    """Return the basis of even splines, ``f(-x) = f(x)``, on ``count`` uniform knots up to ``end``;
+    parabolic in the first cell.
+
+    >>> spline = even_basis(4, 2.0).of(np.array([0.5, 1.0, 1.5, 2.0]) ** 2)
+    >>> spline(np.array([0.3, 1.7])).round(12)
+    array([0.09, 2.89])
+    """
+    h = end / count
+    at_zero = np.zeros((2, count + 1 + count + 1))
+    at_zero[0, [0, 1]] = -1 / h, 1 / h  # f'(0) in the first cell
+    at_zero[0, [count + 1, count + 2]] = -h / 3, -h / 6
+    at_zero[1, [count + 1, count + 2]] = 1.0, -1.0
+    return _solved(count, end, at_zero)
+
+
+def _solved(count: int, end: float, at_zero: Array) -> SplineBasis:
+    """Solve for values y and second derivatives m of knots 0 to n from two equations at 0, (y0 ...
+    yn, m0 ... mn).
+    """
+    n, h = count, end / count
+    matrix, given = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, n))
+    matrix[:2] = at_zero
+    for i in range(1, n + 1):  # values
+        matrix[1 + i, i], given[1 + i, i - 1] = 1.0, 1.0
+    for i in range(1, n):
+        # Continuous first derivative: m[i-1] + 4 m[i] + m[i+1] = 6 (y[i-1] - 2 y[i] + y[i+1]) / h^2
+        row = n + 1 + i
+        matrix[row, n + i : n + i + 3] = 1.0, 4.0, 1.0
+        matrix[row, i - 1 : i + 2] = np.array([-6.0, 12.0, -6.0]) / h**2
+    matrix[-1, 2 * n - 1 :] = 1.0, -2.0, 1.0  # continuous f''' at knot n - 1
+    y, m = np.split(np.linalg.solve(matrix, given), 2)
+    cells = np.stack(
+        [y[:-1], np.diff(y, axis=0) / h - h * (2 * m[:-1] + m[1:]) / 6, m[:-1] / 2, np.diff(m, axis=0) / (6 * h)],
+        axis=1,
+    )
+    return SplineBasis(h, cells)
+
+
+# -- Spline camera models: radius and viewpoint as splines of the field angle ----------------------
+
+NODES_PER_CELL = 16  # of the table of initial values for inversion
+MIN_KNOTS = 3
+MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # knots, and deviation, of a spline fitted to another model
+PROBES = 2001
+MAX_MM = 1e6
+MIN_FIELD_DEG = 1e-3  # star trackers have degrees; rates of narrower fields would overflow
+
+
+class SplineModel(RadialModel):
+    """Radius given by a cubic spline of the field angle, odd about the axis."""
+
+    radii_px: tuple[float, ...]
+    field_deg: float
+    stretch_x: float
+    shear: float
+    p1: float
+    p2: float
+
+    AFFINE = (((1.0, 0.0), (0.0, -1.0)), ((0.0, 1.0), (1.0, 0.0)))
+    LENS = {"p1": ("1/px", 1e-5), "p2": ("1/px", 1e-5)}  # noqa: RUF012
+
+    def _check_splines(self) -> None:
+        self._check_radial()
+        number("field_deg", self.field_deg, low=MIN_FIELD_DEG, high=360.0, unit="deg")
+        radii = finite("radii_px", self.radii_px, high=MAX_PX, unit="px")
+        if radii.ndim != 1 or len(radii) < MIN_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
+            raise InvalidParameter(
+                f"radii_px = {shown(self.radii_px)} is no row of {MIN_KNOTS} or more radii that grow from knot to knot"
+            )
+        for name in ("stretch_x", "shear"):
+            number(name, getattr(self, name), low=-0.5, high=0.5)
+        for name in self.LENS:
+            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT, unit="1/px")
+
+    @property
+    def matrix(self) -> Array:
+        """Stretch and shear (2, 2); rotation belongs to the mount, scale to the radii."""
+        s, h = self.stretch_x, self.shear
+        return np.array([[1 + s, h], [h, 1 - s]])
+
+    @property
+    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        law = tuple(ParameterSlot(f"r{i}", "radii_px", i - 1, "px", 1.0) for i in range(1, len(self.radii_px) + 1))
+        return law, (
+            ParameterSlot("stretch_x", "stretch_x", None, "", 0.01),
+            ParameterSlot("shear", "shear", None, "", 0.01),
+        )
+
+    @property
+    def _basis(self) -> SplineBasis:
+        return odd_basis(len(self.radii_px), float(np.radians(self.field_deg / 2)))
+
+    @cached_property
+    def _spline(self) -> Spline:
+        return self._basis.of(np.array(self.radii_px))
+
+    @cached_property
+    def _law_end(self) -> float:
+        slowest = MIN_RATE * float(self._spline.cells[0, 1])
+        return min(self._spline.end_of_growth(slowest), float(np.radians(self.field_deg / 2)))
+
+    def _law_radius(self, omega: Array) -> Array:
+        return self._spline(omega)
+
+    def _law(self, omega: Array) -> RadialProjection:
+        shares = self._basis.at(omega)
+        return RadialProjection(self._spline(omega), self._spline.rate(omega), shares)
+
+    def _law_inverse(self, radius: Array) -> Array:
+        omegas, radii = self._table
+        inside = np.clip(radius, 0.0, radii[-1])
+        cell = np.clip(np.searchsorted(radii, inside) - 1, 0, len(radii) - 2)
+
+        def difference(omega: Array) -> tuple[Array, Array]:
+            return self._spline(omega) - inside, self._spline.rate(omega)
+
+        start = np.interp(inside, radii, omegas)
+        return increasing_root(difference, omegas[cell], omegas[cell + 1], start, self._law_end)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        omegas = np.linspace(0.0, self._law_end, NODES_PER_CELL * len(self.radii_px) + 1)
+        return omegas, self._spline(omegas)
+
+
+def _initial_table(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
+    """Return radii, centre, stretch and orientation of another model for a spline."""
+    widest = float(np.degrees(2 * camera.model_end))
+    if field_deg is None:  # radii of some models are unbounded; the image limits them
+        is_endless = not float(camera.radius_from_omega(np.array([camera.model_end]))[0]) <= MAX_PX
+        field_deg = float(np.degrees(2 * camera.omega_max)) if is_endless else widest
+    field = number("field_deg", field_deg, low=MIN_FIELD_DEG, high=360.0, unit="deg")
+    if field > widest * (1 + 1e-9):
+        raise InvalidParameter(f"field_deg = {field:g} is wider than the model's own, {widest:g} deg")
+    end = float(np.radians(field / 2))
+    count = _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, MIN_KNOTS)
+    omega = np.minimum(np.arange(1, count + 1) / count * end, camera.model_end)
+    half = (camera.stretch + camera.stretch.T) / 2
+    mean = half.trace() / 2
+    return {
+        "radii_px": tuple((mean * camera.radius_from_omega(omega)).tolist()),
+        "field_deg": field,
+        "centre_px": camera.centre_px,
+        "image_size": camera.image_size,
+        "stretch_x": float((half[0, 0] - half[1, 1]) / 2 / mean),
+        "shear": float(half[0, 1] / mean),
+        "optics": camera.optics,
+        "mount": camera.mount,
+        "rim_radius_px": camera.rim_radius_px,
+    }
+
+
+def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
+    """Return the number of even knots that fit the radii of a model.
+
+    Radii of a mirror with low resolution at the rim increase rapidly there and need many cubic
+    pieces.
+    """
+    omega = np.linspace(0.0, end, PROBES)
+    radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
+    for count in range(fewest, MOST_KNOTS):
+        spline = odd_basis(count, end).of(np.interp(np.arange(1, count + 1) / count * end, omega, radii))
+        if np.abs(spline(omega) - radii).max() <= FOLLOWED_PX:
+            return count
+    return MOST_KNOTS
+
+
+@dataclass(frozen=True)
+class RadialSpline(SplineModel):
+    """Central camera without a formula: the radius is a cubic spline of the field angle.
+
+    Knots are equally spaced from the axis, with radius 0, to half of ``field_deg``, the end of the
+    field; it also ends if the rate of the radius falls below 1 % of that at the centre. OpenCV's
+    tangential terms follow, and a matrix ``[[1 + stretch_x, shear], [shear, 1 - stretch_x]]``.
+
+    Parameters
+    ----------
+    radii_px : (n,) px
+        Radii at the knots, increasing, three or more.
+    field_deg : deg
+        Full field angle, up to the last knot.
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    stretch_x, shear
+        Affine distortion of the circular image.
+    p1, p2 : 1/px
+        Tangential distortion.
+    optics
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
+    mount
+        Orientation of the camera.
+    rim_radius_px : px, optional
+        Radius of the field in the image.
+    uncertainty : Uncertainty, optional
+        Covariance of the calibrated parameters.
+
+    Raises
+    ------
+    InvalidParameter
+        If the parameters are invalid.
+
+    Examples
+    --------
+    >>> camera = RadialSpline((100.0, 200.0, 300.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera.image([[10.0, 0.0, 0.0]]).pixels  # 90 deg from the axis
+    array([[519.5, 319.5]])
+    """
+
+    radii_px: tuple[float, ...]
+    field_deg: float
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    stretch_x: float = 0.0
+    shear: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "radial-spline"
+
+    def __post_init__(self) -> None:
+        self._check_splines()
+
+    @classmethod
+    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
+        """Fit a spline to another model's radii, without tangential distortion.
+
+        Parameters
+        ----------
+        camera
+            Any radial model.
+        knots
+            Number of knots, 3 or more; by default 6, or as many as required for 0.5 px, 16 at most.
+        field_deg : deg, optional
+            Full field angle; by default that of the other model, or that of its image if its radii
+            are unbounded.
+
+        Returns
+        -------
+        RadialSpline
+            Fitted spline.
+
+        Raises
+        ------
+        InvalidParameter
+            If the field is wider than that of the other model.
+        """
+        return cls(**_initial_table(camera, knots, 6, field_deg))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class ViewpointSpline(SplineModel):
+    """Non-central camera with viewpoints given by a spline of the field angle.
+
+    The radius is that of :class:`RadialSpline`. A ray of field angle Omega starts at ``z(Omega)``
+    along the axis, in the direction of the image centre, from the origin of the camera frame. z is
+    an even cubic spline through ``viewpoints_mm`` at the same knots. A constant in z is equivalent
+    to a translation of the scene: the middle knot is fixed and not a parameter. Points are valid if
+    they are farther from their viewpoint than the caustic of the rays, :attr:`nearest_mm`.
+
+    Parameters
+    ----------
+    radii_px : (n,) px
+        Radii at the knots, increasing, three or more.
+    viewpoints_mm : (n,) mm
+        Viewpoints at the knots.
+    field_deg : deg
+        Full field angle, up to the last knot.
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    stretch_x, shear
+        Affine distortion of the circular image.
+    p1, p2 : 1/px
+        Tangential distortion.
+    optics
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
+    mount
+        Orientation of the camera.
+    rim_radius_px : px, optional
+        Radius of the field in the image.
+    uncertainty : Uncertainty, optional
+        Covariance of the calibrated parameters.
+
+    Raises
+    ------
+    InvalidParameter
+        If the parameters are invalid.
+
+    Examples
+    --------
+    Objects at 90 deg are at the height of that ray's viewpoint:
+
+    >>> camera = ViewpointSpline((100.0, 200.0, 300.0), (0.0, 2.0, 5.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera.image([[100.0, 0.0, -2.0]]).pixels
+    array([[519.5, 319.5]])
+    """
+
+    radii_px: tuple[float, ...]
+    viewpoints_mm: tuple[float, ...]
+    field_deg: float
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    stretch_x: float = 0.0
+    shear: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "viewpoint-spline"
+
+    def __post_init__(self) -> None:
+        self._check_splines()
+        heights = finite("viewpoints_mm", self.viewpoints_mm, -MAX_MM, MAX_MM, unit="mm")
+        if heights.shape != (len(self.radii_px),):
+            raise InvalidParameter(
+                f"viewpoints_mm = {shown(self.viewpoints_mm)} does not give one height for each of the "
+                f"{len(self.radii_px)} knots"
+            )
+
+    @classmethod
+    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
+        """Fit a spline to another model's radii and viewpoints, as an initial value.
+
+        Parameters
+        ----------
+        camera
+            Any radial model; the viewpoints of a central one are 0.
+        knots
+            Number of knots, 3 or more; by default 8, or as many as required for 0.5 px, 16 at most.
+        field_deg : deg, optional
+            Full field angle; by default that of the other model, or that of its image if its radii
+            are unbounded.
+
+        Returns
+        -------
+        ViewpointSpline
+            Fitted spline.
+
+        Raises
+        ------
+        InvalidParameter
+            If the field is wider than that of the other model.
+        """
+        start = _initial_table(camera, knots, 8, field_deg)
+        count = len(start["radii_px"])  # type: ignore[arg-type]
+        omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]
+        inside = np.minimum(omega, camera.model_end)
+        heights = camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(count)
+        start["viewpoints_mm"] = tuple(heights.tolist())
+        return cls(**start)  # type: ignore[arg-type]
+
+    @property
+    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        law, affine = super()._places
+        heights = (ParameterSlot(f"z{i + 1}", "viewpoints_mm", i, "mm", 1.0) for i in self._free_heights)
+        return (*law, *heights), affine
+
+    @property
+    def _free_heights(self) -> list[int]:
+        count = len(self.viewpoints_mm)
+        return [i for i in range(count) if i != count // 2]
+
+    @property
+    def _height_basis(self) -> SplineBasis:
+        return even_basis(len(self.viewpoints_mm), float(np.radians(self.field_deg / 2)))
+
+    @cached_property
+    def _heights(self) -> Spline:
+        return self._height_basis.of(np.array(self.viewpoints_mm))
+
+    @cached_property
+    def nearest_mm(self) -> float:
+        """Minimum distance, mm, of valid points: that of the farthest ray intersection."""
+        omega = np.linspace(0.0, self.model_end, NODES_PER_CELL * len(self.radii_px) + 1)
+        return float(np.abs(self._heights.rate(omega) * np.sin(omega)).max())
+
+    @property
+    def is_central(self) -> bool:
+        return False
+
+    def _viewpoint_mm(self, omega: Array) -> Array:
+        return self._heights(omega)
+
+    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+        """Return ray origins beyond all ray intersections, on a shell about the viewpoints."""
+        return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(omega)
+
+    def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
+        """Solve ``(z - z(Omega)) sin(Omega) = rho cos(Omega)`` for the ray through a point.
+
+        The difference of both sides has a single sign change, from negative to positive, because
+        points behind the ray origin are excluded.
+        """
+        if distant:
+            return super()._field_angle(rho, z, distant)
+        known = np.isfinite(rho) & np.isfinite(z)
+        rho, z = np.where(known, rho, 0.0), np.where(known, z, 0.0)
+        end = self.model_end
+
+        def difference(omega: Array) -> tuple[Array, Array]:
+            sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, end)
+            height = z - self._heights(inside)
+            rate = np.where(omega < end, self._heights.rate(inside), 0.0)
+            return height * sin - rho * cos, height * cos + rho * sin - rate * sin
+
+        first = np.minimum(np.arctan2(rho, z), end)
+        start = np.arctan2(rho, z - self._heights(first))
+        omega = increasing_root(difference, np.zeros_like(rho), np.full_like(rho, np.pi), start, np.pi)
+        distance = (z - self._heights(np.minimum(omega, end))) * np.cos(omega) + rho * np.sin(omega)
+        return np.where(known & (distance > self.nearest_mm), omega, np.nan)
+
+    def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
+        """Compute derivatives of the same equation by the implicit function theorem."""
+        if distant:
+            central = super()._angle_rates(omega, rho, z, distant)
+            return central._replace(terms=np.zeros((len(omega), len(self._free_heights))))
+        sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, self.model_end)
+        shares = self._height_basis.at(inside)
+        rate = (z - self._heights(inside)) * cos + (rho - self._heights.rate(inside)) * sin
+        return AngleRates(cos / rate, -sin / rate, (sin / rate)[:, None] * shares[:, self._free_heights])

@@ -1,0 +1,319 @@
+"""Sensors with a mirror of a mapping or a family: construction of mirror, matching lens and focus.
+
+Requirements are settled: all ranges that affect the mirror or the lens are numbers, and missing
+lens parameters follow from the imager. A construction method is a function of these entries and the
+rim; :data:`WAYS` contains the methods by the entry of ``[mirror]`` that selects them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from ..optics.lenses import Lens, Orthographic, Perspective
+from ..optics.mirrors.mappings import FiniteMapping
+from ..optics.mirrors.prescribed_mapping import Mapped
+from ..optics.sensor import Sensor
+from ..optics.tracing.meridian import Meridian
+from ._focusing import POINTS, Focusing
+from .mirror_construction import (
+    FAMILIES,
+    LensAndCover,
+    MountedMirror,
+    RimRay,
+    departure,
+    generated_mirror,
+    mapped_mirror,
+)
+from .mirror_fits import fit_mirror
+from .ranges import ends, ends_or_none, is_free
+from .requirements import FARTHEST_FOCUS, OF_MAPPINGS, MirrorRequirements, Requirements
+
+SETTLED, MAX_ROUNDS = 1e-5, 30  # relative tolerance, iterations of the coupled lens and focus
+ANGLES = 1001  # field angles of the comparison with the requested mapping
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Sensor for settled requirements, with notes on its mirror."""
+
+    settled: Requirements
+    sensor: Sensor
+    notes: tuple[str, ...]
+
+
+def make(settled: Requirements) -> Candidate:
+    """Return the sensor for settled requirements, at the given focus or the best focus.
+
+    Raises
+    ------
+    OmnimirrorError
+        Mirror that does not exist or cannot be used.
+    """
+    return _telecentric(settled) if settled.lens.is_telecentric else _perspective(settled)
+
+
+# -- mirrors ---------------------------------------------------------------------------------------
+
+
+def _by_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
+    entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
+    assert mirror.mapping is not None
+    return generated_mirror(mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries)
+
+
+def _by_family(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
+    assert mirror.family is not None
+    if mirror.family in FAMILIES:
+        return FAMILIES[mirror.family](rim, None if mirror.conic is None else ends(mirror.conic)[0])
+    equidistant = generated_mirror("equidistant", rim)
+    return fit_mirror(equidistant, mirror.family).mounted
+
+
+WAYS: dict[str, Callable[[MirrorRequirements, RimRay, float], MountedMirror]] = {
+    "mapping": _by_mapping,
+    "family": _by_family,
+}
+"""Construction methods by the entry of ``[mirror]`` that selects them."""
+
+
+def _mirror(settled: Requirements, theta_max_deg: float, fitted: bool = True) -> MountedMirror:
+    """Return the mirror for a viewing angle Theta at the rim, optionally fitted."""
+    field, mirror = settled.field, settled.mirror
+    rim = RimRay(field.omega_max_deg, theta_max_deg, ends(mirror.rim_radius_mm)[0])
+    return _kept(mirror if fitted else replace(mirror, fit=None), rim, field.omega_min_deg)
+
+
+def _mounted(settled: Requirements, theta_max_deg: float, nearness: float, fitted: bool = True) -> MountedMirror:
+    """Return the mirror for the lens, focused at 1/L0, and the cover; its distance refers to the
+    reference point of the lens.
+    """
+    around = lens_and_cover(settled, _focus_at(settled, nearness))
+    if around.are_ideal:
+        return _mirror(settled, theta_max_deg, fitted)
+    field, mirror = settled.field, settled.mirror
+    rim = RimRay(field.omega_max_deg, theta_max_deg, ends(mirror.rim_radius_mm)[0])
+    return _kept_built(mirror, rim, field.omega_min_deg, around, fitted)
+
+
+@lru_cache(maxsize=128)
+def _kept_built(
+    mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float, around: LensAndCover, fitted: bool
+) -> MountedMirror:
+    """Return the mirror for a lens and a cover (cached)."""
+    plain = replace(mirror, fit=None)
+    if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
+        made = around.made_for_mapping(exact, rim)
+    elif mirror.is_pointed:
+        made = around.made_for_ends(lambda inside, low: _kept(plain, inside, low), rim, omega_min_deg)
+    else:
+        made = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
+    if mirror.fit is None or not fitted:
+        return made
+    place = around.mounted(MountedMirror(made.mirror, 0.0), rim.theta_max_deg).distance_mm
+    as_pinhole = MountedMirror(made.mirror, made.distance_mm - place, made.notes)
+    return around.mounted(fit_mirror(as_pinhole, mirror.fit).mounted, rim.theta_max_deg)
+
+
+def lens_and_cover(settled: Requirements, focus_mm: float) -> LensAndCover:
+    """Return the housing with the lens at a focus; an ideal lens is replaced by a pinhole."""
+    optics = settled.lens.optics
+    ideal = PARALLEL if settled.lens.is_telecentric else PINHOLE
+    lens = ideal if optics is None else optics.focused_at(focus_mm)
+    return LensAndCover(lens, settled.housing)
+
+
+PINHOLE, PARALLEL = Perspective(1.0, 1.0, 10.0), Orthographic(1.0, 1.0, 0.0)
+
+
+def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Mapped | None:
+    """Return the mirror with an exact directional mapping for a pinhole; None for others."""
+    if mirror.mapping is None:
+        return None
+    entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
+    exact = mapped_mirror(mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries)
+    return None if isinstance(exact, FiniteMapping) else exact
+
+
+def _focus_at(settled: Requirements, nearness: float) -> float:
+    """Return the nearest attainable focus distance (mm)."""
+    optics = settled.lens.optics
+    if optics is None:
+        return 1 / nearness if nearness else FARTHEST_FOCUS
+    return float(np.clip(1 / nearness if nearness else np.inf, optics.nearest_focus_mm, FARTHEST_FOCUS))
+
+
+@lru_cache(maxsize=128)
+def _kept(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
+    """Return a mirror (cached); a search requires the same mirror for many lenses."""
+    if mirror.fit is not None:
+        return fit_mirror(_kept(replace(mirror, fit=None), rim, omega_min_deg), mirror.fit).mounted
+    way = next(name for name in WAYS if getattr(mirror, name) is not None)
+    return WAYS[way](mirror, rim, omega_min_deg)
+
+
+def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
+    """Return the largest deviation from the requested mapping, px; None without a fit.
+
+    The reference mapping uses the viewing angle and the focused lens of the as-designed sensor.
+    """
+    mirror = settled.mirror
+    around = LensAndCover(sensor.lens, sensor.housing)
+    if not around.are_ideal and mirror.mapping is not None:
+        theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
+        rim = RimRay(settled.field.omega_max_deg, theta, sensor.mirror.rim_radius_mm)
+        exact = exact_mapping(mirror, rim, settled.field.omega_min_deg)
+        made = MountedMirror(sensor.mirror, sensor.mirror_distance_mm)
+        return None if exact is None else departure(around, made, exact, ANGLES) * sensor.rim_radius_px
+    is_polynomial = mirror.family is not None and ":" in mirror.family
+    if mirror.fit is None and not is_polynomial:
+        return None
+    if is_polynomial:
+        settled = replace(settled, mirror=replace(mirror, mapping="equidistant", family=None))
+    pinhole = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
+    target = Meridian(pinhole.mirror, pinhole.distance_mm)
+    omega = np.radians(np.linspace(0.0, settled.field.omega_max_deg, ANGLES)[1:])
+    ours, theirs = (m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target))
+    h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]
+    return float(np.abs(h[0] - h[1]).max())
+
+
+# -- lens and focus --------------------------------------------------------------------------------
+
+
+def _imager_radius_mm(settled: Requirements) -> float:
+    """Return the largest radius of the rim image permitted by imager and lens."""
+    return settled.largest_image_px * settled.imager.pitch_mm
+
+
+def _telecentric(settled: Requirements) -> Candidate:
+    return _focused(settled, _mounted(settled, 0.0, 0.0), _telecentric_lens(settled))
+
+
+def _telecentric_lens(settled: Requirements) -> Orthographic:
+    rim = ends(settled.mirror.rim_radius_mm)[0]
+    focus = 0.0 if settled.lens.focus_mm is None else ends(settled.lens.focus_mm)[0]
+    asked = ends_or_none(settled.lens.magnification)
+    magnification = _imager_radius_mm(settled) / rim if asked is None else asked[0]
+    return Orthographic(magnification, ends(settled.lens.f_number)[0], focus)
+
+
+def _perspective(settled: Requirements) -> Candidate:
+    """Solve rim angle, lens, fit and focus jointly.
+
+    The best focus depends on the mirror and the lens; if the rim fills the imager, both depend on
+    the focus. The exact mirror gives the initial focus for the fitted one, whose evaluation takes
+    longer. The focus of the last iteration is then fixed, and the rim fills the imager exactly even
+    without convergence.
+    """
+    nearness = 0.0 if settled.lens.focus_mm is None else 1 / ends(settled.lens.focus_mm)[1]
+    for fitted in (False, True) if settled.mirror.fit is not None else (False,):
+        made, nearness = _settled_focus(settled, nearness, fitted)
+    if not settled.lens.fills_imager or not (settled.lens.focus_mm is None or is_free(settled.lens.focus_mm)):
+        return made
+    fixed = settled.changed(focus_mm=made.sensor.lens.focus_distance_mm)
+    return replace(_before_lens(fixed, 1 / made.sensor.lens.focus_distance_mm, fitted), settled=settled)
+
+
+def _settled_focus(settled: Requirements, nearness: float, fitted: bool) -> tuple[Candidate, float]:
+    """Iterate mirror and focus, with or without the fit, from an initial 1/L0."""
+    steps = list[tuple[float, float]]()
+    for _ in range(MAX_ROUNDS):
+        made = _before_lens(settled, nearness, fitted)
+        found = 1 / made.sensor.lens.focus_distance_mm
+        steps.append((nearness, found - nearness))
+        if abs(steps[-1][1]) <= SETTLED * found or not settled.lens.fills_imager:
+            break
+        nearness = _next(steps)
+    return made, found
+
+
+def _next(steps: list[tuple[float, float]]) -> float:
+    """Return the next iterate by a secant or a fixed-point step."""
+    (x, off) = steps[-1]
+    if len(steps) > 1 and (bent := off - steps[-2][1]):
+        secant = x - off * (x - steps[-2][0]) / bent
+        if abs(secant - x) <= 2 * abs(off):
+            return max(secant, 0.0)
+    return x + off
+
+
+def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
+    """Return Theta (deg) and focal length (mm): given values, or values for a rim image that fills
+    the imager at a focus 1/L0.
+
+    A filling parameter with a range is limited to the high end of the range, for a smaller image.
+    It may fall below the low end if the image would be too large; the requirement is then violated.
+    """
+    radius, lens = _imager_radius_mm(settled), settled.lens
+    theta, focal = ends_or_none(lens.theta_max_deg), ends_or_none(lens.focal_length_mm)
+    if focal is None or (is_free(focal) and not is_free(theta)):
+        assert theta is not None
+        # tan(Theta) = r / b0 with 1/b0 = 1/f - 1/L0 (Eqs. 7, 25), solved for f.
+        filling = radius / (np.tan(np.radians(theta[0])) + radius * nearness)
+        return theta[0], float(filling if focal is None else min(filling, focal[1]))
+    if theta is not None and not is_free(theta):
+        return theta[0], focal[0]
+    if lens.optics is not None:
+        field = lens.optics.focused_at(_focus_at(settled, nearness)).field
+        tangent = float(field.tangent_of(np.array([radius]))[0])
+        tangent = field.end if np.isnan(tangent) else tangent  # the imager is larger than the image field of the lens
+    else:
+        tangent = radius * (1 / focal[0] - nearness)
+    filling = float(np.degrees(np.arctan(tangent)))
+    return (filling if theta is None else min(filling, theta[1])), focal[0]
+
+
+def sketched(settled: Requirements, nearness: float) -> Sensor:
+    """Return the sensor before focusing, with the mirror for a focus 1/L0.
+
+    Raises
+    ------
+    OmnimirrorError
+        Mirror that does not exist or cannot be used.
+    """
+    if settled.lens.is_telecentric:
+        return _unfocused(settled, _mounted(settled, 0.0, 0.0, fitted=False), _telecentric_lens(settled))
+    theta, focal = viewing(settled, nearness)
+    mounted = _mounted(settled, theta, nearness, fitted=False)
+    return _unfocused(settled, mounted, _lens(settled, focal, mounted.distance_mm))
+
+
+def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candidate:
+    """Return the sensor for a lens focused at 1/L0, at the requested or the best focus."""
+    theta, focal = viewing(settled, nearness)
+    mounted = _mounted(settled, theta, nearness, fitted)
+    asked = ends_or_none(settled.lens.focus_mm)
+    return _focused(settled, mounted, _lens(settled, focal, mounted.distance_mm if asked is None else asked[1]))
+
+
+def _lens(settled: Requirements, focal: float, focus_mm: float) -> Lens:
+    """Return the lens at a focus distance or the nearest attainable one."""
+    if settled.lens.optics is not None:
+        lens: Lens = settled.lens.optics.focused_at(_focus_at(settled, 1 / focus_mm))
+        return lens
+    return Perspective(focal, ends(settled.lens.f_number)[0], max(focus_mm, 1.001 * focal))
+
+
+def _unfocused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Sensor:
+    return Sensor(
+        mounted.mirror, lens, settled.imager, settled.mount, mounted.distance_mm, settled.name, settled.notes,
+        housing=settled.housing,
+    )  # fmt: skip
+
+
+def _focused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Candidate:
+    """Return the sensor at its best focus, if the requirements leave the focus free."""
+    sensor = _unfocused(settled, mounted, lens)
+    if settled.lens.focus_mm is None or is_free(settled.lens.focus_mm):
+        sensor = sensor.with_lens(lens.focused_at(focusing(settled, sensor).best().focus_mm))
+    return Candidate(settled, sensor, mounted.notes)
+
+
+def focusing(settled: Requirements, sensor: Sensor, points: int = POINTS) -> Focusing:
+    """Return the focus-dependent properties of a sensor for settled requirements."""
+    radius = np.inf if settled.lens.fills_imager else settled.largest_image_px
+    return Focusing(sensor, settled.field, settled.limits, radius, ends_or_none(settled.lens.focus_mm), points)

@@ -1,1 +1,0 @@
-"""Catalogues of off-the-shelf lenses and imagers, and part selection."""

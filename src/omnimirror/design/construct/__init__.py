@@ -1,1 +1,0 @@
-"""Construction of mirrors from design parameters: families, mappings and fits."""

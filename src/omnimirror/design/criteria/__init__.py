@@ -1,1 +1,0 @@
-"""Requirements on a sensor, limitable quantities, and merits."""

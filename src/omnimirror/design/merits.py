@@ -1,0 +1,358 @@
+"""Design merits: one number for a whole field, computed from values at the field angles.
+
+A merit is the largest of many smooth rows, such as the blur at each angle, which a sequence of
+linear programmes can minimise; or their mean. Smaller values are better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..analysis.evaluation import Evaluation
+from ..base.errors import InvalidParameter
+from ..base.quantities import QUANTITIES, Quantity
+from ..optics.batch.closed_forms import FocusedCamera, NodeOptics, light_of
+from ..optics.lenses import FieldLens, Perspective
+from ..optics.sensor import Sensor
+from ._mass_and_size import body_mass_g, outer_size
+
+Array = NDArray[Any]
+
+PROJECTIONS = 8
+
+
+NOTHING: Array = np.zeros((1, 1))
+
+
+class FieldValues(NamedTuple):
+    """Field values for merits and limits, (..., k) over k field angles or (..., 1) if common."""
+
+    t_px: Array
+    """Signed tangential blur (Eq. 28)."""
+    s_px: Array
+    """Signed sagittal blur."""
+    dh: Array
+    """Radial resolution Dh, px/deg (Eq. 9)."""
+    dw: Array
+    """Azimuthal resolution Dw, px/deg (Eq. 10)."""
+    log_area: Array
+    """Logarithm of the floored blur area in square degrees."""
+    viewpoint_z: Array
+    """Height of the viewpoint above the vertex, mm (Eq. 6)."""
+    solid_angle: Array
+    """Solid-angle weight of each field angle, up to a factor."""
+    image_distance: Array
+    """Distance from the lens to the imager, mm; 0 for a telecentric lens."""
+    length: Array
+    """Axial distance from the lens (telecentric: vertex) to the farther of rim and vertex, mm."""
+    sag: Array
+    """Axial height of the mirror, mm."""
+    airy_px: Array
+    """Diameter of the Airy disk, px."""
+    light: Array
+    """Relative illumination of the lens."""
+    own_t_px: Array
+    """Tangential blur of the lens alone, px; 0 for an ideal lens."""
+    own_s_px: Array
+    hidden_to_deg: Array = NOTHING
+    """Upper end of the central obscuration, deg; 0 during searches without this value."""
+    hidden_percent: Array = NOTHING
+    """Obscured percentage of the image circle."""
+    whole_diameter_mm: Array = NOTHING
+    """Diameter of mirror and housing; 0 during searches without this value."""
+    whole_height_mm: Array = NOTHING
+    whole_mass_g: Array = NOTHING
+    omega: Array = NOTHING
+    """Field angles, radians."""
+    near: Array = NOTHING
+    """Inverse object distance from the mirror points, 1/mm."""
+
+    @property
+    def plane_t_mm_per_px(self) -> Array:
+        """Return the tangential object length per pixel on a plane perpendicular to the axis."""
+        cosine = np.cos(self.omega)
+        return self.object_t_mm_per_px / np.where(cosine.real < 0, -cosine, cosine)
+
+    @property
+    def cylinder_t_mm_per_px(self) -> Array:
+        """Return the tangential object length per pixel on a cylinder about the axis."""
+        return self.object_t_mm_per_px / np.sin(self.omega)
+
+    @property
+    def object_t_mm_per_px(self) -> Array:
+        """Return the tangential object length per pixel perpendicular to the ray."""
+        return self._length(self.dh)
+
+    @property
+    def object_s_mm_per_px(self) -> Array:
+        """Return the sagittal object length per pixel."""
+        return self._length(self.dw)
+
+    def _length(self, px_per_deg: Array) -> Array:
+        with np.errstate(all="ignore"):
+            length: Array = np.where(self.near == 0, np.inf, np.radians(1.0) / (self.near * px_per_deg))
+        return length
+
+    @property
+    def t_deg(self) -> Array:
+        """Return the signed tangential blur in object degrees (Eq. 36)."""
+        return self.t_px / self.dh
+
+    @property
+    def s_deg(self) -> Array:
+        """Return the signed sagittal blur in object degrees (Eq. 37)."""
+        return self.s_px / self.dw
+
+    @property
+    def disk_t_px(self) -> Array:
+        """Return the focus-independent blur: Airy disk and tangential blur of the lens alone."""
+        return _in_quadrature(self.airy_px, self.own_t_px)
+
+    @property
+    def disk_s_px(self) -> Array:
+        return _in_quadrature(self.airy_px, self.own_s_px)
+
+    @property
+    def blur_t_px(self) -> Array:
+        """Return the tangential blur including that of the lens; signed for an ideal lens."""
+        return _in_quadrature(self.t_px, self.own_t_px)
+
+    @property
+    def blur_s_px(self) -> Array:
+        return _in_quadrature(self.s_px, self.own_s_px)
+
+    @property
+    def log_density(self) -> Array:
+        """Return the logarithm of Ds, the pixels per square degree of the object (Eq. 11)."""
+        density: Array = np.log(self.dh * self.dw)
+        return density
+
+    @property
+    def log_aspect(self) -> Array:
+        """Return the logarithm of Dw/Dh (Eq. 12)."""
+        aspect: Array = np.log(self.dw / self.dh)
+        return aspect
+
+    @property
+    def total_track(self) -> Array:
+        """Return the axial distance from imager to rim, mm."""
+        return self.image_distance + self.length
+
+    def part(self, which: slice) -> FieldValues:
+        """Return the values at a slice of field angles."""
+        return FieldValues(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
+
+    def at(self, which: NDArray[np.intp]) -> FieldValues:
+        """Return the values at selected field angles (..., k), with weight 0 for repeated ones."""
+        index = np.arange(which.shape[-1])
+        taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
+        return FieldValues(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
+
+
+def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
+    return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
+
+
+OF_THE_WHOLE: dict[str, Callable[[Sensor], float]] = {
+    "hidden_to_deg": lambda sensor: sensor.hidden_to_deg,
+    "hidden_percent": lambda sensor: sensor.hidden_percent,
+    "whole_diameter_mm": lambda sensor: outer_size(sensor).diameter_mm,
+    "whole_height_mm": lambda sensor: outer_size(sensor).height_mm,
+    "whole_mass_g": body_mass_g,
+}
+"""Quantities of the sensor as a whole, independent of the field angle."""
+
+
+def with_whole(field: FieldValues, sensor: Sensor, names: Iterable[str] = tuple(OF_THE_WHOLE)) -> FieldValues:
+    """Return field values completed with quantities of the whole sensor."""
+    return field._replace(**{name: np.array([OF_THE_WHOLE[name](sensor)]) for name in names})
+
+
+def _in_quadrature(blur: Array, own: Array) -> Array:
+    """Return the sum in quadrature; without lens blur, the signed blur."""
+    both: Array = np.where(np.real(own) > 0, np.sqrt(blur * blur + own * own), blur)
+    return both
+
+
+def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array) -> FieldValues:
+    """Return field values of mirror points (..., k) for cameras focused at vergences v (..., 1)."""
+    look = camera.at(o, v)
+    floor = 1 + look.airy_px**2
+    t, s, own_t, own_s = look.t_px, look.s_px, look.own_t_px, look.own_s_px
+    log_area = np.log((t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor)) / 2 - np.log(look.dh * look.dw)
+    b0 = camera.image_distance(v)
+    return FieldValues(
+        t, s, look.dh, look.dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, look.airy_px,
+        look.light, own_t, own_s, omega=o.omega, near=np.broadcast_to(o.near, np.shape(o.omega)),
+    )  # fmt: skip
+
+
+def values_of(
+    result: Any,
+    light: Array,
+    image_distance: ArrayLike,
+    length: ArrayLike,
+    sag: ArrayLike,
+    airy_px: ArrayLike,
+    own_px: tuple[Array, Array] | None = None,
+    object_distance_mm: ArrayLike = np.inf,
+) -> FieldValues:
+    """Return field values from an :class:`~omnimirror.analysis.Evaluation` or a batch of designs.
+
+    Field angles must increase along the last axis; the other values (...) are those of
+    :class:`FieldValues`. ``own_px`` (..., k) is the blur of a real lens alone,
+    ``object_distance_mm`` the object distance or distances (k,).
+    """
+    omega = np.radians(result.omega_deg)
+    b0, reach, height, airy = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
+    with np.errstate(all="ignore"):
+        return FieldValues(
+            result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
+            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), b0, reach, height, airy, light,
+            *(own_px or (0 * airy, 0 * airy)), omega=omega,
+            near=np.broadcast_to(1 / np.asarray(object_distance_mm), omega.shape),
+        )  # fmt: skip
+
+
+def values_of_evaluation(result: Evaluation) -> FieldValues:
+    """Return the field values of one evaluated sensor."""
+    lens = result.sensor.lens
+    (_, _), (bottom, top) = result.sensor.mirror.bounds
+    numbers = length_mm(result), top - bottom, result.airy_px
+    if isinstance(lens, FieldLens):
+        real = result.of_lens
+        own = real["lens_blur_t_px"], real["lens_blur_s_px"]
+        found = values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own, result.object_distance_mm)
+    else:
+        b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
+        tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
+        found = values_of(result, light_of(tangent), b0, *numbers, None, result.object_distance_mm)
+    return with_whole(found, result.sensor)
+
+
+def length_mm(result: Evaluation) -> float:
+    """Return the axial distance from the lens or vertex to the highest mirror point, mm."""
+    (_, _), (_, top) = result.sensor.mirror.bounds
+    m = result.sensor.mirror_distance_mm
+    return top + (m if np.isfinite(m) else 0.0)
+
+
+def solid_angle(omega: Array) -> Array:
+    """Return solid-angle weights (..., k) of field angles in radians, up to a factor.
+
+    A decrease of the field angle marks the next object distance.
+    """
+    steps = np.diff(omega, axis=-1) / 2
+    steps = np.where(steps.real > 0, steps, 0.0)
+    none = np.zeros_like(omega[..., :1])
+    shares: Array = np.sin(omega) * (np.concatenate([steps, none], -1) + np.concatenate([none, steps], -1))
+    return shares
+
+
+@dataclass(frozen=True)
+class Merit:
+    """Quantity to be minimised: its rows, and the value of the largest row.
+
+    Attributes
+    ----------
+    rows
+        Function of the field values that returns rows whose largest element is minimised, each with
+        the shape of the field arrays.
+    shown, hidden
+        Conversion of the largest element to the reported value, and its inverse.
+    is_spread
+        True if the rows have a free offset; the minimised element is then half of largest minus
+        smallest.
+    is_sharpness
+        True if it depends on the focus, except through the image scale.
+    is_mean
+        True for the mean over the solid angle instead of the maximum.
+    """
+
+    quantity: Quantity
+    rows: Callable[[FieldValues], tuple[Array, ...]]
+    shown: Callable[[Array], Array]
+    hidden: Callable[[Array], Array]
+    is_spread: bool = False
+    is_mean: bool = False
+    is_sharpness: bool = True
+
+    @property
+    def name(self) -> str:
+        return self.quantity.name
+
+    def value(self, field: FieldValues) -> Array:
+        """Return the merit (...) of fields (..., k)."""
+        with np.errstate(all="ignore"):
+            rows = np.stack(np.broadcast_arrays(*self.rows(field)))
+            if self.is_mean:
+                weights = np.broadcast_to(field.solid_angle, rows.shape[1:])
+                return self.shown((np.where(weights > 0, np.exp(rows[0]), 0.0) * weights).sum(-1) / weights.sum(-1))
+            largest = rows.max(axis=(0, -1))
+            if self.is_spread:
+                largest = (largest - rows.min(axis=(0, -1))) / 2
+            return self.shown(largest)
+
+
+def _either_sign(*parts: Callable[[FieldValues], Array]) -> Callable[[FieldValues], tuple[Array, ...]]:
+    return lambda f: tuple(sign * part(f) for part in parts for sign in (1, -1))
+
+
+def _same(value: Array) -> Array:
+    return value
+
+
+def _length_of(t: Array, s: Array) -> tuple[Array, ...]:
+    """Return the length of (t, s) and its projections, which never exceed it: straight rows that
+    represent its curvature in a linear programme.
+    """
+    directions = 2 * np.pi * np.arange(PROJECTIONS) / PROJECTIONS
+    return (np.sqrt(t * t + s * s), *(t * np.cos(a) + s * np.sin(a) for a in directions))
+
+
+def _merit(
+    name: str,
+    rows: Callable[[FieldValues], tuple[Array, ...]],
+    shown: Callable[[Array], Array] = _same,
+    hidden: Callable[[Array], Array] = _same,
+    **more: bool,
+) -> Merit:
+    return Merit(QUANTITIES[name], rows, shown, hidden, **more)
+
+
+DESIGN_MERITS: dict[str, Merit] = {
+    merit.name: merit
+    for merit in (
+        _merit("worst_floored_area_deg2", lambda f: (f.log_area,), np.exp, np.log),
+        _merit("mean_floored_area_deg2", lambda f: (f.log_area,), is_mean=True),
+        _merit("worst_blur_deg", _either_sign(lambda f: f.t_deg, lambda f: f.s_deg)),
+        _merit("worst_blur_rss_deg", lambda f: _length_of(f.t_deg, f.s_deg)),
+        _merit("worst_blur_t_deg", _either_sign(lambda f: f.t_deg)),
+        _merit("worst_blur_s_deg", _either_sign(lambda f: f.s_deg)),
+        _merit("inverse_area_ratio", lambda f: (f.log_density,), lambda t: np.exp(2 * t), lambda t: np.log(t) / 2,
+               is_spread=True, is_sharpness=False),
+        _merit("worst_aspect", _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False),
+        _merit("viewpoint_spread_mm", lambda f: (f.viewpoint_z,), lambda t: 2 * t, lambda t: t / 2, is_spread=True,
+               is_sharpness=False),
+        _merit("total_track_mm", lambda f: (f.total_track,), is_sharpness=False),
+    )
+}  # fmt: skip
+"""Merits by name."""
+
+
+def merit_named(name: str) -> Merit:
+    """Return the merit of a given name.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown name.
+    """
+    if name not in DESIGN_MERITS:
+        raise InvalidParameter(f"merit {name!r} is not known; valid are {', '.join(DESIGN_MERITS)}")
+    return DESIGN_MERITS[name]

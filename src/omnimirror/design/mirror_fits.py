@@ -1,0 +1,341 @@
+"""Polynomial and conic-asphere mirrors fitted to the mapping of a target mirror.
+
+The rim radius and its viewing angle are preserved. A least-squares solution is the initial value of
+Lawson's algorithm, which reweights each point by its previous deviation to minimise the largest
+deviation of the image height. The rim then has the field angle of the target or slightly more.
+Derivatives are complex steps.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+
+from ..base.caching import cached_property
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.typing import Array
+from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ..optics.mirrors.conics_and_aspheres import conic_profile, even_polynomial
+from ..optics.tracing.meridian import Meridian
+from .mirror_construction import MountedMirror, RimRay
+
+Curve = Callable[[Array], Array]
+
+Aim = Literal["worst-mapping", "mean-mapping", "sag"]
+"""Objective of a fit: largest or RMS deviation of the mapping, or RMS deviation of the sag."""
+
+NODES, TABLE = 400, 2001
+STEPS, ROUNDS, MODELS = (
+    60,
+    500,
+    8,
+)  # least-squares steps; Lawson iterations for one linear model; linear models
+SETTLED = 1e-3  # relative; the final convergence of Lawson's algorithm is slow
+MAX_TERMS = 12
+STEP = 1e-30  # of complex-step derivatives
+
+
+class FitForm(NamedTuple):
+    """Even powers of ``polynomial:N`` (from x^2) or ``asphere:N`` (conic, and powers from x^4)."""
+
+    kind: Literal["polynomial", "asphere"]
+    terms: int
+
+    @classmethod
+    def parse(cls, text: str) -> FitForm:
+        """Parse a form such as ``polynomial:4`` or ``asphere:3``.
+
+        >>> FitForm.parse("polynomial:4")
+        FitForm(kind='polynomial', terms=4)
+        """
+        match = re.fullmatch(r"(polynomial|asphere):(\d{1,3})", text.strip())
+        least = 1 if match and match[1] == "polynomial" else 0
+        if not match or not least <= int(match[2]) <= MAX_TERMS:
+            raise InvalidParameter(
+                f"{text!r} is not a form to fit; valid are polynomial:N with 1 to {MAX_TERMS} terms, and asphere:N "
+                f"with 0 to {MAX_TERMS} beside the conic"
+            )
+        return cls("polynomial" if match[1] == "polynomial" else "asphere", int(match[2]))
+
+
+@dataclass(frozen=True)
+class FittedMirror:
+    """Fitted mirror with its deviations from the target.
+
+    Attributes
+    ----------
+    mounted
+        Mirror at the distance of equal viewing angle of the rim.
+    mapping
+        Largest deviation of the image height at equal field angle, relative to the rim height
+        (beyond the rim of the target, from the linear extrapolation of its mapping).
+    sag_um
+        Largest difference of the sag at equal x, with coincident vertices.
+    slope_mrad
+        Largest difference of the slope angle at equal x.
+    """
+
+    mounted: MountedMirror
+    mapping: float
+    sag_um: float
+    slope_mrad: float
+
+
+def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> FittedMirror:
+    """Fit an even-power mirror, with or without a conic, to a target mirror.
+
+    Parameters
+    ----------
+    target
+        Smooth mirror with its lens distance.
+    form
+        Form of the fit, for example ``"polynomial:4"`` or ``"asphere:3"``.
+    aim
+        Objective of the fit.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown form or aim, pointed mirror, or form with too few terms.
+
+    Examples
+    --------
+    The equidistant mirror of the paper has three terms and departs from linearity by 0.49 %:
+
+    >>> from omnimirror.design import RimRay, generated_mirror
+    >>> exact = generated_mirror("equidistant", RimRay(135.0, 12.0, 43.9))
+    >>> [f"{fit_mirror(exact, f'polynomial:{n}').mapping:.4%}" for n in (3, 4)]
+    ['0.0624%', '0.0055%']
+    """
+    if aim not in get_args(Aim):
+        raise InvalidParameter(f"aim = {aim!r} is not known; valid are {', '.join(get_args(Aim))}")
+    form = FitForm.parse(form) if isinstance(form, str) else form
+    if target.mirror.is_pointed:
+        raise InvalidParameter(
+            f"the {target.mirror.KIND} mirror ends in a point, where even powers of x are smooth; fit a smooth mirror"
+        )
+    problem = _Problem(Meridian(target.mirror, target.distance_mm), form)
+    try:
+        unknowns = problem.settle(problem.start(), problem.sag)
+        if aim != "sag":
+            unknowns = problem.settle(unknowns, problem.deviation)
+        if aim == "worst-mapping":
+            unknowns = problem.level(unknowns)
+        return problem.judged(unknowns)
+    except OmnimirrorError:
+        raise InvalidParameter(
+            f"no {form.kind} of {form.terms} terms comes near this {target.mirror.KIND} mirror; take more terms"
+        ) from None
+
+
+class _Linear(NamedTuple):
+    """Values (n,) with their derivatives (n, p)."""
+
+    value: Array
+    jacobian: Array
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Fit problem with lengths in rim radii. Unknowns: (R and k of an asphere,) coefficients."""
+
+    target: Meridian
+    form: FitForm
+
+    @property
+    def rim(self) -> float:
+        return self.target.mirror.rim_radius_mm
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Mirror points (n,) without the axis, denser near the rim, the region of steep mapping."""
+        return np.sin(np.pi / 2 * np.linspace(0, 1, NODES + 1)[1:])
+
+    @cached_property
+    def target_sag(self) -> Array:
+        return self.target.mirror.sag(self.nodes * self.rim) / self.rim
+
+    def profile(self, p: Array, x: Array) -> tuple[_Linear, _Linear]:
+        """Return sag and slope with their derivatives by complex steps."""
+
+        def of(p: Any) -> tuple[Any, Any]:
+            if self.form.kind == "polynomial":
+                z, slope, _ = even_polynomial(x, tuple(p), first=1)
+                return z, slope
+            z, slope, _ = conic_profile(x, p[0], p[1])
+            dz, dslope, _ = even_polynomial(x, tuple(p[2:]), first=2) if p.size > 2 else (0.0, 0.0, 0.0)
+            return z + dz, slope + dslope
+
+        z, slope = of(p)
+        bent = [of(p + 1j * STEP * unit) for unit in np.eye(p.size)]
+        return (
+            _Linear(z, np.stack([b[0].imag for b in bent], axis=-1) / STEP),
+            _Linear(slope, np.stack([b[1].imag for b in bent], axis=-1) / STEP),
+        )
+
+    def start(self) -> Array:
+        """Return the initial value from the target's vertex radius and rim slope."""
+        curvature = float(self.target.mirror.curvature(0.0)) * self.rim
+        if self.form.kind == "polynomial":
+            return np.array([curvature / 2] + [0.0] * (self.form.terms - 1))
+        slope = float(self.target.mirror.slope(self.rim))
+        return np.array([1 / curvature, 1 / curvature**2 - 1 / slope**2 - 1] + [0.0] * self.form.terms)
+
+    def sag(self, p: Array) -> _Linear:
+        z, _ = self.profile(p, self.nodes)
+        return _Linear(z.value - self.target_sag, z.jacobian)
+
+    def deviation(self, p: Array) -> _Linear:
+        """Return the first-order deviation of the image height, in rim heights."""
+        x, (z, slope), (end, _) = self.nodes, self.profile(p, self.nodes), self.profile(p, np.ones(1))
+        dbeta = slope.jacobian / (1 + slope.value**2)[:, None]
+        if np.isinf(self.target.m):
+            theta, tau, dtheta, dtau = 0.0, x, 0.0, np.zeros_like(z.jacobian)
+        else:
+            tangent = np.tan(self.target.theta_max)
+            w = 1 / tangent - end.value + z.value
+            dw = z.jacobian - end.jacobian
+            theta, tau = np.arctan2(x, w), x / w / tangent
+            dtheta, dtau = -(x / (w**2 + x**2))[:, None] * dw, -(x / w**2 / tangent)[:, None] * dw
+        omega, rate = self._target_at(tau)
+        # Omega = 2 beta + theta (Eqs. 2-5). The difference from the target at equal image height,
+        # divided by dOmega/dtau, is to first order the deviation of the height at equal Omega.
+        value = (omega - 2 * np.arctan(slope.value) - theta) / rate
+        return _Linear(value, dtau - (2 * dbeta + dtheta) / rate[:, None])
+
+    @cached_property
+    def _target_mapping(self) -> tuple[Curve, Curve]:
+        """Field angle of the target and dOmega/dtau as functions of the image height tau."""
+        from scipy.interpolate import CubicHermiteSpline
+
+        rays = self.target.trace(np.sin(np.pi / 2 * np.linspace(0, 1, TABLE)) * self.rim)
+        rate = rays.domega_dx()
+        if np.isinf(self.target.m):
+            tau, rate = rays.x / self.rim, rate * self.rim
+        else:
+            tangent = np.tan(self.target.theta_max)
+            tau, rate = rays.x / rays.w / tangent, rate * rays.w**2 / (rays.w - rays.x * rays.slope) * tangent
+        spline = CubicHermiteSpline(tau, rays.omega, rate)
+        return spline, spline.derivative()
+
+    def _target_at(self, tau: Array) -> tuple[Array, Array]:
+        """Return the field angle of the target and dOmega/dtau at image heights tau."""
+        omega, rate = (curve(np.minimum(tau, 1.0)) for curve in self._target_mapping)
+        return omega, rate
+
+    def settle(self, p: Array, residual: Callable[[Array], _Linear]) -> Array:
+        """Solve least squares, for a conic with one term more at a time."""
+        for count in range(2 if self.form.kind == "asphere" else p.size, p.size + 1):
+            p = np.append(self._least_squares(p[:count], p[count:], residual), p[count:])
+        return p
+
+    def _least_squares(self, head: Array, tail: Array, residual: Callable[[Array], _Linear]) -> Array:
+        """Solve for the first unknowns by a trust-region method; the others are fixed."""
+        from scipy.optimize import least_squares
+
+        def value(h: Array) -> Array:
+            found = self._safely(residual, np.append(h, tail))
+            return np.full(NODES, np.nan) if found is None else found.value
+
+        def jacobian(h: Array) -> Array:
+            return residual(np.append(h, tail)).jacobian[:, : h.size]
+
+        tight = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": STEPS}
+        solution: Array = least_squares(value, head, jac=jacobian, x_scale="jac", **tight).x
+        return solution
+
+    def level(self, p: Array) -> Array:
+        """Minimise the largest deviation, starting from least squares; return the best iterate."""
+        q = self._levelled(p, hold=False)
+        return q if self.deviation(q).value[-1] <= 0 else self._with_rim(self._levelled(p, hold=True))
+
+    def _with_rim(self, p: Array) -> Array:
+        """Apply the smallest change that gives the rim at least the target's field angle."""
+        for _ in range(5):  # Newton iterations
+            linear = self.deviation(p)
+            row = linear.jacobian[-1]
+            p = p - row * (linear.value[-1] + 1e-13) / (row @ row)
+        return p
+
+    def _levelled(self, p: Array, hold: bool) -> Array:
+        """Iterate linear models with step reduction; ``hold`` constrains the rim."""
+        worst = np.inf if hold else self._worst(self.deviation(p))  # the rim constraint may increase the deviation
+        for _ in range(MODELS):
+            aim = self._lawson(p, self.deviation(p), hold)
+            for share in (1.0, 0.5, 0.25, 0.1) if worst < np.inf else (1.0,):
+                there = self._safely(self.deviation, p + share * (aim - p))
+                if there is not None and self._worst(there) < worst:
+                    break
+            else:
+                return p
+            gain = worst - self._worst(there)
+            p, worst = p + share * (aim - p), self._worst(there)
+            if gain < SETTLED * worst:
+                return p
+        return p
+
+    def _lawson(self, p: Array, linear: _Linear, hold: bool) -> Array:
+        """Minimise the largest deviation of a linear model; ``hold`` requires 0 at the rim."""
+        value, J = linear.value, linear.jacobian / (size := np.linalg.norm(linear.jacobian, axis=0))
+        onto, free = np.zeros(p.size), np.eye(p.size)
+        if hold:
+            row = J[-1]
+            onto = -row * value[-1] / (row @ row)
+            free = np.linalg.svd(row[None, :])[2][1:].T  # directions without effect on the rim
+        value, J = value + J @ onto, np.linalg.qr(J @ free)[0]
+        weights, best, least = np.full(NODES, 1 / NODES), value, np.inf
+        for _ in range(ROUNDS):
+            root = np.sqrt(weights)
+            rest = value - J @ np.linalg.lstsq(root[:, None] * J, root * value, rcond=None)[0]
+            distance = np.abs(rest)
+            if distance.max() < least:
+                best, least = rest, float(distance.max())
+            if distance.max() <= (1 + SETTLED) * float(weights @ distance):  # the mean is a lower bound
+                break
+            weights = weights * distance / float(weights @ distance)
+        y = np.linalg.lstsq(linear.jacobian / size @ free, best - value, rcond=None)[0]
+        found: Array = p + (onto + free @ y) / size
+        return found
+
+    @staticmethod
+    def _worst(linear: _Linear) -> float:
+        return float(np.abs(linear.value).max())
+
+    @staticmethod
+    def _safely(residual: Callable[[Array], _Linear], p: Array) -> _Linear | None:
+        """Return the residual, or None if the unknowns define no valid mirror."""
+        try:
+            with np.errstate(all="ignore"):
+                found = residual(p)
+        except OmnimirrorError:
+            return None
+        return found if np.isfinite(found.value).all() and np.isfinite(found.jacobian).all() else None
+
+    def mirror(self, p: Array) -> Mirror:
+        if self.form.kind == "polynomial":
+            return EvenPolynomial(tuple(p), self.rim, self.rim)
+        return ConicAsphere(float(p[0]) * self.rim, float(p[1]), self.rim, tuple(p[2:]), self.rim)
+
+    def judged(self, p: Array) -> FittedMirror:
+        """Return the mirror with its deviations, computed from its own chief rays."""
+        mirror, target = self.mirror(p), self.target
+        theta = float(np.degrees(target.theta_max))
+        mounted = RimRay(float(np.degrees(target.omega_max)), theta, self.rim).place(mirror)
+        x = np.linspace(0, 1, 4 * NODES)[1:] * self.rim
+        rays = Meridian(mirror, mounted.distance_mm).trace(x)
+        inside = np.minimum(rays.omega, target.omega_max)
+        wanted = target.trace(target.x_from_omega(inside))
+        height, aim = (r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max)) for r in (rays, wanted))
+        _, rate = self._target_at(np.ones(1))
+        aim = aim + (rays.omega - inside) / rate
+        z, slope, _ = target.mirror.profile(x)
+        return FittedMirror(
+            mounted,
+            float(np.abs(height - aim).max()),
+            float(np.abs(rays.z - z).max()) * 1e3,
+            float(np.abs(rays.beta - np.arctan(slope)).max()) * 1e3,
+        )

@@ -1,0 +1,468 @@
+"""Design with off-the-shelf parts: search among their combinations, and a mirror for each."""
+
+from __future__ import annotations
+
+import signal
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from multiprocessing import active_children, get_context
+from typing import Any
+
+import numpy as np
+
+from ..base.arguments import checked, instance, whole
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.files import json_plain
+from ..optics.sensor import Sensor
+from ._candidates import Candidate, focusing, make, sketched, viewing
+from ._mass_and_size import mass_g, outer_size
+from ._parameter_search import RangeSearch
+from ._part_combinations import PartsCombination, combinations_of, cut, requirements_with_parts
+from .catalogue import BallComponent, Catalogue, LensComponent, read_catalogue
+from .component_selection import rings_for
+from .designer import Design, design_of
+from .evaluated_field import counted_field
+from .ranges import ends, is_free
+from .requirement_check import Judgement, Verdict, evaluations, judge
+from .requirements import PartsRequirements, Requirements
+
+# -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
+
+SCREENED = 31  # mirror points during the choice of the aperture
+BLURRED = "more blurred than a cheaper one"
+SLACK = 0.02  # relative violation of a limit of blur permitted in the screening
+SEARCHED = 181  # field angles of the preliminary requirement check
+BEYOND_RIM = 1.2  # relative to the distance of the rim: approximate distance of the virtual images
+SETTLED, ROUNDS = 1e-6, 12  # tolerance, iterations of the rim of a ball, which depends on the viewing angle
+
+
+@dataclass(frozen=True)
+class BoughtDesign:
+    """Combination of parts with its sensor design.
+
+    Attributes
+    ----------
+    combination
+    design
+        Sensor, with one row for each requirement, those of the whole last.
+    ring_mm
+        Thickness of the extension rings required for the focus.
+    price, mass_g
+        Price and mass of the whole; None if that of a part is unknown.
+    worst_floored_area_deg2
+        Worst floored blur area over the evaluated field.
+    """
+
+    combination: PartsCombination
+    design: Design
+    ring_mm: float
+    price: float | None
+    mass_g: float | None
+    worst_floored_area_deg2: float
+
+    @property
+    def is_met(self) -> bool:
+        """Return whether all requirements are met."""
+        return self.design.is_met
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the design as plain data for JSON."""
+        parts: dict[str, Any] = {part.KIND: part.name for part in self.combination.parts}
+        if extras := self.combination.extras:
+            parts["extra"] = [part.name for part in extras]
+        numbers = {
+            "ring_mm": self.ring_mm, "price": self.price, "mass_g": self.mass_g,
+            "worst_floored_area_deg2": self.worst_floored_area_deg2,
+        }  # fmt: skip
+        data: dict[str, Any] = json_plain({**parts, **numbers, **self.design.to_dict()})
+        return data
+
+
+def design_bought(
+    asked: Requirements, combination: PartsCombination, most_area_deg2: float = np.inf
+) -> BoughtDesign | str:
+    """Return the best sensor of a combination, or the reason for an early rejection.
+
+    Parameters
+    ----------
+    asked
+        Requirements with ``parts``.
+    combination
+        Combination that satisfies all necessary conditions.
+    most_area_deg2
+        Worst floored blur area of a cheaper design, an upper limit.
+    """
+    own = requirements_with_parts(asked, combination)
+    try:
+        made = _made(own, combination, most_area_deg2)
+        if isinstance(made, str):
+            return made
+        found = _judged(asked, own, combination, made.sensor, SEARCHED)
+        if not found.is_met:
+            return found
+        return _judged(asked, own, combination, made.sensor)
+    except OmnimirrorError:
+        return "no such mirror"
+
+
+def _judged(
+    asked: Requirements, own: Requirements, combination: PartsCombination, sensor: Sensor, angles: int | None = None
+) -> BoughtDesign:
+    verdict = judge(own, sensor) if angles is None else judge(own, sensor, angles=angles)
+    assert asked.parts is not None
+    ring, reasons = 0.0, list[str]()
+    if isinstance(combination.lens, LensComponent):
+        ring, reasons = rings_for(combination.lens, sensor.lens.focus_distance_mm)
+    mass = mass_g(sensor, combination.parts)
+    rows = [*verdict.rows, *whole_rows(asked.parts, combination, sensor, mass)]
+    if reasons:
+        nearest = combination.lens.minimum_focus_mm if isinstance(combination.lens, LensComponent) else 0.0
+        rows.append(
+            Judgement("minimum_focus_mm", "mm", nearest, None, sensor.lens.focus_distance_mm, remarks=tuple(reasons))
+        )
+    notes = (f"parts: {combination.name}", *((f"extension rings of {ring:g} mm",) if ring else ()))
+    design = design_of(Verdict(verdict.requirements, verdict.sensor, tuple(rows)), notes)
+    area = worst_area(own, sensor)
+    return BoughtDesign(combination, design, ring, combination.price, mass, area)
+
+
+def worst_area(own: Requirements, sensor: Sensor) -> float:
+    """Return the worst floored blur area, deg2, over the evaluated field and objects."""
+    low, high, _ = counted_field(own.field, sensor).part()
+    results = evaluations(own, sensor, np.linspace(low, high, SEARCHED))
+    return max(float(result.floored_area_deg2.max()) for result in results)
+
+
+def whole_rows(
+    parts: PartsRequirements, combination: PartsCombination, sensor: Sensor, mass: float | None
+) -> list[Judgement]:
+    """Return the requirement rows of the whole sensor."""
+    size = outer_size(sensor, combination.parts)
+    reached = {
+        "price": (parts.most_price, combination.price, ""),
+        "mass_g": (parts.most_mass_g, mass, "g"),
+        "diameter_mm": (parts.most_diameter_mm, size.diameter_mm, "mm"),
+        "height_mm": (parts.most_height_mm, size.height_mm, "mm"),
+    }
+    return [
+        Judgement(f"whole, {name}", unit, None, most, np.nan if value is None else value)
+        for name, (most, value, unit) in reached.items()
+        if most is not None
+    ]
+
+
+# -- mirror, aperture, focus -----------------------------------------------------------------------
+
+
+def _made(own: Requirements, combination: PartsCombination, most_area_deg2: float) -> Candidate | str:
+    """Return the sensor at the aperture of the largest blur margin, or the reason for rejection."""
+    if combination.ball is None and set(RangeSearch(own).free) - {"f_number"}:
+        return RangeSearch(own).best().made
+    rough, span = _sketched(own, combination), ends(own.lens.f_number)
+    if np.isfinite(most_area_deg2):
+        sharpest = focusing(replace(own, limits=()), rough, SCREENED).best_aperture(span)[1]
+        if sharpest.cost > most_area_deg2 * (1 + SLACK):
+            return BLURRED
+    f_number, focus = focusing(own, rough, SCREENED).best_aperture(span)
+    if focus.cost > SLACK and any(limit.of.is_sharpness for limit in own.limits):
+        return "too blurred"
+    settled = own.changed(f_number=f_number)
+    return make(settled) if combination.ball is None else _of_ball(settled, combination.ball)
+
+
+def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
+    """Return the sensor before focusing, with the mirror for an approximate focus.
+
+    Two iterations from an initial estimate are sufficient: the residual is small relative to the
+    slack.
+    """
+    settled = own.changed(f_number=ends(own.lens.f_number)[1])
+    nearness = 0.0
+    if isinstance(combination.lens, LensComponent):
+        radius_mm, ball = own.largest_image_px * own.imager.pitch_mm, combination.ball
+        beyond = BEYOND_RIM * (ends(own.mirror.rim_radius_mm)[0] if ball is None else _rim_mm(own, 0.0, ball))
+        nearness = 1 / combination.lens.focal_length_mm / (1 + beyond / radius_mm)
+    for _ in range(2):
+        if combination.ball is not None:
+            theta = 0.0 if own.lens.is_telecentric else viewing(settled, nearness)[0]
+            settled = settled.changed(rim_radius_mm=_rim_mm(own, theta, combination.ball))
+        rough = sketched(settled, nearness)
+        if own.lens.is_telecentric or not own.lens.fills_imager:
+            break
+        nearness = 1 / focusing(settled, rough, SCREENED).best_aperture(ends(settled.lens.f_number))[1].focus_mm
+    return rough
+
+
+def _rim_mm(own: Requirements, theta_deg: float, ball: BallComponent) -> float:
+    """Return the rim of the cap of a ball: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
+    return ball.ball_diameter_mm / 2 * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
+
+
+def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
+    """Return the sensor with the cap of a ball, with consistent rim and viewing angle."""
+    low, high = ends(settled.mirror.rim_radius_mm)
+    theta = 0.0
+    for _ in range(ROUNDS):
+        rim = _rim_mm(settled, theta, ball)
+        made = make(settled.changed(rim_radius_mm=rim))
+        before, theta = theta, float(np.degrees(made.sensor.meridian.theta_max))
+        if abs(theta - before) < SETTLED:
+            break
+    if not low * (1 - SETTLED) <= rim <= high * (1 + SETTLED):
+        return "another rim radius"
+    return made
+
+
+def check_free(asked: Requirements) -> None:
+    """Check that no free range conflicts with a mirror ball.
+
+    Raises
+    ------
+    InvalidParameter
+        Conflicting range.
+    """
+    assert asked.parts is not None
+    if asked.parts.mirror == "ball" and is_free(asked.lens.theta_max_deg):
+        raise InvalidParameter(
+            "theta_max_deg of a bought ball follows from lens and imager; leave it out, or give a number"
+        )
+
+
+# -- Search among combinations of parts: necessary conditions, then designs in order of price ------
+#
+# Combinations that violate a necessary condition (:mod:`.combinations`) are not designed. The others
+# are designed in order of price until the requested number of feasible designs is reached; or all of
+# them for the front of price and blur, which retains those sharper than every cheaper one.
+
+BLOCK = 32  # combinations per task of a process
+FEW = 64  # up to this number, no other processes are used
+
+
+@dataclass(frozen=True)
+class PartsSearch:
+    """Result of :func:`omnimirror.design_from_parts`.
+
+    Attributes
+    ----------
+    found
+        Feasible designs, cheapest first; for a front those sharper than every cheaper one.
+    nearest
+        Without a feasible design: the one with the smallest violation, if a design exists.
+    combinations
+        Number of combinations.
+    cut
+        Number of combinations rejected before the mirror design, by reason.
+    missed
+        Number of infeasible designs, by the first missed requirement.
+    left
+        Number of combinations not evaluated, all of them more expensive.
+    """
+
+    requirements: Requirements
+    found: tuple[BoughtDesign, ...]
+    nearest: BoughtDesign | None
+    combinations: int
+    cut: dict[str, int]
+    missed: dict[str, int]
+    left: int
+
+    @property
+    def is_met(self) -> bool:
+        """Return whether a combination meets all requirements."""
+        return bool(self.found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        counts = {"combinations": self.combinations, "cut": self.cut, "missed": self.missed, "left": self.left}
+        nearest = None if self.nearest is None else self.nearest.to_dict()
+        data: dict[str, Any] = json_plain(
+            {"found": [design.to_dict() for design in self.found], "nearest": nearest, **counts}
+        )
+        return data
+
+
+@checked
+def design_from_parts(
+    requirements: Requirements,
+    catalogue: Catalogue | None = None,
+    *,
+    most: int = 10,
+    front: bool = False,
+    processes: int = 1,
+    on_step: Callable[[str], None] | None = None,
+) -> PartsSearch:
+    """Design a mirror for each combination of catalogue parts that may meet the requirements.
+
+    Each combination of lens and imager and, if required, mirror ball and dome has its own mirror,
+    distance, aperture and focus; lens entries of the requirements (focal length, F-number, focus)
+    restrict the choice of lenses.
+
+    Parameters
+    ----------
+    requirements
+        Requirements with ``parts``.
+    catalogue
+        Catalogue from :func:`omnimirror.read_catalogue`; by default that of the requirements.
+    most
+        Stop after this number of feasible combinations; cheapest first.
+    front
+        Alternatively, return all designs sharper than every cheaper one, by worst floored blur
+        area.
+    processes
+        Number of parallel processes.
+    on_step
+        Callback for progress messages.
+
+    Returns
+    -------
+    PartsSearch
+        Designs, and the number of rejected combinations by reason.
+
+    Raises
+    ------
+    InvalidParameter
+        Requirements without parts, a count below 1, or a required ball or dome missing in the
+        catalogue.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> asked = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=120),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=30),
+    ...     lens=om.LensRequirements(f_number=(1, 16)),
+    ...     limits=[om.Limit("total_blur_deg", at_most=0.6)],
+    ...     parts=om.PartsRequirements(most_price=150),
+    ... )
+    >>> search = om.design_from_parts(asked, most=2)
+    >>> [round(design.price) for design in search.found] == sorted(round(design.price) for design in search.found)
+    True
+    """
+    instance("requirements", requirements, Requirements, "requirements")
+    if requirements.parts is None:
+        raise InvalidParameter("the requirements say nothing of parts; give parts, or design_sensor designs without")
+    whole("most", most, 1)
+    whole("processes", processes, 1)
+    check_free(requirements)
+    catalogue = read_catalogue(*requirements.parts.catalogue) if catalogue is None else catalogue
+    for name, asked, there in (
+        ("ball", requirements.parts.mirror == "ball", catalogue.balls),
+        ("dome", requirements.parts.dome, catalogue.domes),
+    ):
+        if asked and not there:
+            raise InvalidParameter(f"there is no {name} in the catalogue, and parts asks for one")
+    everything = combinations_of(catalogue, requirements)
+    reasons = [cut(requirements, combination) for combination in everything]
+    tally = _Tally(requirements, front, most, len(everything), Counter(r for r in reasons if r is not None))
+    left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
+    say = on_step or (lambda words: None)
+    for i, answer in enumerate(_designed(requirements, left, processes, tally)):
+        tally.take(answer)
+        say(f"{i + 1} of {len(left)} combinations, {len(tally.found)} keep everything")
+        if tally.is_full:
+            break
+    return tally.result()
+
+
+def _designed(
+    requirements: Requirements, combinations: list[PartsCombination], processes: int, tally: _Tally
+) -> Iterator[BoughtDesign | str]:
+    """Yield the results of the combinations in their order."""
+    if processes == 1 or len(combinations) <= FEW:
+        for combination in combinations:
+            yield design_bought(requirements, combination, tally.most_area_deg2)
+        return
+    others = set(active_children())
+    with _spared_signals():  # its queues start the process that tracks their semaphores
+        executor = ProcessPoolExecutor(processes, get_context("spawn"))
+    with executor as pool:
+        blocks = iter([combinations[i : i + BLOCK] for i in range(0, len(combinations), BLOCK)])
+
+        def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:
+            with _spared_signals():
+                most = tally.most_area_deg2
+                return [pool.submit(_block, requirements, block, most) for block in islice(blocks, count)]
+
+        under_way: list[Future[list[BoughtDesign | str]]] = []
+        try:
+            under_way += submit(processes + 1)
+            while under_way:
+                answers = under_way.pop(0).result()
+                under_way += submit(1)
+                yield from answers
+        except BaseException:  # signal, error or sufficient designs: do not wait for the other blocks
+            for worker in set(active_children()) - others:
+                worker.terminate()
+            raise
+
+
+@contextmanager
+def _spared_signals() -> Iterator[None]:
+    """Block Ctrl-C and SIGHUP in processes started within the block.
+
+    This process receives the signals at the end of the block and ends the others.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _block(
+    requirements: Requirements, combinations: list[PartsCombination], most_area_deg2: float
+) -> list[BoughtDesign | str]:
+    return [design_bought(requirements, combination, most_area_deg2) for combination in combinations]
+
+
+@dataclass
+class _Tally:
+    """State of the search."""
+
+    requirements: Requirements
+    front: bool
+    most: int
+    combinations: int
+    cut: Counter[str]
+    found: list[BoughtDesign] = field(default_factory=list)
+    nearest: BoughtDesign | None = None
+    missed: Counter[str] = field(default_factory=Counter)
+    taken: int = 0
+
+    def take(self, answer: BoughtDesign | str) -> None:
+        """Record the result of the next combination."""
+        self.taken += 1
+        if isinstance(answer, str):
+            self.missed[answer] += 1
+        elif not answer.is_met:
+            self.missed[answer.design.verdict.missed[0]] += 1
+            if self.nearest is None or answer.design.verdict.worst < self.nearest.design.verdict.worst:
+                self.nearest = answer
+        elif answer.worst_floored_area_deg2 < self.most_area_deg2:
+            self.found.append(answer)
+        else:
+            self.missed[BLURRED] += 1
+
+    @property
+    def most_area_deg2(self) -> float:
+        """Return, for a front, the upper limit of the blur area of the next design."""
+        areas = [design.worst_floored_area_deg2 for design in self.found] if self.front else []
+        return min(areas, default=np.inf)
+
+    @property
+    def is_full(self) -> bool:
+        return not self.front and len(self.found) >= self.most
+
+    def result(self) -> PartsSearch:
+        left = self.combinations - self.cut.total() - self.taken
+        nearest = None if self.found else self.nearest
+        return PartsSearch(
+            self.requirements, tuple(self.found), nearest, self.combinations, dict(self.cut), dict(self.missed), left
+        )

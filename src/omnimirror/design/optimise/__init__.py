@@ -1,1 +1,0 @@
-"""Optimisation of freeform mirrors for one merit or several."""

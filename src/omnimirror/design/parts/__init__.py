@@ -1,1 +1,0 @@
-"""Design with off-the-shelf parts: a mirror for each combination of them."""

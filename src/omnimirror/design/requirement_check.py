@@ -1,0 +1,431 @@
+"""Requirement check of a sensor: requested value, reached value and margin of each requirement.
+
+The same check determines the temperature range in which a sensor meets all requirements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..analysis.evaluation import Evaluation, evaluate
+from ..analysis.operating_conditions import at_temperature
+from ..base.arguments import checked, instance, whole
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.files import json_plain
+from ..base.typing import Array
+from ..optics.lenses import GaussianLens
+from ..optics.sensor import Sensor, check_sensor
+from .evaluated_field import JudgedRange, counted_field, cut_off, distances_of
+from .limits import SHARED, Limit, told_part
+from .merits import FieldValues, values_of_evaluation
+from .ranges import ends, ends_or_none
+from .requirements import FARTHEST_FOCUS, Requirements
+
+# -- Requirement check of a sensor: requested value, reached value and margin of each requirement
+
+ROUNDING = 1e-6  # relative tolerance of margins
+EDGE_PX = 0.02  # tolerance at the edge of the outermost pixel
+REPORTED, MAX_ANGLES = 1001, 100_000  # field angles
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Check of one requirement.
+
+    Attributes
+    ----------
+    name
+        Quantity, or entry of the requirement file.
+    unit
+    at_least, at_most
+        Requested bounds; None if unbounded.
+    reached
+    omega_deg
+        Field angle of the worst value, if applicable.
+    part_deg
+        Evaluated part of the field, if it is not the whole field.
+    is_limit
+        True for a ``[[limit]]``, False for a given entry.
+    tolerance
+        Permitted excess over the limit: the uncertainty of the edge of the outermost pixel.
+    remarks
+        Excluded parts of the field with reasons, and contributions that exceed the limit by
+        themselves.
+    """
+
+    name: str
+    unit: str
+    at_least: float | None
+    at_most: float | None
+    reached: float
+    omega_deg: float | None = None
+    part_deg: tuple[float, float] | None = None
+    is_limit: bool = False
+    tolerance: float = 0.0
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def margin(self) -> float:
+        """Return the distance to the limit; negative only for a missed requirement."""
+        return max(self._difference, 0.0) if self.is_met else self._difference
+
+    @property
+    def _difference(self) -> float:
+        """Return the margin without the tolerance."""
+        sides = [self.reached - self.at_least] if self.at_least is not None else []
+        sides += [self.at_most - self.reached] if self.at_most is not None else []
+        return min(sides)
+
+    @property
+    def scale(self) -> float:
+        """Return the magnitude of the requested value, the unit for comparing margins."""
+        asked = [abs(v) for v in (self.at_least, self.at_most) if v is not None]
+        return max(asked) or 1.0
+
+    @property
+    def is_met(self) -> bool:
+        return self._difference >= -max(ROUNDING * self.scale, self.tolerance)
+
+    @property
+    def shortfall(self) -> float:
+        """Return the relative violation; negative if the requirement is met."""
+        return -self._difference / self.scale
+
+    @property
+    def label(self) -> str:
+        """Return the name with the part of the field."""
+        return self.name + told_part(self.part_deg)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Requirement check of a sensor.
+
+    Attributes
+    ----------
+    rows
+        One row for each requirement; limits last, in their order.
+    """
+
+    requirements: Requirements
+    sensor: Sensor
+    rows: tuple[Judgement, ...]
+
+    @property
+    def is_met(self) -> bool:
+        """Return whether all requirements are met."""
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Return the labels of the missed requirements."""
+        return tuple(row.label for row in self.rows if not row.is_met)
+
+    @property
+    def limits(self) -> tuple[Judgement, ...]:
+        """Return the rows of the limits."""
+        return tuple(row for row in self.rows if row.is_limit)
+
+    @property
+    def worst(self) -> float:
+        """Return the largest relative violation; 0 if all requirements are met."""
+        return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the table as plain data for JSON."""
+        rows = [{**asdict(row), "margin": row.margin, "is_met": row.is_met} for row in self.rows]
+        data: dict[str, Any] = json_plain({"name": self.sensor.name, "is_met": self.is_met, "requirements": rows})
+        return data
+
+
+def unit_of(name: str) -> str:
+    """Return the unit in the name of an entry.
+
+    >>> unit_of("rim_radius_mm"), unit_of("f_number")
+    ('mm', '')
+    """
+    return next((unit for unit in ("deg", "mm", "px") if name.endswith(f"_{unit}")), "")
+
+
+def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED) -> Verdict:
+    """Check a sensor against requirements at its own focus.
+
+    The check concerns the properties of the sensor, not its construction: mapping, family and fit
+    have no rows.
+
+    Parameters
+    ----------
+    requirements, sensor
+        Requirements and sensor; a sensor without a housing or thermal properties is checked with
+        those of the requirements.
+    angles
+        Number of field angles, 2 to 100000, for each limit in each part of the field.
+
+    Returns
+    -------
+    Verdict
+        One row for the field, the imager, each given number of mirror and lens, and each limit, in
+        this order.
+
+    Raises
+    ------
+    InvalidParameter
+        Lens of another kind, or a limit for a part of the field without a view.
+
+    Examples
+    --------
+    The sphere of the paper covers 135 deg but exceeds the limit of blur:
+
+    >>> import omnimirror as om
+    >>> requirements = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=135),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(40, 50)),
+    ...     lens=om.LensRequirements(focal_length_mm=11.6),
+    ...     limits=[om.Limit("total_blur_px", at_most=3.0)],
+    ... )
+    >>> verdict = om.judge(requirements, om.load_sensor("paper-spherical"))
+    >>> verdict.is_met, verdict.missed
+    (False, ('total_blur_px',))
+    >>> blur = verdict.limits[0]
+    >>> round(blur.reached, 2), round(blur.margin, 2), round(blur.omega_deg)
+    (8.96, -5.96, 135)
+    """
+    instance("requirements", requirements, Requirements, "requirements")
+    check_sensor(sensor)
+    angles = whole("angles", angles, 2, MAX_ANGLES)
+    if requirements.lens.is_telecentric != sensor.lens.TELECENTRIC:
+        raise InvalidParameter(
+            f"the lens of the sensor is {sensor.lens.KIND}, and the requirements are about one that is "
+            f"{requirements.lens.kind}"
+        )
+    if sensor.housing.is_empty:
+        sensor = replace(sensor, housing=requirements.housing)
+    if sensor.thermal is None:
+        sensor = replace(sensor, thermal=requirements.thermal)
+    rows = [*given_rows(requirements, sensor), *_limits_over_temperatures(requirements, sensor, angles)]
+    return Verdict(requirements, sensor, tuple(rows))
+
+
+def given_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+    """Return the rows of all requirements except limits: field, imager and given numbers."""
+    return [*_field_rows(requirements, sensor), *_part_rows(requirements, sensor)]
+
+
+def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+    field, counted = requirements.field, counted_field(requirements.field, sensor)
+    low, high = sensor.field_deg[0], counted.hidden_from_deg
+    rows = [Judgement("omega_max_deg", "deg", field.omega_max_deg, None, high)]
+    if field.omega_min_deg > 0 or low > 0:  # otherwise obscuration by the housing is permitted
+        begin = max(low, counted.hidden_deg)
+        rows.append(Judgement("omega_min_deg", "deg", None, field.omega_min_deg, begin))
+    return rows
+
+
+def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+    """Return the rows of mirror, lens and imager."""
+    lens, largest = requirements.lens, requirements.largest_image_px
+    rows = [
+        Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
+        Judgement(
+            "image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX, remarks=cut_off(sensor)
+        ),
+    ]
+    optics = sensor.lens
+    if isinstance(optics, GaussianLens):
+        reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.stop_number}
+        reached["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
+    else:
+        reached = {"f_number": optics.stop_number, "magnification": float(getattr(optics, "magnification", np.nan))}
+    reached["focus_mm"] = optics.focus_distance_mm
+    for name, value in reached.items():
+        span = ends_or_none(getattr(lens, name))
+        if span is not None:
+            most = None if span[0] < span[1] == FARTHEST_FOCUS else span[1]
+            rows.append(Judgement(name, unit_of(name), span[0], most, value))
+    return rows
+
+
+def _limits_over_temperatures(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+    """Return the rows of the limits at their smallest margins over the temperatures."""
+    rows = _limit_rows(requirements, sensor, angles)
+    for temperature in requirements.temperatures_c or ():
+        there = _limit_rows(requirements, at_temperature(sensor, temperature), angles)
+        remark = f"worst at {temperature:g} C"
+        rows = [
+            replace(moved, remarks=(*moved.remarks, remark)) if moved.margin < row.margin else row
+            for row, moved in zip(rows, there, strict=True)
+        ]
+    return rows
+
+
+def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+    """Return the rows of the limits, each at its worst field angle and object distance."""
+    counted = counted_field(requirements.field, sensor)
+    parts = {limit.omega_deg: counted.part(limit.omega_deg) for limit in requirements.limits}
+    omega = [np.linspace(part.low_deg, part.high_deg, angles) for part in parts.values()]
+    results = evaluations(requirements, sensor, np.concatenate(omega)) if omega else []
+    where = {part: slice(i * angles, (i + 1) * angles) for i, part in enumerate(parts)}
+    fields = [values_of_evaluation(result) for result in results]
+    rows = []
+    for limit in requirements.limits:
+        own = [(field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]])
+               for field, r in zip(fields, results, strict=True)]  # fmt: skip
+        rows.append(_limit_row(limit, own, _remarks(limit, own, sensor, parts[limit.omega_deg])))
+    return rows
+
+
+def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]) -> Judgement:
+    """Return the row of one limit from the field values of each object distance."""
+    sides = [(True, limit.at_most)] if limit.at_most is not None else []
+    sides += [(False, limit.at_least)] if limit.at_least is not None else []
+    rows = []
+    for largest, _ in sides:
+        found = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
+        value = (max if largest else min)(v for v, _, _ in found)
+        where = [omega[i] for v, i, omega in found if i is not None and abs(v - value) <= SHARED * abs(value)]
+        at = float(min(where)) if where else None
+        asked = (limit.at_least, limit.at_most)
+        rows.append(Judgement(limit.name, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
+    return min(rows, key=lambda row: row.margin)
+
+
+def _remarks(
+    limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange
+) -> tuple[str, ...]:
+    """Return remarks on excluded field angles and on the diffraction limit."""
+    is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
+    return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, sensor))
+
+
+def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor) -> list[str]:
+    """Return a remark if the Airy disk alone exceeds a limit of blur."""
+    if limit.at_most is None or not limit.of.is_blur:
+        return []
+    sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
+    least = max(limit.of.extreme(field, True)[0] for field in sharp)
+    real = "" if sensor.lens.IS_THIN else " with the lens's own blur"
+    said = f"the Airy disk{real} alone is {least:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
+    return [said] if least > limit.at_most else []
+
+
+def evaluations(requirements: Requirements, sensor: Sensor, omega_deg: Array) -> list[Evaluation]:
+    """Return the evaluation for the nearest and the farthest object, or for objects on surfaces."""
+    field = requirements.field
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
+    return [evaluate(sensor, omega_deg, object_distance_mm=distance) for distance in distances_of(field, rays)]
+
+
+# -- Temperature range of a sensor with all requirements met ---------------------------------------
+
+STEP_K = 10.0  # step of the search before bisection
+CLOSE_K = 0.1
+
+
+@dataclass(frozen=True)
+class TemperatureRange:
+    """Temperature range about the reference with all requirements met.
+
+    Attributes
+    ----------
+    low_c, high_c
+        Ends of the range, accurate to 0.1 K; NaN if requirements are missed at the reference.
+    below, above
+        Requirements missed beyond each end; empty at the ends of the searched range.
+    """
+
+    low_c: float
+    high_c: float
+    below: tuple[str, ...]
+    above: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the range as plain data for JSON."""
+        return {"low_c": self.low_c, "high_c": self.high_c, "below": list(self.below), "above": list(self.above)}
+
+
+@checked
+def temperature_range(
+    requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0
+) -> TemperatureRange:
+    """Compute the temperature range of a sensor with all requirements met.
+
+    Parameters
+    ----------
+    requirements
+        Requirements as in :func:`omnimirror.judge`.
+    sensor
+        Sensor with ``thermal`` properties.
+    coldest_c, warmest_c
+        Ends of the searched range, which includes the reference of ``thermal``.
+
+    Returns
+    -------
+    TemperatureRange
+        Contiguous range about the reference.
+
+    Raises
+    ------
+    InvalidParameter
+        Sensor without thermal properties, or a range without its reference.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=130.0),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.905),
+    ...     lens=om.LensRequirements(theta_max_deg=12.0),
+    ...     limits=(om.Limit("total_blur_px", at_most=7.9),),
+    ... )
+    >>> thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
+    >>> found = temperature_range(wanted, replace(om.load_sensor("paper-spherical"), thermal=thermal))
+    >>> found.low_c, found.high_c, found.above
+    (-40.0, 48.9, ('total_blur_px',))
+    """
+    if sensor.thermal is None:
+        at_temperature(sensor, coldest_c)  # raises an error with the missing properties
+    reference = sensor.thermal.reference_c  # type: ignore[union-attr]  # refused above
+    if not coldest_c <= reference <= warmest_c:
+        raise InvalidParameter(
+            f"temperatures from {coldest_c:g} to {warmest_c:g} C are not valid; they must hold the reference of the "
+            f"sensor's [thermal], {reference:g} C"
+        )
+    if missed := _missed(requirements, sensor, reference):
+        return TemperatureRange(np.nan, np.nan, missed, missed)
+    (low, below), (high, above) = (_end(requirements, sensor, reference, end) for end in (coldest_c, warmest_c))
+    return TemperatureRange(low, high, below, above)
+
+
+def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> tuple[float, tuple[str, ...]]:
+    """Return the last temperature with all requirements met, and those missed beyond."""
+    missed: tuple[str, ...] = ()
+    step = float(np.copysign(STEP_K, end - met))
+    while met != end:
+        tried = end if abs(end - met) <= STEP_K else met + step
+        if missed := _missed(requirements, sensor, tried):
+            break
+        met = tried
+    else:
+        return end, ()
+    while abs(tried - met) > CLOSE_K:
+        middle = (met + tried) / 2
+        if found := _missed(requirements, sensor, middle):
+            tried, missed = middle, found
+        else:
+            met = middle
+    return round(met, 1), missed
+
+
+def _missed(requirements: Requirements, sensor: Sensor, temperature_c: float) -> tuple[str, ...]:
+    """Return the requirements missed at a temperature. Given sizes (rim, focal length) refer to
+    manufacture and may expand.
+    """
+    try:
+        rows = judge(replace(requirements, temperatures_c=None), at_temperature(sensor, temperature_c)).rows
+    except OmnimirrorError as e:  # invalid sensor
+        return (str(e),)
+    return tuple(row.label for row in rows if not row.is_met and (row.is_limit or row.at_least != row.at_most))

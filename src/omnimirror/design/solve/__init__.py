@@ -1,1 +1,0 @@
-"""Solvers: sensor design from requirements, requirement check, and relaxations."""

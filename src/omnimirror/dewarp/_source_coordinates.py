@@ -1,0 +1,313 @@
+"""Source coordinates of the pixels of a view: exact, or interpolated with local refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.typing import Array, Mask
+from ..cameras.camera import AxialSymmetry, Camera
+from ..cameras.frames import pan_tilt_direction
+from .field_of_view import is_vertical
+from .maps import LatticeMap, PolarMap
+from .radial_table import RadialTable, radial_table
+from .screens import Panorama, Screen, View, parts_of
+from .screens._screen import pixels_of_rows
+from .viewpoints import Viewpoint, centre_of_projection, projection_of
+
+# -- Source coordinates of a view, interpolated from an exact coarse lattice with local refinement
+#
+# Source coordinates vary slowly over a view, and most pixels are interpolated between exact nodes
+# some 16 pixels apart (four-point Lagrange, with an error proportional to the fourth power of the
+# step). The interpolation is tested at a node in the middle of each cell and with the fourth
+# differences of the nodes in each direction, because two errors of opposite sign cancel in the
+# middle. Cells that fail, and cells at the field boundary, are computed pixel by pixel.
+
+Exact = Callable[[Array, Array], Array]
+"""Function that returns source pixels (..., 2) of broadcast view pixels u and v; NaN outside the
+field.
+"""
+WithExcess = Callable[[Array, Array], tuple[Array, Array]]
+"""Function that also returns the approximate distance (...) px outside the field: <= 0 inside, NaN
+if unknown.
+"""
+
+STEPS = (16, 8)
+TOLERANCE_PX = 0.001  # at the middle of a cell, the maximum of the interpolation error
+CELLS = 6  # minimum number across and down; below it, adjacent nodes of a wide view may be on opposite sides
+FEW = 0.1  # maximum fraction of cells computed pixel by pixel before a finer lattice is faster
+
+
+def lattice_map(
+    exact: Exact,
+    size: tuple[int, int],
+    source_size: tuple[int, int],
+    tolerance: float = TOLERANCE_PX,
+    with_excess: WithExcess | None = None,
+) -> LatticeMap:
+    """Return the lattice map of a view.
+
+    Parameters
+    ----------
+    exact
+        Projection of individual pixels of the view; also evaluated slightly beyond its edges.
+    size, source_size : (width, height), px
+        Size of the view and of the source images.
+    tolerance : px
+        Maximum error at the middle of a cell.
+    with_excess
+        Projection with the distance outside the field; avoids computing cells entirely outside the
+        field.
+
+    Examples
+    --------
+    >>> def bent(u, v):
+    ...     u, v = np.broadcast_arrays(u, v)
+    ...     return np.stack([np.where(u < 50, u + 1e-4 * v**2, np.nan), np.where(u < 50, v, np.nan)], axis=-1)
+    >>> lattice_map(bent, (60, 40), (100, 100)).pixels()[30, [20, 49, 50]].round(3)
+    array([[20.09, 30.  ],
+           [49.09, 30.  ],
+           [  nan,   nan]], dtype=float32)
+    """
+    ask = with_excess or (lambda u, v: _without_excess(exact(u, v)))
+    lattice = None
+    for step in (step for step in STEPS if min(size) >= CELLS * step):
+        lattice = _Lattice(ask, size, step)
+        rough = lattice.rough(tolerance)
+        if rough.sum() <= FEW * rough.size:
+            break
+    if lattice is None:
+        return _pixel_by_pixel(exact, size, source_size, STEPS[-1])
+    cells, patches = lattice.patched(exact, rough)
+    return LatticeMap(lattice.nodes_of_kernels(), size, source_size, lattice.step, cells, patches)
+
+
+def _pixel_by_pixel(exact: Exact, size: tuple[int, int], source_size: tuple[int, int], step: int) -> LatticeMap:
+    across, down = (-(-n // step) for n in size)
+    cells = np.arange(across * down, dtype=np.int32).reshape(down, across)
+    nodes, patches = np.zeros((2, down + 3, across + 3), np.float32), _patches(exact, cells >= 0, step)
+    return LatticeMap(nodes, size, source_size, step, cells, patches)
+
+
+def _patches(exact: Exact, where: Mask, step: int) -> NDArray[np.float32]:
+    """Return source pixels (n, step, step, 2) of the cells in a mask (down, across), row by row."""
+    rows, columns = np.nonzero(where)
+    steps = np.arange(step, dtype=np.float64)
+    pixels = exact(step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None])
+    return pixels.astype(np.float32)
+
+
+def _without_excess(pixels: Array) -> tuple[Array, Array]:
+    return pixels, np.where(np.isnan(pixels[..., 0]), np.nan, 0.0)
+
+
+class _Lattice:
+    """Nodes every ``step`` pixels with a margin of one node on each side, and the middles of their
+    cells.
+
+    A cell is ``unsure`` if its middle or one of the 16 nodes of its interpolation is outside the
+    field, because the field boundary may intersect it. It is ``empty`` if its corners and its
+    middle are so far outside, relative to the variation between the surrounding nodes, that the
+    field cannot reach it.
+    """
+
+    def __init__(self, ask: WithExcess, size: tuple[int, int], step: int) -> None:
+        self.step = step
+        across, down = (-(-n // step) for n in size)
+        columns, rows = (step * np.arange(-1.0, cells + 2) for cells in (across, down))
+        self.nodes, excess = ask(columns, rows[:, None])
+        self.middles, excess_within = ask(columns[1:-2] + step / 2, rows[1:-2, None] + step / 2)
+        outside, outside_within = ~(excess <= 0), ~(excess_within <= 0)
+        self.outside: Mask = outside
+        self.unsure: Mask = outside_within
+        self.empty: Mask = np.zeros_like(outside_within)
+        if outside.any():
+            self.nodes[outside] = 0.0  # the sampler would spread NaN
+            self.unsure = outside_within | _in_windows(np.logical_or, outside)
+            change = _in_windows(np.maximum, excess) - _in_windows(np.minimum, excess)  # over three cells
+            nearest = np.minimum(_in_windows(np.minimum, excess[1:-1, 1:-1], 2), excess_within)
+            self.empty = nearest > change / 2
+
+    def rough(self, tolerance: float) -> Mask:
+        """Return cells (down, across) with interpolation errors above the tolerance, at the middle
+        or between nodes.
+        """
+        miss = np.abs(_half_way(_half_way(self.nodes).swapaxes(0, 1)).swapaxes(0, 1) - self.middles)
+        down, across = (_bend(self.nodes, self.outside), _bend(self.nodes.swapaxes(0, 1), self.outside.T).T)
+        rough: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
+        rough |= ~self.unsure & ~((down <= tolerance) & (across <= tolerance))
+        return rough
+
+    def patched(self, exact: Exact, rough: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Return the cell indices and patches of cells that are computed pixel by pixel."""
+        patched = (rough | self.unsure) & ~self.empty
+        cells = np.full(rough.shape, -1, np.int32)
+        patches = np.empty((0, self.step, self.step, 2), np.float32)
+        if patched.any():
+            patches = _patches(exact, patched, self.step)
+            cells[patched] = np.arange(len(patches))
+        if self.empty.any():  # one shared patch
+            cells[self.empty] = len(patches)
+            patches = np.concatenate([patches, np.full_like(patches, np.nan, shape=(1, *patches.shape[1:]))])
+        return cells, patches
+
+    def nodes_of_kernels(self) -> NDArray[np.float32]:
+        """Return u and v (2, rows, columns)."""
+        return np.ascontiguousarray(np.moveaxis(self.nodes, -1, 0), np.float32)
+
+
+def _half_way(nodes: Array) -> Array:
+    """Return the cubic Lagrange midpoint of the inner two of every 4 rows: (n, ...) to
+    (n - 3, ...).
+    """
+    middle: Array = (9 * (nodes[1:-2] + nodes[2:-1]) - nodes[:-3] - nodes[3:]) / 16
+    return middle
+
+
+def _bend(nodes: Array, outside: Mask) -> Array:
+    """Estimate the interpolation error (px) along columns (n, m) in the cells (n - 3, m - 3).
+
+    At the midpoint, the error is 3/128 of the fourth difference. The larger difference next to the
+    cell is used; NaN if all differences extend outside.
+    """
+    if len(nodes) < 5:
+        return np.zeros((len(nodes) - 3, nodes.shape[1] - 3))
+    differences = np.abs(nodes[:-4] - 4 * nodes[1:-3] + 6 * nodes[2:-2] - 4 * nodes[3:-1] + nodes[4:])
+    # A maximum over an axis of length 2 is slow
+    fourth = 3 / 128 * np.maximum(differences[..., 0], differences[..., 1])
+    if outside.any():
+        fourth[np.logical_or.reduce([outside[i : len(outside) - 4 + i] for i in range(5)])] = np.nan
+    padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])
+    at_rows = np.fmax(padded[:-1], padded[1:])
+    bend: Array = np.maximum(at_rows[:, 1:-2], at_rows[:, 2:-1])  # the two columns that bound the cell
+    return bend
+
+
+def _in_windows(combine: np.ufunc, values: NDArray[Any], side: int = 4) -> NDArray[Any]:
+    """Reduce every ``side`` x ``side`` window of values (n, m) to one value,
+    (n - side + 1, m - side + 1).
+    """
+    for _ in range(2):
+        values = combine.reduce([values[i : len(values) - side + 1 + i] for i in range(side)]).T
+    return values
+
+
+# -- Source coordinates of the pixels of a view ----------------------------------------------------
+
+STRIP_PX = 1 << 17  # output pixels per strip: their rays fit into the cache
+
+
+def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", exact: bool = False) -> Array:
+    """Return source pixels (height, width, 2) of a view as (u, v); NaN outside the field and
+    between views of a mosaic.
+
+    With ``exact`` every pixel is projected individually; otherwise most are interpolated, with
+    errors of some 0.001 px.
+    """
+    of_screen = exact_pixels if exact else screen_pixels
+    if isinstance(view, Screen):
+        return of_screen(camera, view, viewpoint)
+    pixels = np.full((view.size[1], view.size[0], 2), np.nan)
+    for left, top, screen in parts_of(view):
+        width, height = screen.size
+        pixels[top : top + height, left : left + width] = of_screen(camera, screen, viewpoint)
+    return pixels
+
+
+def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
+    """Return source pixels (height, width, 2) of a screen with the fastest method."""
+    if is_separable(camera, screen):
+        return polar_map_of(camera, screen, viewpoint).pixels()
+    return lattice_map_of(camera, screen, viewpoint).pixels().astype(np.float64)
+
+
+def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> LatticeMap:
+    """Return the lattice map of a screen."""
+    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    if table is None:
+        return lattice_map(
+            lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size, camera.image_size
+        )
+    centre = centre_of_projection(camera, screen, viewpoint)
+
+    def targets(u: Array, v: Array) -> Array:
+        there = screen.targets_at(u, v)
+        return there - centre if centre is not None and centre.any() else there
+
+    return lattice_map(
+        lambda u, v: table.pixels(targets(u, v), centre is None),
+        screen.size,
+        camera.image_size,
+        with_excess=lambda u, v: table.pixels_and_excess(targets(u, v), centre is None),
+    )
+
+
+def exact_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
+    """Return source pixels (height, width, 2) of a screen, projected individually in strips of
+    rows.
+    """
+    width, height = screen.size
+    pixels = np.empty((height, width, 2))
+    step = max(1, STRIP_PX // width)
+    for first in range(0, height, step):
+        last = min(first + step, height)
+        pixels[first:last] = rows_of_pixels(camera, screen, first, last, viewpoint)
+    return pixels
+
+
+def rows_of_pixels(
+    camera: Camera, screen: Screen, first_row: int, last_row: int, viewpoint: Viewpoint = "exact"
+) -> Array:
+    """Return source pixels (rows, width, 2) of some rows of a screen, projected individually."""
+    return _projected(camera, screen, viewpoint, screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row)))
+
+
+def _projected(camera: Camera, screen: Screen, viewpoint: Viewpoint, targets: Array) -> Array:
+    """Return source pixels (..., 2) of screen targets (..., 3), flattened to the (n, 3) of the
+    camera interface.
+    """
+    pixels = projection_of(camera, screen, viewpoint)(targets.reshape(-1, 3)).pixels
+    return pixels.reshape(*targets.shape[:-1], 2)
+
+
+# -- panoramas about the camera axis ---------------------------------------------------------------
+
+
+def is_separable(camera: Camera, screen: Screen) -> bool:
+    """Return True if rows are circles in the image: a panorama about the vertical axis of the
+    camera.
+    """
+    if not isinstance(screen, Panorama) or camera.symmetry is None or not is_vertical(camera.symmetry):
+        return False
+    return screen.is_distant or not any(screen.offset_mm[:2])
+
+
+def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> PolarMap:
+    """Return the polar map of a separable screen."""
+    symmetry = camera.symmetry
+    assert isinstance(screen, Panorama)
+    assert symmetry is not None
+    across = pan_tilt_direction(screen.pans(), 0.0)
+    angles = np.unwrap(np.arctan2(across @ symmetry.down, across @ symmetry.right))
+    if screen.is_distant:
+        return PolarMap(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size)
+    centre = centre_of_projection(camera, screen, viewpoint)
+    # One column is sufficient by symmetry
+    points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))
+    points -= 0.0 if centre is None else centre
+    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    assert table is not None
+    radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, centre is None)
+    return PolarMap(symmetry.centre_px, radii, angles, camera.image_size)
+
+
+def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:
+    """Return image radii (n,) in px for tilts (n,) in radians; NaN outside the field."""
+    omega: Array = np.pi / 2 - symmetry.axis[2] * tilts
+    radii = np.full_like(omega, np.nan)
+    seen = (omega >= symmetry.omega_min) & (omega <= symmetry.omega_max)
+    radii[seen] = symmetry.radius_px(omega[seen])
+    return radii

@@ -1,0 +1,256 @@
+"""Dewarping of image files, individually or in parallel, at the bit depth of their format."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.colour import linear_from_srgb, srgb_from_linear
+from ..base.errors import InvalidParameter
+from ..base.files import is_same_file, name_of
+from ..cameras.camera import Camera
+from ..io import GPano, write_image
+from ..io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES, Job, Results, expand_inputs, outputs_for, run_parallel
+from ..io.exif import (
+    ORIENTATION_NAMES,
+    STORED_ORIENTATION_HINT,
+    TRANSPOSING_ORIENTATIONS,
+    UPRIGHT,
+    Exposure,
+    applied,
+    exposure_of,
+)
+from ..io.images import OPAQUE, Image, ImageFormat, can_be_panorama, check_size, format_of, read_image_and_metadata
+from . import ColourDewarper, Dewarper
+from .interfaces import Border
+from .request import BorderColour, DewarpRequest, Recording, Size, is_video
+
+if TYPE_CHECKING:
+    from ..optics.sensor import Sensor
+    from .restoration.deblurring import Restoration, Restorer
+
+__all__ = ["BorderColour", "Recording", "Straightened", "Straightening", "is_video"]
+
+
+# -- Conversion of images to the depths and channels of a file format: integers are sRGB, floats linear light
+
+ImageArray = NDArray[Any]
+
+
+def depth_for(depth: str, kind: ImageFormat) -> str:
+    """Return the nearest depth supported by a file format; for linear light stored as integers, the
+    largest one.
+
+    >>> from omnimirror.io.images import format_of
+    >>> depth_for("uint16", format_of("a.jpg")), depth_for("float32", format_of("a.png"))
+    ('uint8', 'uint16')
+    """
+    return depth if depth in kind.depths else kind.depths[-1]
+
+
+def as_held(image: ImageArray, kind: ImageFormat) -> ImageArray:
+    """Convert an image to a depth and channels supported by a file format.
+
+    16 bits are rounded to 8; floating-point light is converted to sRGB, clipped at white, and vice
+    versa. A grey image becomes RGB if the format supports no grey images. Alpha is linear.
+
+    >>> from omnimirror.io.images import format_of
+    >>> as_held(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))
+    array([[  0,   1, 255]], dtype=uint8)
+    >>> as_held(np.array([[0.0, 0.214, 7.0]], np.float32), format_of("a.jpg"))
+    array([[  0, 127, 255]], dtype=uint8)
+    """
+    depth = depth_for(image.dtype.name, kind)
+    if depth != image.dtype.name:
+        image = _in_depth(image, depth)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if channels == 1 and 1 not in kind.channels:
+        image = np.repeat(image.reshape(*image.shape[:2], 1), 3, axis=2)
+    return image
+
+
+def _in_depth(image: ImageArray, depth: str) -> ImageArray:
+    values = image.astype(np.float64) / OPAQUE[image.dtype.name]
+    colours: ImageArray = values[..., :3] if image.ndim == 3 else values
+    if image.dtype == np.float32:
+        colours = srgb_from_linear(np.nan_to_num(colours))
+    elif depth == "float32":
+        colours = linear_from_srgb(colours)
+    values[..., : colours.shape[-1]] = colours
+    if depth == "float32":
+        return values.astype(np.float32)
+    return np.rint(values.clip(0, 1) * OPAQUE[depth]).astype(depth)
+
+
+# -- Dewarping of image files, individually or in parallel -----------------------------------------
+#
+# Sensors and deblurring are imported on demand: their import takes as long as dewarping a mirror-ball
+# image.
+
+
+@dataclass(frozen=True)
+class DewarpedImages:
+    """Result of dewarping several images."""
+
+    results: Results
+    """Completed, failed (with reasons) and unprocessed images."""
+    was_there: int = 0
+    """Number of skipped images with existing output."""
+    left_out: Counter[str] = field(default_factory=Counter)
+    """Metadata that the output formats cannot store, with the number of images."""
+    oriented: Counter[str] = field(default_factory=Counter)
+    """Orientations other than that of the stored pixels, in words, with the number of images."""
+
+
+class ImageDewarper:
+    """Dewarper of image files; images of one size share their map."""
+
+    def __init__(
+        self,
+        how: DewarpRequest,
+        *,
+        transparent: bool | None = None,
+        restoration: Restoration | None = None,
+        wavelengths_nm: tuple[float, float, float] | None = None,
+    ) -> None:
+        self.how, self.restoration, self.wavelengths_nm = how, restoration, wavelengths_nm
+        self.transparent = False if how.border else transparent
+        self.dewarper = cache(self._dewarper)
+        self.inside = cache(self._inside)
+        self.restorer = cache(self._restorer)
+        self.alone = Lock()  # needs much memory
+        self.left_out: Counter[str] = Counter()
+        self.oriented: Counter[str] = Counter()
+
+    def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
+        """Return the dewarper for images of one size, and the GPano metadata of its panoramas."""
+        stands = self.how.camera_of(size)
+        camera = self.how.drawing(stands)
+        view = self.how.view_of(camera)
+        panorama = self.how.panorama_of(stands, view)
+        if self.wavelengths_nm is None:
+            return self.how.dewarper(camera, view, border), panorama
+        how = (view, self.how.interpolation, self.how.viewpoint, border)
+        return ColourDewarper(self._colours(camera), *how), panorama
+
+    def _colours(self, camera: Camera) -> tuple[Sensor, Sensor, Sensor]:
+        """Return the camera for red, green and blue light."""
+        from ..analysis.operating_conditions import at_wavelength
+        from ..optics.sensor import Sensor
+
+        assert self.wavelengths_nm is not None
+        if not isinstance(camera, Sensor):
+            raise InvalidParameter(
+                "what parts the colours is known of a sensor with a lens and a cover; straighten the pictures of this "
+                "camera without wavelengths_nm, or by an om.ColourDewarper of three calibrations"
+            )
+        red, green, blue = (at_wavelength(camera, nm) for nm in self.wavelengths_nm)
+        return red, green, blue
+
+    def _inside(self, size: Size, border: Border) -> str:
+        """Return a description of the fraction of the view inside the field for images of one size."""
+        return _percent(self.dewarper(size, border)[0])
+
+    def _restorer(self, camera: Camera, exposure: Exposure) -> Restorer:
+        assert self.restoration is not None
+        return self.restoration.restorer(camera, exposure)
+
+    def _restored(self, picture: Image, source: Path, camera: Camera, exposure: Exposure) -> tuple[Image, str]:
+        """Return the deblurred image and a description of its blur and noise."""
+        assert self.restoration is not None
+        with self.alone:
+            return self.restoration.restored(picture, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
+
+    def __call__(self, source: Path, output: Path) -> str:
+        """Read, dewarp and write one image; return a summary sentence."""
+        if is_same_file(output, source):
+            raise InvalidParameter(f"{output} is the picture to straighten; write to another name")
+        kind = format_of(output)
+        if self.transparent and not kind.has_alpha:
+            raise InvalidParameter(
+                f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or black outside the field"
+            )
+        is_stored = self.how.stored_orientation
+        picture, carried = read_image_and_metadata(source, stored_orientation=is_stored)
+        border = self.how.border.of_picture(picture) if self.how.border else 0
+        same = (picture.shape[1], picture.shape[0]), border  # identical for all such images
+        dewarp, panorama = self.dewarper(*same)
+        _check_orientation(same[0], dewarp.camera.image_size, carried.orientation, is_stored)
+        check_size(output, dewarp.view.size)
+        restored = ""
+        if self.restoration is not None:
+            picture, restored = self._restored(picture, source, dewarp.camera, exposure_of(carried.exif))
+        straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
+        held = as_held(straight, kind)
+        recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
+        kept, left_out = carried.that_fits(output, held, recoded)
+        write_image(output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept)
+        height, width = straight.shape[:2]
+        told = _change_of_depth(straight.dtype.name, held.dtype.name)
+        if left_out:
+            told += f", {left_out}"
+            self.left_out[left_out] += 1
+        if carried.orientation != UPRIGHT:
+            turned = applied(carried.orientation, is_stored)
+            told += f", {turned}"
+            self.oriented[turned] += 1
+        size = f"{width} x {height} px"
+        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} of it inside the field{told}{restored}"
+
+    def many(
+        self,
+        sources: Iterable[str | Path],
+        folder: Path,
+        *,
+        skip_existing: bool = False,
+        threads: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> DewarpedImages:
+        """Dewarp images, folders and patterns to a folder in parallel; failures are reported and do
+        not stop the others.
+        """
+        if folder.exists() and not folder.is_dir():
+            raise InvalidParameter(f"{folder} is a file, and several pictures need a folder")
+        if not folder.is_dir() and folder.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES):
+            raise InvalidParameter(f"{folder} is the name of one file, and several pictures need a folder")
+        paths = expand_inputs(sources)
+        found = list(zip(paths, outputs_for(paths, folder), strict=True))
+        pairs = [(s, o) for s, o in found if not (skip_existing and o.exists())]
+        jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
+        results = run_parallel(jobs, threads, progress)
+        return DewarpedImages(results, len(found) - len(pairs), self.left_out, self.oriented)
+
+
+def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored: bool) -> None:
+    """Raise an error that names the option if an image matches the camera only in its other
+    orientation.
+    """
+    if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(of_camera) == size[::-1]:
+        remedy = (
+            "leave out --stored-orientation (stored_orientation=True in Python)"
+            if is_stored
+            else STORED_ORIENTATION_HINT
+        )
+        raise InvalidParameter(
+            f"the image must have the {of_camera[0]} x {of_camera[1]} px of the camera; got {size[0]} x {size[1]} px, "
+            f"{'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
+        )
+
+
+def _change_of_depth(had: str, has: str) -> str:
+    """Return a description of the loss or conversion caused by a change of depth."""
+    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "light"}
+    return "" if had == has else f", {words[had]} written as {words[has]}"
+
+
+def _percent(dewarp: Dewarper | ColourDewarper) -> str:
+    share = 100 * dewarp.valid.mean()
+    return "all" if share == 100 else f"{share:.3g} %"

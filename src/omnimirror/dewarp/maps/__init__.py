@@ -1,1 +1,0 @@
-"""Maps from the pixels of a view to source coordinates."""

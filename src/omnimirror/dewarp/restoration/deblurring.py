@@ -1,0 +1,442 @@
+"""Deblurring of images with known blur and noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import check_fields, checked, instance
+from ...base.caching import cached_property
+from ...base.colour import Light, linear_from_srgb, srgb_from_linear
+from ...base.errors import InvalidParameter
+from ...cameras.camera import Camera
+from ...io.exif import Exposure
+from ...io.images import Image
+from ...optics.sensor import Sensor
+from ._blur_fraction import MIN_ASSUMED_NOISE, UNSEEN_SHARE, BlurProblem, BlurScale
+from .blur_kernels import BlurDiameters, RadialBlur, load_blur, radial_blur_of
+from .noise import FULL, Noise, check_picture, estimate_noise, specified_noise
+
+# -- Overshoot at edges, an indicator of sharpened images ------------------------------------------
+#
+# Blur makes an isolated edge rise monotonically; an unsharp mask adds a brighter and a darker line
+# next to it. Restoration would amplify these lines, and the noise or texture amplified by sharpening.
+
+Values = NDArray[np.float32]
+
+MAX_OVERSHOOT = 0.016  # median, relative to the step; images without sharpening have -0.02 to 0.015
+MAX_OVERSHOOT_UNCODED = 0.06  # same for uncoded images, which are rarely sharpened
+MIN_STEP, MIN_STEP_OF_NOISE = 0.08, 8.0  # between adjacent pixels: of full scale, and of the noise
+FLATNESS = 0.08  # range of the values beyond an isolated edge, relative to the step
+NEAREST, FARTHEST = 4, 7  # px from the edge in which they are compared
+MIN_EDGES = 30
+
+
+def overshoot(image: Values, inside: NDArray[np.bool_], noise: float = 0.0) -> float:
+    """Return the median overshoot at isolated edges relative to their step; NaN if there are too
+    few.
+
+    Parameters
+    ----------
+    image : (h, w)
+        sRGB values as a fraction of full scale.
+    inside : (h, w)
+        Mask of valid pixels.
+    noise
+        Standard deviation as a fraction of full scale; steps must exceed it.
+
+    Examples
+    --------
+    >>> edges = np.tile(np.repeat(np.float32([0.3, 0.6]), 10), (60, 4))
+    >>> everywhere = np.ones(edges.shape, bool)
+    >>> round(overshoot(edges, everywhere), 2)
+    0.0
+    >>> sharpened = edges + 0.6 * (edges - cv2.GaussianBlur(edges, (0, 0), 1.5))
+    >>> overshoot(sharpened, everywhere) > MAX_OVERSHOOT
+    True
+    """
+    found = [part for turned in ((image, inside), (image.T, inside.T)) for part in _overshoots(*turned, noise)]
+    values = np.concatenate(found)
+    return float(np.median(values)) if len(values) >= MIN_EDGES else float("nan")
+
+
+def _overshoots(image: Values, inside: NDArray[np.bool_], noise: float) -> list[Values]:
+    """Return overshoots (n,) on both sides of the isolated edges along rows."""
+    reach = FARTHEST + 1
+    if image.shape[1] <= 2 * reach:
+        return []
+    rise = np.ascontiguousarray(np.diff(image, axis=1))
+    steep = np.abs(rise)
+    is_edge = (steep > max(MIN_STEP, MIN_STEP_OF_NOISE * noise)) & inside[:, 1:]
+    is_edge &= steep >= cv2.dilate(steep, np.ones((1, 7), np.uint8))
+    is_edge[:, :reach] = is_edge[:, -reach:] = False
+    row, column = np.nonzero(is_edge)
+    sign = np.sign(rise[row, column])
+    profile = sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
+    before, beyond = profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]  # outwards from the edge
+    step = np.maximum(beyond[:, 2] - before[:, 2], 1e-3)
+    far = slice(NEAREST - 1, FARTHEST)
+    isolated = np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step
+    top = np.maximum(beyond[:, 1], beyond[:, 2]) - beyond[:, FARTHEST - 2 :].mean(axis=1)
+    bottom = before[:, FARTHEST - 2 :].mean(axis=1) - np.minimum(before[:, 1], before[:, 2])
+    return [(values / step)[isolated].astype(np.float32) for values in (top, bottom)]
+
+
+# -- Deblurring of images with known blur ----------------------------------------------------------
+
+Picture = NDArray[Any]
+
+
+class Decision(NamedTuple):
+    """Removed fraction of the known blur, and the reason if it is not 1."""
+
+    share: float
+    """Fraction from 0 to 1; at 0 the image is unchanged."""
+    reason: str = ""
+    """Empty if all of the blur is removed."""
+
+
+SHARPENED = "its edges overshoot, as those of sharpened images do"
+FEW_EDGES = "it has too few isolated edges to show whether it was sharpened"
+MAX_SHARE_OF_CODED = 0.5  # if edges do not reveal whether a coded image was sharpened
+SMALL = "with little noise, errors of a blur this small would be sharpened"
+MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter everywhere
+SHARPER = "it is sharper than that blur"
+UNSEEN = "it does not show how much blur it has"
+NO_MORE = "it shows no more blur"
+
+
+@checked
+def restore(
+    camera: Camera,
+    image: Picture,
+    *,
+    noise: float | Noise | None = None,
+    object_distance_mm: float = np.inf,
+    blur: BlurDiameters | None = None,
+) -> Picture:
+    """Remove the blur of the optics from an image of a camera.
+
+    For several images of one camera use a :class:`Restorer`.
+
+    Parameters
+    ----------
+    camera
+        Camera of the image: a sensor at its own focus, with the mirror on the axis of the lens, or
+        any camera with a specified ``blur``.
+    image : (h, w), (h, w, 3) or (h, w, 4) array
+        sRGB in uint8 or uint16, or linear light in float32; RGB or grey. A fourth channel is
+        unchanged.
+    noise
+        Standard deviation in the sRGB image as a fraction of full scale (0.01 is 2.6 of 255), or
+        the result of :func:`~omnimirror.estimate_noise`; estimated from the image by default.
+    object_distance_mm
+        Object distance from the mirror of a sensor.
+    blur
+        Blur diameters in px instead of those of the sensor: one number, a pair
+        (tangential, sagittal), a table (n, 3) of radius, tangential and sagittal diameters, or a
+        function of radii (n,) that returns both.
+
+    Returns
+    -------
+    (h, w), (h, w, 3) or (h, w, 4) array
+        Deblurred image of the same type. Pixels with a blur below 0.25 px or within a few pixels of
+        the rim are unchanged. If the image contains less blur than is known or given, only that is
+        removed; 0.85 of the known blur is removed if the image does not reveal its blur. Sharpened
+        images, and images far sharper than the known blur, are returned unchanged.
+
+    Raises
+    ------
+    InvalidParameter
+        If image, camera and noise are inconsistent, the image contains non-finite values, the blur
+        is unknown, or the mirror of a sensor is decentred or tilted.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=41.6))
+    >>> om.restore(small, np.full((128, 128), 90, np.uint8), noise=0.01).shape
+    (128, 128)
+    """
+    instance("image", image, np.ndarray, "an array of pixels")
+    return Restorer(camera, object_distance_mm, blur)(image, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Restorer:
+    """Restorer for the images of one camera; blur data are prepared once.
+
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> from omnimirror.optics.image_sensor import Imager
+    >>> sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(128, 128, 41.6))
+    >>> restorer = Restorer(replace(sensor, lens=replace(sensor.lens, f_number=0.5)))
+    >>> restorer(np.full((128, 128), 90, np.uint8), noise=0.01).shape
+    (128, 128)
+    """
+
+    camera: Camera
+    object_distance_mm: float = np.inf
+    told: BlurDiameters | None = None
+    f_number: float | None = None
+    """F-number of the exposure if it differs from that of the sensor: a smaller aperture reduces
+    the blur.
+    """
+    focus_distance_mm: float | None = None
+    """Focus distance of the exposure; the smaller blur of this focus and that of the sensor is
+    used.
+    """
+
+    def __call__(self, image: Picture, noise: float | Noise | None = None, share: float | None = None) -> Picture:
+        """Restore an image as :func:`restore`, removing ``share`` of the blur; by default that of
+        :meth:`decide`.
+        """
+        found = self._noise_of(image, noise)
+        if share is None:
+            share = self.decide(image, found).share
+        if share == 0:
+            return image.copy()
+        colours = image[..., None] if image.ndim == 2 else image[..., :3]
+        light = _light(colours)
+        problem = self._problem(share)
+        sharp = problem.sharp_roots(np.sqrt(light), found) ** 2
+        mixing = problem.share[..., None]
+        full = FULL[image.dtype.name]
+        if image.dtype == np.float32:
+            mixed = light + mixing * (sharp - light)
+        else:
+            given = (colours / np.float32(full)).astype(np.float32)
+            mixed = np.rint(full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1))
+        restored = image.copy()
+        restored.reshape(*image.shape[:2], -1)[..., : mixed.shape[2]] = mixed
+        return restored
+
+    def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
+        """Estimate the noise of an image inside the rim; see :func:`~omnimirror.estimate_noise`."""
+        self._check(image)
+        return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
+
+    def decide(self, image: Picture, noise: float | Noise | None = None) -> Decision:
+        """Return the detectable fraction of the known blur in an image.
+
+        The image is unchanged if its edges overshoot, or if it is sharper than 0.25 of the known
+        blur.
+        """
+        found = self._noise_of(image, noise)
+        colours = image[..., None] if image.ndim == 2 else image[..., :3]
+        light = _light(colours)
+        grey = srgb_from_linear(light.mean(axis=2))
+        visible = 0.0 if found.kind == "JPEG" else found.share
+        inside = self.radius < self.known.whole_radius_px
+        beyond = overshoot(np.asarray(grey, np.float32), inside, visible)
+        if beyond > (MAX_OVERSHOOT if found.kind == "JPEG" else MAX_OVERSHOOT_UNCODED):
+            return Decision(0.0, SHARPENED)
+        share = self._scale.shown_share(np.sqrt(light), found)
+        if share == 0:
+            return Decision(0.0, SHARPER)
+        if found.kind == "JPEG" and np.isnan(beyond) and share > MAX_SHARE_OF_CODED:
+            return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
+        if found.share < MIN_ASSUMED_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
+            return Decision(MAX_SHARE_OF_SMALL, SMALL)
+        return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
+
+    @cached_property
+    def _is_small(self) -> bool:
+        return bool(self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0) < SMALL_PX)
+
+    def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
+        """Return the fraction of the known blur that is removed from an image."""
+        return self.decide(image, noise).share
+
+    @cached_property
+    def known(self) -> RadialBlur:
+        """Known blur."""
+        return radial_blur_of(
+            self.camera, self.object_distance_mm, self.told, f_number=self.f_number, focus_mm=self.focus_distance_mm
+        )
+
+    @cached_property
+    def _scale(self) -> BlurScale:
+        return BlurScale(self.known)
+
+    @cached_property
+    def problem(self) -> BlurProblem:
+        """Problem of removing all of the blur."""
+        return BlurProblem(self.known)
+
+    @property
+    def share(self) -> Values:
+        """Fraction (h, w) of restoration of each pixel, 0 to 1: 0 for sharp pixels and near the
+        rim.
+        """
+        return self.problem.share
+
+    @cached_property
+    def radius(self) -> NDArray[np.float64]:
+        """Distance (h, w) px of every pixel from the optical axis."""
+        return self.known.radius
+
+    def _problem(self, share: float) -> BlurProblem:
+        return self.problem if share == 1 else BlurProblem(self.known.scaled(share))
+
+    def _noise_of(self, image: Picture, noise: float | Noise | None) -> Noise:
+        self._check(image)
+        if noise is None:
+            return self.estimate_noise(image)
+        return noise if isinstance(noise, Noise) else specified_noise(noise, image.shape)
+
+    def _check(self, image: Picture) -> None:
+        check_picture(image)
+        width, height = self.camera.image_size
+        if image.shape[:2] != (height, width):
+            name = getattr(self.camera, "name", type(self.camera).__name__)
+            raise InvalidParameter(
+                f"the picture has {image.shape[1]} x {image.shape[0]} px, and those of {name!r} have {width} x {height}"
+            )
+
+
+def _light(colours: Picture) -> Light:
+    """Return the linear light of an image; negative values are noise."""
+    if colours.dtype == np.float32:
+        return np.maximum(colours, 0)
+    full = np.float32(FULL[colours.dtype.name])
+    of_level = linear_from_srgb(np.arange(full + 1, dtype=np.float32) / full)
+    return of_level[colours]
+
+
+# -- Deblurring of images before dewarping ---------------------------------------------------------
+
+NO_EXPOSURE = Exposure()
+F_TOLERANCE, FOCUS_TOLERANCE = 0.05, 0.1  # EXIF rounds F-numbers to two digits, and distances more coarsely
+MAX_FOCUS_MM = 1e7
+
+
+@dataclass(frozen=True)
+class Restoration:
+    """Deblurring of images before dewarping.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation as a fraction of full scale; estimated from each image by default.
+    object_distance_mm
+        Object distance from the mirror; infinite by default.
+    blur_px
+        Blur diameter, or (tangential, sagittal) diameters, or a CSV file of diameters over the
+        field; that of the sensor by default.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> restorer = om.Restoration(noise=0.01).restorer(om.load_sensor("paper-spherical"))
+    >>> restorer.camera.name
+    'paper-spherical'
+    """
+
+    noise: float | None = None
+    object_distance_mm: float | None = None
+    blur_px: BlurDiameters | str | Path | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def restorer(self, camera: Camera, exposure: Exposure = NO_EXPOSURE) -> Restorer:
+        """Return the restorer for the images of a camera.
+
+        Parameters
+        ----------
+        camera
+            A sensor, or a calibrated camera.
+        exposure
+            Lens settings from EXIF. If they differ from those of the sensor, they reduce its blur.
+
+        Returns
+        -------
+        Restorer
+            Restorer, called with an image and its noise.
+
+        Raises
+        ------
+        InvalidParameter
+            If the blur of the camera is unknown, or specified twice.
+        """
+        if self.blur_px is None and not isinstance(camera, Sensor):
+            raise InvalidParameter("to restore, the lens and the mirror must be known (a sensor), or the blur told")
+        if self.blur_px is not None and self.object_distance_mm is not None:
+            raise InvalidParameter("the blur that is told holds at any distance; leave out the object's distance")
+        blur = load_blur(self.blur_px, camera) if isinstance(self.blur_px, str | Path) else self.blur_px
+        distance = np.inf if self.object_distance_mm is None else self.object_distance_mm
+        if blur is not None or not isinstance(camera, Sensor):
+            return Restorer(camera, distance, blur)
+        f_number = exposure.f_number if _differs(exposure.f_number, camera.lens.stop_number, F_TOLERANCE) else None
+        focus = _focus(camera, exposure)
+        return Restorer(camera, distance, f_number=f_number, focus_distance_mm=focus)
+
+    def restored(self, picture: Image, source: Path, restorer: Restorer) -> tuple[Image, str]:
+        """Return the deblurred image and a description of its blur and noise.
+
+        Parameters
+        ----------
+        picture : (h, w) or (h, w, c) array
+            Image as read from the file.
+        source
+            Source file; for JPEG files it determines the coding noise.
+        restorer
+            Restorer of the camera.
+
+        Returns
+        -------
+        (h, w) or (h, w, c) array, str
+            Deblurred image; description of the noise and of the removed fraction of the blur.
+        """
+        told = self.noise
+        noise = restorer.estimate_noise(picture, source) if told is None else specified_noise(told, picture.shape)
+        decision = restorer.decide(picture, noise)
+        described = _exposure_words(restorer)
+        if decision.share == 0:
+            return picture, f"; not restored, since {decision.reason}{described}"
+        found = f"; restored at a noise of {100 * noise.share:.2g} % ({noise.kind}){described}"
+        if decision.share < 1:
+            found += f", and {100 * decision.share:.0f} % of the blur is removed, since {decision.reason}"
+        return restorer(picture, noise, decision.share), found
+
+
+def _differs(value: float | None, known: float, tolerance: float) -> bool:
+    return value is not None and abs(np.log(value / known)) > np.log1p(tolerance)
+
+
+def _focus(sensor: Sensor, exposure: Exposure) -> float | None:
+    """Return the focus distance (mm) of an exposure if it differs from that of the sensor and the
+    lens supports it.
+    """
+    focus = exposure.focus_distance_mm
+    if focus is None or not _differs(focus, sensor.lens.focus_distance_mm, FOCUS_TOLERANCE):
+        return None
+    return min(focus, MAX_FOCUS_MM) if focus > sensor.lens.nearest_focus_mm else None
+
+
+def _exposure_words(restorer: Restorer) -> str:
+    """Return a phrase that reports the effect of EXIF settings on the blur of the sensor; empty if
+    there is none.
+    """
+    words = ""
+    if restorer.f_number is not None:
+        assert isinstance(restorer.camera, Sensor)
+        known = restorer.camera.lens.stop_number
+        share = known / restorer.f_number
+        effect = f"{100 * share:.0f} % of its blur is assumed" if share < 1 else "no more than its blur is assumed"
+        words += f"; EXIF has F/{restorer.f_number:.3g}, the sensor F/{known:.3g}: {effect}"
+    if restorer.focus_distance_mm is not None:
+        assert isinstance(restorer.camera, Sensor)
+        words += (
+            f"; EXIF has a focus distance of {restorer.focus_distance_mm:.4g} mm, the sensor "
+            f"{restorer.camera.lens.focus_distance_mm:.4g} mm: the smaller blur of both is assumed"
+        )
+    return words

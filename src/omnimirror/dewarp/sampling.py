@@ -1,0 +1,447 @@
+"""Image interpolation at fractional coordinates: compiled, or OpenCV without the compiled module.
+
+Both implementations have a common definition. Coordinates from half a pixel before the first pixel
+centre to half a pixel after the last one are inside the image; on the outermost half pixel the
+image has its edge value. NaN and all other coordinates are outside and yield the border value,
+without smearing. Cubic is the kernel of Keys [1]_ with a = -0.75, as in OpenCV; its taps outside
+the image repeat the edge. Area is the mean of cubic samples over the footprint of an output pixel,
+restricted to samples inside the image; auto equals area for minified pixels, and cubic otherwise
+(see :mod:`omnimirror.dewarp._footprints`).
+
+Results agree within one grey level. Coordinates are rounded to float32 before sampling; the
+compiled samplers quantise fractions of a pixel to 1/255 in uint8 images and to 1/65535 in others.
+
+.. [1] R. G. Keys, Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29 (1981).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arguments import instance, shown
+from ..base.errors import InvalidParameter
+from ..base.native import backend
+from ..base.typing import Mask
+from ..cameras.camera import inside_image
+from ..io.images import OPAQUE
+from ._footprints import JUMP2, JUMP2_PX
+from .interfaces import (
+    INTERPOLATIONS,
+    KERNELS,
+    Annulus,
+    Averages,
+    Border,
+    Image,
+    Interpolation,
+    Map,
+    Pixels,
+    RemapJob,
+    Sampler,
+)
+
+# -- Validation of sampling arguments, and conversion of arrays for the samplers -------------------
+
+DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {np.dtype(name).newbyteorder() for name in OPAQUE}
+MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
+
+
+def check_picture(image: Image, size: tuple[int, int]) -> None:
+    """Raise an error unless an array is an image of the given (width, height)."""
+    check_kind(image)
+    if image.shape[2:] == (2,):
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
+    height, width = image.shape[:2]
+    if (width, height) != tuple(size):
+        same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
+        advice = "; both have the same shape: scale the picture to that size first" if same_shape else ""
+        raise InvalidParameter(
+            f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}"
+        )
+
+
+def check_kind(image: Image) -> None:
+    """Raise an error for arrays of an unsupported shape or data type."""
+    instance("a picture", image, np.ndarray, "an array of pixels")
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1 to 4 channels")
+    if image.dtype not in DEPTHS:
+        raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}")
+
+
+def check_largest(image: Image, longest_side_px: int) -> None:
+    """Raise an error if an image has too many pixels for a sampler."""
+    height, width = image.shape[:2]
+    if max(width, height) > longest_side_px:
+        raise InvalidParameter(
+            f"a picture of {width} x {height} px is too large; valid are {longest_side_px} px a side, "
+            "and more with the compiled samplers"
+        )
+    if image.size > MAX_VALUES:
+        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values")
+
+
+def check_interpolation(interpolation: str) -> None:
+    """Raise an error for an unknown interpolation."""
+    if interpolation not in INTERPOLATIONS:
+        raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
+
+
+def check_pixels(pixels: Pixels) -> None:
+    """Raise an error unless an array is a pixel map."""
+    if pixels.ndim != 3 or pixels.shape[2] != 2 or pixels.dtype not in (np.float32, np.float64):
+        raise InvalidParameter(
+            f"coordinates are (rows, columns, 2) of float32 or float64, not {pixels.shape} of {pixels.dtype}"
+        )
+
+
+def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
+    """Return the output array, or a new one if None, of a (width, height) and otherwise like the
+    image.
+    """
+    shape, kind = (size[1], size[0], *image.shape[2:]), image.dtype.newbyteorder("=")
+    if out is None:
+        return np.empty(shape, kind)
+    if out.shape != shape or out.dtype != kind:
+        raise InvalidParameter(f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}")
+    if not out.flags.writeable:
+        raise InvalidParameter("out cannot be written")
+    return out
+
+
+# -- array layout for the samplers -----------------------------------------------------------------
+
+
+def adjoining(array: Image) -> Image:
+    """Return the array (rows, columns, c), or an aligned copy in native byte order if samplers
+    require it.
+    """
+    return array if adjoins(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
+
+
+def adjoins(array: Image) -> bool:
+    """Return True if channels and pixels are contiguous, and rows are ascending without overlap."""
+    flags = array.flags
+    if not (flags.aligned and array.dtype.isnative):
+        return False
+    if flags.c_contiguous:
+        return True
+    _, width, channels = array.shape
+    down, across, deep = array.strides
+    item = array.itemsize
+    return bool(
+        (channels == 1 or deep == item)
+        and (width == 1 or across == channels * item)
+        and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0))
+        and (down % item, across % item, deep % item) == (0, 0, 0)
+    )
+
+
+# -- Border of a view: a colour outside the field, or transparency ---------------------------------
+
+LARGEST_VALUE = 1e30  # maximum magnitude of a colour
+
+
+def check_border(border: Border) -> None:
+    """Raise an error unless the border is a number or a sequence of numbers."""
+    try:
+        values = np.array(border, object)
+    except ValueError:
+        values = np.empty((0, 0), object)
+    if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
+        raise InvalidParameter(f"border = {shown(border)} is no colour; valid are a number, or one for every channel")
+
+
+def _is_value(value: Any) -> bool:
+    if not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    size: Any = abs(value)
+    return not size > LARGEST_VALUE  # NaN is valid in floating-point images
+
+
+def border_values(border: Border, image: Image) -> tuple[float, ...]:
+    """Return the border value of each image channel; raise an error for invalid values."""
+    check_border(border)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    values = np.array(border, float)
+    if values.ndim and len(values) != channels:
+        raise InvalidParameter(
+            f"border = {border} has {len(values)} values, and the picture {channels} channels; "
+            "a single number stands for all of them"
+        )
+    full = OPAQUE[image.dtype.name]
+    if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
+        raise InvalidParameter(
+            f"border = {border} is no value of a picture of {image.dtype.name}; "
+            f"valid are whole numbers from 0 to {full}"
+        )
+    return tuple(np.broadcast_to(values, channels).tolist())
+
+
+def clear_border(border: Border, image: Image) -> tuple[float, ...]:
+    """Return the border of an image with an alpha channel: a colour for programs that ignore alpha,
+    and 0.
+    """
+    values = border_values(border, image)
+    colours = values[:3] if len(values) > 1 else values * 3
+    return (*colours, 0.0)
+
+
+def with_alpha(image: Image) -> Image:
+    """Return the image with four channels, opaque unless it has an alpha channel."""
+    channels = image.shape[2:]
+    if channels == (4,):
+        return image
+    rgb = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))
+
+
+# -- OpenCV sampler without compiled module, consistent with :mod:`omnimirror.dewarp.sampling` -----
+
+Values = NDArray[Any]
+
+FLAGS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+LONGEST_SIDE_PX = 32_766  # cv2.remap indexes pixels with 16 bits
+BAND_PX = 1 << 17  # output pixels averaged per band
+LIST_WIDTH_PX = 1024  # row width of scattered samples arranged for OpenCV
+
+
+def remap_opencv(job: RemapJob, where: Pixels) -> None:
+    """Fill the output of a job with the values at coordinates (rows, columns, 2)."""
+    if job.averages is not None:
+        _average(job, where, job.averages)
+        return
+    rows, columns = where.shape[:2]
+    for top in range(0, rows, LONGEST_SIDE_PX):
+        for left in range(0, columns, LONGEST_SIDE_PX):
+            tile = slice(top, top + LONGEST_SIDE_PX), slice(left, left + LONGEST_SIDE_PX)
+            pixels: Values = where[tile].astype(np.float32)
+            inside: Mask = inside_image(pixels, (job.source.shape[1], job.source.shape[0]))
+            pixels[~inside] = 0
+            taken = _values(job.source, pixels, job.kernel)
+            taken[~inside] = job.border
+            job.target[tile] = taken
+
+
+def _values(image: Image, pixels: Values, kernel: str) -> Image:
+    """Return the values at pixels (rows, columns, 2) inside the image."""
+    height, width, channels = image.shape
+    if channels == 2:  # OpenCV quantises their fractions to 1/32
+        return np.concatenate([_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2)
+    x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
+    if kernel == "nearest":  # OpenCV versions round halves differently
+        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
+    taken = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(taken).reshape(*x.shape, channels)
+
+
+# -- averages --------------------------------------------------------------------------------------
+
+
+def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
+    """Compute means over footprints in bands of rows, identical to
+    native/src/sampling/footprint.hpp.
+    """
+    picture = job.source.astype(np.float32)
+    rows, columns = where.shape[:2]
+    step = averages.step
+    band = max(step, BAND_PX // columns // step * step)
+    for top in range(0, rows, band):
+        bottom = min(top + band, rows)
+        around = _neighbourhood(where, (picture.shape[1], picture.shape[0]), top, bottom)
+        cells = averages.taps[top // step : -(-bottom // step)]
+        taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
+        job.target[top:bottom] = _band(picture, around, taps, averages, job.border, job.target.dtype)
+
+
+def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
+    """Return coordinates of some rows with a margin of one pixel; NaN outside the image."""
+    first, last = max(top - 1, 0), min(bottom + 1, len(where))
+    pixels: Values = where[first:last].astype(np.float32)
+    pixels[~inside_image(pixels, size)] = np.nan
+    return _continued(_continued(pixels, 1, True, True), 0, first == top, last == bottom)
+
+
+def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
+    """Extrapolate linearly by one pixel at the ends of an axis."""
+    ends = []
+    for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
+        last = pixels.take([end], axis)
+        ends.append([2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted)
+    return np.concatenate([*ends[0], pixels, *ends[1]], axis)
+
+
+def _band(
+    picture: Image,
+    around: Values,
+    taps: NDArray[np.uint8],
+    averages: Averages,
+    border: tuple[float, ...],
+    dtype: Any,
+) -> Image:
+    middle = around[1:-1, 1:-1]
+    out = np.empty((*middle.shape[:2], picture.shape[2]), np.float32)
+    out[:] = border
+    aside = _sides(middle, around[1:-1, :-2], around[1:-1, 2:], averages)
+    upright = _sides(middle, around[:-2, 1:-1], around[2:, 1:-1], averages)
+    inside = np.isfinite(middle[..., 0])
+    for across, down in np.unique(taps[inside], axis=0):
+        chosen = inside & (taps == (across, down)).all(axis=-1)
+        places = (
+            middle[chosen] + _part(i, across, [s[chosen] for s in aside]) + _part(j, down, [s[chosen] for s in upright])
+            for i in range(across)
+            for j in range(down)
+        )
+        out[chosen] = _means(picture, middle[chosen], places, averages.annulus)
+    if dtype == np.float32:
+        return out
+    return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
+
+
+def _sides(middle: Values, before: Values, behind: Values, averages: Averages) -> list[Values]:
+    """Return vectors (..., 2) to the neighbours on one axis, shortened as in
+    :class:`~.footprints.Rule`.
+    """
+    ways = before - middle, behind - middle
+    squares = [(way**2).sum(axis=-1) for way in ways]
+    with np.errstate(invalid="ignore"):
+        missing = [np.isnan(s) | (s > JUMP2 * o + JUMP2_PX) for s, o in (squares, squares[::-1])]
+    none = missing[0] & missing[1]
+    if averages.annulus is None:
+        none |= np.isnan(squares[0]) | np.isnan(squares[1])
+    sides = []
+    for is_missing, way, opposite in zip(missing, ways, ways[::-1], strict=True):
+        side = np.where(is_missing[..., None], -opposite, way)
+        side[none] = 0
+        sides.append(side * _share((side**2).sum(axis=-1), averages.sharp_px)[..., None])
+    return sides
+
+
+def _share(square: Values, sharp_px: float) -> Values:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(square > sharp_px**2, 1 - (sharp_px**2 / square) ** 4, 0).astype(np.float32)
+
+
+def _part(i: int, count: int, sides: list[Values]) -> Values:
+    """Return the offset of sample i as a fraction of the vector to the previous or next neighbour."""
+    t = np.float32((i + 0.5) / count - 0.5)
+    return abs(t) * sides[0 if t < 0 else 1]
+
+
+def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
+    """Return means (n, channels) of the samples inside; without any, the value at the centre
+    (n, 2).
+    """
+    sums, counts = np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32)
+    for pixels in places:
+        if annulus is not None:
+            square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
+            pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
+        values, seen = _listed(picture, pixels)
+        sums += values
+        counts += seen
+    lonely = counts == 0
+    sums[lonely] = _listed(picture, middle[lonely])[0]
+    means: Image = sums / np.maximum(counts, 1)[:, None]
+    return means
+
+
+def _listed(picture: Image, pixels: Values) -> tuple[Image, Mask]:
+    """Return cubic samples (n, channels) at scattered pixels (n, 2), 0 outside, and the mask of
+    those inside.
+    """
+    inside: Mask = inside_image(pixels, (picture.shape[1], picture.shape[0]))
+    rows = -(-len(pixels) // LIST_WIDTH_PX)
+    laid_out = np.zeros((rows * LIST_WIDTH_PX, 2), np.float32)
+    laid_out[: len(pixels)][inside] = pixels[inside]
+    if not rows:
+        return np.zeros((0, picture.shape[2]), np.float32), inside
+    values = _values(picture, laid_out.reshape(rows, LIST_WIDTH_PX, 2), "cubic")
+    values = values.reshape(-1, picture.shape[2])[: len(pixels)]
+    values[~inside] = 0
+    return values, inside
+
+
+# -- Samplers, and their common entry point: image and map to image --------------------------------
+
+
+@dataclass(frozen=True)
+class CompiledSampler:
+    """Sampler with the kernels in native/src/sampling, one per map type."""
+
+    longest_side_px: int = MAX_VALUES
+
+    def sample(self, job: RemapJob, where: Map) -> None:
+        where.sample_compiled(job)
+
+
+@dataclass(frozen=True)
+class OpenCVSampler:
+    """Sampler with OpenCV, which requires coordinates of all pixels."""
+
+    longest_side_px: int = LONGEST_SIDE_PX
+
+    def sample(self, job: RemapJob, where: Map) -> None:
+        remap_opencv(job, where.pixels())
+
+
+def sampler() -> Sampler:
+    """Return the active sampler."""
+    return CompiledSampler() if backend.is_compiled else OpenCVSampler()
+
+
+def remap(
+    image: Image, where: Map, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
+) -> Image:
+    """Interpolate an image at the coordinates of a map.
+
+    Parameters
+    ----------
+    image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c from 1 to 4
+        Image of the map's ``source_size``, with any strides.
+    where
+        A :class:`~omnimirror.dewarp.maps.PixelMap`,
+        :class:`~omnimirror.dewarp.maps.LatticeMap` or :class:`~omnimirror.dewarp.maps.PolarMap`.
+    interpolation
+        ``"auto"``, ``"nearest"``, ``"linear"``, ``"cubic"`` or ``"area"``.
+    out : (rows, columns) or (rows, columns, c) array of the same depth, optional
+        Output array that is filled and returned; with any strides.
+    border
+        Value outside the image, for all channels or for each channel.
+
+    Raises
+    ------
+    InvalidParameter
+        If the arrays are inconsistent, or the border is not a valid image value.
+
+    Examples
+    --------
+    >>> from omnimirror.dewarp.maps import PixelMap
+    >>> picture = np.array([[0, 100], [0, 100]], np.uint8)
+    >>> remap(picture, PixelMap(np.array([[[0.25, 0.5], [1.5, 0.0], [1.6, 0.0]]]), (2, 2)), border=7)
+    array([[ 25, 100,   7]], dtype=uint8)
+    """
+    chosen = sampler()
+    check_kind(image)
+    check_interpolation(interpolation)
+    check_largest(image, chosen.longest_side_px)
+    if image.shape[1::-1] != tuple(where.source_size):
+        raise InvalidParameter(
+            f"the picture has another size than the map: {image.shape[1::-1]}, not {where.source_size}"
+        )
+    out = checked_out(out, image, where.size)
+    whole = out if out.ndim == 3 else out[..., None]
+    is_direct = adjoins(whole) and not np.may_share_memory(image, out)
+    target = whole if is_direct else np.empty(whole.shape, whole.dtype)
+    source = adjoining(image if image.ndim == 3 else image[..., None])
+    averages = where.averages(interpolation)
+    chosen.sample(RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages), where)
+    if not is_direct:
+        whole[...] = target
+    return out

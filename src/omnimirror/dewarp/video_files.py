@@ -1,0 +1,422 @@
+"""Dewarping of videos, cameras and streams: one source with any number of outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass, fields, replace
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import av
+
+from ..base.arguments import checked
+from ..base.errors import InvalidParameter
+from ..base.files import is_same_file
+from ..cameras.camera import Camera
+from ..io import video_processing
+from ..io.image_sequences import is_sequence, may_share_a_name, numbered, numbers_of, standard_input
+from ..io.images import can_be_panorama
+from ..io.keyframes import Keyframes
+from ..io.live_outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
+from ..io.live_sources import TICKS, LiveSource, is_live
+from ..io.mp4 import can_be_spherical
+from ..io.progress import FrameProgress
+from ..io.video_frames import (
+    FULL_RANGE,
+    ColourCoding,
+    PixelFormat,
+    conversion_losses,
+    empty_frame,
+    is_full_range,
+    planes,
+    workable,
+)
+from ..io.video_metadata import DISPLAY_LOST, MasteringDisplay
+from ..io.video_reader import Item, VideoReader
+from ..io.video_writer import ImageSequenceWriter, Sink, VideoWriter, check_pattern, is_image_output
+from . import views
+from ._dewarper import Dewarper
+from .interfaces import Border, Interpolation
+from .request import BorderArgument, BorderColour, DewarpRequest, Recording, Size
+from .screens import View
+from .viewpoints import Viewpoint
+from .yuv import Siting
+
+# -- Dewarping of video frames in their coded format -----------------------------------------------
+
+
+def dewarp_frame(
+    dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None
+) -> av.VideoFrame:
+    """Dewarp a video frame to a new frame with the same timestamp and colour coding.
+
+    Parameters
+    ----------
+    dewarp
+        Dewarper for the camera and the view.
+    frame
+        Frame of any pixel format; formats other than planar YUV and NV12 are first converted to
+        planes without loss of depth.
+    siting, to_siting
+        Position of chroma samples in the frame and in the result; see :meth:`Dewarper.planes`.
+        Readers and sinks of :mod:`omnimirror.io` report theirs.
+
+    Returns
+    -------
+    Frame of pixel format nv12 for nv12 input, otherwise planar YUV of the same depth and chroma
+    resolution, with transparency if present: transparent outside the field unless the border is a
+    colour.
+
+    Raises
+    ------
+    InvalidParameter
+        If the frame does not have the size of the camera.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.io.video_frames import empty_frame, planes
+    >>> frame, parts = empty_frame((1024, 1024))
+    >>> for part in parts:
+    ...     part[:] = 100
+    >>> dewarp = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Plane((640, 480)))
+    >>> planes(dewarp_frame(dewarp, frame))[0][240, 320]
+    np.uint8(100)
+    """
+    frame = workable(frame)
+    kind = PixelFormat.of(frame.format.name)
+    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
+    is_full = is_full_range(frame)
+    if is_full:
+        made.color_range = FULL_RANGE
+    dewarp.planes(planes(frame), target, siting, to_siting, is_full, kind.bits)
+    return made
+
+
+# -- Dewarping of videos, cameras and streams: one source and any number of outputs ----------------
+
+UNKNOWN_RATE = Fraction(25)
+
+
+@dataclass(frozen=True)
+class DewarpedVideo:
+    """Result of dewarping a video."""
+
+    view: View
+    outcome: video_processing.ProcessingResult
+    """Number of frames written, frame rate, and whether the run was cancelled."""
+    summary: str = ""
+    """For a live source: received and dropped frames."""
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Callbacks for messages and progress."""
+
+    note: Callable[[str], None] = lambda sentence: None
+    """Called with a sentence about losses and doubts."""
+    progress: Callable[[FrameProgress], None] = lambda progress: None
+    """Called a few times per second with the progress."""
+
+
+SILENT = Listener()
+
+
+@checked
+def dewarp_video(
+    source: str | Path,
+    outputs: str | Path | Sequence[str | Path],
+    *,
+    camera: Camera | Callable[[Size], Camera],
+    view: View | Callable[[Camera], View] = views.panorama,
+    interpolation: Interpolation = "auto",
+    viewpoint: Viewpoint = "exact",
+    border: BorderArgument | None = None,
+    keep_lean: bool = False,
+    stored_orientation: bool = False,
+    recording: Recording | None = None,
+    listener: Listener | None = None,
+) -> DewarpedVideo:
+    """Dewarp a video, as ``omnimirror dewarp`` does, preserving depth, colours, sound and timing.
+
+    Parameters
+    ----------
+    source
+        Video file, numbered images (``f%04d.png``), camera, stream, or ``-`` for standard input.
+    outputs
+        Files, addresses (``udp://..``), virtual cameras (``/dev/video9``) and ``-`` for a pipe.
+    camera
+        Camera, or a function that returns it for an image size (width, height) in px.
+    view
+        Screen of :mod:`omnimirror.screens`, or a function of the camera, such as those of
+        :mod:`omnimirror.views`.
+    interpolation, viewpoint
+        As in :class:`omnimirror.Dewarper`.
+    border
+        Colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
+    keep_lean
+        Draw the view relative to the tilted camera, without levelling.
+    stored_orientation
+        Use frames as stored, ignoring the rotation in the display matrix of the video.
+    recording
+        Selection of the video and output settings.
+    listener
+        Callbacks for losses and progress; none by default.
+
+    Returns
+    -------
+    StraightenedVideo
+        View and number of frames written.
+
+    Raises
+    ------
+    InvalidParameter
+        If outputs or options are incompatible.
+    MediaError
+        If the source cannot be read or an output cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for i in range(3):
+    ...         om.write_image(f"{folder}/{i}.png", np.full((1024, 1024, 3), 80 * i, np.uint8))
+    ...     film = om.dewarp_video(
+    ...         f"{folder}/%d.png", f"{folder}/film.mp4", camera=om.load_sensor("paper-spherical"),
+    ...         view=om.screens.Cylinder((320, 120), -60.0, 30.0),
+    ...     )
+    >>> film.outcome.frames, film.view.size
+    (3, (320, 120))
+    """
+    colour = None if border is None else BorderColour.of(border)
+    how = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
+    names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
+    if not names:
+        raise InvalidParameter("outputs is empty; it is valid with one at least")
+    return dewarp_source(str(source), [str(name) for name in names], how, recording or Recording(), listener)
+
+
+def dewarp_source(
+    source: str,
+    outputs: Sequence[str],
+    how: DewarpRequest,
+    recording: Recording,
+    listener: Listener | None = None,
+) -> DewarpedVideo:
+    """Dewarp a video as specified by a request."""
+    _check_outputs(source, outputs, recording)
+    listener = listener or SILENT
+    if is_live(source):
+        return _dewarp_live_source(source, outputs, how, recording, listener)
+    with standard_input() if source == "-" else nullcontext(source) as path:
+        return _dewarp_file(str(path), outputs, how, recording, listener)
+
+
+def _dewarp_file(
+    source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener
+) -> DewarpedVideo:
+    if recording.frame_rate is not None and not is_sequence(source):
+        raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
+    with_sound = any(_is_video_file(output) for output in outputs)
+    rate = 25.0 if recording.frame_rate is None else recording.frame_rate
+    with VideoReader(
+        source, recording.start_s or 0.0, recording.duration_s, with_sound, rate, how.stored_orientation
+    ) as reader:
+        for note in reader.notes:
+            listener.note(note)
+        turn = ViewOverTime(how, reader.size, recording, reader.siting, reader.pixel_format)
+        sink = _sinks(
+            outputs, turn, FrameProperties(reader.frame_rate, reader.colour, reader.display), reader, listener
+        )
+        is_watched = not any(output == "-" or _is_file(output) for output in outputs)
+        items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
+        if isinstance(sink, ImageSequenceWriter):
+            items = sink.lacking(items)
+        outcome = _run(items, sink, turn, reader.expected_frames, listener)
+        _report_stale_images(outputs, outcome.frames, recording, listener)
+        return DewarpedVideo(turn.view, outcome)
+
+
+def _dewarp_live_source(
+    source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener
+) -> DewarpedVideo:
+    if recording.start_s is not None:
+        raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
+    live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
+    try:
+        first = live.first()
+        turn = ViewOverTime(how, (first.width, first.height), recording, live.siting, first.format.name)
+        told = FrameProperties(
+            live.frame_rate or UNKNOWN_RATE, ColourCoding.told_by(first), MasteringDisplay.of(first.side_data)
+        )
+        sink = _sinks(outputs, turn, told, None, listener)
+        outcome = _run(_until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0)
+    finally:
+        live.close()
+    _report_stale_images(outputs, outcome.frames, recording, listener)
+    summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
+    return DewarpedVideo(turn.view, outcome, summary)
+
+
+def _report_stale_images(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
+    """Report numbered images left by an earlier, longer run: readers of the pattern would continue
+    with them.
+    """
+    for output in outputs:
+        if recording.skip_existing or not (_is_file(output) and is_image_output(output)):
+            continue
+        pattern = Path(output)
+        if others := [number for number in numbers_of(pattern) if number > count]:
+            first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
+            listener.note(f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video")
+
+
+def _is_file(output: str) -> bool:
+    return output != "-" and "://" not in output and not _is_virtual_camera(output)
+
+
+def _is_video_file(output: str) -> bool:
+    """Return True for a file with frames and sound, not numbered images."""
+    return _is_file(output) and not is_image_output(output)
+
+
+def _is_virtual_camera(output: str) -> bool:
+    return output.startswith("/dev/video")
+
+
+def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) -> None:
+    """Raise an error for conflicting outputs and for options that apply to none of them."""
+    if twice := [output for output in outputs if outputs.count(output) > 1]:
+        raise InvalidParameter(f"{twice[0]} is to be written twice; give each output once")
+    for output in outputs:
+        if _is_file(output) and is_same_file(output, source):
+            raise InvalidParameter(f"{output} is the video to straighten; write to another name")
+    pictures = [output for output in outputs if _is_file(output) and is_image_output(output)]
+    for pattern in map(check_pattern, pictures):
+        if is_sequence(source) and may_share_a_name(source, pattern):
+            raise InvalidParameter(f"{pattern} may write over the pictures {source}; write to another folder")
+    if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
+        raise InvalidParameter(
+            f"what is there already is skipped of one output alone; leave out others than {pictures[0]}"
+        )
+    is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
+    if not is_coded and (asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]):
+        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made")
+    if recording.pipe_format is not None and "-" not in outputs:
+        raise InvalidParameter("a format of the pipe says what '-' writes; other outputs are named by themselves")
+    if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
+        raise InvalidParameter("a pixel format belongs to files of videos, streams and a pipe of raw video")
+
+
+class ViewOverTime:
+    """View over time: static, or with keyframes."""
+
+    border: Border
+
+    def __init__(self, how: DewarpRequest, size: Size, recording: Recording, siting: Siting, pixel_format: str) -> None:
+        stands = how.camera_of(size)
+        self.how, self.recording, self.siting, self.pixel_format = how, recording, siting, pixel_format
+        self.camera = how.drawing(stands)
+        self.colour, self.border = how.border, 0
+        self.view: View = how.view_of(self.camera)
+        self.panorama = how.panorama_of(stands, self.view)
+        self.keyframes = None if recording.keyframes is None else Keyframes.load(recording.keyframes)
+        self.still = self._dewarper(self.view)
+        if self.keyframes is not None:
+            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
+            if unknown := [name for name in self.keyframes.tracks if name not in known]:
+                raise InvalidParameter(f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}")
+
+    def _dewarper(self, view: View) -> Dewarper:
+        return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
+
+    def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
+        """Return the dewarped frame at a time, with the chroma siting assumed by readers of the
+        output.
+        """
+        if self.colour is not None:  # the first frame determines the colour coding
+            self.border, self.colour = self.colour.of_frame(frame), None
+            self.still = self._dewarper(self.view)
+        if self.keyframes is None:
+            return dewarp_frame(self.still, frame, self.siting, to_siting)
+        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]
+        return dewarp_frame(self._dewarper(view), frame, self.siting, to_siting)
+
+
+class FrameProperties(NamedTuple):
+    """Properties common to all frames of a source."""
+
+    rate: Fraction
+    colour: ColourCoding
+    display: MasteringDisplay
+
+
+def _sinks(
+    outputs: Sequence[str], turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener
+) -> Sink:
+    """Open all outputs as one sink; opened outputs are discarded if one fails."""
+    with ExitStack() as opened:
+        sinks: list[Sink] = []
+        for output in outputs:
+            sinks.append(_sink(output, turn, told, source, listener))
+            opened.callback(sinks[-1].abort)
+            for note in getattr(sinks[-1], "notes", ()):
+                listener.note(note)
+        if turn.recording.preview:
+            sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
+        opened.pop_all()
+    return Tee(*sinks) if len(sinks) > 1 else sinks[0]
+
+
+def _sink(
+    output: str, turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener
+) -> Sink:
+    size, recording, rate = turn.view.size, turn.recording, told.rate
+    if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
+        listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
+    if output == "-":
+        return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
+    if _is_virtual_camera(output):
+        return VirtualCamera(output, size, rate)
+    if is_image_output(output) and "://" not in output:
+        panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
+        return ImageSequenceWriter(
+            output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing
+        )  # fmt: skip
+    encoding: dict[str, Any] = recording.encoding()
+    # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
+    is_for_any = source is None or "://" in output
+    if is_for_any and "pixel_format" not in encoding and (lost := conversion_losses(turn.pixel_format, PixelFormat())):
+        listener.note(f"{output}: {lost}; --pixel-format names another choice")
+    if is_for_any:  # use the range assumed by players
+        encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
+    if "://" in output:
+        return StreamSink(output, size, rate, **encoding)
+    if can_be_spherical(output) and recording.keyframes is None:
+        encoding["panorama"] = turn.panorama
+    if source is None:
+        return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
+    return VideoWriter.like(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
+
+
+def _run(
+    items: Iterable[Item], sink: Sink, turn: ViewOverTime, total: int | None, listener: Listener, ahead: int = 4
+) -> video_processing.ProcessingResult:
+    """Dewarp all frames."""
+    return video_processing.process(
+        items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, ahead=ahead,
+        progress=listener.progress,
+    )  # fmt: skip
+
+
+def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
+    """Yield frames of a live source for a duration by their timestamps."""
+    start = None
+    for frame in frames:
+        start = frame.time if start is None else start
+        if duration_s is not None and frame.time is not None and frame.time - (start or 0.0) >= duration_s:
+            return
+        yield frame

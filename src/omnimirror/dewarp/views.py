@@ -1,0 +1,762 @@
+"""Default views for a camera: they cover its field at the resolution of its image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..base.arguments import WrongKind, checked, number, shown
+from ..base.errors import InvalidParameter
+from ..base.registry import Registry
+from ..cameras.camera import Camera
+from ._source_coordinates import rows_of_pixels
+from .field_of_view import FieldOfView, field_of, pole_of
+from .screens import (
+    CubeMap,
+    Cylinder,
+    Dome,
+    Ground,
+    Layout,
+    LittlePlanet,
+    Mosaic,
+    Plane,
+    Pole,
+    Rows,
+    Screen,
+    Sphere,
+    View,
+    parts_of,
+)
+from .screens._screen import NOT_MOVED, Offset
+
+__all__ = [
+    "LARGEST_MAGNIFICATION",
+    "PRESETS",
+    "VIEWS",
+    "Preset",
+    "cube",
+    "dome",
+    "ground",
+    "largest_zoom",
+    "mosaic",
+    "panorama",
+    "perspective",
+    "planet",
+    "preset",
+    "register_view",
+    "resolution",
+    "sphere",
+]
+
+
+# -- Size of a view that preserves the image resolution, and maximum zoom --------------------------
+
+PartialSize = tuple[int | None, int | None]
+
+
+UNKNOWN_SIZE: PartialSize = (None, None)
+
+
+LARGEST_MAGNIFICATION = 4.0
+"""Maximum magnification in output pixels per source pixel: cubic interpolation is still smooth,
+without additional detail above about 1.
+"""
+
+
+ROWS_EXAMINED = 65
+
+
+LARGEST_RATIO = 1e6  # maximum aspect of an image
+
+
+@checked
+def resolution(camera: Camera, view: View) -> float:
+    """Return the number of source pixels per output pixel (linear) at the visible pixel nearest to
+    the centre.
+
+    For several views in one image, the coarsest resolution is returned. NaN if none is visible, or
+    has fewer than 2 x 2 pixels.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    view
+        Screen of :mod:`omnimirror.screens`, or several screens in one image.
+
+    Returns
+    -------
+    float
+        Source pixels per output pixel.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> view = om.views.perspective(hfov_deg=40.0)
+    >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
+    0.154
+    """
+    found = [screen_resolution(camera, part.screen) for part in parts_of(view)]
+    return float(min((r for r in found if np.isfinite(r)), default=np.nan))
+
+
+@checked
+def largest_zoom(camera: Camera, view: View) -> float:
+    """Return the maximum zoom factor within the resolution of the camera, at least 1.
+
+    At this zoom, :data:`LARGEST_MAGNIFICATION` output pixels correspond to one source pixel;
+    infinite if the resolution is unknown.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    view
+        Screen of :mod:`omnimirror.screens`, or several screens in one image.
+
+    Returns
+    -------
+    float
+        Factor of at least 1.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> print(f"{om.views.largest_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
+    2.94
+    """
+    within = LARGEST_MAGNIFICATION * resolution(camera, view)
+    return max(1.0, within) if np.isfinite(within) else np.inf
+
+
+def screen_resolution(camera: Camera, screen: Screen) -> float:
+    width, height = screen.size
+    if width < 2 or height < 2:
+        return np.nan
+    middle = (height - 2) / 2
+    rows = np.unique(np.linspace(0, height - 2, min(height - 1, ROWS_EXAMINED)).round().astype(int))
+    nearest, found = np.inf, np.nan
+    for row in map(int, rows[np.argsort(abs(rows - middle), kind="stable")]):
+        if abs(row - middle) >= nearest:
+            break
+        pixels = rows_of_pixels(camera, screen, row, row + 2)
+        across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
+        area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
+        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
+        best = int(np.argmin(distances))
+        if distances[best] < nearest:
+            nearest, found = float(distances[best]), float(np.sqrt(area[best]))
+    return found
+
+
+def field_end(seen: FieldOfView, pole: Pole) -> float:
+    """Return the angle (deg) from a pole to the far end of the field."""
+    return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
+
+
+def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
+    """Complete a size from a natural size: both sides, or the missing one from the aspect."""
+    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
+        raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
+    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
+    if width is not None and height is not None:
+        return width, height
+    if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
+        raise InvalidParameter(
+            f"a view of {natural[0]:.3g} x {natural[1]:.3g} px, at the picture's resolution, is no picture; give it "
+            "other angles, or both sides of its size"
+        )
+    if width is None and height is None:
+        return _even(natural[0]), _even(natural[1])
+    if height is None:
+        assert width is not None
+        return width, max(1, round(width * natural[1] / natural[0]))
+    return width if width is not None else max(1, round(height * natural[0] / natural[1])), height
+
+
+def _even(length: float) -> int:
+    """Round to an even number, as required for video."""
+    return max(2, 2 * round(length / 2))
+
+
+# -- Views of all types for a camera: they cover its field at the resolution of its image ----------
+
+PERSPECTIVE_SIZE = (1280, 720)
+
+
+WIDEST_PLANET_DEG = 270.0  # beyond it, the opposite pole fills most of the image
+
+
+PLAN_HEIGHTS = 4.0  # side of a plan relative to the mirror height: down to 63 deg from the nadir
+
+
+VIEWS_IN_MOSAIC = 4
+
+
+@checked
+def panorama(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    span_deg: float = 360.0,
+    elevation_deg: tuple[float, float] | None = None,
+    rows: Rows = "tilt",
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Cylinder:
+    """Create a panorama of the camera's elevation range, or a given range, at its mean resolution.
+
+    With rows linear in height, the elevations are required unless the field excludes both poles.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    span_deg
+        Horizontal extent, deg.
+    elevation_deg : (low, high)
+        Elevation range, deg; the field of the camera by default.
+    rows
+        ``"tilt"``: linear in elevation; ``"height"``: linear in height on an upright wall.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Cylinder
+        Screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> panorama(om.load_sensor("paper-spherical")).size  # .21 deg per pixel
+    (1706, 640)
+    """
+    seen = field_of(camera)
+    low, high = elevation_deg or (seen.tilt_min_deg, seen.tilt_max_deg)
+    tall = high - low
+    if rows == "height" and -90 < low < high < 90:
+        tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
+    natural = span_deg * seen.pixels_per_degree, tall * seen.pixels_per_degree
+    return Cylinder(completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
+
+
+@checked
+def sphere(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    span_deg: float = 360.0,
+    elevation_deg: tuple[float, float] = (-90.0, 90.0),
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Sphere:
+    """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
+    the camera.
+
+    The sphere, and any part with a 2:1 aspect, has exactly two columns per row, as required by
+    viewers, unless both sides are given.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    span_deg
+        Horizontal extent, deg.
+    elevation_deg : (low, high)
+        Elevation range, deg; the field of the camera by default.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Sphere
+        Screen.
+
+    Raises
+    ------
+    InvalidParameter
+        If only an odd width is given for a 2:1 aspect.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.sphere(camera).size
+    (1708, 854)
+    """
+    low, high = elevation_deg
+    scale = field_of(camera).pixels_per_degree
+    natural = span_deg * scale, (high - low) * scale
+    if np.isclose(span_deg, 2 * (high - low), rtol=1e-12):
+        natural = 2.0 * _even(natural[1]), float(_even(natural[1]))
+        width, height = size
+        if height is None and width is not None and width % 2:
+            raise InvalidParameter(
+                f"{width} px of an equirectangular picture that is twice as wide as high have no half; give an even "
+                f"width, such as {width + 1}, or the height too"
+            )
+    return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
+
+
+@checked
+def perspective(
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    roll_deg: float = 0.0,
+    hfov_deg: float = 90.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Plane:
+    """Create a perspective view, 1280 x 720 by default.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    tilt_deg
+        Direction of the image centre, deg above the horizon.
+    roll_deg
+        Clockwise rotation, deg.
+    hfov_deg
+        Horizontal field of view, deg.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Plane
+        Screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.views.perspective(hfov_deg=40.0).size
+    (1280, 720)
+    """
+    return Plane(completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
+
+
+@checked
+def dome(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    omega_deg: tuple[float, float] | None = None,
+    pole: Pole | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Dome:
+    """Create a dome about the pole nearest to the centre of the field, up to the end of the field.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    omega_deg : (first, last), optional
+        Angles from the pole in the centre and at the edge, deg; up to the end of the field by
+        default.
+    pole
+        ``"nadir"`` or ``"zenith"``; the nearest pole by default.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Dome
+        Screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.dome(camera).pole
+    'nadir'
+    """
+    seen = field_of(camera)
+    pole = pole or pole_of(camera)
+    first, last = omega_deg or (0.0, field_end(seen, pole))
+    diameter = 2 * last * seen.pixels_per_degree
+    return Dome(completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
+
+
+@checked
+def planet(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    hfov_deg: float | None = None,
+    pole: Pole | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> LittlePlanet:
+    """Create a little planet about the pole nearest to the centre of the field, up to the end of
+    the field.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    hfov_deg
+        Field across the image, deg; the whole field by default.
+    pole
+        ``"nadir"`` or ``"zenith"``; the nearest pole by default.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    LittlePlanet
+        Screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.planet(camera).hfov_deg
+    270.0
+    """
+    seen = field_of(camera)
+    pole = pole or pole_of(camera)
+    hfov = hfov_deg or min(2 * field_end(seen, pole), WIDEST_PLANET_DEG)
+    diameter = hfov * seen.pixels_per_degree
+    return LittlePlanet(completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
+
+
+@checked
+def ground(
+    camera: Camera,
+    height_mm: float,
+    *,
+    size: PartialSize = UNKNOWN_SIZE,
+    mm_per_px: float | None = None,
+    pan_deg: float = 0.0,
+    offset_mm: Offset = NOT_MOVED,
+) -> Ground:
+    """Create a plan of the ground with a width of 4 mirror heights at the mean resolution of the
+    image.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    height_mm
+        Height of the mirror over the ground, mm; negative for a ceiling.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    mm_per_px
+        Scale of the plan; the resolution of the image by default.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Ground
+        Screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.ground(camera, 1200.0, mm_per_px=10.0).size
+    (480, 480)
+    """
+    scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
+    side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
+    return Ground(completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
+
+
+@checked
+def cube(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    layout: Layout = "cross",
+    pan_deg: float = 0.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> CubeMap:
+    """Create a cube map with faces of the mean resolution of the camera.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    layout
+        ``"cross"``, ``"strip"`` or ``"3x2"``.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    CubeMap
+        Screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.cube(camera).layout
+    'cross'
+    """
+    face = _even(90 * field_of(camera).pixels_per_degree)
+    columns, rows = CubeMap.grid(layout)
+    return CubeMap(completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
+
+
+@checked
+def mosaic(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    hfov_deg: float = 90.0,
+    elevation_deg: tuple[float, float] | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Mosaic:
+    """Create a panorama above four perspective views (left, ahead, right, behind) with an aspect of
+    4:3.
+
+    The panorama is rotated by 45 deg, with each view below its own quarter. The views have the
+    given ``distance_mm`` and ``offset_mm``; the panorama is at infinity.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    tilt_deg
+        Direction of the image centre, deg above the horizon.
+    hfov_deg
+        Horizontal field of each of the four views, deg.
+    elevation_deg : (low, high), optional
+        Elevation range of the panorama, deg; the field of the camera by default.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Mosaic
+        Views in one image.
+
+    Raises
+    ------
+    InvalidParameter
+        If a height is given; it follows from the width.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.mosaic(camera, (800, None)).size[0]
+    800
+    """
+    width, height = size
+    if height is not None:
+        raise InvalidParameter(f"the height of a mosaic, {height} px, follows from its width; give the width only")
+    part = round((width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC)
+    part_size = max(1, part), max(1, round(part * 3 / 4))
+    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg=pan_deg + 45, elevation_deg=elevation_deg)
+    pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
+    under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
+    return Mosaic.panorama_over_views(over, under)
+
+
+# -- Placements of the virtual screen in the paper (Fig. 13) ---------------------------------------
+
+
+class Preset(NamedTuple):
+    """Placement of the virtual screen of the paper in front of the virtual projector (Fig. 13)."""
+
+    widths_away: float
+    """Distance of the screen from the projector in screen widths."""
+    is_bent: bool
+    """True for a screen bent about the projector, False for a flat one."""
+    description: str
+
+
+PRESETS: dict[str, Preset] = {
+    "distant": Preset(2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"),
+    "wide": Preset(0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"),
+    "super-wide": Preset(1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"),
+}
+"""Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.
+
+The screen keeps its size and aspect; it is moved towards the projector, and then bent about it,
+because a flat screen cannot cover 180 deg. On the bent screen, columns are linear in pan and rows
+in height.
+"""
+
+
+@checked
+def preset(
+    name: str,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Plane | Cylinder:
+    """Create one of the views of :data:`PRESETS`; a bent screen is moved up instead of tilted.
+
+    Parameters
+    ----------
+    name
+        Name in :data:`PRESETS`.
+    size : (width, height)
+        Size in px; None for a side derived from the image resolution or from the other side.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    tilt_deg
+        Direction of the image centre, deg above the horizon.
+    distance_mm
+        Distance from the centre of the screen, mm; infinite by default.
+    offset_mm : (3,)
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Plane or Cylinder
+        Screen.
+
+    Raises
+    ------
+    InvalidParameter
+        If the name is unknown, or the screen would reach the zenith.
+
+    Examples
+    --------
+    >>> for name in PRESETS:
+    ...     print(preset(name))
+    perspective view (pan 0, tilt 0, hfov 28.0725 deg)
+    perspective view (pan 0, tilt 0, hfov 90 deg)
+    panorama (180 deg around pan 0, elevation -41.4629 to 41.4629 deg)
+    """
+    if name not in PRESETS:
+        raise InvalidParameter(f"there is no preset {name!r}; there are {', '.join(PRESETS)}")
+    away, is_bent, _ = PRESETS[name]
+    width, height = completed(size, PERSPECTIVE_SIZE)
+    if not is_bent:
+        hfov = float(2 * np.degrees(np.arctan(0.5 / away)))
+        return Plane((width, height), pan_deg, tilt_deg, 0.0, hfov, distance_mm, offset_mm)
+    end = float(np.degrees(np.arctan(height / width / 2 / away)))
+    around = float(np.degrees(1 / away))
+    bent = Cylinder((width, height), -end, end, pan_deg, around, "height", distance_mm, offset_mm)
+    return bent.panned(0.0, tilt_deg)
+
+
+# -- Registry of views by name, including views of plug-ins ----------------------------------------
+
+
+def _check_maker(name: str, make: Any) -> None:
+    if not callable(make):
+        raise WrongKind(f"{shown(make)} is no function of a camera that gives a view")
+
+
+ViewMaker: TypeAlias = Callable[..., View]
+
+
+VIEWS: Registry[ViewMaker] = Registry(
+    "omnimirror.views",
+    "a view",
+    {
+        "panorama": panorama,
+        "perspective": lambda _, **options: perspective(**options),
+        "dome": dome,
+        "sphere": sphere,
+        "ground": ground,
+        "planet": planet,
+        "cube": cube,
+        "mosaic": mosaic,
+    },
+    _check_maker,
+)
+"""Views by command-line name, called as ``make(camera, **options)``."""
+
+
+def register_view(name: str, make: ViewMaker) -> None:
+    """Register a view under a name for ``omnimirror dewarp --view NAME``.
+
+    Installed packages register views with an entry point in ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.views"]`` with ``fan = "my_package:fan"``. In Python no
+    registration is required: :class:`omnimirror.Dewarper` accepts any screen.
+
+    Parameters
+    ----------
+    name
+        Name such as ``"fan"``.
+    make
+        Function called as ``make(camera, **options)``. Its keywords define the applicable options
+        of ``omnimirror dewarp``: ``size`` (width, height) in px, each side possibly None,
+        ``pan_deg``, ``hfov_deg`` ... It returns a screen
+        (:class:`omnimirror.dewarp.screens.Screen`), or several in one image.
+
+    Raises
+    ------
+    InvalidParameter
+        If the name is taken by another view, or ``make`` is not a function.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> def strip(camera, size=(720, 90), pan_deg=0.0):
+    ...     return om.screens.Cylinder(size, -10.0, 10.0, pan_deg)
+    >>> om.register_view("docs-strip", strip)
+    >>> om.views.VIEWS["docs-strip"](om.load_sensor("paper-spherical")).size
+    (720, 90)
+    >>> om.views.VIEWS.withdraw("docs-strip")
+    """
+    VIEWS.register(name, make)

@@ -1,1 +1,0 @@
-"""Dewarping of video frames by planes in their coded format."""

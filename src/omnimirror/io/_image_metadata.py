@@ -1,0 +1,365 @@
+"""Metadata of image files: XMP packets, colour profile (ICC), EXIF and orientation.
+
+The pixels are unchanged: metadata is added to the output of any encoder, at the position of the
+standard of each format.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.files import decompressed
+from .exif import (
+    EXPOSURE,
+    ORIENTATION_TAG,
+    PLACE,
+    TIFF_SIGNATURES,
+    UPRIGHT,
+    Directory,
+    Entry,
+    Exif,
+    orientation_of_block,
+    parse_exif,
+    serialised_directory,
+)
+
+# -- XMP packets in finished image files, at the position of the standard of each format -----------
+#
+# The pixels are unchanged: a packet is added to the output of any encoder.
+
+XMP_JPEG_NAME = b"http://ns.adobe.com/xap/1.0/\0"
+XMP_PNG_NAME = b"XML:com.adobe.xmp"
+XMP_TAG = 700
+XMP_TAG_TYPE = 1  # type of the values of the tag
+
+WEBP_HAS_XMP = 0x04
+WEBP_HAS_ALPHA = 0x10
+
+
+def embed_xmp(suffix: str, data: bytes, packet: bytes) -> bytes:
+    """Return the file with an XMP packet; ``suffix`` is one of :data:`XMP_WRITERS`."""
+    return XMP_WRITERS[suffix](data, packet)
+
+
+def _xmp_in_jpeg(data: bytes, packet: bytes) -> bytes:
+    """Insert the packet in an APP1 segment, after the JFIF header if there is one."""
+    body = XMP_JPEG_NAME + packet
+    at = 2
+    if data[2:4] == b"\xff\xe0":
+        at += 2 + int.from_bytes(data[4:6], "big")
+    return data[:at] + b"\xff\xe1" + struct.pack(">H", 2 + len(body)) + body + data[at:]
+
+
+def _xmp_in_png(data: bytes, packet: bytes) -> bytes:
+    """Insert the packet in an uncompressed iTXt chunk after the header chunk."""
+    body = XMP_PNG_NAME + b"\0\0\0\0\0" + packet  # not compressed, no language, no translated keyword
+    chunk = b"iTXt" + body
+    after_header = 8 + 12 + 13
+    written = struct.pack(">I", len(body)) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return data[:after_header] + written + data[after_header:]
+
+
+def _xmp_in_webp(data: bytes, packet: bytes) -> bytes:
+    """Append the packet in an XMP chunk, with the extended header that it requires."""
+    flags, canvas, chunks = _webp_header(data)
+    header = b"VP8X" + struct.pack("<I", 10) + bytes([flags | WEBP_HAS_XMP, 0, 0, 0]) + canvas
+    body = b"WEBP" + header + chunks + b"XMP " + struct.pack("<I", len(packet)) + packet + b"\0" * (len(packet) % 2)
+    return b"RIFF" + struct.pack("<I", len(body)) + body
+
+
+def _webp_header(data: bytes) -> tuple[int, bytes, bytes]:
+    """Return the flags, the canvas size minus one in 3 + 3 bytes, and the chunks after an extended
+    header.
+    """
+    chunks = data[12:]
+    if chunks[:4] == b"VP8X":
+        return chunks[8], chunks[12:18], chunks[18:]
+    if chunks[:4] == b"VP8L":  # lossless: 14 bits each, minus one, then one bit for alpha
+        bits = int.from_bytes(chunks[9:13], "little")
+        width, height, alpha = bits & 0x3FFF, bits >> 14 & 0x3FFF, bits >> 28 & 1
+    else:  # lossy: 14 bits each after a start code
+        width, height, alpha = (int.from_bytes(chunks[at : at + 2], "little") & 0x3FFF for at in (14, 16, 18))
+        width, height, alpha = width - 1, height - 1, 0
+    return WEBP_HAS_ALPHA * alpha, width.to_bytes(3, "little") + height.to_bytes(3, "little"), chunks
+
+
+def _xmp_in_tiff(data: bytes, packet: bytes) -> bytes:
+    """Add the packet as tag 700 of the first directory."""
+    return _tiff_with(data, {XMP_TAG: Entry(XMP_TAG_TYPE, len(packet), packet)})
+
+
+def _tiff_with(data: bytes, more: Directory) -> bytes:
+    """Add tags to the first directory of a little-endian file, rewritten at the end of the file."""
+    (at,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, at)
+    entries = {
+        struct.unpack_from("<H", data, at + 2 + 12 * i)[0]: data[at + 2 + 12 * i : at + 14 + 12 * i]
+        for i in range(count)
+    }
+    following = data[at + 2 + 12 * count : at + 6 + 12 * count]
+    data += b"\0" * (len(data) % 2)  # directories start at even offsets
+    values_at, values = len(data) + 2 + 12 * len(entries | dict.fromkeys(more, b"")) + 4, b""
+    for tag, (kind, number, content) in more.items():
+        field = content.ljust(4, b"\0") if len(content) <= 4 else struct.pack("<I", values_at + len(values))
+        values += b"" if len(content) <= 4 else content + b"\0" * (len(content) % 2)
+        entries[tag] = struct.pack("<HHI", tag, kind, number) + field
+    directory = struct.pack("<H", len(entries)) + b"".join(entries[tag] for tag in sorted(entries)) + following
+    return data[:4] + struct.pack("<I", len(data)) + data[8:] + directory + values
+
+
+XMP_WRITERS: dict[str, Callable[[bytes, bytes], bytes]] = {
+    ".jpg": _xmp_in_jpeg,
+    ".jpeg": _xmp_in_jpeg,
+    ".png": _xmp_in_png,
+    ".webp": _xmp_in_webp,
+    ".tif": _xmp_in_tiff,
+    ".tiff": _xmp_in_tiff,
+}
+"""Functions that embed a packet, by suffix."""
+
+
+# -- Metadata of image files: colour profile (ICC), EXIF and orientation ---------------------------
+#
+# As in :mod:`omnimirror.io._image_metadata`, the pixels are unchanged, and each format stores metadata
+# at the position of its standard.
+
+EXIF_NAME, ICC_NAME = b"Exif\0\0", b"ICC_PROFILE\0"
+MAX_SEGMENT_BYTES = 65_533
+MAX_ICC_PIECE_BYTES = MAX_SEGMENT_BYTES - len(ICC_NAME) - 2
+ICC_TAG = 34_675
+MAX_PROFILE_BYTES = 16 << 20
+COLOUR_SPACES = {1: b"GRAY", 3: b"RGB ", 4: b"RGB "}
+"""Colour space signature of a profile, by the number of channels."""
+AVIF_BRANDS = (b"avif", b"avis")
+WEBP_HAS_ICC, WEBP_HAS_EXIF = 0x20, 0x08
+
+
+class ImageMetadata(NamedTuple):
+    """Metadata of an image file."""
+
+    profile: bytes | None = None
+    """ICC profile."""
+    exif: Exif | None = None
+    orientation: int = UPRIGHT
+    """Orientation of the stored pixels, 1 to 8, as in EXIF; never written."""
+
+    def __bool__(self) -> bool:
+        return self.profile is not None or self.exif is not None
+
+    def that_fits(
+        self, path: str | Path, image: NDArray[np.generic], recoded: bool = False
+    ) -> tuple[ImageMetadata, str]:
+        """Return the metadata that a file can hold for an image, and a description of what is
+        dropped, or "".
+
+        ``recoded``: the values were converted from or to linear light, which invalidates a colour
+        profile.
+        """
+        suffix = Path(path).suffix.lower()
+        profile, exif = self.profile, self.exif
+        why = []
+        if suffix not in METADATA_WRITERS:
+            names = [name for name, part in (("the colour profile", profile), ("EXIF", exif)) if part is not None]
+            return ImageMetadata(), f"without {' and '.join(names)}, which {suffix} cannot hold" if names else ""
+        channels = image.shape[2] if image.ndim == 3 else 1
+        if profile is not None and recoded:
+            profile, why = None, ["without the colour profile, which is not of light, or of light alone"]
+        elif profile is not None and profile[16:20] != COLOUR_SPACES[channels]:
+            had = profile[16:20].decode("ascii", "replace").strip()
+            profile, why = None, [f"without the colour profile, which is of {had} and not of these colours"]
+        if exif is not None and suffix in (".jpg", ".jpeg") and len(exif.block()) > MAX_SEGMENT_BYTES - len(EXIF_NAME):
+            exif, why = None, [*why, f"without EXIF, which is longer than {suffix} can hold"]
+        return ImageMetadata(profile, exif), ", ".join(why)
+
+
+def read_metadata(data: bytes) -> ImageMetadata:
+    """Return the metadata in the bytes of an image file; none for formats without it and for
+    damaged files.
+    """
+    try:
+        if data.startswith(b"\xff\xd8"):
+            profile, block = _of_jpeg(data)
+        elif data.startswith(b"\x89PNG"):
+            profile, block = _of_png(data)
+        elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+            profile, block = _of_webp(data)
+        elif data[:4] in TIFF_SIGNATURES:
+            profile, block = None, data
+            if data[:4] in (b"II*\0", b"MM\0*"):
+                profile = _profile_of_tiff(data)
+        else:
+            return ImageMetadata(orientation=_orientation_of_avif(data))
+    except (struct.error, zlib.error, ValueError, KeyError, IndexError):
+        return ImageMetadata(orientation=orientation_of_block(data))  # TIFF, invalid profile
+    return ImageMetadata(profile, parse_exif(block), orientation_of_block(block))
+
+
+def embed_metadata(suffix: str, data: bytes, carried: ImageMetadata) -> bytes:
+    """Return the file with a profile and EXIF embedded; ``suffix`` is one of :data:`METADATA_WRITERS`."""
+    return METADATA_WRITERS[suffix](data, carried)
+
+
+# -- JPEG ----------------------------------------------------------------------------------------
+
+
+def _of_jpeg(data: bytes) -> tuple[bytes | None, bytes]:
+    """Return the colour profile and the EXIF block."""
+    block, pieces = b"", {}
+    at = 2
+    while data[at] == 0xFF and data[at + 1] != 0xDA:
+        if data[at + 1] == 0xFF:
+            at += 1
+            continue
+        body = data[at + 4 : at + 2 + int.from_bytes(data[at + 2 : at + 4], "big")]
+        if data[at + 1] == 0xE1 and body.startswith(EXIF_NAME) and not block:
+            block = body[len(EXIF_NAME) :]
+        elif data[at + 1] == 0xE2 and body.startswith(ICC_NAME):
+            pieces[body[len(ICC_NAME)]] = body[len(ICC_NAME) + 2 :]
+        at += 4 + len(body)
+    return b"".join(pieces[k] for k in sorted(pieces)) or None, block
+
+
+def _in_jpeg(data: bytes, carried: ImageMetadata) -> bytes:
+    segments = b""
+    if carried.exif is not None:
+        segments += _segment(0xE1, EXIF_NAME + carried.exif.block())
+    profile = carried.profile or b""
+    pieces = [profile[k : k + MAX_ICC_PIECE_BYTES] for k in range(0, len(profile), MAX_ICC_PIECE_BYTES)]
+    for number, piece in enumerate(pieces, start=1):
+        segments += _segment(0xE2, ICC_NAME + bytes([number, len(pieces)]) + piece)
+    at = 2
+    if data[2:4] == b"\xff\xe0":  # after the JFIF header
+        at += 2 + int.from_bytes(data[4:6], "big")
+    return data[:at] + segments + data[at:]
+
+
+def _segment(kind: int, body: bytes) -> bytes:
+    return bytes([0xFF, kind]) + struct.pack(">H", 2 + len(body)) + body
+
+
+# -- PNG -----------------------------------------------------------------------------------------
+
+
+def _of_png(data: bytes) -> tuple[bytes | None, bytes]:
+    """Return the colour profile and the EXIF block."""
+    profile, block, at = None, b"", 8
+    while at + 8 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        if kind == b"iCCP":
+            profile = decompressed(body[body.index(b"\0") + 2 :], MAX_PROFILE_BYTES)
+        elif kind == b"eXIf":
+            block = body
+        at += 12 + length
+    return profile, block
+
+
+def _in_png(data: bytes, carried: ImageMetadata) -> bytes:
+    chunks = b""
+    if carried.profile is not None:
+        chunks += _chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(carried.profile))
+    if carried.exif is not None:
+        chunks += _chunk(b"eXIf", carried.exif.block())
+    after_header = 8 + 12 + 13
+    return data[:after_header] + chunks + data[after_header:]
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+# -- WebP ----------------------------------------------------------------------------------------
+
+
+def _of_webp(data: bytes) -> tuple[bytes | None, bytes]:
+    """Return the colour profile and the EXIF block."""
+    found = dict(_webp_chunks(data[12:]))
+    return found.get(b"ICCP"), found.get(b"EXIF", b"").removeprefix(EXIF_NAME)
+
+
+def _webp_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    at = 0
+    while at + 8 <= len(data):
+        length = int.from_bytes(data[at + 4 : at + 8], "little")
+        yield data[at : at + 4], data[at + 8 : at + 8 + length]
+        at += 8 + length + length % 2
+
+
+def _in_webp(data: bytes, carried: ImageMetadata) -> bytes:
+    flags, canvas, chunks = _webp_header(data)
+    before = after = b""
+    if carried.profile is not None:
+        flags, before = flags | WEBP_HAS_ICC, _webp_chunk(b"ICCP", carried.profile)
+    if carried.exif is not None:
+        flags, after = flags | WEBP_HAS_EXIF, _webp_chunk(b"EXIF", carried.exif.block())
+    body = b"WEBP" + _webp_chunk(b"VP8X", bytes([flags, 0, 0, 0]) + canvas) + before + chunks + after
+    return b"RIFF" + struct.pack("<I", len(body)) + body
+
+
+def _webp_chunk(kind: bytes, body: bytes) -> bytes:
+    return kind + struct.pack("<I", len(body)) + body + b"\0" * (len(body) % 2)
+
+
+# -- TIFF ----------------------------------------------------------------------------------------
+
+
+def _profile_of_tiff(data: bytes) -> bytes | None:
+    order = "<" if data[:2] == b"II" else ">"
+    (at,) = struct.unpack_from(order + "I", data, 4)
+    (count,) = struct.unpack_from(order + "H", data, at)
+    for i in range(count):
+        tag, _, length, place = struct.unpack_from(order + "HHII", data, at + 2 + 12 * i)
+        if tag == ICC_TAG:
+            return data[place : place + length]
+    return None
+
+
+def _in_tiff(data: bytes, carried: ImageMetadata) -> bytes:
+    """Add the tags to the first directory, rewritten at the end of the file; OpenCV writes
+    little-endian files.
+    """
+    more: Directory = {}
+    if carried.profile is not None:
+        more[ICC_TAG] = Entry(7, len(carried.profile), carried.profile)
+    if carried.exif is not None:
+        more |= carried.exif.picture
+        for tag, directory in ((EXPOSURE, carried.exif.exposure), (PLACE, carried.exif.place)):
+            if directory:
+                data += b"\0" * (len(data) % 2)
+                more[tag] = Entry(4, 1, struct.pack("<I", len(data)))
+                data += serialised_directory(directory, len(data))
+    return _tiff_with(data, more)
+
+
+def _orientation_of_avif(data: bytes) -> int:
+    """Return the orientation in the properties irot and imir of an AVIF file, which OpenCV does not
+    apply.
+    """
+    if data[4:8] != b"ftyp" or data[8:12] not in AVIF_BRANDS:
+        return UPRIGHT
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data), formats=("AVIF",)) as image:
+            return int(image.getexif().get(ORIENTATION_TAG, UPRIGHT))
+    except Exception:  # invalid; the decoder reports it
+        return UPRIGHT
+
+
+METADATA_WRITERS: dict[str, Callable[[bytes, ImageMetadata], bytes]] = {
+    ".jpg": _in_jpeg,
+    ".jpeg": _in_jpeg,
+    ".png": _in_png,
+    ".webp": _in_webp,
+    ".tif": _in_tiff,
+    ".tiff": _in_tiff,
+}
+"""Functions that embed metadata, by suffix."""

@@ -1,1 +1,0 @@
-"""Cameras, streams, pipes and windows."""

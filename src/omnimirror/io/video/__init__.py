@@ -1,1 +1,0 @@
-"""Frame-by-frame reading and writing of video files."""

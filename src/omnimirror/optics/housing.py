@@ -1,0 +1,617 @@
+"""Housing of a mirror: camera body, rod, tube, dome or window, and the rim of the mirror's body.
+
+All parts are surfaces of revolution about the lens axis. Heights are in mm above the nominal mirror
+vertex, away from the lens; parts between mirror and lens have negative heights. Obscurations by
+these parts are computed in :mod:`omnimirror.optics.tracing.obscuration`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from ..base.arguments import check_fields, instance
+from ..base.errors import InvalidParameter
+from ..base.parameters import Parameter
+from .materials import MATERIAL_NAMES, MATERIALS, Material, index_of
+
+__all__ = [
+    "CLEARANCE_MM",
+    "GAP_SHARE",
+    "LENS_AT_RIMS",
+    "MATERIALS",
+    "SHELLS",
+    "CameraBody",
+    "Dome",
+    "Envelope",
+    "FlatWindow",
+    "Housing",
+    "HousingPart",
+    "Material",
+    "Rim",
+    "Rod",
+    "Shell",
+    "Tube",
+    "index_of",
+    "wall_words",
+]
+
+
+# -- Base class of housing parts, and the envelope to which they are fitted ------------------------
+
+
+class HousingPart:
+    """Part of a housing: it validates its parameters; None values are fitted to the sensor."""
+
+    PARAMETERS: ClassVar[dict[str, Parameter]]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for f in fields(self):  # type: ignore[arg-type]  # every part is a dataclass
+            value = getattr(self, f.name)
+            if value is not None:
+                self.PARAMETERS[f.name].check(f.name, value)
+
+
+class Envelope(NamedTuple):
+    """Dimensions of a sensor for fitting its housing. Heights above the vertex, mm."""
+
+    lens_mm: float
+    """Height of the plane of the lens, negative."""
+    base_mm: float
+    """Base of a tube: the plane of the lens, or the back of a second mirror."""
+    back_mm: float
+    """Height of the back of the mirror's body."""
+    outer_mm: float
+    """Outer radius of the mirror with its rim."""
+    has_secondary: bool = False
+
+
+# -- Clear walls between mirror and world: tubes, domes and flat windows, with their media ---------
+
+CLEARANCE_MM = 3.0
+"""Default clearance between rim and tube or dome."""
+BEYOND_LENS_MM = 5.0
+"""Default distance of a window from the lens."""
+WALL = {
+    "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
+    "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
+    "refractive_index": Parameter("", 1.0, 4.0, "of the wall"),
+    "material": Parameter("", 0.0, 0.0, "of the wall, instead of its index", MATERIAL_NAMES),
+    "medium": Parameter("", 0.0, 0.0, "what is outside, instead of air", MATERIAL_NAMES),
+    "medium_index": Parameter("", 1.0, 4.0, "refractive index of what is outside"),
+    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "shift to the right in the image"),
+    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "shift down in the image"),
+    "tilt_x_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"),
+    "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
+}
+WALL_INDEX = 1.49
+"""Default refractive index (acrylic)."""
+
+
+class ClearWall(HousingPart):
+    """Base class of clear covers between air inside and a medium outside.
+
+    Misalignment is a rotation about the nominal mirror vertex followed by a translation, as for
+    ``[mirror_pose]``; lids are not affected.
+    """
+
+    KIND: ClassVar[str]
+    wall_mm: float
+    diameter_mm: float | None
+    refractive_index: float
+    material: str | None
+    medium: str | None
+    medium_index: float
+    decentre_x_mm: float
+    decentre_y_mm: float
+    tilt_x_deg: float
+    tilt_y_deg: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.material is not None and self.refractive_index != WALL_INDEX:
+            raise InvalidParameter(
+                f"refractive_index = {self.refractive_index:g} and material = {self.material!r} were both given; give "
+                "one of them"
+            )
+        if self.medium is not None and self.medium_index != 1.0:
+            raise InvalidParameter(
+                f"medium_index = {self.medium_index:g} and medium = {self.medium!r} were both given; give one of them"
+            )
+        self._check_room()
+
+    def _check_room(self) -> None:
+        """Check that the wall leaves space inside."""
+        if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
+            raise InvalidParameter(
+                f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
+                f"{self.diameter_mm / 2:g} mm"
+            )
+
+    @property
+    def index(self) -> float:
+        """Refractive index of the wall."""
+        return self.refractive_index if self.material is None else index_of(self.material)
+
+    @property
+    def outer_index(self) -> float:
+        """Refractive index of the outer medium."""
+        return self.medium_index if self.medium is None else index_of(self.medium)
+
+    @property
+    def is_axial(self) -> bool:
+        """True if the cover is coaxial with the lens: neither decentred nor tilted."""
+        return not (self.decentre_x_mm or self.decentre_y_mm or self.tilt_x_deg or self.tilt_y_deg)
+
+    @property
+    def radii_mm(self) -> tuple[float, float]:
+        """Inner and outer radius of a cover of known size."""
+        assert self.diameter_mm is not None, "a wall that is not fitted yet"
+        outer = self.diameter_mm / 2
+        return outer - self.wall_mm, outer
+
+    def centred(self) -> Self:
+        """Return the cover in its nominal position."""
+        places = dict.fromkeys(("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0)
+        return replace(self, **places)  # type: ignore[type-var]  # every part is a dataclass
+
+    def at_wavelength(self, wavelength_nm: float) -> Self:
+        """Return the cover with the indices of its named materials at a wavelength, nm."""
+        indices: dict[str, Any] = {}
+        if self.material is not None:
+            indices |= {"material": None, "refractive_index": index_of(self.material, wavelength_nm)}
+        if self.medium is not None:
+            indices |= {"medium": None, "medium_index": index_of(self.medium, wavelength_nm)}
+        return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
+
+
+def wall_words(shell: ClearWall) -> str:
+    """Return a description of wall material and outer medium, by name if available.
+
+    >>> wall_words(Tube(material="polycarbonate", medium="water"))
+    'polycarbonate, n = 1.5855, in water, n = 1.3331'
+    >>> wall_words(Tube())
+    'n = 1.49'
+    """
+    named = f"{_name(shell.material)}, " if shell.material else ""
+    words = f"{named}n = {shell.index:g}"
+    if shell.outer_index == 1.0:
+        return words
+    medium = f"{_name(shell.medium)}, " if shell.medium else "a medium of "
+    return f"{words}, in {medium}n = {shell.outer_index:g}"
+
+
+def _name(material: str) -> str:
+    return material.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class Tube(ClearWall):
+    """Clear tube about the axis, closed by opaque discs in the lens plane and at the mirror's back.
+
+    Around two mirrors, the tube starts at the back of the second.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Outer diameter; by default the next full millimetre with 3 mm clearance around the mirror's
+        rim.
+    wall_mm, refractive_index
+        Wall thickness and index; acrylic by default.
+    material, medium : optional
+        Names of :data:`~omnimirror.optics.materials.MATERIALS`: of the wall, instead of its index,
+        and of the outer medium.
+    medium_index
+        Index of the outer medium; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        Misalignment; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is outside its range, the wall fills the tube, or an index is given twice.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "tube"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL
+
+    def inner_radius_mm(self, height_mm: float) -> float:
+        """Return the inner radius at a height, mm; it is constant."""
+        return self.radii_mm[0]
+
+    def fitted(self, envelope: Envelope) -> Tube:
+        """Return the tube with dimensions fitted to the sensor."""
+        least, usual = self.diameters(envelope.outer_mm)
+        diameter = self.diameter_mm or float(usual)
+        if diameter < least:
+            raise InvalidParameter(
+                f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
+                f"diameter is valid from {least:g} mm"
+            )
+        return replace(self, diameter_mm=diameter)
+
+    def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
+        """Return minimum and default outer diameter around mirrors of given radii."""
+        least = 2 * (outer_mm + self.wall_mm)
+        return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
+
+
+@dataclass(frozen=True)
+class Dome(ClearWall):
+    """Clear dome between two spheres, closed by an opaque disc in the lens plane.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Outer diameter; by default the next full millimetre with 3 mm clearance around the mirror's
+        rim.
+    wall_mm
+        Wall thickness on the axis, for concentric spheres.
+    refractive_index
+        Index of the wall; acrylic by default.
+    centre_mm : optional
+        Height of the outer sphere's centre; by default halfway between the lens and the mirror's
+        back. Refraction is smallest for a dome centred on the viewpoints.
+    inner_shift_mm
+        Height of the inner sphere's centre above the outer one; 0 (concentric) by default.
+    material, medium : optional
+        Names of :data:`~omnimirror.optics.materials.MATERIALS`: of the wall, instead of its index,
+        and of the outer medium.
+    medium_index
+        Index of the outer medium; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        Misalignment; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is outside its range, the wall fills the dome, an index is given twice, or the
+        inner sphere intersects the outer one.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    centre_mm: float | None = None
+    inner_shift_mm: float = 0.0
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "dome"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
+        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre over the mirror's vertex"),
+        "inner_shift_mm": Parameter("mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not abs(self.inner_shift_mm) < self.wall_mm:
+            raise InvalidParameter(
+                f"inner_shift_mm = {self.inner_shift_mm:g} breaks through a wall of {self.wall_mm:g} mm"
+            )
+
+    @property
+    def centres_mm(self) -> tuple[float, float]:
+        """Heights of the centres of the inner and the outer sphere."""
+        assert self.centre_mm is not None, "a dome that is not fitted yet"
+        return self.centre_mm + self.inner_shift_mm, self.centre_mm
+
+    def inner_radius_mm(self, height_mm: float) -> float:
+        """Return the inner radius at a height, mm; 0 outside the dome."""
+        square = self.radii_mm[0] ** 2 - (height_mm - self.centres_mm[0]) ** 2
+        return float(np.sqrt(max(square, 0.0)))
+
+    def fitted(self, envelope: Envelope) -> Dome:
+        """Return the dome with dimensions fitted to the sensor."""
+        back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
+        centre = float(self.centre_between(lens, back))
+        least, usual = self.diameters(lens, back, rim)
+        diameter = self.diameter_mm or float(usual)
+        if diameter < least:
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
+                f"does not take in the mirror; its diameter is valid from {least:.5g} mm"
+            )
+        if diameter / 2 - self.wall_mm <= abs(lens - centre):
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm does not reach the plane of the lens, at "
+                f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
+            )
+        return replace(self, diameter_mm=diameter, centre_mm=centre)
+
+    def centre_between(self, lens_mm: Any, back_mm: Any) -> Any:
+        """Return the outer sphere's centre between lenses and mirror backs, numbers or arrays."""
+        return (back_mm + lens_mm) / 2 if self.centre_mm is None else self.centre_mm
+
+    def diameters(self, lens_mm: Any, back_mm: Any, outer_mm: Any) -> tuple[Any, Any]:
+        """Return minimum and default outer diameter around mirrors, numbers or arrays."""
+        lens, back, rim = (np.real(v) for v in (lens_mm, back_mm, outer_mm))
+        centre = np.real(self.centre_between(lens, back))
+        farther = np.maximum(np.abs(back - centre), np.abs(lens - centre))
+        least = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
+        return least, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm))
+
+
+@dataclass(frozen=True)
+class FlatWindow(ClearWall):
+    """Flat clear pane beyond the lens, perpendicular to the axis, with an opaque surround.
+
+    Only rays directed back past the lens reach it: the field is limited to less than 90 deg.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Diameter of the clear opening; by default it passes the whole field.
+    wall_mm, refractive_index
+        Thickness and index of the pane; acrylic by default.
+    height_mm : optional
+        Height of its inner surface above the mirror vertex; by default 5 mm beyond the lens.
+    material, medium : optional
+        Names of :data:`~omnimirror.optics.materials.MATERIALS`: of the pane, instead of its index,
+        and of the outer medium.
+    medium_index
+        Index of the outer medium; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        Misalignment; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is outside its range, or an index is given twice.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    height_mm: float | None = None
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "window"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the clear opening"),
+        "height_mm": Parameter("mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"),
+    }
+
+    def _check_room(self) -> None:
+        """Check the thickness only: a pane has no inner space."""
+
+    @property
+    def heights_mm(self) -> tuple[float, float]:
+        """Heights of the inner and the outer surface of a window of known position."""
+        assert self.height_mm is not None, "a window that is not fitted yet"
+        return self.height_mm, self.height_mm - self.wall_mm
+
+    def fitted(self, envelope: Envelope) -> FlatWindow:
+        """Return the window with its position fitted to the sensor."""
+        height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
+        if height > envelope.lens_mm:
+            raise InvalidParameter(
+                f"height_mm = {height:g} puts the window between lens and mirror, where the lens looks through it too; "
+                f"it is valid up to {envelope.lens_mm:g} mm, in the plane of the lens or beyond"
+            )
+        return replace(self, height_mm=height)
+
+
+Shell = Tube | Dome | FlatWindow
+SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {kind.KIND: kind for kind in (Tube, Dome, FlatWindow)}
+"""Clear walls by their name in sensor files."""
+
+
+# -- Housing of a mirror: camera body, rod, tube or dome, and the rim of the mirror's body ---------
+#
+# All parts are surfaces of revolution about the lens axis. Heights are in mm above the nominal mirror
+# vertex, away from the lens; parts between mirror and lens have negative heights. Obscuration of the
+# field by these parts is computed in :mod:`omnimirror.optics.tracing.obscuration`.
+
+LENS_AT_RIMS = 2.5
+"""Assumed distance of a telecentric lens from the vertex, in rim radii."""
+GAP_SHARE = 0.25
+"""Default gap between rod and lens, relative to the mirror distance."""
+
+
+@dataclass(frozen=True)
+class CameraBody(HousingPart):
+    """Front of the camera, a disc reflected in the centre of the image.
+
+    Parameters
+    ----------
+    diameter_mm
+    height_mm
+        Height of its front above the lens's principal point, towards the mirror.
+    lens_diameter_mm
+        Diameter of the lens's front ring, visible in simulated images.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is outside its range.
+    """
+
+    diameter_mm: float
+    height_mm: float = 0.0
+    lens_diameter_mm: float = 24.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the camera as the mirror shows it"),
+        "height_mm": Parameter("mm", -1e5, 1e5, "height of the camera's front over the lens, towards the mirror"),
+        "lens_diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the front ring of the camera's lens"),
+    }
+
+
+@dataclass(frozen=True)
+class Rod(HousingPart):
+    """Opaque rod on the axis, from the mirror vertex towards the lens.
+
+    Parameters
+    ----------
+    diameter_mm
+        Diameter at its foot, and along its length unless it tapers.
+    end_diameter_mm : optional
+        Diameter at the mirror.
+    gap_mm : optional
+        Distance from its foot to the lens; 25 % of the mirror distance by default. (A glass plate
+        supports the foot: a rod up to the lens would obscure the entire field.)
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is outside its range.
+    """
+
+    diameter_mm: float = 4.0
+    end_diameter_mm: float | None = None
+    gap_mm: float | None = None
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the rod at its foot"),
+        "end_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the rod at the mirror"),
+        "gap_mm": Parameter("mm", 0.0, 1e5, "from the foot of the rod to the lens"),
+    }
+
+    def fitted(self, envelope: Envelope) -> Rod:
+        """Return the rod with dimensions fitted to the sensor."""
+        gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
+        if not gap < -envelope.lens_mm:
+            raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm")
+        end = self.diameter_mm if self.end_diameter_mm is None else self.end_diameter_mm
+        if end > 2 * envelope.outer_mm:
+            entry = "diameter_mm" if self.end_diameter_mm is None else "end_diameter_mm"
+            raise InvalidParameter(
+                f"{entry} = {end:g} makes a rod wider than the mirror that it holds; there it is valid up to "
+                f"{2 * envelope.outer_mm:g} mm"
+            )
+        return replace(self, end_diameter_mm=end, gap_mm=gap)
+
+
+@dataclass(frozen=True)
+class Rim(HousingPart):
+    """Flange or dark edge of the mirror's body around the rim; it moves with the mirror.
+
+    Parameters
+    ----------
+    width_mm
+        Radial width beyond the rim.
+    setback_mm
+        Axial distance of its front behind the rim.
+    thickness_mm
+        Distance from the highest surface point to the back of the body, the end of a tube.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is outside its range.
+    """
+
+    width_mm: float = 0.0
+    setback_mm: float = 0.0
+    thickness_mm: float = 5.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "width_mm": Parameter("mm", 0.0, 1e4, "how far the rim's edge or flange stands out over the mirror"),
+        "setback_mm": Parameter("mm", 0.0, 1e4, "how far the front of the edge or flange lies behind the rim"),
+        "thickness_mm": Parameter("mm", 1e-3, 1e4, "from the mirror's surface to the back of its body"),
+    }
+
+
+@dataclass(frozen=True)
+class Housing:
+    """Parts around the mirror; none by default.
+
+    Parameters
+    ----------
+    camera : CameraBody, optional
+    rod : Rod, optional
+    shell : Tube, Dome or FlatWindow, optional
+    rim, secondary_rim : Rim, optional
+        Rims of the mirror and of a second one; the default body is 5 mm thick without a rim.
+
+    Raises
+    ------
+    InvalidParameter
+        If a part has the wrong type.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0), Rod(4.0)))
+    >>> for ring in sensor.obscurations:
+    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.picture_percent, 2))
+    rod [0.0, 21.04] 4.35
+    camera [0.0, 8.43] 0.71
+    """
+
+    camera: CameraBody | None = None
+    rod: Rod | None = None
+    shell: Shell | None = None
+    rim: Rim | None = None
+    secondary_rim: Rim | None = None
+
+    def __post_init__(self) -> None:
+        kinds: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
+        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
+        for name, kind in kinds.items():
+            if (part := getattr(self, name)) is not None:
+                instance(name, part, kind, f"a part such as omnimirror.optics.housing.{_name_of(kind)} makes")
+
+    @property
+    def is_empty(self) -> bool:
+        """True if the housing has no parts."""
+        return self == Housing()
+
+    def fitted(self, envelope: Envelope) -> Housing:
+        """Return the housing with dimensions fitted to the sensor.
+
+        Raises
+        ------
+        InvalidParameter
+            If a tube or dome is too small for the mirror, a dome does not reach the lens, the foot
+            of a rod is beyond the mirror or its end is wider than the mirror, or a second mirror
+            excludes a part.
+        """
+        if envelope.has_secondary:
+            self._check_beside_secondary()
+        rod, shell = self.rod and self.rod.fitted(envelope), self.shell and self.shell.fitted(envelope)
+        return replace(self, rod=rod, shell=shell)
+
+    def _check_beside_secondary(self) -> None:
+        if self.rod is not None:
+            raise InvalidParameter("a rod would stand in the view of the secondary; valid supports are tube and none")
+        if isinstance(self.shell, Dome | FlatWindow):
+            raise InvalidParameter(
+                f"a {self.shell.KIND} is for sensors of one mirror; beside a secondary valid are tube and none"
+            )
+        if self.camera is not None:
+            raise InvalidParameter(
+                f"a camera of diameter_mm = {self.camera.diameter_mm:g} is for sensors of one mirror; beside a "
+                "secondary the camera's front is its bore_radius_mm"
+            )
+
+
+def _name_of(kind: Any) -> str:
+    return " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))

@@ -1,1 +1,0 @@
-"""Lens prescriptions from files: tables, surfaces and glasses; sequential ray tracing."""

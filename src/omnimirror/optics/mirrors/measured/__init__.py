@@ -1,1 +1,0 @@
-"""Measured profiles: column files, point clouds and grids, and their smoothing."""

@@ -1,0 +1,164 @@
+"""Contract checks of mirror classes, for the tests of this and other packages."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+
+from ..base.arguments import instance
+from ..base.errors import OmnimirrorError
+from ..base.typing import Array
+from .mirrors import MIRRORS, Mirror
+from .toml_validation import table_model
+
+__all__ = ["MIRROR_CHECKS", "check_mirror"]
+
+
+# -- Contract of mirror classes: properties of every shape, independent of its formula -------------
+
+SHARES = np.array([0.13, 0.31, 0.52, 0.77, 0.93])
+"""Positions of derivative checks, relative to the rim radius."""
+STEP = 1e-3
+"""Finite-difference step, relative to the rim radius."""
+DIFFERENCE = 1e-6
+"""Tolerance between fourth-order differences and derivatives, relative to the largest value."""
+
+
+def check_mirror(mirror: Mirror) -> None:
+    """Check the mirror contract, required by tracing, evaluation, sensor files and exports.
+
+    Sag, slope and curvature are consistent derivatives (fourth-order differences, tolerance 1e-6);
+    the vertex is the origin; parameters are described and out-of-range values rejected; ``repr``
+    and pickling are reversible.
+
+    Parameters
+    ----------
+    mirror
+        Instance of the class to check.
+
+    Raises
+    ------
+    AssertionError
+        If a check fails; the message names the location.
+
+    Examples
+    --------
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> check_mirror(Sphere(50.0, 40.0))
+    """
+    instance("mirror", mirror, Mirror, "a mirror")
+    for check in MIRROR_CHECKS:
+        check(mirror)
+
+
+def parts_are_the_profile(mirror: Mirror) -> None:
+    """Check that ``sag``, ``slope`` and ``curvature`` equal ``profile`` and have the shape of x."""
+    for x in (np.linspace(0, mirror.rim_radius_mm, 11), np.full((2, 3), 0.4 * mirror.rim_radius_mm)):
+        for name, part in zip(("sag", "slope", "curvature"), mirror.profile(x), strict=True):
+            own = np.asarray(getattr(mirror, name)(x))
+            assert np.shape(part) == x.shape, f"{name} of x {x.shape} has the shape {np.shape(part)}"
+            assert np.array_equal(np.asarray(part), own), f"{name} is not that of the profile"
+
+
+def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
+    """Check that ``slope`` is the derivative of ``sag``, and ``curvature`` that of ``slope``."""
+    x, h = SHARES * mirror.rim_radius_mm, STEP * mirror.rim_radius_mm
+    for name, function, derivative in (
+        ("slope", mirror.sag, mirror.slope(x)),
+        ("curvature", mirror.slope, mirror.curvature(x)),
+    ):
+        difference = (8 * (function(x + h) - function(x - h)) - function(x + 2 * h) + function(x - 2 * h)) / (12 * h)
+        scale = np.abs(difference).max() + 1 / mirror.rim_radius_mm
+        error = np.abs(derivative - difference) / scale
+        worst = int(error.argmax())
+        assert error[worst] < DIFFERENCE, (
+            f"{name} at x = {x[worst]:g} mm is {derivative[worst]:.9g}, but its integral changes by "
+            f"{difference[worst]:.9g}"
+        )
+
+
+def vertex_is_the_origin(mirror: Mirror) -> None:
+    """Check that the sag of the vertex is 0, and its slope too for a mirror without an apex."""
+    assert abs(float(mirror.sag(0.0))) < 1e-13, f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
+    slope = float(mirror.slope(0.0))
+    assert mirror.is_pointed == (slope != 0.0), f"is_pointed is {mirror.is_pointed}, but the vertex has slope {slope:g}"
+
+
+def radii_are_those_of_the_normals(mirror: Mirror) -> None:
+    """Check R_s (Eq. 18) against the normal, and the radii at a smooth apex."""
+    x = SHARES * mirror.rim_radius_mm
+    slope: Array = mirror.slope(x)
+    normal = np.where(slope == 0, np.inf, np.hypot(x, np.divide(x, slope, where=slope != 0, out=np.zeros_like(x))))
+    length = np.abs(np.asarray(mirror.radius_s(x)))
+    assert np.allclose(length[slope != 0], normal[slope != 0], rtol=1e-12), "radius_s is not the normal's length"
+    if not mirror.is_pointed:
+        apex = float(mirror.radius_s(0.0)), float(mirror.radius_t(0.0))
+        assert apex[0] == apex[1] or np.isclose(*apex, rtol=1e-12), f"at the apex the radii are {apex}"
+
+
+def bounds_hold_the_meridian(mirror: Mirror) -> None:
+    """Check that ``bounds`` extend from the vertex to the rim."""
+    (x0, x1), (z0, z1) = mirror.bounds
+    z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
+    assert (x0, x1) == (0.0, mirror.rim_radius_mm), f"bounds reach from x = {x0:g} mm to {x1:g} mm"
+    assert abs(z0 - z.min()) < 1e-12, f"bounds begin at z = {z0:g} mm, but the meridian at {z.min():g} mm"
+    assert abs(z1 - z.max()) < 1e-12, f"bounds end at z = {z1:g} mm, but the meridian at {z.max():g} mm"
+
+
+def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
+    """Check equality and hash after ``eval(repr(...))`` and after pickling."""
+    words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
+    back = eval(repr(mirror), words)
+    assert back == mirror, f"{back!r} is not {mirror!r}"
+    assert hash(back) == hash(mirror), f"two equal mirrors {mirror!r} have different hashes"
+    unpickled = pickle.loads(pickle.dumps(mirror))
+    assert unpickled == mirror, f"{unpickled!r} from a pickle is not {mirror!r}"
+
+
+def describes_every_parameter(mirror: Mirror) -> None:
+    """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
+    names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
+    assert list(mirror.PARAMETERS) == names, f"{list(mirror.PARAMETERS)} do not describe the fields {names}"
+    for name, p in mirror.PARAMETERS.items():
+        assert p.description, f"{name} has no description"
+        assert p.choices or p.low < p.high, f"{name} has an empty range"
+        assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), f"{name} does not end with its unit"
+    entries = set(table_model(type(mirror)).model_fields)
+    assert entries == set(names), f"a sensor file has the entries {sorted(entries)}, and the fields are {names}"
+
+
+def refuses_what_is_out_of_range(mirror: Mirror) -> None:
+    """Check that a parameter out of range, or NaN, raises an error that names it."""
+    for name, p in mirror.PARAMETERS.items():
+        if p.choices or name in ("x_mm", "z_mm"):  # columns of points are rejected as a whole
+            continue
+        is_many = isinstance(getattr(mirror, name), tuple)
+        for number in (p.high * 1.01 + 1, np.nan):
+            said = _refusal(mirror, **{name: (number,) if is_many else number})
+            assert said is not None, f"{name} = {number:g} is not refused"
+            assert name in said, f"{name} = {number:g} is refused without its name: {said}"
+
+
+def _refusal(mirror: Mirror, **change: object) -> str | None:
+    """Return the error message of a changed mirror; None without an error."""
+    try:
+        replace(mirror, **change)  # type: ignore[type-var]
+    except OmnimirrorError as e:
+        return str(e)
+    return None
+
+
+MIRROR_CHECKS: tuple[Callable[[Mirror], None], ...] = (
+    parts_are_the_profile,
+    slope_and_curvature_are_derivatives,
+    vertex_is_the_origin,
+    radii_are_those_of_the_normals,
+    bounds_hold_the_meridian,
+    comes_back_from_words_and_pickles,
+    describes_every_parameter,
+    refuses_what_is_out_of_range,
+)
+"""Individual checks of :func:`check_mirror`."""

@@ -1,0 +1,581 @@
+"""Reflection points between an entrance pupil and an object, by Fermat's principle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.native import backend, kernel_array
+from ...base.root_finding import NEWTON_TOLERANCE
+from ...base.typing import Array, Mask
+from ..mirrors import Mirror
+from ..mirrors.as_built import NO_FORM, MirrorForm, SurfaceHeights
+from ._ray_intersection import LIFT, hollowness, intersect
+from .meridian import trace_chief_rays
+
+__all__ = [
+    "BEYOND",
+    "CELLS",
+    "LONGEST_STEP",
+    "MAX_STEPS",
+    "REFLECTS",
+    "RIM_SLACK",
+    "TIP",
+    "Ends",
+    "MirrorTables",
+    "Specular",
+    "Surface",
+    "continued_profile",
+    "cubic_pieces",
+    "footprint",
+    "meridian_table",
+    "radii",
+    "specular_points",
+]
+
+
+# -- Limits of the search for reflection points ----------------------------------------------------
+
+MAX_STEPS = 60
+MAX_STEP_LENGTH = 0.3  # of the rim radius, and of the distance from the apex of a pointed mirror
+REFLECTION_TOLERANCE = 1e-9  # largest deviation from the law of reflection, as a sine
+RIM_SLACK = 1e-9  # relative tolerance at the rim
+
+
+# -- Ray endpoints of paths over a mirror, and the reflection points between them ------------------
+
+
+@dataclass(frozen=True)
+class RayEndpoints:
+    """Points (n, 3), mm, or unit vectors (n, 3) from the mirror if they are distant."""
+
+    xyz: Array
+    distant: bool = False
+
+    @classmethod
+    def of(cls, xyz: ArrayLike, distant: bool = False) -> RayEndpoints:
+        """Create ends from any array-like; directions may have any non-zero length."""
+        ends = np.atleast_2d(np.asarray(xyz, dtype=float))
+        if distant:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                ends = ends / np.linalg.norm(ends, axis=-1, keepdims=True)
+        return cls(ends, distant)
+
+    def __getitem__(self, which: slice | NDArray[np.integer]) -> RayEndpoints:
+        return RayEndpoints(self.xyz[which], self.distant)
+
+    def spread(self, count: int) -> RayEndpoints:
+        """Return ``count`` ends, broadcast from one or as many."""
+        return RayEndpoints(np.broadcast_to(self.xyz, (count, 3)), self.distant)
+
+
+class ReflectionPoints(NamedTuple):
+    """Mirror points of n pairs of ends; NaN if invalid, except for ``points``."""
+
+    points: Array
+    """(n, 3), mm; beyond the rim, on the mirror's smooth continuation."""
+    normals: Array
+    """(n, 3) unit vectors towards the lens side."""
+    to_pupils: Array
+    """(n, 3) unit vectors from the mirror points."""
+    to_targets: Array
+    """(n, 3) unit vectors from the mirror points."""
+    path: Array
+    """(n,), mm: optical path length; for a distant end, from a plane through the vertex."""
+    reflects: Mask
+    """(n,) True for a reflection with both ends in front of the (continued) surface."""
+    valid: Mask
+    """(n,) True if the point is also within the rim and the path is unobstructed."""
+    seen_at: Array
+    """(n, 3), mm: points of the mirror facing the pupils; a second mirror, if present."""
+
+    @property
+    def chief_slopes(self) -> Array:
+        """Slopes (n, 2), against the axis, of the rays to the pupils."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes: Array = self.to_pupils[:, :2] / self.to_pupils[:, 2:]
+        return slopes
+
+
+# -- Mirror surface over the vertex plane, continued beyond its rim, with two derivatives ----------
+
+
+def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
+    """Return sag, slope and curvature of a mirror, continued beyond its rim by a parabola.
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> [float(v) for v in continued_profile(Sphere(50.0, 30.0), np.array([32.0]))[0].round(6)]
+    [11.578125]
+    """
+    inside = np.minimum(x, mirror.rim_radius_mm)
+    sag, slope, curvature = mirror.profile(inside)
+    beyond = x - inside
+    bend = np.where(beyond > 0, np.maximum(curvature, 0.0), curvature)
+    return sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend
+
+
+class MirrorSurface:
+    """Points of the continued surface over (x, y) with first and second derivatives."""
+
+    def __init__(self, mirror: Mirror, xy: Array, form: MirrorForm = NO_FORM) -> None:
+        x, y = xy[:, 0], xy[:, 1]
+        r = np.hypot(x, y)
+        sag, slope, bend = continued_profile(mirror, r)
+        on_axis = r == 0
+        safe = np.where(on_axis, 1.0, r)
+        cos, sin = np.where(on_axis, 1.0, x / safe), y / safe
+        hoop = np.where(on_axis, bend, slope / safe)
+        self.points = np.stack([x, y, sag], axis=-1)
+        self.slopes = np.stack([slope * cos, slope * sin], axis=-1)
+        self.second = (
+            bend * cos * cos + hoop * sin * sin,
+            (bend - hoop) * cos * sin,
+            bend * sin * sin + hoop * cos * cos,
+        )
+        if not form.is_empty:
+            self._add(form.heights(mirror.rim_radius_mm, xy))
+
+    def _add(self, form: SurfaceHeights) -> None:
+        self.points[:, 2] += form.z
+        self.slopes += np.stack([form.gx, form.gy], axis=-1)
+        xx, xy, yy = self.second
+        self.second = xx + form.hxx, xy + form.hxy, yy + form.hyy
+
+    @property
+    def tangents(self) -> Array:
+        """Derivatives (n, 2, 3) of the points by x and by y."""
+        tangents = np.zeros((len(self.points), 2, 3))
+        tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
+        tangents[:, :, 2] = self.slopes
+        return tangents
+
+    @property
+    def bend(self) -> Array:
+        """Second derivatives (n, 2, 2) of the height over (x, y)."""
+        xx, xy, yy = self.second
+        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=1)
+
+    @property
+    def normals(self) -> Array:
+        """Unit normals (n, 3) towards the lens side."""
+        normals = np.concatenate([self.slopes, np.full((len(self.points), 1), -1.0)], axis=1)
+        unit: Array = normals / np.sqrt(np.einsum("ni,ni->n", normals, normals))[:, None]
+        return unit
+
+
+# -- Lookup tables for the search for reflection points: meridian and initial values ---------------
+
+CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are accurate to 1e-9 mm and 1e-9
+BEYOND = 256  # cells of the same width beyond the rim, for iterates outside the mirror
+TIP = 1e-3  # of the rim radius: initial points keep this distance from an apex
+
+
+@dataclass(frozen=True)
+class MirrorTables:
+    """Tables of a mirror, in cubic pieces of four coefficients for each function.
+
+    Parameters
+    ----------
+    meridian : (n, 8)
+        Sag and slope as functions of the distance from the axis, ``cell_mm`` per piece.
+    by_omega : (m, 4)
+        Distance from the axis as a function of the field angle about ``middle_mm``, between
+        ``omegas``.
+    depth : (k, 4) or None
+        Depth from the lens as a function of the ray's tangent, up to ``most_tangent``; None if
+        telecentric.
+    rim_mm, least_mm
+        Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
+    """
+
+    meridian: Array
+    by_omega: Array
+    depth: Array | None
+    cell_mm: float
+    omegas: tuple[float, float]
+    middle_mm: float
+    most_tangent: float
+    rim_mm: float
+    least_mm: float
+
+    @classmethod
+    def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
+        """Create tables for a pupil at a distance (mm) from the vertex, infinite if telecentric."""
+        rim = mirror.rim_radius_mm
+        x = np.linspace(0.0, rim, 4 * CELLS + 1)
+        rays = trace_chief_rays(mirror, pupil_distance, x)
+        omegas = float(rays.omega[0]), float(rays.omega[-1])
+        even = np.interp(np.linspace(*omegas, CELLS + 1), rays.omega, x)
+        depth, most = None, 0.0
+        if np.isfinite(pupil_distance):
+            most = float(x[-1] / rays.w[-1])
+            depth = _depths(mirror, pupil_distance, np.linspace(0.0, most, CELLS + 1), x, rays.w)
+        return cls(
+            meridian_table(mirror),
+            cubic_pieces(even, np.gradient(even)),
+            depth,
+            rim / CELLS,
+            omegas,
+            float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS]),
+            most,
+            rim,
+            TIP * rim if mirror.is_pointed else 0.0,
+        )
+
+    def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
+        """Return kernel arguments of the surface, including the lens position."""
+        return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
+
+
+def radii(mirror: Mirror, cells: int = CELLS) -> Array:
+    """Return the nodes (n,), mm, of the tables, one of them at the rim."""
+    beyond = cells * BEYOND // CELLS
+    return np.linspace(0.0, (cells + beyond) / cells * mirror.rim_radius_mm, cells + beyond + 1)
+
+
+def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
+    """Return cubic pieces (n, 8) of sag and slope, four coefficients each, between the nodes.
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> table = meridian_table(Sphere(50.0, 40.0))
+    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
+    ((1280, 8), array([10.  ,  0.75]))
+    """
+    sag, slope, curvature = continued_profile(mirror, radii(mirror, cells))
+    step = mirror.rim_radius_mm / cells
+    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
+
+
+def cubic_pieces(values: Array, rates: Array) -> Array:
+    """Return the coefficients (n, 4) of cubic Hermite pieces between n + 1 nodes.
+
+    >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
+    array([1., 3., 3., 1.])
+    """
+    rise = np.diff(values)
+    low, high = rates[:-1], rates[1:]
+    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
+
+
+def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return pieces (n, 4) of the mirror's depth from the lens, by tangents."""
+    r = np.interp(tangents, x / w, x)
+    for _ in range(4):
+        sag, slope, _ = mirror.profile(r)
+        r = np.clip(r - (r - (distance + sag) * tangents) / (1 - slope * tangents), 0.0, mirror.rim_radius_mm)
+    sag, slope, _ = mirror.profile(r)
+    growth = slope * (distance + sag) / (1 - slope * tangents)
+    return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))
+
+
+# -- Initial values from compiled kernels, which use a table of the meridian -----------------------
+#
+# They are accurate to the table's interpolation error: one or two Newton steps on the actual surface
+# complete the solution.
+
+SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
+NOT_SEEN, SEEN, NOT_SETTLED = 0, 1, 2
+STEPS, FIRST_STEPS = 24, 6
+FIRST_CLOSE = 3e-5  # relative to the rim radius: limit of the first search
+REACH = (CELLS + BEYOND) / CELLS
+MIN_PAIRS = 200  # pairs below which the tables do not pay off
+NEAREST = 1e-3  # minimum lens distance from the vertex, relative to the rim radius
+
+
+class Search(NamedTuple):
+    """Limits of a kernel search: Newton steps in space and in the meridian, tolerances, extent."""
+
+    steps: int
+    first_steps: int
+    first_close: float
+    reach: float
+
+    def until(self, close: float, aside: float = 0.0) -> tuple[float, ...]:
+        """Return kernel arguments, with a tolerance limited by the decentring."""
+        return (
+            self.steps,
+            self.first_steps,
+            close,
+            max(self.first_close, aside),
+            MAX_STEP_LENGTH,
+            self.reach,
+            RIM_SLACK,
+        )
+
+
+SEARCH = Search(STEPS, FIRST_STEPS, FIRST_CLOSE, REACH)
+
+
+def compiled_reflection_points(
+    mirror: Mirror, form: MirrorForm, pupils: RayEndpoints, targets: RayEndpoints
+) -> Array | None:
+    """Return the points (n, 2), mm, of a convex mirror that image targets in one pupil.
+
+    NaN without convergence; None if kernels do not apply.
+    """
+    xyz = pupils.xyz
+    if len(xyz) < MIN_PAIRS or not backend.is_compiled or not form.is_empty or (xyz != xyz[0]).any():
+        return None
+    x, y, z = (float(part) for part in xyz[0])
+    tables = _tables(mirror, np.inf if pupils.distant else max(-z, NEAREST * mirror.rim_radius_mm))
+    if tables is None or z == 0:
+        return None
+    count = len(targets.xyz)
+    asked, rows, states = kernel_array(targets.xyz.T), np.empty((8, count)), np.empty(count, np.uint8)
+    backend.kernels.find_reflections(
+        tables.surface((x, y, z), pupils.distant), SEARCH.until(SETTLED, float(np.hypot(x, y)) / abs(z)),
+        tables.by_omega, tables.omegas, tables.middle_mm, targets.distant, asked, rows, states,
+    )  # fmt: skip
+    a, b, c = rows[5:]
+    is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
+    places: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
+    return places
+
+
+@lru_cache(maxsize=32)
+def _tables(mirror: Mirror, distance: float) -> MirrorTables | None:
+    """Return the tables of a smooth convex mirror with increasing field angle."""
+    if mirror.is_pointed or hollowness(mirror) > 0:
+        return None
+    tables = MirrorTables.of(mirror, distance)
+    rises = np.isfinite(tables.by_omega).all() and tables.omegas[1] > tables.omegas[0]
+    return tables if rises and (tables.by_omega[:, 1] >= 0).all() else None
+
+
+# -- Reflection point between an entrance pupil and an object, for any positions (Fermat's principle)
+#
+# The optical path length from the object over the mirror to the pupil is stationary. On a convex
+# mirror seen from its front, every stationary path is a strict minimum: the Hessian over the surface
+# is the sum of two non-negative terms of the distances and of the surface curvature times
+# ``2 cos(gamma)``. A damped Newton method therefore minimises the path length. The result is
+# verified: the law of reflection holds, both ends are in front of the surface, the point is within
+# the rim, and a concave zone of the mirror does not block the path.
+#
+# All coordinates are in the mirror frame. An end is a point, or the direction of a distant point.
+
+Shape = tuple[Mirror, MirrorForm]
+
+CHUNK = 1 << 13  # pairs per chunk: their arrays fit in the cache
+PATH_ROUNDING = 1e-12  # relative increase of the path attributed to rounding
+GUESS_NODES = 129
+RESTARTS = 8  # around the apex of a pointed mirror
+
+
+def specular_points(
+    mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None, form: MirrorForm = NO_FORM
+) -> ReflectionPoints:
+    """Return the mirror points that image targets in pupils.
+
+    Parameters
+    ----------
+    pupils, targets : Ends of n, or of 1
+        Entrance-pupil points, and targets.
+    start : (n, 2) mm, optional
+        Initial points (x, y) on the mirror; by default the solution for a pupil on the axis.
+    form
+        Form error of the mirror.
+
+    Examples
+    --------
+    Alhazen's problem, section 10: a ball of 50 mm, pupil and object symmetric about a line at 45
+    deg:
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> pupils, targets = Ends.of([0.0, 0.0, -100.0]), Ends.of([150.0, 0.0, 50.0])
+    >>> found = specular_points(Sphere(50.0, 44.0), pupils, targets)
+    >>> found.points.round(6) + 0.0, found.valid  # 50 sin 45, 50 - 50 cos 45
+    (array([[35.355339,  0.      , 14.644661]]), array([ True]))
+    """
+    (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
+    pupils, targets = pupils.spread(count), targets.spread(count)
+    xy = np.empty((count, 2))
+    with np.errstate(all="ignore"):  # non-finite results are marked invalid
+        first = _first((mirror, form), pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
+        for begin in range(0, count, CHUNK):
+            part = slice(begin, begin + CHUNK)
+            xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
+        if mirror.is_pointed:
+            _leave_the_tip((mirror, form), pupils, targets, xy)
+        return _proven((mirror, form), pupils, targets, xy)
+
+
+def _first(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
+    """Return initial points (n, 2), mm: from compiled kernels if available, otherwise estimates."""
+    places = compiled_reflection_points(*shape, pupils, targets)
+    if places is None:
+        return guess(shape[0], pupils, targets)
+    lost = np.flatnonzero(np.isnan(places[:, 0]))
+    places[lost] = guess(shape[0], pupils[lost], targets[lost])
+    return places
+
+
+def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
+    """Return the mirror points (n, 2), mm, of the targets' directions for a pupil on the axis at
+    the same distance."""
+    if not len(pupils.xyz):
+        return np.empty((0, 2))
+    m = np.inf if pupils.distant else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
+    middle = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
+    towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, middle]
+    across = np.hypot(towards[:, 0], towards[:, 1])
+    x = np.interp(np.arctan2(across, -towards[:, 2]), table.omega, table.x)
+    if mirror.is_pointed:
+        x = np.maximum(x, 1e-3 * mirror.rim_radius_mm)
+    azimuth = np.arctan2(towards[:, 1], towards[:, 0])
+    return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
+
+
+def footprint(
+    mirror: Mirror,
+    pupils: RayEndpoints,
+    targets: RayEndpoints,
+    found: ReflectionPoints,
+    motion: Array,
+    form: MirrorForm = NO_FORM,
+) -> Array:
+    """Return the footprint (n,), mm^2 on the plane z = 0, per unit of pupil motion.
+
+    Parameters
+    ----------
+    found
+        Result of :func:`specular_points` for the same ends.
+    motion : (2, 3) or (n, 2, 3)
+        Derivatives of an entrance pupil's ``xyz`` by its two coordinates.
+    form
+        Form error of the mirror.
+
+    Notes
+    -----
+    The gradient of the path stays 0 while the pupil moves; the point therefore moves by the inverse
+    of the path's Hessian times the mixed derivative.
+    """
+    count = len(found.points)
+    pupils, targets = pupils.spread(count), targets.spread(count)
+    with np.errstate(all="ignore"):
+        surface = MirrorSurface(mirror, found.points[:, :2], form)
+        _, _, (a, b, c) = _path(surface, pupils, targets)
+        motion = np.broadcast_to(motion, (count, 2, 3))
+        if not pupils.distant:
+            step = found.points - pupils.xyz
+            distance = np.linalg.norm(step, axis=1)[:, None, None]
+            u = step[:, :, None] / distance
+            motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+        mixed = np.linalg.det(motion @ surface.tangents.transpose(0, 2, 1))
+        area: Array = np.abs(mixed / (a * c - b * b))
+    return area
+
+
+def _path(
+    surface: MirrorSurface, pupils: RayEndpoints, targets: RayEndpoints
+) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Return path length (n,), gradient (n, 2) and second derivatives (xx, xy, yy)."""
+    length = np.zeros(len(surface.points))
+    pull = np.zeros_like(surface.points)
+    sx, sy = surface.slopes.T
+    xx, xy, yy = (np.zeros_like(length) for _ in range(3))
+    for end in (pupils, targets):
+        if end.distant:
+            length -= np.einsum("ni,ni->n", end.xyz, surface.points)
+            pull -= end.xyz
+            continue
+        step = surface.points - end.xyz
+        distance = np.sqrt(np.einsum("ni,ni->n", step, step))
+        u = step / distance[:, None]
+        length += distance
+        pull += u
+        ux, uy = u[:, 0] + sx * u[:, 2], u[:, 1] + sy * u[:, 2]
+        # Hessian of |p - e| over the surface: (t_i . t_j - (u . t_i)(u . t_j)) / |p - e| + u_z z_ij
+        xx += (1 + sx * sx - ux * ux) / distance
+        xy += (sx * sy - ux * uy) / distance
+        yy += (1 + sy * sy - uy * uy) / distance
+    gradient = pull[:, :2] + surface.slopes * pull[:, 2:]
+    a, b, c = surface.second
+    return length, gradient, (xx + pull[:, 2] * a, xy + pull[:, 2] * b, yy + pull[:, 2] * c)
+
+
+def _shortest(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
+    """Return (x, y) (n, 2) of the shortest paths, by descent from initial points."""
+    rim, pointed = shape[0].rim_radius_mm, shape[0].is_pointed
+    best = np.array(start)
+    trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
+    active = np.arange(len(best))
+    for _ in range(MAX_STEPS):
+        pupil, target = pupils[active], targets[active]
+        new_length, gradient, second = _path(MirrorSurface(shape[0], trial[active], shape[1]), pupil, target)
+        down = new_length <= length[active] * (1 + PATH_ROUNDING) + PATH_ROUNDING * rim
+        taken = active[down]
+        best[taken], length[taken] = trial[taken], new_length[down]
+        reach = MAX_STEP_LENGTH * (np.hypot(*best[taken].T) if pointed else rim)
+        step[taken] = _downhill(gradient[down], tuple(s[down] for s in second), reach)
+        step[active[~down]] /= 4
+        trial[active] = best[active] + step[active]
+        size = np.hypot(*step[active].T)
+        arrived = down & (size <= NEWTON_TOLERANCE * rim)
+        best[active[arrived]] = trial[active[arrived]]
+        active = active[~arrived & np.isfinite(size)]
+        if not active.size:
+            break
+    return best
+
+
+def _leave_the_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> None:
+    """Restart around the apex if the descent ended at the apex, which does not reflect."""
+    for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
+        lost = np.flatnonzero(~_proven(shape, pupils, targets, xy).reflects)
+        if not lost.size:
+            return
+        start = shape[0].rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
+        xy[lost] = _shortest(shape, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
+
+
+def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
+    """Return Newton or gradient steps (n, 2), limited to ``reach``."""
+    a, b, c = second
+    gx, gy = gradient.T
+    det = a * c - b * b
+    newton = np.stack([b * gy - c * gx, b * gx - a * gy], axis=-1) / det[:, None]
+    slope = np.hypot(gx, gy)
+    steepest = -gradient * (reach / np.where(slope > 0, slope, 1.0))[:, None]
+    step = np.where(((det > 0) & (a > 0))[:, None], newton, steepest)
+    size = np.hypot(*step.T)
+    limited: Array = step * np.where(size > reach, reach / size, 1.0)[:, None]
+    return limited
+
+
+def _proven(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> ReflectionPoints:
+    """Verify mirror points and return their rays."""
+    mirror, surface = shape[0], MirrorSurface(shape[0], xy, shape[1])
+    length, gradient, _ = _path(surface, pupils, targets)
+    points, slopes, normals = surface.points, surface.slopes, surface.normals
+    to_pupils, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets))
+    faces_both = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
+    miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
+    reflects = faces_both & (miss <= REFLECTION_TOLERANCE)
+    valid = reflects & (np.hypot(*xy.T) <= mirror.rim_radius_mm * (1 + RIM_SLACK))
+    if hollowness(mirror) > 0 and valid.any():
+        for end, towards in ((pupils, to_pupils), (targets, to_targets)):
+            lifted = points[valid] + LIFT * mirror.rim_radius_mm * towards[valid]
+            hit = intersect(mirror, lifted, towards[valid]).distance
+            away = np.inf if end.distant else np.linalg.norm(end.xyz[valid] - lifted, axis=1)
+            valid[valid] = ~(hit < away)
+    blank = np.where(reflects, 1.0, np.nan)
+    return ReflectionPoints(
+        points,
+        normals * blank[:, None],
+        to_pupils * blank[:, None],
+        to_targets * blank[:, None],
+        length * blank,
+        reflects,
+        valid,
+        points,
+    )
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit

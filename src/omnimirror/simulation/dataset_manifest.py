@@ -1,0 +1,308 @@
+"""Dataset manifest dataset.json: completed files (to resume) and recipe (to reproduce)."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ..base.errors import InvalidParameter, MediaError
+from ..base.files import LARGEST_TEXT, parse_json, read_bytes, write_text
+from ..io.keyframes import Keyframes
+from ..optics.sensor import Sensor
+from ..optics.sensor_files import AnyCamera, format_camera, parse_camera
+from .detector import Detector
+from .radiometry import Radiometry
+from .scenes.calibration_hall import Hall
+from .scenes.moving_objects import MovingBox
+from .scenes.scene import Scene
+from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
+
+# -- Dataset manifest: dataset.json lists completed files to resume interrupted datasets -----------
+
+DESCRIPTION = "dataset.json"
+FRAMES = "frames"
+LEFTOVER = re.compile(r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)")
+REWRITE_FRACTION = 50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
+
+
+class Manifest:
+    """Manifest of the completed files of a dataset with their SHA-256 and metadata.
+
+    Parameters
+    ----------
+    folder
+        Folder of the dataset. Existing files that match its dataset.json are kept; others are
+        rewritten.
+    described
+        Constant entries of dataset.json, including the ``recipe`` of the dataset.
+
+    Raises
+    ------
+    InvalidParameter
+        If the folder contains another dataset.
+    """
+
+    def __init__(self, folder: Path, described: dict[str, Any]) -> None:
+        self.folder, self.described = folder, described
+        self.entries: dict[str, Any] = {}
+        self.files: dict[str, str] = {}
+        before = _description(folder)
+        self.is_new = before is None
+        self.is_complete = False
+        if before is not None:
+            _check_same(folder, before, described["recipe"])
+            _remove_leftovers(folder)
+            named = before.get("files", {})
+            self.files = {name: sha for name, sha in named.items() if _is_the_same(folder / name, sha)}
+            changing = before.keys() - described.keys() - {"files", "complete"}
+            self.entries = {name: before[name] for name in before if name in changing}
+            self.is_complete = bool(before.get("complete")) and len(self.files) == len(named)
+        self._noted = len(self.files)
+        if self.is_new:
+            self.write()
+
+    def has(self, *names: str) -> bool:
+        """Return True if the files exist unchanged."""
+        return all(name in self.files for name in names)
+
+    def add(self, *names: str) -> None:
+        """Add files that were just written."""
+        self.files |= {name: sha256_of(self.folder / name) for name in names}
+        if len(self.files) - self._noted > len(self.files) // REWRITE_FRACTION:
+            self.write()
+
+    def drop(self, names: Sequence[str]) -> None:
+        """Remove files and their entries."""
+        for name in names:
+            self.files.pop(name, None)
+        self.write()
+        for name in names:
+            (self.folder / name).unlink(missing_ok=True)
+
+    def write(self) -> None:
+        """Write dataset.json in its current state, atomically."""
+        whole = (
+            self.described | {"complete": self.is_complete} | self.entries | {"files": dict(sorted(self.files.items()))}
+        )
+        write_text(self.folder / DESCRIPTION, json.dumps(whole) + "\n")
+        self._noted = len(self.files)
+
+    def finish(self, complete: bool) -> None:
+        """Write the final dataset.json."""
+        self.is_complete = complete
+        self.write()
+
+    def end(self, beginning: Sequence[str]) -> None:
+        """Write the current state; a dataset without completed files is removed, including its
+        ``beginning`` files.
+        """
+        if not self.is_new or self.files.keys() - {*beginning}:
+            self.write()
+            return
+        for name in (DESCRIPTION, *beginning):
+            (self.folder / name).unlink(missing_ok=True)
+        if not any(self.folder.iterdir()):
+            self.folder.rmdir()
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove incomplete files of a terminated process."""
+    for place in (folder, folder / FRAMES):
+        for path in place.glob(".*") if place.is_dir() else ():
+            if LEFTOVER.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+
+
+def _description(folder: Path) -> dict[str, Any] | None:
+    try:
+        found = parse_json(read_bytes(folder / DESCRIPTION, 16 * LARGEST_TEXT))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as e:
+        raise MediaError(f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}") from None
+    return found if isinstance(found, dict) else {}
+
+
+def _check_same(folder: Path, before: dict[str, Any], recipe: dict[str, Any]) -> None:
+    old = before.get("recipe", {})
+    different = [name for name in (*recipe, *(old.keys() - recipe.keys())) if old.get(name) != recipe.get(name)]
+    if different:
+        raise InvalidParameter(
+            f"{folder} holds another set, which differs in {', '.join(different)}; take another folder or remove it"
+        )
+
+
+def _is_the_same(path: Path, sha256: str) -> bool:
+    return path.is_file() and sha256_of(path) == sha256
+
+
+# -- Dataset recipes in dataset.json, for reproduction ---------------------------------------------
+
+FORMAT = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """Recipe of a dataset of any type."""
+
+    KIND: ClassVar[str]
+
+    sensor: AnyCamera
+    samples: int = 16
+    blur: bool | None = None
+    """None: True for sensors, which have an aperture."""
+    radiometry: Radiometry | None = None
+    detector: Detector = field(default_factory=Detector)
+    seed: int = 0
+    truth: bool = False
+
+    def __post_init__(self) -> None:
+        if self.blur is None:
+            object.__setattr__(self, "blur", isinstance(self.sensor, Sensor))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRecipe(Recipe):
+    """Recipe of a dataset with images of the boards in the hall."""
+
+    KIND: ClassVar[str] = "calibration"
+
+    views: int = 12
+    hall: Hall = field(default_factory=Hall)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoRecipe(Recipe):
+    """Recipe of a video along a path through a scene."""
+
+    KIND: ClassVar[str] = "video"
+
+    scene: Scene | SceneSource
+    path: Keyframes
+    bodies: tuple[MovingBox, ...] = ()
+    frame_rate: float = 25.0
+    duration_s: float | None = None
+
+
+KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
+    kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)
+}
+
+
+def format_of(kind: str) -> str:
+    """Return the format identifier of a dataset.json."""
+    return f"omnimirror {kind} set {FORMAT}"
+
+
+def recipe_record(recipe: Recipe) -> dict[str, Any]:
+    """Convert a recipe to JSON data."""
+    encoders: dict[str, Any] = {
+        "sensor": format_camera,
+        "hall": asdict,
+        "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
+        "detector": _detector_record,
+        "scene": record_of,
+        "path": _path_record,
+        "bodies": lambda bodies: [vars(box) | {"path": _path_record(box.path)} for box in bodies],
+    }
+    same: Any = lambda value: value  # noqa: E731
+    told = {f.name: encoders.get(f.name, same)(getattr(recipe, f.name)) for f in fields(recipe)}
+    whole = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | told
+    as_read: dict[str, Any] = json.loads(json.dumps(whole, default=lambda number: number.item()))
+    return as_read
+
+
+def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | VideoRecipe:
+    """Convert JSON data to a recipe; scene files may be in a folder."""
+    given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
+    decoders: dict[str, Any] = {
+        "sensor": parse_camera,
+        "hall": lambda r: Hall(**r),
+        "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
+        "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
+        "scene": lambda r: source_of(r, folder),
+        "path": _path_of,
+        "bodies": lambda r: tuple(map(_body_of, r)),
+    }
+    same: Any = lambda value: value  # noqa: E731
+    return KINDS[record["kind"]](**{name: decoders.get(name, same)(value) for name, value in given.items()})
+
+
+class StoredRecipe(NamedTuple):
+    """Recipe of a dataset, and the omnimirror version that created it."""
+
+    recipe: CalibrationRecipe | VideoRecipe
+    made_by: str | None
+
+
+def load_recipe(path: str | Path) -> StoredRecipe:
+    """Read the recipe of a dataset.json.
+
+    Raises
+    ------
+    MediaError
+        If the file does not exist, has another format, contains no recipe or an invalid entry.
+    OmnimirrorError
+        If the scene cannot be read.
+    """
+    record = _record_in(path)
+    try:
+        return StoredRecipe(_recipe_of(record, Path(path).parent), record.get("omnimirror"))
+    except (TypeError, KeyError, AttributeError):
+        raise MediaError(f"{path} holds an entry of its recipe that is not valid") from None
+
+
+def _record_in(path: str | Path) -> dict[str, Any]:
+    """Read the recipe in a dataset.json of this format as JSON data."""
+    try:
+        data = parse_json(read_bytes(path, 16 * LARGEST_TEXT))
+        record = data["recipe"]
+        kind, told = record["kind"], data.get("format")
+    except OSError as e:
+        raise MediaError(f"cannot read {path}: {e.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise MediaError(f"{path} does not say how a set is made; dataset.json of this release's sets does") from None
+    if kind not in KINDS:
+        raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
+    if told != format_of(kind):
+        raise MediaError(f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew")
+    return record  # type: ignore[no-any-return]
+
+
+def _path_record(path: Keyframes) -> dict[str, Any]:
+    return {"tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()}, "between": path.interpolation}
+
+
+def _path_of(record: dict[str, Any]) -> Keyframes:
+    return Keyframes({n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"])
+
+
+def _body_of(record: dict[str, Any]) -> MovingBox:
+    return MovingBox(**record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])})
+
+
+def _detector_record(detector: Detector) -> dict[str, Any]:
+    record = asdict(detector) | {"black_level_dn": detector.offset_dn if detector.curve == "linear" else None}
+    return record | {"full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None}
+
+
+def _reflectivity_text(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_reflectivity_text(each) for each in value]
+    return str(value) if isinstance(value, complex) else value
+
+
+def _reflectivity_of(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_reflectivity_of(each) for each in value)
+    try:
+        return complex(value) if isinstance(value, str) else value
+    except ValueError:
+        return value

@@ -1,0 +1,556 @@
+"""Image datasets with ground truth: calibration images, videos and training shards."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..base.arguments import checked, file_name, whole
+from ..base.colour import Light
+from ..base.errors import InvalidParameter
+from ..base.escaping import markdown_text, yaml_string
+from ..base.files import replacing, write_text
+from ..base.typing import Array
+from ..cameras.camera import Camera
+from ..io import read_image, write_image
+from ..io.exr import check_exr_can_be_written
+from ..io.images import encoded
+from ..io.keyframes import Keyframes
+from ..optics.sensor_files import AnyCamera, save_camera
+from .dataset_manifest import (
+    DESCRIPTION,
+    FRAMES,
+    CalibrationRecipe,
+    Manifest,
+    Recipe,
+    VideoRecipe,
+    format_of,
+    recipe_record,
+)
+from .detector import Detector
+from .ground_truth_maps import LearningTruth, Moment, ground_truth, learning_truth
+from .pixel_rays import project_visible, sights
+from .radiometry import Radiometry
+from .rendering import expose
+from .scenes.calibration_hall import SQUARE_MM, Hall
+from .scenes.moving_objects import MovingBox, SceneWithBodies, with_bodies
+from .scenes.scene import POSE_NAMES, Pose, PosedScene, Scene, distances_mm
+from .scenes.scene_sources import SceneSource
+from .simulated_video import check_video_can_be_written, encode, frame_at, frame_times
+
+# -- Calibration datasets with true board corners, and videos with poses and depth -----------------
+
+FRAME_PATTERN = f"{FRAMES}/frame-%05d.png"
+MOST_VIEWS = 10_000
+POSITION_RANGE_MM = np.array([700.0, 700.0, 350.0])
+"""Maximum distance of viewpoints from the centre of the hall: boards are at least twice as far."""
+MAX_TILT_DEG = 12.0
+VISIBILITY_TOLERANCE_MM = 2.0  # tolerance for a visible corner rather than an object in front of it
+
+
+def view_poses(count: int, seed: int = 0) -> list[Pose]:
+    """Return poses in the hall: the first upright at its centre, the others distributed about it.
+
+    Raises
+    ------
+    InvalidParameter
+        If the number is not a valid number of images.
+
+    Examples
+    --------
+    >>> view_poses(2)[0]
+    Pose(x_mm=0.0, y_mm=0.0, z_mm=0.0, pan_deg=0.0, tilt_deg=0.0, roll_deg=0.0)
+    """
+    if not 1 <= count <= MOST_VIEWS:
+        raise InvalidParameter(f"views = {count} is outside 1 to {MOST_VIEWS}")
+    chance = np.random.default_rng(whole("seed", seed))
+    places = POSITION_RANGE_MM * chance.uniform(-1, 1, (count - 1, 3))
+    turns = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
+    return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
+
+
+def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, Array]:
+    """Return true pixels (7, 11, 2) of the corners of each board by true reflection; NaN for
+    invisible corners.
+
+    A corner is visible if the chief ray of its pixel meets it: past camera, rod and rim, through
+    the wall of a tube or a dome.
+    """
+    scene, found = PosedScene(hall, pose), {}
+    for name in hall.boards:
+        corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
+        pixels, valid = project_visible(sensor, corners)
+        origins = sights(sensor, pixels[valid]).origins
+        ways = corners[valid] - origins
+        met = distances_mm(scene, origins, ways)
+        pixels[np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - VISIBILITY_TOLERANCE_MM]] = np.nan
+        found[name] = pixels.reshape(7, 11, 2)
+    return found
+
+
+@checked
+def write_calibration_set(
+    sensor: AnyCamera,
+    folder: str | Path,
+    *,
+    views: int = 12,
+    samples: int = 16,
+    blur: bool | None = None,
+    radiometry: Radiometry | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    hall: Hall | None = None,
+    truth: bool = False,
+) -> Iterator[Path]:
+    """Write images of the calibration hall one by one, and ``dataset.json``, which describes them.
+
+    An interrupted dataset is resumed when it is written again; unchanged files are kept.
+
+    Parameters
+    ----------
+    sensor
+        Sensor, or a calibrated camera.
+    folder
+        Output folder for ``sensor.toml`` (the camera file), ``view-000.png``, ... and
+        ``dataset.json``, which contains the recipe of the dataset and its completed files.
+    views
+        Number of images.
+    samples, blur, radiometry, detector, seed, hall
+        Rendering parameters; the seed also determines the poses. Images of a sensor include blur by
+        default; the aperture of a calibrated camera is unknown.
+    truth
+        Also write ``view-000.exr``, ...: light, depth, direction and origin of every pixel.
+
+    Returns
+    -------
+    Iterator
+        Path of each image after it is written, and of ``dataset.json``.
+
+    Raises
+    ------
+    InvalidParameter
+        As in :func:`view_poses` and :func:`~omnimirror.expose`; or if the folder contains another
+        dataset.
+    MediaError
+        If OpenEXR, which ground truth requires, is not installed.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = om.write_calibration_set(small, folder, views=1, samples=1, blur=False)
+    ...     [path.name for path in written]
+    ['view-000.png', 'dataset.json']
+    """
+    return render_views(
+        CalibrationRecipe(
+            sensor=sensor, views=views, samples=samples, blur=blur, radiometry=radiometry,
+            detector=detector or Detector(), seed=seed, hall=hall or Hall(), truth=truth,
+        ),
+        Path(folder),
+    )  # fmt: skip
+
+
+def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
+    """Write the dataset of a recipe; see :func:`write_calibration_set`."""
+    sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
+    poses = view_poses(recipe.views, seed)
+    ledger = _begin(folder, recipe, {
+        "square_mm": SQUARE_MM,
+        "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
+    })  # fmt: skip
+    records = {view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])}
+    with _to_its_end(ledger):
+        for number, pose in enumerate(poses):
+            name = f"view-{number:03d}"
+            files = [f"{name}.png"] + [f"{name}.exr"] * recipe.truth
+            if not (files[0] in records and ledger.has(*files)):
+                scene = PosedScene(hall, pose)
+                light = expose(
+                    sensor,
+                    scene,
+                    samples=recipe.samples,
+                    blur=bool(recipe.blur),
+                    radiometry=radiometry,
+                    seed=seed + number,
+                )
+                if recipe.truth:
+                    write_truth(folder / files[1], sensor, scene, light, radiometry)
+                write_image(folder / files[0], recipe.detector.read(light, seed + number))
+                corners = _lists(visible_corners_px(sensor, hall, pose))
+                record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
+                records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
+                ledger.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
+                ledger.add(*files)
+            yield folder / files[0]
+    ledger.finish(complete=True)
+    yield folder / DESCRIPTION
+
+
+@checked
+def write_video_set(
+    sensor: AnyCamera,
+    scene: Scene | SceneSource,
+    *,
+    path: Keyframes,
+    folder: str | Path,
+    bodies: Sequence[MovingBox] = (),
+    frame_rate: float = 25.0,
+    duration_s: float | None = None,
+    samples: int = 16,
+    blur: bool | None = None,
+    radiometry: Radiometry | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    truth: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write the video of a sensor moving through a scene, its poses and ground truth; return the
+    number of frames.
+
+    Frames are kept as images in ``frames`` until all are complete. An interrupted dataset is
+    resumed when it is written again.
+
+    Parameters
+    ----------
+    sensor
+        Sensor, such as returned by :func:`omnimirror.load_sensor`, or a calibrated camera.
+    scene
+        Scene; for a :class:`SceneSource` or a bundled scene, ``dataset.json`` records its source.
+    path
+        Path returned by :func:`omnimirror.load_path`.
+    folder
+        Output folder for ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row per frame, in the
+        format of :func:`load_path`) and ``dataset.json``. After Ctrl-C they contain the completed
+        frames.
+    bodies
+        Moving bodies, such as :class:`omnimirror.MovingBox` or those returned by
+        :func:`omnimirror.load_bodies`.
+    frame_rate
+        Frames per second.
+    duration_s
+        Duration, s; up to the last pose by default.
+    samples
+        Rays per pixel.
+    blur
+        Render defocus blur with the whole aperture of the lens; the default for sensors.
+    radiometry
+        Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
+    detector
+        Image sensor electronics; without noise by default.
+    seed
+        Random seed.
+    truth
+        Also write ``frame-00000.exr``, ...: light, depth, direction and origin of every pixel.
+    progress
+        Callback with the number of finished frames and the total.
+
+    Returns
+    -------
+    int
+        Number of frames.
+
+    Raises
+    ------
+    InvalidParameter, MediaError
+        As in :func:`~omnimirror.simulation.simulated_video.write_video`; or if the folder contains
+        another dataset.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/path.csv", "w") as file:
+    ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
+    ...     om.write_video_set(
+    ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), folder=f"{folder}/set",
+    ...         samples=1, blur=False)
+    2
+    """
+    recipe = VideoRecipe(
+        sensor=sensor, scene=scene, path=path, bodies=tuple(bodies), frame_rate=frame_rate, duration_s=duration_s,
+        samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth,
+    )  # fmt: skip
+    return render_frames(recipe, Path(folder), progress)
+
+
+def render_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None) -> int:
+    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_set`."""
+    sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
+    times = frame_times(path, recipe.frame_rate, recipe.duration_s)
+    check_video_can_be_written(folder / "video.mp4")
+    world = scene.load() if isinstance(scene, SceneSource) else scene
+    described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": recipe.frame_rate}
+    ledger = _begin(folder, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
+    if ledger.is_complete:
+        return len(times)
+    done = 0
+
+    def expose_frame(number: int, picture: str, exr: str) -> None:
+        time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
+        seen = with_bodies(world, recipe.bodies, time)
+        light = frame_at(sensor, seen, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
+        if truth:
+            write_truth(folder / exr, sensor, PosedScene(seen, Pose(**path.at(time))), light, radiometry)
+        write_image(folder / picture, recipe.detector.read(light, seed))
+        ledger.add(picture, *([exr] if truth else []))
+
+    try:
+        with _to_its_end(ledger):
+            for number in range(len(times)):
+                picture, exr = FRAME_PATTERN % number, f"frame-{number:05d}.exr"
+                if not ledger.has(picture, *([exr] if truth else [])):
+                    expose_frame(number, picture, exr)
+                done = number + 1
+                if progress is not None:
+                    progress(done, len(times))
+    except KeyboardInterrupt:
+        if done:
+            _join(ledger, sensor, path, times[:done], recipe.frame_rate)
+            ledger.write()
+        raise
+    _join(ledger, sensor, path, times, recipe.frame_rate)
+    ledger.is_complete = True
+    ledger.drop([FRAME_PATTERN % number for number in range(len(times))])
+    (folder / FRAMES).rmdir()
+    return len(times)
+
+
+def _join(ledger: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float) -> None:
+    """Write the video of the existing frames, and their poses."""
+    rows = [",".join(["time_s", *POSE_NAMES])]
+    rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
+    write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
+    pictures = (read_image(ledger.folder / (FRAME_PATTERN % number)) for number in range(len(times)))
+    encode(ledger.folder / "video.mp4", sensor.image_size, frame_rate, pictures)
+    ledger.entries["frames"] = len(times)
+    ledger.add("poses.csv", "video.mp4")
+
+
+def write_truth(
+    path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None
+) -> None:
+    """Write light and :func:`~omnimirror.ground_truth` to an EXR file."""
+    from ..io.exr import write_channels
+
+    truth = ground_truth(sensor, scene, radiometry)
+    with replacing(path) as temporary:
+        write_channels(temporary, truth.channels(light))
+
+
+def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Manifest:
+    """Return the manifest of existing files after writing the sensor and dataset.json."""
+    record = recipe_record(recipe)
+    if recipe.truth:
+        check_exr_can_be_written(folder)
+    head = {"format": format_of(recipe.KIND), "sensor": "sensor.toml", "recipe": record}
+    ledger = Manifest(folder, head | described)
+    if not ledger.has("sensor.toml"):
+        save_camera(recipe.sensor, folder / "sensor.toml")
+        ledger.add("sensor.toml")
+    return ledger
+
+
+@contextmanager
+def _to_its_end(ledger: Manifest) -> Iterator[None]:
+    """Record completed files in dataset.json in all cases, and remove a dataset without completed
+    files.
+    """
+    ledger.is_complete = False
+    try:
+        yield
+    except BaseException:
+        ledger.end(["sensor.toml"])
+        raise
+
+
+def _lists(corners: dict[str, Array]) -> dict[str, Any]:
+    """Convert corners to JSON with null for missing ones; invisible boards are omitted."""
+    return {
+        name: [[None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row] for row in pixels]
+        for name, pixels in corners.items()
+        if np.isfinite(pixels).any()
+    }
+
+
+# -- Training datasets as WebDataset shards: tar files with a common name for the files of each sample
+
+CARD = "README.md"
+
+
+@checked
+def write_learning_set(
+    camera: AnyCamera,
+    scene: Scene,
+    *,
+    path: Keyframes,
+    folder: str | Path,
+    bodies: Sequence[MovingBox] = (),
+    frame_rate: float = 25.0,
+    duration_s: float | None = None,
+    samples: int = 4,
+    blur: bool = False,
+    radiometry: Radiometry | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    per_shard: int = 100,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Write images of a camera moving through a scene with depth, directions, normals, labels and
+    optical flow.
+
+    Parameters
+    ----------
+    camera
+        Sensor, or a calibrated camera.
+    scene
+        Scene, such as :class:`omnimirror.Room`, which labels walls and furniture; others have a
+        single label.
+    path
+        Path returned by :func:`omnimirror.load_path`.
+    folder
+        Output folder for ``set-000000.tar``, ..., ``sensor.toml`` and the dataset card,
+        ``README.md``.
+    bodies
+        Moving bodies, such as :class:`omnimirror.MovingBox`.
+    frame_rate
+        Frames per second.
+    duration_s
+        Duration, s; up to the last pose by default.
+    samples, blur, radiometry, detector, seed
+        Rendering parameters, as in :func:`omnimirror.write_video`.
+    per_shard
+        Number of samples per tar file.
+    progress
+        Callback with the number of finished frames and the total.
+
+    Returns
+    -------
+    list of Path
+        Paths of the shards.
+
+    Raises
+    ------
+    InvalidParameter
+        If a number is out of range, or the folder contains a dataset.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> camera = om.Unified(0.9, (20.0, 20.0), (15.5, 15.5), (32, 32))
+    >>> from omnimirror.io.keyframes import Keyframes
+    >>> moves = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     shards = om.write_learning_set(camera, om.Room(texel_mm=40.0), path=moves, folder=folder, samples=1)
+    ...     [shard.name for shard in shards]
+    ['set-000000.tar']
+    """
+    folder, per_shard = file_name("folder", folder), whole("per_shard", per_shard, 1, 1_000_000)
+    times = frame_times(path, frame_rate, duration_s)
+    if (folder / CARD).exists():
+        raise InvalidParameter(f"{folder} holds a set already; remove {folder / CARD} or take another folder")
+    reading, moving = detector or Detector(), tuple(bodies)
+
+    def moment(time: float) -> Moment:
+        return Moment(SceneWithBodies(scene, moving, time), Pose(**path.at(time)))
+
+    def sample(number: int) -> dict[str, bytes]:
+        now, following = moment(times[number]), moment(times[min(number + 1, len(times) - 1)])
+        light = expose(camera, now.seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number)
+        picture = encoded(reading.read(light, seed + number), ".png")
+        found = learning_truth(camera, now, following, radiometry)
+        if progress is not None:
+            progress(number + 1, len(times))
+        return {"png": picture, "npz": _arrays(found), "json": _record(now, times[number], number + 1 == len(times))}
+
+    shards = []
+    for number, first in enumerate(range(0, len(times), per_shard)):
+        shards.append(folder / f"set-{number:06d}.tar")
+        _write_shard(shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times)))))
+    save_camera(camera, folder / "sensor.toml")
+    write_text(folder / CARD, _card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]))
+    return shards
+
+
+def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
+    """Write a tar file that is reproducible byte by byte."""
+    with replacing(path) as temporary, tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard:
+        for number, files in samples:
+            for ending, content in files.items():
+                entry = tarfile.TarInfo(f"{number:06d}.{ending}")
+                entry.size = len(content)
+                shard.addfile(entry, io.BytesIO(content))
+
+
+def _arrays(found: LearningTruth) -> bytes:
+    truth, into = found.truth, io.BytesIO()
+    np.savez_compressed(
+        into,
+        depth_mm=truth.depth_mm.astype(np.float32),
+        directions=truth.directions.astype(np.float32),
+        origins_mm=truth.origins_mm.astype(np.float32),
+        normals=found.normals.astype(np.float32),
+        flow_px=found.flow_px.astype(np.float32),
+        labels=found.labels,
+        seen_again=found.seen_again,
+        hidden=truth.hidden,
+    )
+    return into.getvalue()
+
+
+def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
+    bodies = {box.name: asdict(box.pose_at(time_s)) for box in now.scene.bodies}
+    record = {"time_s": time_s, "pose": asdict(now.pose), "bodies": bodies, "is_last": is_last}
+    return json.dumps(record).encode()
+
+
+def _card(camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]) -> str:
+    width, height = camera.image_size
+    name: Any = getattr(camera, "name", "camera")
+    labels = "\n".join(f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("nothing", *scene.label_names)))
+    return f"""---
+pretty_name: {yaml_string(f"simulated pictures of {name}")}
+task_categories: [depth-estimation, image-segmentation]
+tags: [synthetic, catadioptric, omnidirectional, optical-flow, webdataset]
+---
+
+# Simulated pictures of {markdown_text(name)}
+
+{count} frames of {width} x {height} px, {frame_rate:g} a second, by omnimirror {__version__}, in {len(shards)} shards
+({shards[0]} to {shards[-1]}). All of it is synthetic. `sensor.toml` is the camera.
+
+| file of a sample | holds |
+|---|---|
+| `.png` | the picture, sRGB |
+| `.npz` | arrays (rows, columns, ..) for the chief ray of each pixel's centre; NaN where it sees nothing of the scene |
+| `.json` | `time_s`; `pose` of the sensor and of `bodies` in the scene (mm, deg); `is_last`: nothing follows it |
+
+| array | holds |
+|---|---|
+| `depth_mm` | along the ray, from its origin; infinite for what is infinitely far |
+| `origins_mm`, `directions` | of the ray, in the sensor's frame: x forward, y left, z up, from the mirror's vertex |
+| `normals` | of what is seen, towards the sensor, in that frame |
+| `labels` | what is seen |
+| `flow_px` | from the pixel to where the same appears in the next frame, right and down; NaN if out of its field |
+| `seen_again` | whether nothing stands before it there |
+| `hidden` | whether a part of the sensor is what the pixel sees |
+
+| label | |
+|---|---|
+{labels}
+"""

@@ -1,1 +1,0 @@
-"""Reproducible image datasets with ground truth."""

@@ -1,0 +1,227 @@
+"""Ground truth of each pixel: origin, direction, depth, normals, labels and optical flow."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arguments import checked
+from ..base.colour import Light
+from ..base.typing import Array, Mask
+from ..cameras.camera import Camera
+from .pixel_rays import sights
+from .radiometry import Radiometry
+from .scenes.moving_objects import SceneWithBodies
+from .scenes.scene import Pose, PosedScene, Scene, distances_mm
+
+# -- Ground truth of an image: origin, direction and depth of each pixel ---------------------------
+
+ROWS_AT_ONCE = 64
+
+
+class Truth(NamedTuple):
+    """Scene points of the chief rays of pixel centres (rows, columns); NaN for pixels without
+    scene.
+
+    A chief ray passes through the centre of the lens aperture. If the housing blocks it, the pixel
+    is hidden, even if adjacent rays pass: blur makes the image fade at edges, but not the ground
+    truth. Ghosts are ignored.
+    """
+
+    origins_mm: Array
+    """Origins (h, w, 3) of the rays leaving the sensor, in its world frame: on the mirror, on the
+    outer side of a tube or a dome, or at the lens for rays that miss the mirror.
+    """
+    directions: Array
+    """Unit direction vectors (h, w, 3) in the world frame of the sensor."""
+    depth_mm: Array
+    """Distances (h, w) along the ray from its origin to the scene point; infinite for points at
+    infinity.
+    """
+    hidden: Mask
+    """Mask (h, w) of pixels that image camera, rod, rim or a lid, or a part of two mirrors
+    themselves.
+    """
+
+    @property
+    def points_mm(self) -> Array:
+        """Scene points (h, w, 3) in the world frame of the sensor."""
+        return self.origins_mm + self.depth_mm[..., None] * self.directions
+
+    def channels(self, light: Light) -> dict[str, NDArray[np.float32]]:
+        """Return channels (h, w) of an image file: R G B of the light (h, w, 3), A, H, Z, DX DY DZ
+        and OX OY OZ.
+
+        A is 1 if the pixel centre images the scene and otherwise 0, H is 1 if the housing hides it;
+        Z is the depth, D the direction and O the origin.
+        """
+        planes: dict[str, NDArray[Any]] = {name: light[..., i] for i, name in enumerate("RGB")}
+        planes |= {"A": np.isfinite(self.directions[..., 0]), "H": self.hidden, "Z": self.depth_mm}
+        planes |= {f"D{axis}": self.directions[..., i] for i, axis in enumerate("XYZ")}
+        planes |= {f"O{axis}": self.origins_mm[..., i] for i, axis in enumerate("XYZ")}
+        return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
+
+
+@checked
+def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
+    """Return the ground truth of each pixel centre by its chief ray.
+
+    Parameters
+    ----------
+    camera
+    scene
+    radiometry
+        As in :func:`~omnimirror.expose`: determines the visibility past the mirror.
+
+    Returns
+    -------
+    Truth
+        Origin, direction, depth and visibility for each pixel.
+
+    Raises
+    ------
+    InvalidParameter
+        If the scene provides no distances, or radiometry or housing are not supported for the
+        camera.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> truth = om.ground_truth(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0))
+    >>> truth.points_mm[11, 512].round()  # ahead and 44 deg up: a beam under the ceiling
+    array([1840.,    2., 1773.])
+    """
+    width, height = camera.image_size
+    origins, directions = np.full((2, height, width, 3), np.nan)
+    depth, hidden = np.full((height, width), np.nan), np.zeros((height, width), dtype=bool)
+    for top in range(0, height, ROWS_AT_ONCE):
+        rows = np.arange(top, min(top + ROWS_AT_ONCE, height))
+        pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
+        seen = sights(camera, pixels, radiometry)
+        band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
+        origins[band], directions[band] = seen.origins.reshape(*shape, 3), seen.directions.reshape(*shape, 3)
+        hidden[band] = seen.hidden.reshape(shape)
+        valid = seen.valid
+        depth[band][valid.reshape(shape)] = distances_mm(scene, seen.origins[valid], seen.directions[valid])
+    return Truth(origins, directions, depth, hidden)
+
+
+# -- Ground truth for machine learning: normals, labels and optical flow to the next frame of every pixel
+
+NEIGHBOUR_ANGLE = 2e-4  # radians: rays next to that of a pixel, on the same surface except at edges
+# Maximum distance of a ray endpoint from a point that is visible again: in mm, and relative
+SURFACE_TOLERANCE_MM, SURFACE_TOLERANCE = 1.0, 1e-3
+
+
+class Moment(NamedTuple):
+    """Scene with its bodies, and pose of the sensor, at one time."""
+
+    scene: SceneWithBodies
+    pose: Pose
+
+    @property
+    def seen(self) -> PosedScene:
+        """Scene in the sensor frame."""
+        return PosedScene(self.scene, self.pose)
+
+
+class LearningTruth(NamedTuple):
+    """Ground truth of a frame for the chief rays of pixel centres; NaN for pixels without scene."""
+
+    truth: Truth
+    normals: Array
+    """Unit normals (h, w, 3) towards the sensor, in its world frame."""
+    labels: NDArray[np.uint16]
+    """Labels (h, w); 0 for pixels without object."""
+    flow_px: Array
+    """Optical flow (h, w, 2) to the next frame, (right, down); NaN outside its field."""
+    seen_again: Mask
+    """Mask (h, w) of points that are not occluded in the next frame."""
+
+
+def learning_truth(
+    camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None
+) -> LearningTruth:
+    """Return the ground truth of a frame, and its flow to the following one.
+
+    Normals are those of the plane through three points on adjacent rays, and therefore exact on
+    flat surfaces.
+    """
+    truth = ground_truth(camera, now.seen, radiometry)
+    shape = truth.depth_mm.shape
+    valid = np.isfinite(truth.directions[..., 0])
+    origins, towards, depth = truth.origins_mm[valid], truth.directions[valid], truth.depth_mm[valid]
+    normals, flow = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
+    labels, again = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
+    normals[valid] = _normals(now.seen, origins, towards, depth)
+    turn = now.pose.rotation().T
+    met = now.scene.labels(now.pose.to_scene(origins), towards @ turn)
+    labels[valid] = met
+    v, u = np.nonzero(valid)
+    moved, again[valid] = _moved(camera, now, following, (origins, towards, depth, met), radiometry)
+    flow[valid] = moved - np.stack([u, v], axis=1)
+    return LearningTruth(truth, normals, labels, flow, again)
+
+
+@np.errstate(invalid="ignore")  # points at infinity
+def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) -> Array:
+    """Return unit normals (n, 3) towards the origins; NaN for points at infinity."""
+    points = origins + depth[:, None] * towards
+    helper = np.eye(3)[np.abs(towards).argmin(axis=1)]
+    across = np.cross(towards, helper)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    one, other = (_along(scene, origins, towards, points, axis) for axis in (across, np.cross(towards, across)))
+    normal: Array = np.cross(one, other)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal *= -np.sign(np.einsum("ni,ni->n", normal, towards))[:, None]
+    return normal
+
+
+def _along(scene: PosedScene, origins: Array, towards: Array, points: Array, axis: Array) -> Array:
+    """Return steps (n, 3) on the surface to the point of a ray rotated along an axis; at edges, to
+    the nearer side.
+    """
+    steps = []
+    for sign in (NEIGHBOUR_ANGLE, -NEIGHBOUR_ANGLE):
+        beside = towards + sign * axis
+        beside /= np.linalg.norm(beside, axis=1, keepdims=True)
+        far = distances_mm(scene, origins, beside)
+        steps.append((far[:, None] * beside + origins - points) / sign)
+    lengths = [np.nan_to_num(np.linalg.norm(step, axis=1), nan=np.inf) for step in steps]
+    return np.where((lengths[0] <= lengths[1])[:, None], *steps)
+
+
+def _moved(
+    camera: Camera,
+    now: Moment,
+    following: Moment,
+    seen: tuple[Array, Array, Array, NDArray[np.int64]],
+    radiometry: Radiometry | None,
+) -> tuple[Array, Mask]:
+    """Return pixels (n, 2) of the visible points in the following frame, and their visibility."""
+    origins, towards, depth, labels = seen
+    far = np.isinf(depth)
+    points = now.pose.to_scene(origins + np.where(far, 0.0, depth)[:, None] * towards)
+    first = 1 + len(now.scene.label_names) - len(now.scene.bodies)
+    for number, body in enumerate(now.scene.bodies):
+        on = labels == first + number
+        before, after = body.pose_at(now.scene.time_s), body.pose_at(following.scene.time_s)
+        points[on] = after.to_scene(before.to_sensor(points[on]))
+    points = following.pose.to_sensor(points)
+    pixels, valid = camera.project(points)
+    away = towards @ now.pose.rotation().T @ following.pose.rotation()
+    if far.any():
+        pixels[far], valid[far] = camera.project_directions(away[far])
+    again = valid.copy()
+    there = sights(camera, pixels[valid], radiometry)
+    with np.errstate(invalid="ignore"):
+        ends = np.full(len(there.valid), np.nan)
+        ok = there.valid
+        ends[ok] = distances_mm(following.seen, there.origins[ok], there.directions[ok])
+        wanted = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - there.origins, axis=1))
+        same = (ends == wanted) | (np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted)
+    again[valid] = ok & ~there.hidden & same
+    pixels[~valid] = np.nan
+    return pixels, again

@@ -1,0 +1,138 @@
+"""Image tiles whose rays fit into a cache, one per thread at a time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..base.colour import Light, srgb_bytes
+from ..base.native import usable_cores
+
+Progress = Callable[[int, int], None]
+"""Callback with the number of finished rows and the total."""
+Tile = tuple[slice, slice]
+"""Rows and columns."""
+
+
+@dataclass(frozen=True)
+class Medium:
+    """Recording medium for light: stored values take 1/4 of the memory of the light, which is never
+    stored as a whole.
+
+    Attributes
+    ----------
+    dtype
+        Data type of the image.
+    read
+        Conversion of the light of a tile to values (rows, columns, 3), elementwise.
+    in_order
+        True if tiles must be whole consecutive rows, as random numbers are drawn in this order.
+    is_grey
+        True if the image is (rows, columns), as for a colour mosaic.
+    """
+
+    dtype: DTypeLike
+    read: Callable[[Light], NDArray[Any]]
+    in_order: bool = False
+    is_grey: bool = False
+
+    def empty(self, size: tuple[int, int]) -> NDArray[Any]:
+        """Return an uninitialised image (rows, columns, 3) of the given columns and rows."""
+        return np.empty((size[1], size[0]) if self.is_grey else (size[1], size[0], 3), self.dtype)
+
+
+LIGHT = Medium(np.float32, lambda light: light)
+BYTES = Medium(np.uint8, srgb_bytes)
+
+ROWS_AHEAD = 2  # rows of tiles per thread that are rendered ahead of their readout
+RAYS_PER_TILE = 1 << 16  # larger tiles exceed the cache, smaller ones cause idle threads
+
+
+def render_tiles(
+    light_of: Callable[[Tile], Light],
+    size: tuple[int, int],
+    samples: int,
+    progress: Progress | None = None,
+    workers: int | None = None,
+    medium: Medium = LIGHT,
+) -> NDArray[Any]:
+    """Render an image (rows, columns, 3) tile by tile with threads; the kernels release the
+    interpreter lock.
+
+    Parameters
+    ----------
+    light_of
+        Function that returns the light (rows, columns, 3) of a tile.
+    size
+        Columns and rows.
+    samples
+        Rays per pixel.
+    progress
+        Callback in the calling thread.
+    workers
+        Number of threads; the number of available cores by default.
+    medium
+        Medium that receives the light.
+    """
+    width, height = size
+    picture = medium.empty(size)
+
+    # Initialises caches once instead of once per thread
+    light_of((slice(height // 2, height // 2 + 1), slice(0, 1)))
+    workers = workers or usable_cores()
+    fill = _row_by_row if medium.in_order else _as_they_come
+    for done in fill(picture, light_of, _tiles(width, height, samples), medium, workers):
+        if progress is not None:
+            progress(done, height)
+    return picture
+
+
+def _as_they_come(
+    picture: NDArray[Any], light_of: Callable[[Tile], Light], tiles: Iterator[Tile], medium: Medium, workers: int
+) -> Iterator[int]:
+    """Fill an image, with readout in each thread; yield the number of finished rows."""
+
+    def fill(tile: Tile) -> int:
+        picture[tile] = medium.read(light_of(tile))
+        return int(tile[0].stop)
+
+    with ThreadPoolExecutor(workers) as pool:
+        yield from pool.map(fill, tiles)
+
+
+def _row_by_row(
+    picture: NDArray[Any], light_of: Callable[[Tile], Light], tiles: Iterator[Tile], medium: Medium, workers: int
+) -> Iterator[int]:
+    """Fill an image in consecutive rows, with readout in this thread while others render the next
+    rows.
+    """
+    waiting: deque[tuple[slice, list[Future[Light]]]] = deque()
+
+    def read() -> int:
+        rows, parts = waiting.popleft()
+        picture[rows] = medium.read(np.concatenate([part.result() for part in parts], axis=1))
+        return int(rows.stop)
+
+    with ThreadPoolExecutor(workers) as pool:
+        for _, beside in groupby(tiles, key=lambda tile: tile[0].start):
+            row = list(beside)
+            waiting.append((row[0][0], [pool.submit(light_of, tile) for tile in row]))
+            if len(waiting) > ROWS_AHEAD * workers:
+                yield read()
+        while waiting:
+            yield read()
+
+
+def _tiles(width: int, height: int, samples: int) -> Iterator[Tile]:
+    across = min(width, max(1, RAYS_PER_TILE // samples))
+    down = max(1, RAYS_PER_TILE // (across * samples))
+    for top in range(0, height, down):
+        for left in range(0, width, across):
+            yield slice(top, min(top + down, height)), slice(left, min(left + across, width))

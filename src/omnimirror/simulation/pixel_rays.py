@@ -1,0 +1,440 @@
+"""Pixel rays: sampling of pixel and aperture, reflection, obscurations, transparent housings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arguments import numbers, shown
+from ..base.colour import Light
+from ..base.errors import InvalidParameter
+from ..base.typing import Array, Mask
+from ..cameras.camera import Camera, Projection, inside_image
+from ..cameras.frames import turned
+from ..optics.housing import FlatWindow, Shell
+from ..optics.sensor import Sensor
+from ..optics.tracing.shell_transmission import ShellTransit, passage
+from .radiometry import Radiometry, camera_front
+from .scenes.scene import Measured, Scene
+
+# -- Sampling of rays: positions on the pixel and on the lens aperture -----------------------------
+#
+# Rays are uniform in all four dimensions (an additive recurrence), with a different shift in each
+# pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
+# dimensions only and use a regular grid.
+
+MOST_SAMPLES = 1 << 16
+PLASTIC_NUMBERS = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
+"""Roots of g^(d+1) = g + 1, whose powers are the steps of the recurrence (Roberts, 2018)."""
+
+
+class Samples(NamedTuple):
+    """Samples of every pixel."""
+
+    points: NDArray[np.float32]
+    """Points (n, 4) in [0, 1): across and down the pixel, and on the aperture."""
+    blur: bool
+    """True if samples are distributed over the aperture; each pixel then has its own cyclic shift.
+    """
+    seed: int
+
+
+def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
+    """Return samples for each pixel.
+
+    Parameters
+    ----------
+    samples
+        Rays per pixel.
+    blur
+        True to sample the aperture, too; otherwise all rays pass through its centre.
+    seed
+        Random seed of the shifts.
+
+    Raises
+    ------
+    InvalidParameter
+        If the number of samples is out of range, or the seed is not a 32-bit integer.
+
+    Examples
+    --------
+    >>> spread(4, blur=False).points[:, :2].tolist()
+    [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
+    """
+    for name, value in (("samples", samples), ("seed", seed)):
+        if numbers(name, value, "(it takes one)").ndim:
+            raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
+    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
+        raise InvalidParameter(f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}")
+    if not (0 <= seed < 1 << 32 and int(seed) == seed):
+        raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")
+    points = np.zeros((samples, 4))
+    side = isqrt(samples)
+    if blur:
+        points[:] = _recurrence(samples, 4)
+    elif side * side == samples:
+        u = (np.arange(side) + 0.5) / side
+        points[:, :2] = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    else:  # identical in every pixel: half of the points, and their reflections at its centre, to avoid a shift
+        half = _recurrence(samples // 2 + 1, 2)[1:]  # without the centre itself
+        points[:, :2] = np.concatenate([half, 1 - half, np.full((samples % 2, 2), 0.5)])
+    return Samples(np.minimum(points, 1 - 2.0**-24).astype(np.float32), blur, int(seed))
+
+
+def _recurrence(count: int, dimensions: int) -> Array:
+    steps = PLASTIC_NUMBERS[dimensions] ** -np.arange(1.0, dimensions + 1)
+    points: Array = (0.5 + np.arange(count)[:, None] * steps) % 1.0
+    return points
+
+
+def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
+    """Return pixels (..., n, 2) and aperture points (..., n, 2) of the unit disk, for pixels given
+    by column and row.
+
+    Shifts are a hash of the pixel, as in the compiled kernels (Wellons, "lowbias32").
+    """
+    columns, rows = np.broadcast_arrays(np.asarray(columns, np.int64), np.asarray(rows, np.int64))
+    p = samples.points.astype(float)
+    if samples.blur:
+        p = (p + _shifts(columns, rows, samples.seed)[..., None, :]) % 1.0
+    else:
+        p = np.broadcast_to(p, (*columns.shape, *p.shape))
+    pixels = np.stack([columns, rows], axis=-1)[..., None, :] + p[..., :2] - 0.5
+    radius, turn = np.sqrt(p[..., 2]), 2 * np.pi * (p[..., 3] - 0.5)
+    aperture = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
+    return pixels, aperture
+
+
+def _shifts(columns: NDArray[np.int64], rows: NDArray[np.int64], seed: int) -> Array:
+    h = _mixed(np.uint32(seed) ^ _mixed(columns.astype(np.uint32) + _mixed(rows.astype(np.uint32))))
+    shifts = []
+    for _ in range(4):
+        shifts.append((h >> np.uint32(8)) * 2.0**-24)
+        h = _mixed(h + np.uint32(0x9E3779B9))
+    return np.stack(shifts, axis=-1)
+
+
+def _mixed(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    h = np.asarray(h, np.uint32)
+    h = h ^ (h >> np.uint32(16))
+    h = h * np.uint32(0x7FEB352D)
+    h = h ^ (h >> np.uint32(15))
+    h = h * np.uint32(0x846CA68B)
+    mixed: NDArray[np.uint32] = h ^ (h >> np.uint32(16))
+    return mixed
+
+
+# -- Transparent tubes and domes around a sensor: refraction, transmission losses and ghosts -------
+
+MAX_GHOST_ORDER = 2  # higher-order ghosts have less than 0.001 of the light
+ORIGIN_TOLERANCE_MM = 1e-4  # tolerance of a ray origin on a surface: single precision
+ORIGIN_OFFSET_MM = 1e-6  # offset of a ray origin from the surface that it leaves
+
+
+def intersects_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array) -> NDArray[np.bool_]:
+    """Return the mask of rays (n, 3), (n, 3) from inside that end at opaque parts of a shell before
+    its wall.
+
+    Opaque parts are the discs that close it at heights; for a window, all except its opening.
+    """
+    if isinstance(shell, FlatWindow):
+        return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
+    meets = np.zeros(len(points), dtype=bool)
+    for height in lids_mm:
+        meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
+        # Reflected exactly in the corner
+        meets |= (points[:, 2] - height) * np.sign(height) > -ORIGIN_TOLERANCE_MM
+    return meets
+
+
+def _meets_disc(points: Array, directions: Array, height: float, radius: float) -> NDArray[np.bool_]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (height - points[:, 2]) / directions[:, 2]
+        across = points[:, :2] + t[:, None] * directions[:, :2]
+        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (np.hypot(*across.T) < radius)
+    return meets
+
+
+class _Ghosts(NamedTuple):
+    """Rays reflected by a wall."""
+
+    points: Array
+    directions: Array
+    alive: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ThroughShell:
+    """Scene seen by a sensor through a tube or a dome.
+
+    Rays are refracted at both sides of the wall by Snell's law and attenuated by Fresnel's
+    equations. The light reflected by the wall is the ghost: at the mirror it is reflected again, at
+    the back of the mirror or a lid it ends, and otherwise it passes the wall to another part of the
+    scene, or is reflected again. Ghosts have no absorption at the mirror. Lids are black.
+
+    Parameters
+    ----------
+    scene
+    shell : Tube or Dome
+        Shell with known dimensions.
+    sensor
+        Sensor inside; rays start from its mirror.
+    lids_mm
+        Heights over the mirror vertex (away from the lens) of opaque discs that close it.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.optics.housing import Tube
+    >>> from omnimirror import Environment
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> white = ThroughShell(Environment(np.ones((4, 8, 3), np.float32)), Tube(120.0), sensor)
+    >>> white.radiance(np.array([[0, 0, -20.0]]), np.array([[1.0, 0, 0]])).round(4)  # all but a ghost's ghost's ghost
+    array([[0.9996, 0.9996, 0.9996]], dtype=float32)
+    """
+
+    scene: Scene
+    shell: Shell
+    sensor: Sensor
+    lids_mm: tuple[float, ...] = ()
+
+    def radiance(self, origins_mm: Array, directions: Array) -> Light:
+        """Return linear RGB (n, 3) of rays (n, 3) of the sensor world frame that start inside.
+
+        Raises
+        ------
+        InvalidParameter
+            If a ray starts outside.
+        """
+        turn = self.sensor.mount.rotation()
+        points, towards = (turned(v, turn) for v in (origins_mm, directions))
+        light = np.zeros(points.shape)
+        left = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
+        points, towards, share = points[left], towards[left], np.ones(len(left))
+        for _ in range(1 + MAX_GHOST_ORDER):
+            left_by = passage(self.shell, points, towards)
+            seen = self.scene.radiance(turned(left_by.points, turn.T), turned(left_by.directions, turn.T))
+            light[left] += (share * left_by.passed)[:, None] * seen
+            ghosts = self._ghosts(left_by)
+            left, share = left[ghosts.alive], (share * (1 - left_by.passed))[ghosts.alive]
+            points, towards = ghosts.points[ghosts.alive], ghosts.directions[ghosts.alive]
+        return light.astype(np.float32)
+
+    def _ghosts(self, passage: ShellTransit) -> _Ghosts:
+        """Return the continuation of reflected rays."""
+        mirror = self.sensor.optical_train.posed_mirror
+        points, directions = passage.met + ORIGIN_OFFSET_MM * passage.thrown_back, passage.thrown_back
+        again = mirror.trace(points, directions)
+        points = np.where(again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points)
+        directions = np.where(again.valid[:, None], again.directions, directions)
+        rim = self.sensor.mirror.rim_radius_mm
+        back = float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
+        alive = ~(
+            _meets_disc(points, directions, back, rim) | intersects_lid(self.shell, self.lids_mm, points, directions)
+        )
+        return _Ghosts(points, directions, alive)
+
+
+def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
+    """Return the scene through the tube or dome of the housing of a camera; unchanged without one."""
+    if not isinstance(camera, Sensor) or camera.housing.shell is None:
+        return scene
+    standing = camera.obstructions
+    assert standing.housing.shell is not None
+    return ThroughShell(scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids))
+
+
+# -- Pixel rays and obstructions: reflection at the mirror, past rod, camera and rim, through a wall
+
+Fates = NDArray[np.uint8]
+
+LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # fate of a ray; values of the compiled kernels
+OUTLINE_LINES = 64  # lines from the vertex to the rim
+
+
+class TracedRays(NamedTuple):
+    """Rays (n,) traced from the lens, in the camera frame; as they leave the lens for rays that
+    miss the mirror.
+    """
+
+    points: Array
+    """Points (n, 3) on the mirror, mm."""
+    directions: Array
+    """Directions (n, 3)."""
+    from_lens: Array
+    """Directions (n, 3) at the lens."""
+    hit: Mask
+    """Mask (n,) of rays that meet the mirror."""
+    fate: Fates
+    """Fate (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod
+    or rim.
+    """
+
+
+def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> TracedRays:
+    """Trace rays of pixels (n, 2) through points (n, 2) of the unit disk of the aperture, in double
+    precision.
+    """
+    start, towards = sensor.lens_rays(pixels, pupil)
+    found = sensor.optical_train.posed_mirror.trace(start, towards)
+    hit = found.valid
+    points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
+    fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
+    fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
+    if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
+        fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
+    standing = sensor.obstructions
+    fate[hit & standing.meets_front(points, directions, -towards)] = HIDDEN
+    fate[standing.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
+    return TracedRays(points, directions, towards, hit, fate)
+
+
+def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: Array) -> Array:
+    """Return the relative brightness (n,) of the targets of mirrored rays (n, 3): parts of the
+    camera front; 1 elsewhere.
+    """
+    standing = sensor.obstructions
+    if standing.camera is None:
+        return np.ones(len(points))
+    meets, across = standing.camera.met_by(points, directions)
+    if standing.rod is not None:
+        meets &= ~(standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens))
+    return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
+
+
+def check_housing_is_rendered(sensor: Sensor) -> None:
+    """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
+    if sensor.secondary is not None and not sensor.housing.is_empty:
+        raise InvalidParameter(
+            f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: "
+            "replace(sensor, housing=Housing())"
+        )
+
+
+def mirror_net(sensor: Sensor) -> Array:
+    """Return world points (lines from the vertex, lines around, 3) of the mirror, mm, including the
+    rim.
+    """
+    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, OUTLINE_LINES // 2 + 1)
+    turn = np.linspace(0, 2 * np.pi, OUTLINE_LINES + 1)
+    across = np.stack([x[:, None] * np.cos(turn), x[:, None] * np.sin(turn)], axis=-1)
+    sag = np.broadcast_to(sensor.mirror.sag(x)[:, None, None], (*across.shape[:2], 1))
+    rotation = sensor.mount.rotation()
+    points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
+    # A lens that views it via a second mirror has the opposite direction
+    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])
+    return turned(points, rotation.T).reshape(*across.shape[:2], 3)
+
+
+def check_clear(sensor: Sensor, scene: Scene) -> None:
+    """Raise InvalidParameter if a scene intersects the mirror, tested along lines from the vertex
+    to the rim and around it.
+
+    Scenes without distances are not tested.
+    """
+    scene = scene.scene if isinstance(scene, ThroughShell) else scene
+    if not isinstance(scene, Measured):
+        return
+    net = mirror_net(sensor)
+    start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
+    end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
+    if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
+        raise InvalidParameter(
+            "the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh"
+        )
+
+
+class PixelRays(NamedTuple):
+    """Lines of sight of pixels (n,) in the world frame of the sensor; NaN if not valid."""
+
+    origins: Array
+    """Origins (n, 3), mm: on the mirror, on the outer side of a tube or dome, or, past the mirror,
+    at the lens.
+    """
+    directions: Array
+    """Unit vectors (n, 3) of the directions."""
+    valid: Mask
+    """Mask (n,) of rays that leave the sensor."""
+    hidden: Mask
+    """Mask (n,) of rays that end at camera, rod, rim or a lid, or at the secondary or the bore of
+    two mirrors.
+    """
+
+
+def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> PixelRays:
+    """Return the chief rays of pixels (n, 2) past obstructions and through a tube or a dome.
+
+    Parameters
+    ----------
+    camera
+    pixels
+    radiometry
+        Radiometry of a single-mirror sensor, which determines the visibility past its mirror.
+
+    Raises
+    ------
+    InvalidParameter
+        For radiometry of another camera, or the housing of two mirrors.
+
+    Examples
+    --------
+    In the centre, the sensor images its own camera:
+
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> from omnimirror.optics.housing import CameraBody, Housing
+    >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
+    >>> seen = sights(sensor, [[511.5, 511.5], [900.0, 511.5]])
+    >>> seen.valid, seen.hidden
+    (array([False,  True]), array([ True, False]))
+    """
+    pixels = np.asarray(pixels, dtype=float)
+    if not isinstance(camera, Sensor) or camera.secondary is not None:
+        if radiometry is not None:
+            raise InvalidParameter("only a sensor of one mirror has radiometry")
+        if isinstance(camera, Sensor):
+            check_housing_is_rendered(camera)
+        rays, hidden = camera.backproject(pixels), np.zeros(len(pixels), dtype=bool)
+        if isinstance(camera, Sensor):
+            hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
+            hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
+        return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
+    followed, standing = follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions
+    points, directions, hidden = followed.points, _unit(followed.directions), followed.fate == HIDDEN
+    valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
+    if (shell := standing.housing.shell) is not None:
+        for disc in standing.discs:  # lids and the frame of a window
+            hidden |= valid & (disc.clearance(points, directions) < 0)
+        left_by = passage(shell, points[valid], directions[valid])
+        points[valid], directions[valid] = left_by.points, left_by.directions
+        valid &= ~hidden
+    points[~valid] = directions[~valid] = np.nan
+    rotation = camera.mount.rotation().T
+    return PixelRays(turned(points, rotation), turned(directions, rotation), valid, hidden)
+
+
+def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:
+    """Return pixels (n, 2) of points (n, 3) mm in the camera world; for a sensor, via its mirror.
+
+    Points hidden by the housing are not valid.
+
+    Raises
+    ------
+    InvalidParameter
+        As in :func:`sights`.
+    """
+    points = np.asarray(points_mm, dtype=float)
+    pixels, valid = camera.project(points)
+    if isinstance(camera, Sensor) and not camera.housing.is_empty:
+        valid[valid] = ~sights(camera, pixels[valid]).hidden
+    pixels[~valid] = np.nan
+    return Projection(pixels, valid)
+
+
+def _unit(directions: Array) -> Array:
+    unit: Array = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    return unit

@@ -1,1 +1,0 @@
-"""Rendering: light from a scene via the mirror to the image sensor."""

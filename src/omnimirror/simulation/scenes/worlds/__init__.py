@@ -1,1 +1,0 @@
-"""Bundled scenes, and their paint and parts."""

@@ -1,0 +1,284 @@
+"""Mapping, aspect ratio and viewpoints against laws of optics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import omnimirror as om
+from omnimirror.analysis.cross_section import image_curves
+from omnimirror.analysis.meridional_imaging import virtual_images
+from omnimirror.analysis.viewpoints import viewpoint_angle_error
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import Cone, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
+from omnimirror.optics.tracing.meridian import trace_chief_rays
+from tests.conftest import M
+
+SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
+FIELD = np.linspace(0, 135, 271)
+
+
+@given(a=st.floats(0.2, 3), b=st.floats(0.5, 6), rim=st.floats(0.3, 2))
+def test_every_hyperboloid_at_its_focus_has_one_viewpoint_and_aspect_cos_theta(a, b, rim):
+    mirror = Hyperboloid(a * M, b * M, rim * M)
+    lens = Perspective(11.6, 4.0, 200.0)
+    sensor = om.Sensor(mirror, lens, Imager(1024, 1024, 5.2), mirror_distance_mm=mirror.single_viewpoint_distance)
+    result = om.evaluate(sensor, np.linspace(*sensor.field_deg, 50))
+    focus = np.hypot(a, b) * M - b * M  # of the other sheet, which is the mirror: at z = C - B
+    scale = M * max(1.0, a, b, rim)
+    np.testing.assert_allclose(result.viewpoint_z_mm, focus, atol=1e-12 * scale)
+    np.testing.assert_allclose(result.aspect, np.cos(np.radians(result.theta_deg)), rtol=1e-9)
+    np.testing.assert_allclose(result.q_t_mm, result.q_s_mm, rtol=1e-9)  # stigmatic at all distances
+
+
+def test_the_paper_hyperboloid_has_one_viewpoint_to_1e_12_of_its_radius():
+    z = om.evaluate(SVP, FIELD).viewpoint_z_mm
+    assert np.ptp(z) <= 1e-12 * M
+
+
+def test_paraboloid_under_an_orthographic_lens_is_conformal_with_one_viewpoint():
+    result = om.evaluate(om.load_sensor("paraboloid-telecentric"), np.linspace(0, 105, 50))
+    np.testing.assert_allclose(result.aspect, 1, rtol=1e-12)
+    np.testing.assert_allclose(result.viewpoint_z_mm, 19.18 / 2, rtol=1e-12)
+
+
+def test_sphere_under_an_orthographic_lens_is_equiareal():
+    sensor = om.Sensor(Sphere(50.0, 47.0), Orthographic(0.05, 4.0, 25.0), Imager(1024, 1024, 5.2))
+    area = om.evaluate(sensor, np.linspace(0, 139, 50)).area_px2
+    np.testing.assert_allclose(area, area[0], rtol=1e-12)
+
+
+def test_exact_equidistant_is_proportional_and_the_polynomial_nearly():
+    exact = om.evaluate(om.load_sensor("exact-equidistant"), FIELD)
+    np.testing.assert_allclose(exact.dh_domega_px_per_deg, exact.dh_domega_px_per_deg[0], rtol=1e-11)
+    paper = om.evaluate(EDI, FIELD)
+    off = paper.h_px - paper.h_px[-1] * FIELD / 135
+    assert np.abs(off).max() / paper.h_px[-1] == pytest.approx(0.0049, abs=5e-5)
+
+
+@pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
+def test_solid_angle_adds_up_to_the_field(sensor):
+    """The image area per square degree, integrated over the image, is the solid angle of the field."""
+    r = om.evaluate(sensor, np.linspace(0, 135, 4001))
+    per_ring = 2 * np.pi * r.h_px * r.dh_domega_px_per_deg / r.area_px2  # square degrees per degree of Omega
+    total = np.trapezoid(per_ring[1:], r.omega_deg[1:])
+    assert total == pytest.approx(2 * np.pi * (1 - np.cos(np.radians(135))) * (180 / np.pi) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("distance", [np.inf, 300.0, 25.0])
+def test_what_is_seen_along_the_axis_is_imaged_on_the_axis(distance):
+    """At 25 mm, a concave mirror of 50 mm has its image at infinity, which is on the axis too."""
+    for mirror in (Sphere(50.0, 44.0), EvenPolynomial((-0.01,), 5.0)):
+        rays = trace_chief_rays(mirror, 180.0, [0.0])
+        images = virtual_images(rays, distance)
+        assert (images.x_t.tolist(), images.x_s.tolist()) == ([0.0], [0.0])
+
+
+def test_viewpoint_is_where_two_points_of_the_ray_line_up_with_the_axis():
+    r = om.evaluate(SPH, [30.0, 90.0, 120.0])
+    omega = np.radians(r.omega_deg)
+    np.testing.assert_allclose((r.viewpoint_z_mm - r.z_mm) * np.sin(omega), r.x_mm * np.cos(omega), atol=1e-12)
+
+
+def test_the_angle_error_is_what_a_point_seen_from_v0_shows():
+    """Place the object on the real ray, compute its direction from V0, and compare the angles."""
+    rays = SPH.meridian.trace(SPH.meridian.x_from_omega(np.radians([10.0, 60.0, 90.0, 130.0])))
+    v0, n = 11.5, 7 * M
+    x, z = rays.x + n * np.sin(rays.omega), rays.z - n * np.cos(rays.omega)
+    apparent = np.arctan2(x, v0 - z)
+    np.testing.assert_allclose(rays.omega - viewpoint_angle_error(rays, v0, n), apparent, atol=1e-14)
+    assert np.all(viewpoint_angle_error(rays, v0, np.inf) == 0)
+
+
+@pytest.mark.parametrize(("n", "worst", "v0"), [(40, 0.91, 0.2541), (7, 4.75, 0.2623)])
+def test_best_viewpoint_of_the_sphere_as_the_paper_reckons(n, worst, v0):
+    best = om.best_viewpoint(SPH, n * M, image_radius_px=500, linearised=True)
+    assert best.worst_px == pytest.approx(worst, abs=0.005)
+    assert best.z_mm / M == pytest.approx(v0, abs=5e-5)
+    assert best.error_px.max() == pytest.approx(-best.error_px.min(), rel=1e-6)  # minimax: equal extremes of both signs
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "worst"),
+    [
+        ("spherical", 40, 0.917),
+        ("spherical", 20, 1.810),
+        ("spherical", 10, 3.528),
+        ("spherical", 7, 4.930),
+        ("spherical", 3, 10.46),
+        ("spherical", 1, 23.48),
+        ("equidistant", 7, 5.581),
+    ],
+)
+def test_the_true_error_of_one_viewpoint(name, n, worst):
+    """Compared with a scan of viewpoints: objects at n M from the mirror, projected as if from V0."""
+    sensor = om.load_sensor(f"paper-{name}")
+    best = om.best_viewpoint(sensor, n * M, image_radius_px=500)
+    assert best.worst_px == pytest.approx(worst, rel=6e-4)
+    omega = np.linspace(*sensor.field_deg, 301)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    x, z = rays.x + n * M * np.sin(rays.omega), rays.z - n * M * np.cos(rays.omega)
+    scale = 500 / sensor.rim_radius_px
+    fine = np.linspace(0, sensor.field_deg[1], 40001)
+    heights = om.evaluate(sensor, fine).h_px * scale
+
+    def worst_of(v0):
+        apparent = np.degrees(np.arctan2(x, v0 - z))
+        return np.abs(sensor.image_height_px(rays) * scale - np.interp(apparent, fine, heights)).max()
+
+    assert worst_of(best.z_mm) == pytest.approx(worst, rel=1e-3)
+    around = best.z_mm + M * np.linspace(-0.02, 0.02, 81)
+    assert min(worst_of(v0) for v0 in around) >= best.worst_px * (1 - 1e-3)
+
+
+@pytest.mark.parametrize("name", ["spherical", "equidistant"])
+def test_far_away_both_errors_of_one_viewpoint_are_the_same(name):
+    sensor = om.load_sensor(f"paper-{name}")
+    true, linear = (om.best_viewpoint(sensor, 1e6, linearised=b) for b in (False, True))
+    np.testing.assert_allclose(true.error_px, linear.error_px, rtol=2e-4, atol=1e-7)
+
+
+def test_a_viewpoint_is_asked_for_a_distance():
+    for bad in (0.0, -3.0, float("inf"), float("nan"), [1.0, 2.0], "far"):
+        with pytest.raises(InvalidParameter, match="object_distance_mm"):
+            om.best_viewpoint(SPH, bad)
+
+
+def test_angles_pixels_heights_and_mirror_points_give_the_same_rows():
+    by_angle = om.evaluate(SPH, [0.0, 45.0, 90.0, 135.0])
+    by_x = om.evaluate(SPH, x_mm=by_angle.x_mm)
+    by_h = om.evaluate(SPH, h_px=by_angle.h_px)
+    phi = np.radians(30)
+    by_pixel = om.evaluate(SPH, pixels=511.5 + by_angle.h_px[:, None] * [np.cos(phi), np.sin(phi)])
+    for name, column in by_angle.columns().items():
+        for other in (by_x, by_h, by_pixel):
+            np.testing.assert_allclose(getattr(other, name), column, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_scaled_image_is_asked_in_the_pixels_it_answers_in(flipped):
+    """Heights and pixels of the image scaled to 500 px at the rim, as input and output."""
+    lens = replace(SPH.lens, k1=-0.3, p1=0.002)
+    mount = replace(SPH.mount, image_flipped=flipped)
+    for sensor in (SPH, replace(SPH, lens=lens, mount=mount)):
+        by_angle = om.evaluate(sensor, [0.0, 45.0, 135.0], image_radius_px=500)
+        again = om.evaluate(sensor, h_px=by_angle.h_px, image_radius_px=500)
+        np.testing.assert_allclose(again.h_px, by_angle.h_px, atol=1e-9)
+        np.testing.assert_allclose(again.omega_deg, by_angle.omega_deg, atol=1e-9)
+    assert om.evaluate(SPH, h_px=[500.0], image_radius_px=500).omega_deg[0] == pytest.approx(SPH.field_deg[1])
+    pixels = 511.5 + np.array([[300.0, 400.0], [-250.0, 0.0]])
+    np.testing.assert_allclose(om.evaluate(SPH, pixels=pixels, image_radius_px=500).h_px, [500.0, 250.0], atol=1e-9)
+
+
+def test_one_row_per_value_in_the_order_given():
+    r = om.evaluate(SPH, [120.0, 3.0, 3.0])
+    assert r.omega_deg.tolist() == [120.0, 3.0, 3.0]
+    assert r.x_mm[1] == r.x_mm[2] < r.x_mm[0]
+    assert len(om.evaluate(SPH, 90)) == 1
+    assert len(om.evaluate(SPH)) == 28  # every 5 deg
+
+
+def test_object_distances_may_differ_by_row():
+    together = om.evaluate(SPH, [60.0, 60.0], object_distance_mm=[5 * M, np.inf])
+    assert together.q_t_mm[0] == om.evaluate(SPH, [60.0], object_distance_mm=5 * M).q_t_mm[0]
+    assert together.q_t_mm[1] == om.evaluate(SPH, [60.0]).q_t_mm[0]
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "error", "message"),
+    [
+        ({"omega_deg": [136.0]}, OutsideField, "omega = 136 deg"),
+        ({"omega_deg": [float("nan")]}, OutsideField, "omega = nan deg"),
+        ({"x_mm": [44.0]}, OutsideMirror, "x = 44 mm"),
+        ({"h_px": [600.0]}, OutsideField, "theta = 14"),
+        ({"pixels": [[0.0, 0.0]]}, OutsideField, "theta = 1"),
+        ({"pixels": [1.0, 2.0, 3.0]}, InvalidParameter, r"pixels has shape \(3,\)"),
+        ({"omega_deg": [1.0], "x_mm": [1.0]}, InvalidParameter, "omega_deg and x_mm were given together"),
+        ({"omega_deg": [1.0], "object_distance_mm": 0.0}, InvalidParameter, "object_distance_mm = 0"),
+        ({"omega_deg": [1.0], "object_distance_mm": -5.0}, InvalidParameter, "object_distance_mm = -5"),
+        (
+            {"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]},
+            InvalidParameter,
+            "object_distance_mm = -5 is not a distance; it is valid above 0",
+        ),
+        ({"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]}, InvalidParameter, "2 values for 1 field angles"),
+        ({"omega_deg": [1.0], "focus_mm": 11.0}, InvalidParameter, "focus_distance_mm = 11 is not beyond"),
+        ({"omega_deg": [1.0], "mode": "rough"}, InvalidParameter, "mode = 'rough'"),
+        ({"omega_deg": [1.0], "tolerance_px": 0.0}, InvalidParameter, "tolerance_px = 0"),
+        ({"omega_deg": [1.0], "wavelength_nm": -1.0}, InvalidParameter, "wavelength_nm = -1"),
+        ({"omega_deg": [1.0], "focus_mm": "auto", "merit": "best"}, InvalidParameter, "merit = 'best'"),
+        ({"omega_deg": [1.0, 2.0], "focus_mm": "auto", "object_distance_mm": [9.0, 8.0]}, InvalidParameter, "'auto'"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_named(kwargs, error, message):
+    with pytest.raises(error, match=message):
+        om.evaluate(SPH, **kwargs)
+
+
+def test_an_unusable_mirror_says_so_when_first_asked():
+    sensor = replace(SPH, mirror=Sphere(44.0, 43.9))  # nearly a hemisphere with a grazing rim
+    with pytest.raises(OmnimirrorError, match="hides itself from the lens"):
+        om.evaluate(sensor, [10.0])
+    with pytest.raises(InvalidParameter, match="mirror_distance_mm"):
+        om.Sensor(Paraboloid(20.0, 20.0), Perspective(11.6, 4.0, 200.0), Imager(10, 10, 5.0))
+
+
+@pytest.mark.parametrize("m", [176.0, 5.0])
+def test_rays_of_a_cone_come_from_a_ring_of_virtual_pinholes(m):
+    """Real rays, reflected in 3-D from tangent planes of the cone, and extended behind it."""
+    cone = Cone(50.0, 43.9)
+    sensor = om.Sensor(cone, Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
+    radius, height = cone.pinhole_ring(m)
+    x = np.linspace(1, 43.9, 12)
+    phi = np.linspace(0, 6, 12)
+    across, up = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=-1), np.array([0.0, 0.0, 1.0])
+    tangent = np.tan(np.radians(50.0))
+    hits = x[:, None] * across + (x * tangent)[:, None] * up
+    normals = (tangent * across - up) / np.hypot(tangent, 1)
+    from_lens = hits + m * up
+    out = from_lens - 2 * (from_lens * normals).sum(axis=1, keepdims=True) * normals
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    to_pinhole = -radius * across + height * up - hits  # on the far side of the axis
+    np.testing.assert_allclose(np.cross(to_pinhole, out), 0, atol=1e-11 * m)
+    result = om.evaluate(sensor, x_mm=x, object_distance_mm=700.0)
+    np.testing.assert_allclose(np.cos(np.radians(result.omega_deg)), -out[:, 2], atol=1e-13)
+    assert np.isinf(result.radius_t_mm).all()
+    np.testing.assert_allclose(result.q_t_mm, 700.0, rtol=1e-13)  # a plane mirror in the meridian
+    np.testing.assert_allclose(result.radius_s_mm, x / np.sin(np.radians(50.0)), rtol=1e-13)
+
+
+def test_a_cone_has_one_viewpoint_only_with_the_lens_in_its_tip():
+    """The ring shrinks with m, as does the spread of axis intersections of the rays."""
+    spread = []
+    for m in (10.0, 1.0, 0.1):
+        cone = om.Sensor(Cone(50.0, 43.9), Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
+        low, high = cone.field_deg
+        angles = np.linspace(low + 0.3 * (high - low), high, 9)
+        spread.append(np.ptp(om.evaluate(cone, angles).viewpoint_z_mm))
+        assert cone.mirror.pinhole_ring(m)[0] == pytest.approx(m * np.sin(np.radians(100.0)))
+    np.testing.assert_allclose(np.divide(spread[:-1], spread[1:]), 10, rtol=0.3)
+
+
+@pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
+def test_some_angles_of_an_evaluation_are_what_they_are_alone(name):
+    sensor = om.load_sensor(name)
+    whole = om.evaluate(sensor, [10.0, 40.0, 70.0, 90.0], object_distance_mm=[500.0, 600.0, 700.0, 800.0])
+    some, alone = whole[1:3], om.evaluate(sensor, [40.0, 70.0], object_distance_mm=[600.0, 700.0])
+    assert len(some) == 2
+    assert np.array_equal(some.object_distance_mm, alone.object_distance_mm)
+    for column, values in alone.columns().items():
+        np.testing.assert_allclose(some.columns()[column], values, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
+def test_virtual_images_of_other_objects_are_those_of_their_evaluation(name):
+    sensor = om.load_sensor(name)
+    far, near = om.evaluate(sensor), om.evaluate(sensor, object_distance_mm=220.0)
+    for told, true in zip(image_curves(far, 220.0), image_curves(near), strict=True):
+        np.testing.assert_allclose(told, true, rtol=1e-12)

@@ -1,0 +1,229 @@
+"""Command ``omnimirror dewarp`` on videos and folders of images."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from subprocess import PIPE, Popen
+
+import av
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.io.live_sources import LiveSource
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_writer import VideoWriter
+from tests.commands import fails, omnimirror
+
+SIZE = 160
+BALL = ["--ball", "79.5,79.5,76,260"]
+CAMERA = om.MirrorBall((79.5, 79.5), 76.0, 260.0, (SIZE, SIZE))
+
+
+def picture(shade: int) -> np.ndarray:
+    """Return a smooth image whose colour encodes its number."""
+    v, u = np.mgrid[0:SIZE, 0:SIZE]
+    return np.stack([u / 2 + 40, v / 2 + 40, np.full_like(u, shade)], axis=-1).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def encoded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("encoded") / "in.mp4"
+    with VideoWriter(path, (SIZE, SIZE), 25, crf=1) as writer:
+        for i in range(20):
+            writer.write(frame_of_image(picture(60 + 5 * i)))
+    return path.read_bytes()
+
+
+@pytest.fixture
+def video(tmp_path, encoded):
+    (tmp_path / "in.mp4").write_bytes(encoded)
+    return tmp_path / "in.mp4"
+
+
+def frames(path) -> list[np.ndarray]:
+    with av.open(str(path)) as container:
+        return [f.to_ndarray(format="rgb24") for f in container.decode(video=0)]
+
+
+def test_every_frame_of_a_video_is_straightened(video, tmp_path):
+    args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
+    run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    assert "20 frames" in run.stderr
+    out = frames(tmp_path / "out.mp4")
+    assert len(out) == 20
+    dewarp = om.Dewarper(CAMERA, om.screens.Plane((96, 64), tilt_deg=-30.0))
+    for i in (0, 7, 19):
+        expected = dewarp(frames(video)[i]).astype(float)
+        assert np.abs(out[i] - expected)[4:-4, 4:-4].mean() < 3
+
+
+def test_the_border_of_a_video_is_a_colour(video, tmp_path):
+    args = [*BALL, "--elevation-deg", "-90:90", "--size", "128x64", "--crf", "1", "--interpolation", "area"]
+    run = omnimirror("dewarp", video, *args, "--border", "#c86432", "--threads", "1", "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    for frame in frames(tmp_path / "out.mp4"):
+        assert np.abs(frame[:10, 8:-8].astype(int) - [0xC8, 0x64, 0x32]).max() < 12
+    for border in ("#ff", "300"):
+        fails(omnimirror("dewarp", video, *args, "--border", border, "-o", tmp_path / "no.mp4"), border)
+        assert not (tmp_path / "no.mp4").exists()
+
+
+def test_a_part_of_a_video(video, tmp_path):
+    args = [*BALL, "--size", "128x", "--start-s", "0.2", "--duration-s", "0.4"]
+    run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    assert len(frames(tmp_path / "out.mp4")) == 10
+    assert b"GPano" in (tmp_path / "out.mp4").read_bytes() or b"sv3d" in (tmp_path / "out.mp4").read_bytes()
+
+
+def test_the_view_moves_with_keyframes(video, tmp_path):
+    (tmp_path / "keys.csv").write_text("time_s,pan_deg,hfov_deg\n0,0,60\n0.76,40,90\n")
+    args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
+    run = omnimirror("dewarp", video, *args, "--keyframes", tmp_path / "keys.csv", "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    last = om.Dewarper(CAMERA, om.screens.Plane((96, 64), 40.0, -30.0, hfov_deg=90.0))(frames(video)[-1])
+    assert np.abs(frames(tmp_path / "out.mp4")[-1] - last.astype(float))[4:-4, 4:-4].mean() < 3
+
+
+def test_a_pipe_carries_y4m(video, tmp_path):
+    run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", "-", text=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith(b"YUV4MPEG2 W128 H64 F25:1")
+    assert run.stdout.count(b"FRAME") == 20
+
+
+def test_a_pipe_carries_raw_video(video):
+    args = ["--size", "128x64", "-o", "-", "--format", "rawvideo"]
+    run = omnimirror("dewarp", video, *BALL, *args, text=False)
+    assert run.returncode == 0, run.stderr
+    pictures = np.frombuffer(run.stdout, np.uint8).reshape(20, 64, 128, 3)
+    dewarp = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, 64)))
+    assert np.abs(pictures[7] - dewarp(frames(video)[7]).astype(float))[4:-4].mean() < 3
+    grey = omnimirror("dewarp", video, *BALL, *args, "--pixel-format", "gray", text=False)
+    assert len(grey.stdout) == 20 * 64 * 128
+
+
+def test_several_outputs_at_once(video, tmp_path):
+    args = [*BALL, "--size", "128x64", "-o", tmp_path / "a.mp4", "-o", tmp_path / "b.mkv", "-o", "-"]
+    run = omnimirror("dewarp", video, *args, text=False)
+    assert run.returncode == 0, run.stderr
+    assert b"a.mp4, " in run.stderr
+    assert b"b.mkv, standard output: panorama" in run.stderr
+    assert run.stdout.count(b"FRAME") == len(frames(tmp_path / "a.mp4")) == len(frames(tmp_path / "b.mkv")) == 20
+
+
+def test_sigterm_keeps_what_was_done(video, tmp_path):
+    program = Path(sys.executable).with_name("omnimirror")
+    words = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
+    with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
+        assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
+        run.send_signal(signal.SIGTERM)
+        _, said = run.communicate()
+    assert run.returncode == 143, said
+    assert b"stopped; " in said
+    assert 1 <= len(frames(tmp_path / "a.mkv")) < 20
+
+
+def test_a_file_is_streamed_in_real_time(video, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
+    with LiveSource(url, timeout_s=60, patience_s=600, reconnect=False) as live:
+        while not live.received:  # repeatedly, until the receiver has recognised the format
+            began = time.monotonic()
+            run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316")
+            assert run.returncode == 0, run.stderr
+            assert time.monotonic() - began > 19 / 25
+        frame = live.first()
+    assert (frame.width, frame.height) == (128, 64)
+
+
+def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
+    for i in range(3):
+        om.write_image(tmp_path / f"{i}.png", picture(60 + i))
+    (tmp_path / "bad.png").write_bytes(b"not a picture")
+    run = omnimirror("dewarp", tmp_path, *BALL, "--size", "128x", "--black", "-o", tmp_path / "out")
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1
+    assert "bad.png is not a picture" in run.stderr
+    assert "3 of 4 pictures straightened" in run.stdout
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
+    expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(picture(61))
+    np.testing.assert_array_equal(om.read_image(tmp_path / "out" / "1.png"), expected)
+
+
+def test_a_folder_that_was_stopped_goes_on(tmp_path):
+    for i in range(3):
+        om.write_image(tmp_path / f"{i}.png", picture(60 + i))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "1.png").write_bytes(b"done before")
+    (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(b"half of it")  # left by a killed run
+    run = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    assert "2 of 2 pictures straightened, 1 were there" in run.stdout
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
+    assert (tmp_path / "out" / "1.png").read_bytes() == b"done before"
+    again = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
+    assert again.returncode == 0
+    assert "0 of 0 pictures straightened, 3 were there" in again.stdout
+
+
+def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
+    om.write_image(tmp_path / "a.png", picture(90))
+    assert omnimirror("dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg").returncode == 0
+    assert b"GPano:CroppedAreaTopPixels" in (tmp_path / "p.jpg").read_bytes()
+    args = ["--view", "perspective", "--tilt-deg", "-30", "-o", tmp_path / "v.jpg"]
+    assert omnimirror("dewarp", tmp_path / "a.png", *BALL, *args).returncode == 0
+    assert b"GPano" not in (tmp_path / "v.jpg").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["no.mp4", "-o", "o.mp4"], "there is no video no.mp4"),
+        (["in.mp4", "-o", "in.mp4"], "in.mp4 is the video to straighten"),
+        (["in.mp4", "-o", "o.gifv"], "videos of kind '.gifv' are not known"),
+        (["in.mp4", "-o", "o.mp4", "--start-s", "9"], "a start at 9 s lies behind the end"),
+        (["in.mp4", "-o", "o.mp4", "--transparent"], "belong to pictures"),
+        (["in.mp4", "-o", "-", "--crf", "3"], "does not apply to a pipe"),
+        (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
+        (["in.mp4", "-o", "o.mp4", "--codec", "h266"], "h266"),
+        (["a.png", "-o", "o.png", "--start-s", "1"], "--start-s belongs to videos, and a.png is none"),
+        (["a.png", "a.png", "-o", "o.png"], "several pictures need a folder"),
+        (["*.tif", "-o", "out"], "there is no file *.tif"),
+        (["/dev/video99", "-o", "o.mp4"], "there is no camera /dev/video99"),
+        (["in.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
+        (["in.mp4", "-o", "o.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
+        (["in.mp4", "-o", "gopher://x"], "cannot stream to 'gopher://x'"),
+        (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "o.mp4 is to be written twice"),
+        (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "a format of the pipe says what '-' writes"),
+        (
+            ["in.mp4", "-o", "-", "--pixel-format", "gray"],
+            "a pixel format belongs to files of videos, streams and a pipe of raw video",
+        ),
+        (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
+        (["in.mp4"], "say what to write with -o or --viewer, or of a video ask for a --preview"),
+        (["a.png", "-o", "o.png", "-o", "p.png"], "p.png is one output too many"),
+        (["a.png", "--preview"], "--preview belongs to videos, and a.png is none"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
+    om.write_image(tmp_path / "a.png", picture(90))
+    before = sorted(p.name for p in tmp_path.iterdir())
+    assert message in fails("dewarp", *args, *BALL, cwd=tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no DISPLAY")
+def test_no_display_leaves_the_file_alone(video, tmp_path, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    said = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)
+    assert "there is no display for a preview window" in said
+    assert [p.name for p in tmp_path.iterdir()] == ["in.mp4"]

@@ -1,0 +1,69 @@
+"""Cached properties: threads with mutual dependencies do not deadlock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Barrier, Thread
+
+import omnimirror as om
+from omnimirror.base.caching import cached_property
+
+
+class Link:
+    """Two values of the same kind of object; each depends on the other value of the next object."""
+
+    def __init__(self, further: Link | None = None, begun: Barrier | None = None) -> None:
+        self.further, self.begun, self.times = further, begun, 0
+
+    def _value(self, of_further: Callable[[Link], int]) -> int:
+        self.times += 1
+        if self.begun:
+            self.begun.wait(60)
+        return 1 + of_further(self.further) if self.further else 0
+
+    @cached_property
+    def left(self) -> int:
+        """Number of links to the end."""
+        return self._value(lambda further: further.right)
+
+    @cached_property
+    def right(self) -> int:
+        return self._value(lambda further: further.left)
+
+
+def in_threads(*acts: Callable[[], object]) -> list[object]:
+    """Return the results of functions, each run in a thread; a deadlock yields no result."""
+    found: list[object] = []
+    threads = [Thread(target=lambda act=act: found.append(act()), daemon=True) for act in acts]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(120)
+    return found
+
+
+def test_a_value_is_worked_out_once_and_documented():
+    link = Link(Link())
+    assert (link.left, link.left, link.times) == (1, 1, 1)
+    assert Link.left.__doc__ == "Number of links to the end."
+
+
+def test_threads_that_need_two_values_crosswise_end():
+    """Both start before either continues: one lock per value of the class would deadlock."""
+    begun = Barrier(2)
+    one, two = Link(Link(), begun), Link(Link(), begun)
+    assert in_threads(lambda: one.left, lambda: two.right) == [1, 1]
+
+
+def test_sensors_are_asked_by_many_threads_at_once():
+    names = ["folded-hyperboloidal", "paper-spherical", "folded-spherical", "paper-equidistant"] * 2
+    sensors = [om.load_sensor(name) for name in names]
+    begun = Barrier(len(sensors))
+
+    def field(sensor: om.Sensor) -> tuple[str, float, float]:
+        begun.wait(60)
+        return sensor.name, sensor.meridian.omega_min, sensor.meridian.omega_max
+
+    found = in_threads(*(lambda sensor=sensor: field(sensor) for sensor in sensors))
+    assert len(found) == len(sensors)
+    assert len(set(found)) == len(set(names))

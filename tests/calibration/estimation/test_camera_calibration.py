@@ -1,0 +1,372 @@
+"""Calibration from corners to the camera, against the true camera; insufficient data are rejected
+with a reason."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.calibration.estimation.observation_checks import coverage, recommendations
+from omnimirror.calibration.estimation.observations import Sighting
+from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.models.camera_model import direction_covariance
+
+from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections, directions
+
+
+def calibrated(seen, **more):
+    return om.calibrate_camera(seen, BOARD, **({"model": "unified"} | more))
+
+
+def test_the_camera_is_found_without_a_guess():
+    found = calibrated(detections(count=8))
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
+    assert all(p.used and p.reason is None for p in found.pictures)
+    assert found.corners == sum(p.found for p in found.pictures)
+    assert found.outliers == ()
+    assert {name for free in found.free for name in free.names} <= {"xi", "fx", "fy", "k1", "k2", "k3"}
+
+
+def within_3_sigma(seed: int) -> float:
+    """Return the fraction of directions with errors within three standard deviations, in the
+    perpendicular plane."""
+    found = calibrated(detections(count=8, seed=seed), board_shape=False)
+    ahead = directions(TRUTH, 100, seed)
+    rays = found.model.backproject(TRUTH.image(ahead, distant=True).pixels)
+    off = (rays.directions @ found.model.mount.rotation() - ahead)[rays.valid]
+    spread = np.linalg.eigvalsh(direction_covariance(found.model, found.covariance, ahead[rays.valid]))[:, -1]
+    return float((np.linalg.norm(off, axis=1) < 3 * np.sqrt(spread)).mean())
+
+
+def test_true_directions_lie_within_three_sigma():
+    assert np.mean([within_3_sigma(seed) for seed in range(1)]) >= 0.95
+
+
+@pytest.mark.full
+def test_true_directions_lie_within_three_sigma_over_50_seeds():
+    assert np.mean([within_3_sigma(seed) for seed in range(50)]) >= 0.95
+
+
+@pytest.mark.full
+def test_the_field_ends_at_the_rim_that_is_said():
+    """The region outside is excluded from the camera; its parameters are unchanged."""
+    seen = detections(count=4)
+    found, all_of_it = (calibrated(seen, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {}))
+    u, v = found.model.centre_px
+    edge = found.camera.backproject([[u + 169.0, v], [u + 171.0, v]])
+    assert edge.valid.tolist() == [True, False]
+    assert all_of_it.camera.backproject([[u + 171.0, v]]).valid.all()
+    assert found.model.parameters == all_of_it.model.parameters
+    with pytest.raises(InvalidParameter, match="rim_radius_px = -1"):
+        calibrated(seen, rim_radius_px=-1.0)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("shift", [(90.0, 0.0), (-60.0, 50.0)])
+def test_an_axis_far_from_the_middle_of_the_picture_is_found(shift):
+    centre = (319.5 + shift[0], 239.5 + shift[1])
+    found = calibrated(detections(replace(TRUTH, centre_px=centre), 6), board_shape=False)
+    assert found.model.centre_px == pytest.approx(centre, abs=1.0)
+
+
+def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
+    for camera in (replace(TRUTH, optics="fisheye"), replace(TRUTH, mount=Mount("down", 30.0, image_flipped=True))):
+        found = calibrated(detections(camera, 4), optics=camera.optics, mount=camera.mount, board_shape=False)
+        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+        assert found.model.mount == camera.mount
+
+
+@pytest.mark.full
+def test_a_fisheye_is_chosen_among_models_without_a_mirror():
+    truth = om.KannalaBrandt((150.0, 150.0), (322.0, 238.0), SIZE, k1=0.02, k2=-0.004)
+    found = calibrated(detections(truth, 5), model="auto", optics="fisheye", board_shape=False)
+    assert "sensor" not in {tried.kind for tried in found.candidates}
+    assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
+
+
+def test_wrong_corners_are_named_and_no_others():
+    seen = detections(count=8)
+    wrong = {("picture 3", 20): 4.0, ("picture 7", 5): 1.2, ("picture 7", 40): -2.0}
+    for (name, corner), shift in wrong.items():
+        detection = next(d for d in seen if d.name == name)
+        detection.corners_px[list(detection.ids).index(corner)] += [shift, 0.0]
+    found = calibrated(seen)
+    assert {(o.picture, o.corner) for o in found.outliers} == set(wrong)
+    worst = found.outliers[0]
+    assert (worst.picture, worst.corner) == ("picture 3", 20)
+    assert worst.residual_px == pytest.approx(4.0, abs=0.5)
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("share", "largest_px"),
+    [(0.04, 1.2), pytest.param(0.01, 5.0, marks=pytest.mark.full), pytest.param(0.04, 5.0, marks=pytest.mark.full),
+     pytest.param(0.08, 4.0, marks=pytest.mark.full)],
+)  # fmt: skip
+def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
+    """Outliers up to 5 % are rejected; a note counts and locates those that remain."""
+    random, wrong, seen = np.random.default_rng(0), set(), []
+    for detection in detections(count=10, seed=1):
+        is_wrong = random.random(len(detection.ids)) < share
+        angle = random.uniform(0, 2 * np.pi, len(is_wrong))
+        length = is_wrong * random.uniform(0.6, 1.0, len(is_wrong)) * largest_px
+        shift = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        wrong |= {(detection.name, int(i)) for i in detection.ids[is_wrong]}
+        seen.append(replace(detection, corners_px=detection.corners_px + shift))
+    found = calibrated(seen)
+    rejected = {(o.picture, o.corner) for o in found.outliers}
+    remaining = {(o.picture, o.corner) for o in found.remaining_outliers}
+    assert rejected <= wrong
+    assert len(remaining - wrong) <= 1
+    assert len(wrong - rejected - remaining) <= 0.1 * len(wrong)
+    notes = [note for note in found.notes if "farther off than noise explains" in note]
+    assert len(notes) == (1 if remaining else 0)
+    if remaining:
+        assert notes[0].startswith(f"{len(remaining)} of the corners used")
+        assert found.remaining_outliers[0].picture in notes[0]
+    else:
+        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert len(found.to_dict()["remaining_outliers"]) == len(remaining)
+
+
+@pytest.mark.parametrize(
+    ("xi", "seeds"), [(0.95, 4), pytest.param(0.95, 30, marks=[pytest.mark.full, pytest.mark.long])]
+)
+def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seeds):
+    """Free unified model, with a curved valley of xi, focal length and radial terms.
+
+    With the curvature at the estimate, RMS errors of xi were 3 standard deviations, and a
+    combination was reported for some seeds only.
+    """
+    truth = replace(TRUTH, xi=xi, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
+    errors = []
+    for seed in range(seeds):
+        found = calibrated(detections(truth, count=8, seed=seed))
+        given = np.array([p.value for p in truth.parameters])
+        sigmas = np.array([p.sigma for p in found.parameters[: len(given)]])
+        errors.append((np.array([p.value for p in found.model.parameters]) - given) / sigmas)
+        assert {"xi", "k1"} <= set(found.free[0].names)
+        assert any("do not tell xi" in note or "do not tell k1" in note for note in found.notes)
+        assert found.camera.uncertainty.sigmas["xi"] == pytest.approx(found.parameters[0].sigma)
+    rms = dict(zip((p.name for p in truth.parameters), np.sqrt(np.mean(np.square(errors), axis=0)), strict=True))
+    few = 4 / seeds
+    for name in ("xi", "fx", "fy", "k1", "cx", "cy"):
+        assert 0.4 - 0.3 * few < rms[name] < 1.5 + 0.5 * few, name
+    assert max(rms.values()) < 1.5 + 0.7 * few
+
+
+def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
+    """A model with three radial terms and xi = 1.14 fits the corners of a camera with 1.3 equally
+    well."""
+    truth = replace(TRUTH, xi=1.3, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
+    found = calibrated(detections(truth, count=12, seed=0))
+    xi = found.parameters[0]
+    assert abs(xi.value - 1.3) < 3 * xi.sigma
+    linear = float(np.sqrt(found.covariance[0, 0]))
+    assert xi.sigma > 2 * linear
+
+
+@pytest.mark.full
+def test_boards_counted_from_any_corner_are_one_board():
+    """Detectors start at either end of 11 x 7 corners, and number them in reverse in a mirror
+    image."""
+    seen = detections(count=4, points_mm=BOARD.points_mm)
+    columns, rows = BOARD.lattice.T
+    orders = [columns + 11 * rows, 76 - columns - 11 * rows, 10 - columns + 11 * rows, columns + 11 * (6 - rows)]
+    renamed = [replace(d, ids=orders[i % 4][d.ids]) for i, d in enumerate(seen)]
+    assert calibrated(renamed).rms_px == pytest.approx(calibrated(seen).rms_px, rel=1e-3)
+
+
+def test_a_picture_that_no_board_explains_is_named_and_left_out():
+    seen = detections(count=8)
+    random = np.random.default_rng(0)
+    seen[4] = replace(seen[4], corners_px=seen[4].corners_px + random.normal(0, 15, seen[4].corners_px.shape))
+    seen.append(om.Detection("blurred.png", SIZE, reason="blurred.png: no board was found; the picture is blurred"))
+    found = calibrated(seen)
+    left_out = {p.name: p.reason for p in found.pictures if not p.used}
+    assert left_out.keys() == {"picture 5", "blurred.png"}
+    assert "from where a board can have them" in left_out["picture 5"]
+    assert "is blurred" in left_out["blurred.png"]
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("optics", "words"),
+    [
+        ("mirror", "the mirror's centre in it lies .* from that in the others: the mirror moved"),
+        ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved"),
+    ],
+)
+def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(optics, words):
+    """A pose absorbs most of a shift; the residual reveals it."""
+    seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
+    found = calibrated(seen, optics=optics)
+    (left_out,) = [p for p in found.pictures if not p.used]
+    assert left_out.name == "picture 5"
+    assert re.search(words, left_out.reason)
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert found.outliers == ()
+
+
+@pytest.mark.parametrize(
+    ("count", "numbers"),
+    [(5, {2}), *(pytest.param(*case, marks=pytest.mark.full) for case in [(8, {4}), (12, {0}), (9, {1, 2, 3})])],
+)
+def test_flipped_pictures_are_named_and_left_out(count, numbers):
+    """A chessboard is valid in its mirror image too: only the offset between mirror and image
+    centres reveals the flip, and camera and poses absorb nearly all of it."""
+    found = calibrated(flipped(detections(count=count), numbers))
+    left_out = {p.name: p.reason for p in found.pictures if not p.used}
+    assert left_out.keys() == {f"picture {number + 1}" for number in numbers}
+    assert set(left_out.values()) == {
+        "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
+    }
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(6))
+def test_none_is_called_flipped_where_none_was(seed):
+    """Also for a mirror without a single viewpoint, with single-viewpoint models."""
+    seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed)
+    for model in ("unified", "auto"):
+        assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).pictures)
+    assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).pictures)
+
+
+@pytest.mark.parametrize(
+    ("count", "seed"),
+    [(5, 2), *(pytest.param(count, seed, marks=pytest.mark.full) for count in (4, 6) for seed in range(12))],
+)
+def test_few_pictures_lead_to_the_camera_too(count, seed):
+    """Five images led to no solution, with residuals of 1.5 px, if all mirror parameters were free
+    too early."""
+    random = np.random.default_rng([count, seed])
+    middle = (326.0, 236.0) if seed == 2 else tuple(np.array([319.5, 239.5]) + random.uniform(-8, 8, 2))
+    found = calibrated(detections(replace(TRUTH, centre_px=middle), count=count, seed=seed))
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.15)
+    np.testing.assert_allclose(found.model.centre_px, middle, atol=3.0)
+
+
+@pytest.mark.full
+def test_a_note_tells_where_pictures_left_out_are_predicted_worse():
+    found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
+    assert found.held_out_rms_px > 1.25 * found.rms_px
+    assert any("well above that of the fit" in note for note in found.notes)
+
+
+def test_the_file_of_results_has_what_it_promises(tmp_path):
+    found = calibrated(detections(count=4))
+    text = found.to_json(tmp_path / "calibration.json")
+    assert (tmp_path / "calibration.json").read_text() == text
+    told = json.loads(text)
+    assert told["rms_px"] == found.rms_px
+    assert told.keys() >= {"held_out_rms_px", "corners", "outliers", "pictures", "parameters", "seconds"}
+    first = told["pictures"][0]
+    assert first.keys() == {"name", "found", "used", "reason", "rms_px", "rotation", "shift_mm", "camera_at_mm"}
+    np.testing.assert_allclose(np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["shift_mm"]))
+    assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
+
+
+@pytest.mark.full
+def test_the_same_pictures_give_the_same_camera():
+    first, second = (calibrated(detections(count=4), seed=3) for _ in range(2))
+    assert replace(first, seconds=0.0).to_json() == replace(second, seconds=0.0).to_json()
+
+
+def test_who_stops_keeps_what_was_found():
+    calls = []
+    found = calibrated(detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share))
+    assert not found.is_complete
+    assert found.rms_px < 1.0
+    assert any("stopped before the end" in note for note in found.notes)
+    assert json.loads(found.to_json())["held_out_rms_px"] is None
+
+
+# -- unusable images
+# -------------------------------------------------------------------------------------
+
+
+def moved(seen, numbers, shift):
+    return [replace(d, corners_px=d.corners_px + shift) if i in numbers else d for i, d in enumerate(seen)]
+
+
+def flipped(seen, numbers):
+    def one(d):
+        return replace(d, corners_px=[SIZE[0] - 1, 0] + d.corners_px * [-1, 1])
+
+    return [one(d) if i in numbers else d for i, d in enumerate(seen)]
+
+
+def one_pose(count: int) -> list[om.Detection]:
+    (seen,) = detections(count=1, noise_px=0.0)
+    random = np.random.default_rng(0)
+    return [
+        replace(seen, name=f"picture {i}", corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape))
+        for i in range(count)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: detections(count=2), r"in 2 of 2 pictures \(picture 1 and picture 2\), and 3 are the fewest"),
+        (
+            lambda: [om.Detection(f"{i}.png", SIZE, reason="no board was found; the picture is blurred") for i in "ab"],
+            r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred",
+        ),
+        (
+            lambda: [*detections(count=5), replace(detections()[0], name="small.png", image_size=(320, 240))],
+            r"small\.png: 320 x 240 px, where the other pictures have 640 x 480 px",
+        ),
+        (lambda: one_pose(6), "the same place in all pictures.*picture 0, picture 1.*hold it at different places"),
+        pytest.param(
+            lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]),
+            "centre in picture 3, picture 6, picture 9 and picture 10 lies .*the mirror moved",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            lambda: flipped(detections(count=8), {1, 2, 5, 6}),
+            "half of the pictures, picture 2, picture 3, picture 6 and picture 7, fit the others when they are flipped",
+            marks=pytest.mark.full,
+        ),
+        (
+            lambda: [replace(d, is_reversed=False) for d in detections(count=4)],
+            "picture 1, picture 2, picture 3 and picture 4: the board's markers show not mirror images.*--flipped",
+        ),
+        (
+            lambda: [replace(d, corners_px=d.corners_px[np.random.default_rng(0).permutation(len(d.ids))])
+                     for d in detections(count=6)],
+            "no camera explains the corners.*see whether the board is the one that was named",
+        ),
+    ],
+)  # fmt: skip
+def test_a_set_that_will_not_do_is_named(make, says):
+    with pytest.raises(InvalidParameter, match=says):
+        calibrated(make())
+
+
+def test_what_is_asked_for_is_checked():
+    with pytest.raises(InvalidParameter, match=r"model = 'unfied' is not known; valid are auto, unified"):
+        calibrated(detections(count=3), model="unfied")
+    with pytest.raises(InvalidParameter, match="model = 'sensor' is a mirror before a lens"):
+        calibrated(detections(count=3), model="sensor", optics="fisheye")
+    with pytest.raises(InvalidParameter, match=r"optics = 'lens' is not known; valid are mirror, fisheye"):
+        calibrated(detections(count=3), optics="lens")
+
+
+def test_boards_whose_place_is_not_known_are_advised_on_by_their_corners_alone():
+    corners = np.stack(np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1).reshape(-1, 2)
+    seen = coverage([Sighting("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
+    assert seen.counts.sum() == 77
+    said = recommendations(seen, 1)
+    assert said[0].startswith("Take more pictures: 1 is used")
+    assert any("lower left, left, upper left" in sentence for sentence in said[1:])
+    assert not any("Tilt" in sentence for sentence in said)

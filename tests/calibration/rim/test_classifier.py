@@ -1,0 +1,59 @@
+"""Confidence of an outline from its agreement between working resolutions, against a manual
+calculation."""
+
+import math
+
+import numpy as np
+import pytest
+
+from omnimirror.calibration.rim._classifier import confidence
+from omnimirror.calibration.rim._rim_detection import SURE
+
+
+def by_hand(odds: list[float], rivals: list[float], parallel: float, within: float) -> float:
+    """Return agreement times lead times probability of a mirror, each a logistic function."""
+
+    def share(value: float, middle: float, width: float) -> float:
+        return 1 / (1 + math.exp(-(value - middle) / width))
+
+    margins = [a - b for a, b in zip(odds, rivals, strict=True)]
+    agreement = sum(share(margin, -1.5, 0.4) for margin in margins) / len(margins)
+    lead = share(sum(margins) / len(margins), 1.55, 0.04)
+    housing = min(max((within - 0.6) / 0.15, 0.0), 1.0)
+    evidence = (1 - housing) * 30 * (min(parallel, 0.2) - 0.1) - 6 * housing
+    mirror = share(sum(odds) / len(odds) + evidence, -1.7, 0.2)
+    return max(0.0, 2 * agreement - 1) * lead * mirror
+
+
+@pytest.mark.parametrize(
+    ("odds", "rivals", "parallel", "within"),
+    [
+        ([1.0, 1.2, 2.5], [0.9, -0.1, -1.8], 0.2, 0.0),
+        ([3.6, 1.1, -0.1], [-1.5, -0.6, -2.0], 0.05, 0.62),
+        ([0.9, 1.5, 0.4], [0.2, -0.1, -1.0], 0.12, 0.4),
+        ([5.0], [-1.0], 0.0, 0.8),
+    ],
+)
+def test_confidence_is_the_product_of_three_shares(odds, rivals, parallel, within):
+    found = confidence(np.array(odds), np.array(rivals), parallel, within)
+    assert found == pytest.approx(by_hand(odds, rivals, parallel, within), abs=1e-12)
+
+
+def test_a_circle_of_two_resolutions_of_three_is_rejected():
+    """Regardless of its probability at those, and of its lead on average."""
+    assert confidence(np.array([5.0, 5.0, 5.0]), np.array([0.0, 0.0, 0.0]), 0.2) > 0.95
+    assert confidence(np.array([5.0, 5.0, -6.0]), np.array([-2.0, -2.0, 0.0]), 0.2) < SURE
+
+
+def test_a_plate_without_parallel_edges_is_rejected():
+    """All resolutions agree on it, but without compression of the content towards its edge."""
+    odds, rivals = np.array([-0.7, -1.6, 0.0]), np.array([-4.4, -4.3, -5.1])
+    assert confidence(odds, rivals, 0.01) < 0.05
+    assert confidence(odds, rivals, 0.2) > 0.9
+
+
+def test_a_housing_is_rejected_for_the_clear_ring_within():
+    """It is the best circle at all resolutions, and its parallel edges belong to the inner ring."""
+    odds, rivals = np.array([0.3, 0.7, 1.2]), np.array([-1.6, -2.3, -3.1])
+    assert confidence(odds, rivals, 0.22, within=0.86) < 0.05
+    assert confidence(odds, rivals, 0.22, within=0.5) > 0.9

@@ -1,0 +1,18 @@
+"""Subpixel refinement of a circle next to other edges."""
+
+import numpy as np
+import pytest
+
+from omnimirror.calibration.rim._ellipses import Ellipse, refine_ring
+
+
+@pytest.mark.parametrize("beside", [1.02, 1.03, 0.98])
+def test_a_stronger_edge_beside_the_rim_draws_nothing(beside):
+    """A disc of known position in a thin frame, with a step of less than half of that of the frame."""
+    v, u = np.mgrid[:480, :640]
+    away = np.hypot(u - 330.3, v - 215.6)
+    rim, frame = (np.clip(radius - away + 0.5, 0, 1) for radius in (180.0, 180.0 * beside))
+    levels = (20 + 60 * rim + 150 * frame)[..., None].astype(np.uint8)
+    found, _ = refine_ring(levels, Ellipse((330.9, 215.2), 180.3), 1.33)
+    assert found.radius == pytest.approx(180.0, abs=0.5)
+    assert found.centre == (pytest.approx(330.3, abs=0.5), pytest.approx(215.6, abs=0.5))

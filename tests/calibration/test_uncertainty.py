@@ -1,0 +1,244 @@
+"""Errors of directions and floor points against samples of parameters from the covariance."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tomli_w
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, SpecError
+from omnimirror.base.parameters import Uncertainty
+from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    MirrorBall,
+    OCam,
+    RadialSpline,
+    Unified,
+)
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.sensor_files import tables_of
+from tests.commands import omnimirror
+from tests.conftest import sensor_of
+
+FREE = ("focal", "distance", "decentre", "tilt", "shape")
+HEIGHT = 1200.0
+
+
+def some_covariance(model, size_px=0.2, seed=1):
+    """Return the covariance of correlated parameters that move the image by fractions of a pixel."""
+    rng = np.random.default_rng(seed)
+    mixed = rng.normal(size=(len(model.parameters), len(model.parameters)))
+    mixed *= size_px * np.array([p.scale for p in model.parameters])[:, None] / np.sqrt(len(mixed))
+    return mixed @ mixed.T
+
+
+def models():
+    sensor = replace(sensor_of("conic-asphere"), mirror_pose=MirrorPose(0.6, -0.3, 0.0, 0.4, -0.5))
+    sensor = replace(sensor, mount=Mount("down", 30.0, True, 4.0, -3.0))
+    yield om.SensorModel(sensor, FREE)
+    yield Unified(1.0, (260.0, 260.0), (511.5, 511.5), (1024, 1024), optics="mirror", mount=Mount("up"))
+
+
+@pytest.mark.parametrize(
+    "model", [pytest.param(m, id=m.KIND, marks=() if m.KIND == "sensor" else pytest.mark.full) for m in models()]
+)
+def test_drawn_parameters_scatter_as_much_as_is_said(model):
+    covariance = some_covariance(model, 0.2 if model.KIND == "sensor" else 0.03)
+    pixels = np.array([[661.5, 511.5], [511.5, 711.5], [420.0, 450.0], [511.5, 560.0]])
+    said_deg = om.direction_uncertainty(model, pixels, covariance=covariance)
+    height = HEIGHT if (model.backproject(pixels).directions[:, 2] < 0).any() else -HEIGHT
+    said_mm = om.floor_uncertainty(model, pixels, height_mm=height, covariance=covariance)
+    rng = np.random.default_rng(0)
+    values = np.array([p.value for p in model.parameters])
+    directions, floor = [], []
+    for drawn in rng.multivariate_normal(values, covariance, size=400):
+        rays = model.with_parameters(drawn).backproject(pixels)
+        directions.append(rays.directions)
+        along = (-height - rays.origins[:, 2]) / rays.directions[:, 2]
+        floor.append((rays.origins + along[:, None] * rays.directions)[:, :2])
+    assert np.isfinite(said_deg).all()
+    for i, _ in enumerate(pixels):
+        spread = np.cov(np.array(directions)[:, i].T)
+        assert np.degrees(np.sqrt(np.linalg.eigvalsh(spread)[-1])) == pytest.approx(said_deg[i], rel=0.12)
+        if np.isfinite(said_mm[i]):
+            spread = np.cov(np.array(floor)[:, i].T)
+            assert np.sqrt(np.linalg.eigvalsh(spread)[-1]) == pytest.approx(said_mm[i], rel=0.12)
+    assert np.isfinite(said_mm).sum() >= 2
+
+
+def calibrated():
+    sensor = sensor_of("sphere")
+    model = om.SensorModel(sensor, ("focal", "decentre"))
+    known = Uncertainty(model.free, some_covariance(model))
+    return replace(sensor, uncertainty=known)
+
+
+def test_a_calibrated_sensor_keeps_its_covariance_in_its_file(tmp_path):
+    sensor = calibrated()
+    om.save_sensor(sensor, tmp_path / "mine.toml")
+    read = om.load_sensor(tmp_path / "mine.toml")
+    assert read == sensor
+    pixels = [[700.0, 500.0], [100.0, 100.0]]
+    own = om.direction_uncertainty(read, pixels)
+    model = om.SensorModel(sensor, sensor.uncertainty.names)
+    np.testing.assert_array_equal(
+        own, om.direction_uncertainty(model, pixels, covariance=sensor.uncertainty.covariance)
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"names": ["lens.k1"], "covariance": [[1.0, 0.0]]}, "covariance is no matrix"),
+        ({"names": ["lens.k1"], "covariance": [[-1.0]]}, "negative eigenvalue"),
+        ({"names": ["lens.k1"]}, "uncertainty.covariance is missing"),
+        ({"names": ["a", "a"], "covariance": [[1.0, 0.0], [0.0, 1.0]]}, "each once"),
+    ],
+)
+def test_a_wrong_table_is_refused_at_its_line(table, words):
+    text = tomli_w.dumps({**tables_of(sensor_of("sphere")), "uncertainty": table})
+    with pytest.raises(SpecError, match=words):
+        om.parse_sensor(text)
+
+
+def test_a_sensor_without_covariance_says_what_is_missing():
+    with pytest.raises(InvalidParameter, match=r"\[uncertainty\]"):
+        om.direction_uncertainty(sensor_of("sphere"), [[500.0, 500.0]])
+    with pytest.raises(InvalidParameter, match="the camera's parameters are lens"):
+        om.direction_uncertainty(om.SensorModel(sensor_of("sphere")), [[500.0, 500.0]], covariance=np.eye(2))
+
+
+def test_the_command_says_it_and_draws_it(tmp_path):
+    om.save_sensor(calibrated(), tmp_path / "mine.toml")
+    result = omnimirror("uncertainty", tmp_path / "mine.toml", "--height-mm", "1200", "-o", tmp_path / "map.png")
+    assert result.returncode == 0, result.stderr
+    assert "points of a floor 1200 mm below: median" in result.stdout + result.stderr
+    assert (tmp_path / "map.png").stat().st_size > 1000
+
+
+def test_every_door_says_the_same_error_of_a_direction():
+    """Results of a calibration, of pixels of its camera, and of the covariance itself."""
+    board = om.Board("chessboard", 11, 7, 30.0)
+    truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
+    found = om.calibrate_camera(om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified")
+    pixels = np.array([[400.0, 240.0], [322.0, 100.0]])
+    ahead = found.model.backproject(pixels).directions @ found.model.mount.rotation()
+    said = found.direction_sigma_deg(ahead)
+    np.testing.assert_allclose(om.direction_uncertainty(found.camera, pixels), said, rtol=1e-6)
+
+
+SIZE, CENTRE, FOCAL = (640, 480), (319.5, 239.5), (140.0, 140.0)
+MODELS = [
+    Unified(0.9, FOCAL, CENTRE, SIZE, k1=-0.01, k3=0.001, optics="mirror"),
+    EnhancedUnified(0.55, 1.1, FOCAL, CENTRE, SIZE, optics="mirror"),
+    DoubleSphere(-0.1, 0.55, FOCAL, CENTRE, SIZE, optics="mirror"),
+    KannalaBrandt(FOCAL, CENTRE, SIZE, 0.02, k4=1e-4, optics="mirror"),
+    KannalaBrandt(FOCAL, CENTRE, SIZE, 0.02, k4=1e-4, optics="fisheye", mount=Mount("forward")),
+    OCam((-140.0, 0.0, 1.8e-3, 1e-7), CENTRE, SIZE),
+    RadialSpline((75.0, 150.0, 230.0), 270.0, CENTRE, SIZE),
+    MirrorBall(CENTRE, 230.0, 250.0, SIZE),
+]
+
+
+def field_angles_deg(camera, pixels):
+    """Return angles between pixel rays and the camera axis, from the Camera contract only."""
+    return np.degrees(np.arccos(np.clip(camera.backproject(pixels).directions @ camera.axis, -1, 1)))
+
+
+@pytest.mark.parametrize("camera", MODELS, ids=lambda c: f"{c.KIND}-{c.optics}")
+def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
+    """All models: via files, for directions, floors, maps, tables and figures."""
+    known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 80.0)
+    om.save_camera(replace(camera, uncertainty=known), tmp_path / "camera.toml")
+    read = om.load_camera(tmp_path / "camera.toml")
+    assert read.uncertainty == known
+    pixels = np.random.default_rng(0).uniform(0, np.array(SIZE) - 1, (400, 2))
+    angles = field_angles_deg(camera, pixels)
+    seen, inside = np.isfinite(angles), angles <= 80.0
+    assert 0.1 < inside.mean() < seen.mean()
+    np.testing.assert_array_equal(np.isfinite(om.direction_uncertainty(read, pixels)), inside)
+    whole = om.direction_uncertainty(read, pixels, field_deg=180.0)
+    np.testing.assert_array_equal(np.isfinite(whole), seen)
+    np.testing.assert_array_equal(om.direction_uncertainty(read, pixels)[inside], whole[inside])
+    for height in (1000.0, -1000.0):
+        limited, floor = (om.floor_uncertainty(read, pixels, height_mm=height, field_deg=f) for f in (None, 180.0))
+        np.testing.assert_array_equal(np.isfinite(limited), np.isfinite(floor) & inside)
+        found = om.uncertainty_map(read, height_mm=height, steps=40)
+        grid = np.stack(np.meshgrid(found.columns, found.rows), axis=-1).reshape(-1, 2)
+        outside = ~(field_angles_deg(camera, grid) <= 80.0)
+        assert np.isnan(found.sigma.reshape(-1)[outside]).all()
+        assert (found.field_deg, found.is_restricted) == (80.0, True)
+    table = om.evaluate_camera(read, [0.0, 79.0, 81.0])
+    assert np.isfinite(table.direction_sigma_deg).tolist() == [True, True, False]
+    assert table.summary()["calibrated_field_deg"] == 80.0
+
+
+def test_the_command_reports_the_calibrated_field(tmp_path):
+    """Boards reach 95 deg and the camera 137 deg: the outermost corner limits the field."""
+    truth, board = MODELS[0], om.Board("chessboard", 11, 7, 30.0)
+    detections = om.simulate_detections(truth, board, 60, noise_px=0.1, seed=4)
+    farthest = [field_angles_deg(truth, d.corners_px).max() for d in detections]
+    kept = [d for d, angle in zip(detections, farthest, strict=True) if angle < 95.0][:8]
+    found = om.calibrate_camera(kept, board, model="unified")
+    outermost = max(angle for angle in farthest if angle < 95.0)
+    assert len(kept) == 8
+    assert (
+        70.0 < found.field_deg == pytest.approx(max(field_angles_deg(truth, d.corners_px).max() for d in kept), abs=0.5)
+    )
+    assert found.field_deg < outermost + 0.5
+    found.save(tmp_path / "camera.toml")
+    result = omnimirror("uncertainty", tmp_path / "camera.toml", "--json", tmp_path / "inside.json")
+    assert f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use --field-deg" in result.stdout
+    wide = omnimirror("uncertainty", tmp_path / "camera.toml", "--field-deg", "180", "--json", tmp_path / "all.json")
+    assert "restricted" not in wide.stdout + wide.stderr
+    inside, everything = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("inside", "all"))
+    assert inside["largest_deg"] < 0.5 * everything["largest_deg"]
+    assert (inside["is_restricted"], everything["is_restricted"]) == (True, False)
+
+
+@pytest.mark.parametrize("to", ["opencv-omnidir", "kalibr-ds", "py-ocamcalib", "camodocal"])
+def test_conversion_is_restricted_to_the_calibrated_field(to, tmp_path):
+    """A camera with a k3 that no other program supports, and that deviates from other models beyond
+    its corners."""
+    camera = Unified(0.9, FOCAL, CENTRE, SIZE, k1=-0.01, k2=1e-3, k3=2e-4, optics="mirror")
+    known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 95.0)
+    known = replace(camera, uncertainty=known)
+    file = "a.json" if to == "py-ocamcalib" else "a.yaml"
+    made = om.convert(known, tmp_path / file, to=to, tolerance_px=5.0)
+    wide = om.convert(known, tmp_path / file, to=to, tolerance_px=50.0, field_deg=180.0)
+    assert max(c.at_deg for c in made.costs) < 95.0 + 1e-6
+    assert made.largest_px < wide.largest_px / 2
+    assert any("calibrated field of 0 to 95 deg" in note and "--field-deg" in note for note in made.notes)
+    assert not any("calibrated field" in note for note in wide.notes)
+    refused = r"--tolerance-px .*--field-deg"
+    with pytest.raises(InvalidParameter, match=refused + (".*--fix k3" if to == "opencv-omnidir" else "")):
+        om.convert(known, tmp_path / file, to=to)
+
+
+def test_a_file_of_the_same_numbers_notes_where_they_were_measured(tmp_path):
+    camera = MODELS[5]
+    known = Uncertainty(("cx",), ((0.01,),), 70.0)
+    made = om.convert(replace(camera, uncertainty=known), tmp_path / "calib_results.txt")
+    assert made.exact
+    assert any("calibrated field of 0 to 70 deg is not in the file" in note for note in made.notes)
+    ours = om.convert(replace(camera, uncertainty=known), tmp_path / "camera.toml")
+    assert not any("calibrated field" in note for note in ours.notes)
+    assert om.load_camera(tmp_path / "camera.toml").uncertainty.field_deg == 70.0
+
+
+def test_the_field_of_a_sensor_is_that_of_its_uncertainty():
+    sensor = replace(calibrated(), uncertainty=replace(calibrated().uncertainty, field_deg=60.0))
+    pixels = np.random.default_rng(0).uniform(0, 1023, (200, 2))
+    inside = field_angles_deg(om.SensorModel(sensor), pixels) <= 60.0
+    np.testing.assert_array_equal(np.isfinite(om.direction_uncertainty(sensor, pixels)), inside)
+
+
+@pytest.mark.parametrize("field_deg", [0.0, -3.0, 180.5, float("nan")])
+def test_a_field_that_is_none_is_refused(field_deg):
+    with pytest.raises(InvalidParameter, match="field_deg"):
+        Uncertainty(("cx",), ((1.0,),), field_deg)

@@ -1,0 +1,159 @@
+"""Worker processes: results, exceptions, and termination with their client."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.calibration import _worker_processes
+from omnimirror.calibration._worker_processes import WorkerPool
+from omnimirror.calibration.targets import board_detection
+
+
+@pytest.fixture(autouse=True)
+def _three_cores(monkeypatch):
+    monkeypatch.setattr(_worker_processes, "usable_cores", lambda: 3)
+
+
+def where(number: int, seconds: float) -> tuple[int, int]:
+    """Return a job number and the process that ran it."""
+    time.sleep(seconds)
+    return number, os.getpid()
+
+
+def refusing(number: int) -> int:
+    if number % 3 == 2:
+        raise InvalidParameter(f"{number} is not valid")
+    return number
+
+
+def dying_once(number: int, path: str) -> int:
+    """End the first process that calls this, except the main one."""
+    if os.getpid() != number:
+        try:
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            return 1
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def test_jobs_come_back_in_their_order_from_several_processes():
+    with WorkerPool() as spread:
+        found = spread.map(where, [(i, 0.3) for i in range(12)])
+        assert [number for number, _ in found] == list(range(12))
+        processes = {process for _, process in found}
+        assert len(processes) > 1
+        assert os.getpid() in processes
+        again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
+        assert {process for _, process in again} <= processes
+    for process in processes - {os.getpid()}:
+        with pytest.raises(ProcessLookupError, match="No such process"):
+            os.kill(process, 0)
+
+
+def test_arrays_are_the_same_to_the_bit():
+    values = [(np.random.default_rng(i).normal(size=(50, 50)),) for i in range(6)]
+    with WorkerPool() as spread:
+        for found, (given,) in zip(spread.map(np.linalg.inv, values), values, strict=True):
+            assert (found == np.linalg.inv(given)).all()
+
+
+def test_what_the_first_of_them_raised_is_raised():
+    with WorkerPool() as spread, pytest.raises(InvalidParameter, match=r"^[25] is not valid$"):
+        spread.map(refusing, [(i,) for i in range(6)])
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there are no signals that kill here")
+def test_a_helper_that_dies_leaves_no_job_undone(tmp_path):
+    with WorkerPool() as spread:
+        found = spread.map(dying_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
+    assert len(found) == 40
+    assert None not in found
+
+
+def test_what_cannot_be_handed_over_is_done_here():
+    with WorkerPool() as spread:
+        assert spread.map(lambda a: a + 1, [(1,), (2,), (3,)]) == [2, 3, 4]
+
+
+def test_what_is_broken_off_leaves_nothing_for_the_next():
+    with WorkerPool() as spread:
+        for number, _ in spread.each(where, [(i, 0.2) for i in range(6)]):
+            assert number >= 0
+            break
+        assert [number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])] == list(range(10, 16))
+
+
+def test_without_other_processes_this_one_does_all(monkeypatch):
+    def none(*_, **__):
+        raise OSError("too many processes")
+
+    monkeypatch.setattr(subprocess, "Popen", none)
+    with WorkerPool() as spread:
+        assert spread.map(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
+    assert WorkerPool().map(divmod, []) == []
+
+
+def chessboards(count: int) -> list[np.ndarray]:
+    """Return boards of 5 x 4 corners of increasing size, and one empty image."""
+    boards = [np.full((200, 240), 230, np.uint8) for _ in range(count - 1)]
+    for side, picture in enumerate(boards, 24):
+        v, u = np.mgrid[: 5 * side, : 6 * side]
+        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where((u // side + v // side) % 2, 200, 40)
+    return [*boards, np.full((200, 240), 99, np.uint8)]
+
+
+@pytest.mark.parametrize("long_s", [-1.0, 1e9])
+def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_path):
+    monkeypatch.setattr(board_detection, "LONG_S", long_s)
+    board, pictures = om.Board("chessboard", 5, 4), chessboards(6)
+    om.write_image(tmp_path / "a.png", pictures[0])
+    told = []
+    found = om.find_boards(
+        [*pictures, tmp_path / "a.png", tmp_path / "missing.png"], board, progress=lambda done, _: told.append(done)
+    )
+    assert told == list(range(1, 9))
+    assert [one.name for one in found] == [*(f"picture {i}" for i in range(1, 7)), "a.png", "missing.png"]
+    for one, picture in zip(found, pictures, strict=False):
+        alone = om.find_board(picture, board)
+        assert (one.corners_px == alone.corners_px).all()
+        assert one.ids.tolist() == alone.ids.tolist()
+    assert [len(one.ids) for one in found[:6]] == [20] * 5 + [0]
+    assert (found[6].corners_px == found[0].corners_px).all()
+    assert "there is no" in found[7].reason
+
+
+@pytest.mark.parametrize("long_s", [-1.0, 1e9])
+def test_a_search_that_is_stopped_keeps_what_was_found(long_s, monkeypatch):
+    monkeypatch.setattr(board_detection, "LONG_S", long_s)
+
+    def stop(done: int, _: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), progress=stop)
+    assert len(found) == 8
+    assert sum("was stopped" in (one.reason or "") for one in found) == 6
+    assert found[0].found
+
+
+def test_a_script_without_a_guard_may_ask(tmp_path):
+    """A script that multiprocessing would restart in each of its processes."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import omnimirror.calibration._worker_processes as h\n"
+        "h.usable_cores = lambda: 2\n"
+        "with h.Helpers() as spread:\n"
+        "    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
+    )
+    run = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert (run.stdout, run.stderr, run.returncode) == ("[(3, 1), (2, 1)]\n", "", 0)

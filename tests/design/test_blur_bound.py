@@ -1,0 +1,165 @@
+"""Lower bound of blur: no mirror is below it, one reaches it, and both agree by different formulas."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.design._design_problem import DesignProblem
+from omnimirror.design.optimiser import optimise
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import Conformal, Equiareal, Equidistant, SlopeSpline, Sphere
+from tests.everyday import few
+
+M, THETA = 43.9, 12.0
+
+
+def sensor_with(mirror, rim_distance, focal_length_mm=11.6, f_number=4.0):
+    lens = Perspective(focal_length_mm, f_number, 210.0)
+    m = rim_distance - float(mirror.sag(mirror.rim_radius_mm))
+    return om.Sensor(mirror, lens, Imager(1024, 1024, 5.2), mirror_distance_mm=m, name="mirror")
+
+
+def paper(omega_max=135.0, **lens):
+    slope = np.tan(np.radians((omega_max - THETA) / 2))
+    return sensor_with(Sphere(M * np.sqrt(1 + 1 / slope**2), M), M / np.tan(np.radians(THETA)), **lens)
+
+
+def worst(sensor, distance=np.inf, **options):
+    """Return the largest single blur (deg) over the field."""
+    result = om.evaluate(sensor, np.linspace(*sensor.field_deg, 1501), object_distance_mm=distance, **options)
+    return max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
+
+
+def reaching(bound, sensor):
+    """Return the sensor with the mirror and focus of the bound."""
+    u = np.linspace(0.0, 1.0, 401)
+    slopes = make_interp_spline(bound.x_mm, bound.slope, k=5)(u * bound.x_mm[-1])
+    slopes[0] = 0.0
+    mirror = SlopeSpline(tuple(slopes), float(bound.x_mm[-1]))
+    if sensor.lens.TELECENTRIC:
+        return replace(sensor, mirror=mirror, lens=sensor.lens.focused_at(bound.focus_mm))
+    rim = sensor.mirror_distance_mm + float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
+    m = rim - float(mirror.sag(mirror.rim_radius_mm))
+    return replace(sensor, mirror=mirror, mirror_distance_mm=m, lens=sensor.lens.focused_at(bound.focus_mm))
+
+
+def blur_of(sensor, omega, distance):
+    """Return tangential and sagittal blur (2, n), deg, at the object distance."""
+    found = om.evaluate(sensor, omega, object_distance_mm=distance)
+    return np.abs([found.blur_t_deg, found.blur_s_deg])
+
+
+def test_the_papers_case():
+    """Extremal by shooting in another program: t = 0.5769094 deg, in focus at 221.30 mm."""
+    bound = om.blur_bound(paper(), mode="paper", image_radius_px=500.0)
+    assert bound.blur_deg == pytest.approx(0.5769094, abs=2e-7)
+    assert bound.focus_mm == pytest.approx(221.300, abs=1e-3)
+    np.testing.assert_allclose(bound.t_deg, -bound.blur_deg, rtol=1e-9)  # over the whole field
+    assert bound.s_deg[0] == pytest.approx(-bound.blur_deg, rel=1e-6)
+    assert bound.s_deg[-1] == pytest.approx(bound.blur_deg, rel=1e-9)
+    assert bound.is_reached
+
+
+@pytest.mark.parametrize("distance", [np.inf, 250.0, 60.0])
+@pytest.mark.parametrize("omega_max", few([80.0, 110.0, 135.0, 140.0], 110.0))
+def test_a_mirror_reaches_it(omega_max, distance):
+    """Its blur by the evaluation, which traces the surface and is independent of the formulas of
+    the bound."""
+    sensor = paper(omega_max)
+    bound = om.blur_bound(sensor, distance)
+    again = reaching(bound, sensor)
+    assert again.field_deg == pytest.approx((0.0, omega_max), abs=1e-5)
+    if bound.is_reached:
+        everywhere = blur_of(again, np.linspace(0, omega_max, 1001), distance)
+        assert everywhere.max() == pytest.approx(bound.blur_deg, rel=5e-4)
+        assert worst(again, distance) == pytest.approx(bound.blur_deg, rel=5e-4)
+    tangential, _ = blur_of(again, np.linspace(0.5, omega_max, 300), distance)
+    np.testing.assert_allclose(tangential[:-30], bound.blur_deg, rtol=2e-5)
+    np.testing.assert_allclose(tangential, bound.blur_deg, rtol=5e-4)  # except at the end of the spline
+
+
+def test_a_mirror_under_a_telecentric_lens_reaches_it():
+    lens = Orthographic(0.0592, 4.0, 22.0)
+    sensor = om.Sensor(Sphere(M / np.sin(np.radians(60)), M), lens, Imager(1024, 1024, 5.2), name="mirror")
+    for distance in (np.inf, 200.0):
+        bound = om.blur_bound(sensor, distance)
+        assert bound.is_reached
+        again = reaching(bound, sensor)
+        everywhere = blur_of(again, np.linspace(*again.field_deg, 1001), distance)
+        assert everywhere.max() == pytest.approx(bound.blur_deg, rel=2e-5)
+
+
+@pytest.mark.parametrize("seed", few(range(20), *range(6)))
+def test_no_mirror_is_sharper(seed):
+    """Mirrors of all kinds at their best focus, and perturbations of the mirror that reaches the
+    bound."""
+    rng, distance = np.random.default_rng(seed), (np.inf, 80.0, 15.0)[seed % 3]
+    omega_max, theta, F = rng.uniform(60, 150), rng.uniform(4, 20), rng.uniform(2, 8)
+    kind = [Equidistant, Equiareal, "sphere", Conformal, "waves"][seed % 5]
+    far = M / np.tan(np.radians(theta))
+    slope = np.tan(np.radians((omega_max - theta) / 2))
+    mirror = Sphere(M * np.sqrt(1 + 1 / slope**2), M) if isinstance(kind, str) else kind(omega_max, theta, M)
+    sensor = sensor_with(mirror, far, f_number=F)
+    if kind == "waves":
+        sensor = waved(sensor, rng)
+    bound = om.blur_bound(sensor, distance)
+    best = om.best_focus(sensor, "worst_blur_deg", object_distance_mm=distance)
+    assert best.value >= bound.blur_deg * (1 - 1e-9)
+    focused = replace(sensor, lens=sensor.lens.focused_at(bound.focus_mm))
+    assert worst(focused, distance) >= bound.blur_deg * (1 - 1e-9)
+
+
+def waved(sensor, rng):
+    """Return the mirror that reaches the bound with slopes perturbed by a few 0.001 between axis
+    and rim."""
+    reached = reaching(om.blur_bound(sensor), sensor)
+    slopes = np.array(reached.mirror.slopes)
+    u = np.linspace(0, 1, slopes.size)
+    waves = np.cos(np.pi * np.outer(u, np.arange(1, 5))) @ rng.standard_normal(4)
+    mirror = SlopeSpline(tuple(slopes * (1 + 2e-3 * waves * (1 - u**2))), M)
+    rim = sensor.mirror_distance_mm + float(sensor.mirror.sag(M))
+    return replace(reached, mirror=mirror, mirror_distance_mm=rim - float(mirror.sag(M)))
+
+
+def test_a_field_that_begins_later_is_easier():
+    sensor = paper()
+    blurs = [om.blur_bound(sensor, omega_min_deg=low).blur_deg for low in (0.0, 20.0, 60.0, 100.0)]
+    assert np.all(np.diff(blurs) < 0)
+
+
+def test_the_optimiser_comes_near_it_and_not_below():
+    problem = DesignProblem(family="even-polynomial", terms=6, mode="paper", image_radius_px=500.0)
+    found = optimise(problem, "worst_blur_deg", starts=1)
+    assert 1 - 1e-9 < found.value / found.bound.blur_deg < 1.01
+
+
+def test_a_narrow_field_asks_for_no_blur():
+    """Inwards from the rim, a tangentially sharp mirror reaches 120 deg before it reaches the axis."""
+    told = [om.blur_bound(paper(), omega_min_deg=omega).blur_deg for omega in (80.0, 100.0, 120.0)]
+    assert told[0] > told[1] > told[2] == 0.0
+
+
+def test_what_has_no_bound_is_refused():
+    assert om.blur_bound(paper(), 1e-6).blur_deg == 0.0  # no bound for objects on the mirror
+    with pytest.raises(InvalidParameter, match="object_distance_mm = 0 is not a distance; it is valid above 0"):
+        om.blur_bound(paper(), 0.0)
+    with pytest.raises(InvalidParameter, match="omega_min_deg = 140 is not in the field of 0 to 135 deg"):
+        om.blur_bound(paper(), omega_min_deg=140.0)
+    lens = Perspective(11.6, 4.0, 210.0, k1=-0.1)
+    with pytest.raises(InvalidParameter, match="a lens that distorts"):
+        om.blur_bound(replace(paper(), lens=lens))
+    with pytest.raises(InvalidParameter, match="sensors of one mirror"):
+        om.blur_bound(om.load_sensor("folded-spherical"))
+
+
+@pytest.mark.parametrize("wrong", [{"mode": "Paper"}, {"image_radius_px": -5.0}, {"image_radius_px": np.nan}])
+def test_words_and_radii_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(InvalidParameter, match=r"is not (known|valid|a number)|finite"):
+        om.blur_bound(paper(), **wrong)

@@ -1,0 +1,242 @@
+"""Requirements that are feasible by construction, and searches that end early or skip a part of the
+ranges."""
+
+from __future__ import annotations
+
+import runpy
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.design import parse_requirements
+from omnimirror.design._candidates import make
+from omnimirror.design.designer import design_sensor
+from omnimirror.design.relaxation import relaxed
+from tests.commands import PROGRAM
+from tests.design.answers import best, row
+from tests.everyday import few
+
+BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "feasible_requirements.py"
+
+FITTED = """
+[field]
+omega_min_deg = 12.0
+omega_max_deg = {omega}
+object_plane_distance_mm = 300.0
+[mirror]
+mapping = "ground-plane"
+plane_distance_mm = 300.0
+rim_radius_mm = 40.0
+fit = "{fit}"
+[lens]
+focal_length_mm = 8.0
+[imager]
+width_px = 2048
+height_px = 2048
+pixel_pitch_um = 3.45
+"""
+
+PIPE = """
+[field]
+omega_min_deg = {low}
+omega_max_deg = 110.0
+[housing.tube]
+material = "sapphire"
+diameter_mm = {diameter}
+wall_mm = 2.0
+medium = "water"
+[mirror]
+{mirror}
+rim_radius_mm = 22.0
+[lens]
+focal_length_mm = 6.0
+[imager]
+width_px = 1920
+height_px = 1200
+pixel_pitch_um = 3.0
+"""
+
+BLUR_AGAINST_HEIGHT = """
+[mount]
+camera_looks = "up"
+[field]
+elevation_deg = [-40, 35]
+object_distance_mm = [500, 3000]
+[mirror]
+family = "hyperboloid"
+rim_radius_mm = [20, 40]
+[lens]
+focal_length_mm = [4, 12]
+f_number = [2.8, 8]
+[imager]
+width_px = 4056
+height_px = 3040
+pixel_pitch_um = 1.55
+[[limit]]
+quantity = "total_blur_px"
+at_most = {blur}
+elevation_deg = [0, 30]
+[[limit]]
+quantity = "whole_height_mm"
+at_most = 220.0
+"""
+
+INFEASIBLE = """
+[field]
+omega_max_deg = 135
+[mirror]
+mapping = "equidistant"
+rim_radius_mm = 43.9
+[lens]
+theta_max_deg = 12
+[[limit]]
+quantity = "total_blur_px"
+at_most = 2.0
+"""
+
+
+@pytest.mark.parametrize("seed", few(range(40), 0, 3))
+def test_requirements_of_a_random_sensor_are_met(seed):
+    wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
+    found = best(wanted)
+    assert found.is_met, found.missed
+    assert om.judge(wanted, found.sensor).is_met
+
+
+@pytest.mark.parametrize(("omega", "fit"), few([(60.0, "polynomial:5"), (60.0, "asphere:3"), (50.0, "polynomial:4"),
+                                                (65.0, "polynomial:6")], (60.0, "polynomial:5")))  # fmt: skip
+def test_a_fitted_mirror_fills_the_imager_and_nothing_is_missed_without_limits(omega, fit):
+    found = best(parse_requirements(FITTED.format(omega=omega, fit=fit)))
+    assert found.is_met
+    assert row(found, "image_radius_px").reached == pytest.approx(1024, abs=1e-3)
+    assert all(r.margin >= 0 for r in found.rows)
+
+
+CYLINDER, EQUIDISTANT = 'mapping = "cylinder"\ncylinder_radius_mm = 150.0', 'mapping = "equidistant"\napex = "pointed"'
+
+
+@pytest.mark.parametrize(
+    ("mirror", "low", "diameter"),
+    few(
+        [(CYLINDER, 45.0, 60.0), (CYLINDER, 60.0, 90.0), (EQUIDISTANT, 50.0, 60.0), (EQUIDISTANT, 60.0, 90.0)],
+        (CYLINDER, 45.0, 60.0),
+        (EQUIDISTANT, 60.0, 90.0),
+    ),
+)
+def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested(mirror, low, diameter):
+    sensor = make(parse_requirements(PIPE.format(mirror=mirror, low=low, diameter=diameter))).sensor
+    assert sensor.field_deg == pytest.approx((low, 110.0), abs=1e-6)
+    rays = sensor.meridian.trace(np.array([sensor.meridian.x_min, 22.0]))
+    snell = np.degrees(np.arccos(1.333 * np.cos(np.radians([low, 110.0]))))  # water to air at parallel walls
+    np.testing.assert_allclose(np.degrees(rays.reflected), snell, atol=0.05)  # index to three decimals
+
+
+@pytest.mark.parametrize("seed", few(range(40), 0, 2, 3))
+def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(seed):
+    wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
+    reached = best(wanted)
+    exactly = [
+        replace(limit, at_least=limit.at_least and row.reached * 0.9998, at_most=limit.at_most and row.reached * 1.0002)
+        for limit, row in zip(wanted.limits, reached.limits, strict=True)
+    ]
+    found = best(replace(wanted, limits=tuple(exactly)))
+    assert found.is_met, found.missed
+
+
+def test_what_one_search_reaches_the_next_one_meets():
+    """The best blur under a height limit, then that blur as a limit itself, 0.02 % above."""
+    first = best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=9.3)))
+    assert first.is_met
+    reached = first.limits[0].reached
+    assert best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=1.0002 * reached))).is_met
+
+
+SPHERE, CONIC = 'family = "sphere"', 'family = "hyperboloid"'
+CONFLICTS = {
+    "one number and a blur": (SPHERE, "focal_length_mm = 11.6", "total_blur_px", "at_most = 4.0"),
+    "a resolution": (SPHERE, "focal_length_mm = 11.6", "resolution_px_per_deg", "at_least = 3.3"),
+    "a mapping": ('mapping = "equidistant"', "theta_max_deg = 12", "total_blur_px", "at_most = 6.0"),
+    "a conic": (CONIC, "focal_length_mm = 11.6", "area_ratio", "at_least = 0.5"),
+    "a range": (SPHERE, "focal_length_mm = [8, 11.6]", "total_blur_deg", "at_most = 0.3"),
+    "a spread": (SPHERE, "theta_max_deg = 12", "viewpoint_spread_mm", "at_most = 5.0"),
+    "a height": (CONIC, "focal_length_mm = [8, 12]", "whole_height_mm", "at_most = 100.0"),
+}
+CONFLICT = """
+[field]
+omega_max_deg = 135
+[mirror]
+{}
+rim_radius_mm = 43.9
+[lens]
+{}
+[[limit]]
+quantity = "{}"
+{}
+"""
+
+
+@pytest.mark.parametrize("name", few(CONFLICTS, "one number and a blur", "a resolution"))
+def test_relaxations_are_the_thresholds_within_one_percent(name):
+    """Separate searches without the design succeed above each threshold and fail below it."""
+    wanted = parse_requirements(CONFLICT.format(*CONFLICTS[name]))
+    conflict = design_sensor(wanted).conflict
+    found = [r for r in conflict.alone if r.needed is not None]
+    assert found
+    for r in found:
+        way = 0.01 * np.sign(r.needed - r.asked) * abs(r.needed)
+        assert best(relaxed(wanted, [replace(r, needed=r.needed + way)])).is_met, r
+        if abs(r.needed - r.asked) > abs(way):
+            assert not best(relaxed(wanted, [replace(r, needed=r.needed - way)])).is_met, r
+
+
+def test_an_interrupted_search_for_relaxations_keeps_the_design_and_what_was_found():
+    designs, steps = [], []
+
+    def interrupt(words):
+        if designs:  # only the search for relaxations is interrupted
+            steps.append(words)
+        if len(steps) == 2:
+            raise KeyboardInterrupt
+
+    design = design_sensor(parse_requirements(INFEASIBLE), interrupt, on_design=designs.append)
+    assert steps[0].startswith("relaxation 1 of ")
+    assert not design.conflict.is_complete
+    assert len(design.conflict.alone) == 1
+    assert replace(design, conflict=None) == designs[0]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM")
+def test_a_signal_during_the_search_for_relaxations_leaves_table_and_sensor(tmp_path):
+    (tmp_path / "wanted.toml").write_text(INFEASIBLE)
+    command = [PROGRAM, "design", "wanted.toml", "-o", "best.toml"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as run:
+        table = list[str]()
+        for line in iter(run.stdout.readline, ""):
+            table.append(line)
+            if line.startswith("total_blur_px"):
+                break
+        run.send_signal(signal.SIGTERM)
+        run.communicate()
+    assert run.returncode not in (0, 3)
+    assert table[-1].rstrip().endswith("missed")
+    assert om.load_sensor(tmp_path / "best.toml").mirror.rim_radius_mm == 43.9
+
+
+@pytest.mark.full
+def test_a_discrete_choice_that_meets_the_requirements_is_recommended():
+    """A smooth apex has at most 7 px/deg at its centre here, a pointed one almost none."""
+    text = INFEASIBLE.replace("total_blur_px", "resolution_px_per_deg").replace("at_most = 2.0", "at_least = 2.0")
+    text = text.replace('"equidistant"', '"equidistant"\napex = "pointed"').replace(
+        "omega_max_deg = 135", "omega_max_deg = 135\nomega_min_deg = 40"
+    )
+    design = design_sensor(parse_requirements(text))
+    assert not design.is_met
+    smooth = next(a for a in design.conflict.alternatives if a.entry == "mirror.apex")
+    assert smooth.value == "smooth"
+    assert smooth.is_met == best(parse_requirements(text.replace('"pointed"', '"smooth"'))).is_met

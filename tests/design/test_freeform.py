@@ -1,0 +1,249 @@
+"""Optimised mirrors for requirements: limits by the evaluation, and sufficient relaxations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.design import Limit, SearchOptions, parse_requirements
+from omnimirror.design._design_problem import DesignProblem
+from omnimirror.design.designer import design_sensor
+from omnimirror.design.freeform import problem_of, solve
+from omnimirror.design.limits import LIMITABLE
+from omnimirror.design.merits import values_of_evaluation
+from omnimirror.design.optimiser import optimise
+from omnimirror.design.reference_mirrors import known_sensors, merit_values
+
+ONE = SearchOptions(starts=1)
+TEXT = """
+[field]
+omega_max_deg = 130
+omega_min_deg = 20
+object_distance_mm = [600, inf]
+[housing.camera]
+diameter_mm = 50.0
+
+[mirror]
+optimise = "worst_floored_area_deg2"
+shape = "polynomial:5"
+rim_radius_mm = [30, 42]
+[lens]
+focal_length_mm = 11.6
+theta_max_deg = [9, 12]
+f_number = 8
+[[limit]]
+quantity = "total_blur_px"
+at_most = 4.0
+omega_deg = [40, 130]
+[[limit]]
+quantity = "resolution_px_per_deg"
+at_least = 2.5
+omega_deg = [30, 120]
+[[limit]]
+quantity = "length_mm"
+at_most = 190
+[[limit]]
+quantity = "sag_mm"
+at_most = 26
+"""
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return design_sensor(parse_requirements(TEXT), search=ONE)
+
+
+def test_what_is_asked_is_kept_as_the_evaluation_sees_it(kept):
+    sensor = kept.sensor
+    assert kept.is_met
+    assert kept.conflict is None
+    for distance in (600.0, np.inf):
+        part = om.evaluate(sensor, np.linspace(40, 130, 3001), object_distance_mm=distance)
+        assert max(np.abs(part.blur_t_px).max(), np.abs(part.blur_s_px).max()) <= 4.0
+        part = om.evaluate(sensor, np.linspace(30, 120, 3001), object_distance_mm=distance)
+        assert min(part.dh_domega_px_per_deg.min(), part.width_px_per_deg.min()) >= 2.5
+    sag = float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
+    assert sag <= 26
+    assert sag + sensor.mirror_distance_mm <= 190
+    assert sensor.rim_radius_px <= 512
+    assert sensor.clear_field_deg[0] <= 20
+    assert 30 <= sensor.mirror.rim_radius_mm <= 42
+    assert 9 <= np.degrees(sensor.meridian.theta_max) <= 12 + 1e-9
+    assert sensor.field_deg == pytest.approx((0.0, 130.0), abs=1e-9)
+
+
+def test_the_merit_is_that_of_the_field_past_the_camera_at_both_distances(kept):
+    areas = [
+        om.evaluate(kept.sensor, np.linspace(20, 130, 2001), object_distance_mm=d).floored_area_deg2.max()
+        for d in (600.0, np.inf)
+    ]
+    assert kept.optimum.value == pytest.approx(max(areas), rel=2e-3)
+    looser = design_sensor(parse_requirements(TEXT.replace("at_most = 4.0", "at_most = 40.0")), search=ONE)
+    assert looser.optimum.value <= kept.optimum.value * (1 + 1e-6)
+
+
+CONFLICTING = """
+[field]
+omega_max_deg = 130
+[mirror]
+optimise = "worst_floored_area_deg2"
+shape = "polynomial:3"
+rim_radius_mm = 40
+[lens]
+theta_max_deg = 12
+[[limit]]
+quantity = "total_blur_px"
+at_most = 4.0
+[[limit]]
+quantity = "area_ratio"
+at_least = 0.8
+"""
+
+
+@pytest.fixture(scope="module")
+def missed():
+    return design_sensor(parse_requirements(CONFLICTING), search=ONE)
+
+
+def with_change(requirements, name, value):
+    """Return the requirements with a limit or number changed."""
+    for i, limit in enumerate(requirements.limits):
+        if limit.label == name:
+            side = "at_most" if limit.at_most is not None else "at_least"
+            limits = list(requirements.limits)
+            limits[i] = replace(limit, **{side: value})
+            return replace(requirements, limits=tuple(limits))
+    return requirements.changed(**{name: value})
+
+
+def keeps_all(requirements):
+    """Check if an optimised mirror meets all requirements, without relaxations."""
+    return solve(requirements, problem_of(requirements), starts=1)[1].verdict.is_met
+
+
+@pytest.mark.full
+def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
+    """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
+    less."""
+    assert not missed.is_met
+    helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.asked)]
+    assert len(helpful) >= 3
+    for r in helpful:
+        for share, keeps in ((1.01, True), (0.97, False)):
+            changed = with_change(missed.requirements, r.name, r.asked + share * (r.needed - r.asked))
+            assert keeps_all(changed) == keeps, (r, share)
+
+
+def test_what_gives_jointly_is_enough(missed):
+    conflict = missed.conflict
+    assert 0 < conflict.joint_share < min(r.share for r in conflict.alone if r.needed is not None)
+    changed = missed.requirements
+    for r in conflict.joint:
+        changed = with_change(changed, r.name, r.asked + 1.01 * (r.needed - r.asked))
+    assert keeps_all(changed)
+
+
+@pytest.mark.full  # as for mirrors without optimisation, each of which runs daily
+def test_what_gives_jointly_has_to(missed):
+    """Each one reset to the original, with the others relaxed, violates a requirement."""
+    joint = missed.conflict.joint
+    assert len(joint) >= 2
+    for r in joint:
+        changed = missed.requirements
+        for other in (other for other in joint if other is not r):
+            changed = with_change(changed, other.name, other.needed)
+        assert not keeps_all(changed), r
+
+
+def test_what_cannot_be_met_is_missed_by_as_little_as_what_is_met_leaves(missed):
+    """Relaxed by slightly more than its violation, it is feasible with all others; by slightly
+    less, it is not."""
+    rows = [row for row in missed.rows if row.label in missed.verdict.missed]
+    assert 0 < len(rows) < len(missed.requirements.limits)
+    for factor, keeps in ((1.01, True), (0.97, False)):
+        changed = missed.requirements
+        for row in rows:
+            way = 1 if row.at_most is not None else -1
+            changed = with_change(changed, row.label, row.scale * (1 + way * factor * row.shortfall))
+        assert keeps_all(changed) == keeps
+
+
+def test_under_a_telecentric_lens_the_known_mirrors_come_out():
+    """The sphere is equal-area, the paraboloid has one viewpoint and aspect ratio 1, both exactly."""
+    problem = DesignProblem(lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1)
+    R = 20.0 / np.tan(np.radians(60.0))
+    known = (("inverse_area_ratio", 1.0, 0.0), ("worst_aspect", 1.0, -1.0), ("viewpoint_spread_mm", 0.0, -1.0))
+    for merit, value, conic in known:
+        best = optimise(problem, merit, starts=1)
+        assert best.value == pytest.approx(value, abs=1e-6)
+        mirror = best.sensor.mirror
+        x = np.linspace(0, 20.0, 50)
+        radius = 20.0 / np.sin(np.radians(60.0)) if conic == 0 else R
+        known = x**2 / (radius * (1 + np.sqrt(1 - (1 + conic) * (x / radius) ** 2)))
+        np.testing.assert_allclose(mirror.sag(x), known, atol=2e-4)
+
+
+def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
+    design = design_sensor(
+        parse_requirements(
+            "field.omega_max_deg = 110\n"
+            'mirror = {optimise = "worst_blur_deg", shape = "polynomial:4", rim_radius_mm = [15, 20]}\n'
+            'lens.kind = "orthographic"\n[[limit]]\nquantity = "sag_mm"\nat_most = 8'
+        ),
+        search=ONE,
+    )
+    assert design.is_met
+    width = 2 * design.sensor.mirror.rim_radius_mm
+    assert any(f"as wide as the mirror, {width:g} mm" in note for note in design.notes)
+    assert design.sensor.rim_radius_px == pytest.approx(512.0)
+    result = om.evaluate(design.sensor, np.linspace(0, 110, 2001))
+    worst = max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
+    assert design.optimum.value == pytest.approx(worst, rel=1e-4)
+    again = om.best_focus(design.sensor, "worst_blur_deg")
+    assert again.value >= worst * (1 - 1e-5)
+    by_rays = om.check_blur(design.sensor, [4.0, 8.0], omega_deg=np.linspace(5, 105, 11))  # through the full aperture
+    for edge in ("edge_t_px", "edge_s_px"):
+        wide, narrow = by_rays.worst(edge)
+        assert narrow < wide / 6 < 0.2 / 6  # the error of second-order optics is of third order
+
+
+def test_a_focus_that_is_given_is_kept():
+    text = CONFLICTING.replace("[lens]", "[lens]\nfocus_mm = 250.0").split("[[limit]]")[0]
+    design = design_sensor(parse_requirements(text), search=ONE)
+    assert design.sensor.lens.focus_distance_mm == 250.0
+    assert design.sensor.rim_radius_px == pytest.approx(512.0)
+
+
+@pytest.mark.parametrize("quantity", LIMITABLE)
+def test_every_quantity_can_be_a_limit_from_either_side(quantity):
+    """Rows are positive exactly when the value of the table violates the limit."""
+    sensor = om.load_sensor("paper-equidistant")
+    distance = 1000.0 if quantity.endswith("mm_per_px") else np.inf
+    result = om.evaluate(sensor, np.linspace(1, 134, 200), focus_mm="auto", object_distance_mm=distance)
+    field = values_of_evaluation(result)
+    frequency = {"cycles_per_px": 0.1} if quantity.startswith("mtf") else {}
+    for largest in (True, False):
+        value, _ = Limit(quantity, at_most=1.0, **frequency).of.extreme(field, largest)
+        side = "at_most" if largest else "at_least"
+        for share, is_missed in ((1.001, not largest), (0.999, largest)):
+            if value == 0 or np.isinf(value) or (value < 1e-3 and not largest):
+                continue
+            excess = Limit(quantity, **{side: value * share}, **frequency).excess(field)
+            assert (excess.max() > 0) == is_missed
+            assert excess.max() == pytest.approx(0.001 if is_missed else -0.001, rel=0.01)
+
+
+def test_known_mirrors_are_the_papers_for_its_field_and_solved_for_others():
+    paper = known_sensors(DesignProblem())
+    assert {"SPH", "E-DI", "SVP", "exactly equiareal"} <= set(paper)
+    area, uniformity = merit_values(paper["SPH"], ("worst_floored_area_deg2", "inverse_area_ratio"), DesignProblem())
+    r = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 135, 2001), focus_mm="auto")
+    assert area == pytest.approx(r.floored_area_deg2.max(), rel=1e-3)
+    assert uniformity == pytest.approx(r.area_px2.max() / r.area_px2.min(), rel=1e-3)
+    other = DesignProblem(omega_max_deg=100, rim_radius_mm=20.0)
+    for sensor in known_sensors(other).values():
+        assert sensor.field_deg[1] == pytest.approx(100.0, abs=1e-6)
+    assert merit_values(known_sensors(other)["exactly equiareal"], ("inverse_area_ratio",), other) == pytest.approx(1.0)

@@ -1,0 +1,431 @@
+"""Forms of requirements: elevations, one angle, surfaces, contrast, light, an off-the-shelf lens."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.cli._design_options import limit
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.cameras.frames import Mount
+from omnimirror.design import parse_requirements
+from omnimirror.design._candidates import focusing
+from omnimirror.design._design_problem import DesignSpace
+from omnimirror.design.evaluated_field import cut_off, distances_of
+from omnimirror.design.freeform import problem_of
+from omnimirror.design.limits import contrast
+from omnimirror.design.merits import values_of_evaluation
+from omnimirror.design.requirement_check import evaluations
+from omnimirror.optics.housing import Dome, Housing, Tube
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import Sphere
+from tests.everyday import few
+
+SPHERE = om.load_sensor("paper-spherical")
+MIRROR = om.MirrorRequirements(family="sphere", rim_radius_mm=30)
+TEXT = """
+[field]
+{field}
+[mount]
+camera_looks = "{looks}"
+[mirror]
+family = "sphere"
+rim_radius_mm = 30
+[lens]
+{lens}
+[[limit]]
+quantity = "total_blur_px"
+at_most = 40
+{part}
+"""
+
+
+def parsed(field="elevation_deg = [-60, 20]", looks="up", lens="focal_length_mm = 6", part="elevation_deg = 0"):
+    return parse_requirements(TEXT.format(field=field, looks=looks, lens=lens, part=part))
+
+
+# -- elevations ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("looks", "field"), [("up", (30.0, 110.0)), ("down", (70.0, 150.0))])
+def test_elevations_are_those_of_the_directions_that_the_sensor_sees(looks, field):
+    asked = parsed(looks=looks)
+    assert (asked.field.omega_min_deg, asked.field.omega_max_deg) == field
+    assert asked.limits[0].omega_deg == (90.0, 90.0)
+    sensor = replace(SPHERE, mount=Mount(looks))
+    for elevation, omega in zip((-40.0, 20.0), sorted(Mount(looks).field_angles_deg((-40.0, 20.0))), strict=True):
+        tilt = np.radians(elevation if looks == "up" else -20.0 - elevation)
+        (pixel,), seen = sensor.project_directions([[np.cos(tilt), 0.0, np.sin(tilt)]])
+        assert seen.all()
+        found = om.evaluate(sensor, pixels=[pixel])
+        assert found.omega_deg[0] == pytest.approx(omega, abs=1e-9)
+
+
+def test_elevations_come_back_from_a_file_as_they_were_said():
+    asked = parsed("elevation_deg = [-60.3, 20.7]")
+    assert "elevation_deg = [\n    -60.3,\n    20.7,\n]" in om.format_requirements(asked)
+    assert parse_requirements(om.format_requirements(asked)) == asked
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"looks": "forward"}, "line 3: the sensor looks forward, and an elevation is not at one field angle"),
+        ({"field": "elevation_deg = [20, -60]"}, "line 3: field.elevation_deg = .* is no part of the field"),
+        ({"field": "elevation_deg = [-60, 99]"}, "line 3: field.elevation_deg.* less than or equal to 90"),
+        ({"field": "elevation_deg = 20"}, "line 3: field.elevation_deg = 20: it should be a valid list"),
+        (
+            {"field": "elevation_deg = [-60, 20]\nomega_max_deg = 100"},
+            "field has both elevation_deg and omega_max",
+        ),
+        ({"part": "elevation_deg = 0\nomega_deg = 90"}, "limit has both elevation_deg and omega_deg"),
+        ({"part": "elevation_deg = 30"}, "limit.omega_deg = .* is no part of the field"),
+        ({"part": "elevation_deg = [10, 0]"}, "limit.0.elevation_deg = .* is no part of the field"),
+    ],
+)
+def test_elevations_that_say_nothing_are_refused(change, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence) as e:
+        parsed(**change)
+    assert "\n" not in str(e.value)
+
+
+def test_a_leaning_sensor_has_no_elevations():
+    with pytest.raises(OmnimirrorError, match="the sensor leans"):
+        Mount("down", pitch_deg=5.0).field_angles_deg((0.0, 1.0))
+
+
+# -- one angle, and the command line ---------------------------------------------------------------
+
+
+def test_limits_on_the_command_line_say_where_and_at_which_frequency():
+    assert limit("mtf:0.25=0.3@90") == ("mtf", 0.3, {"cycles_per_px": 0.25, "omega_deg": [90.0, 90.0]})
+    assert limit("aspect=2@elevation=-10:20") == ("aspect", 2.0, {"elevation_deg": [-10.0, 20.0]})
+
+
+def test_a_limit_at_one_angle_is_judged_there_alone():
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=135),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=11.6),
+        limits=[om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(90, 90))],
+    )
+    (row,) = om.judge(asked, SPHERE).limits
+    there = om.evaluate(SPHERE, [90.0])
+    assert row.label == "resolution_px_per_deg, at 90 deg"
+    assert row.reached == pytest.approx(min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0]))
+
+
+# -- object surfaces -------------------------------------------------------------------------------
+
+ROOM = om.FieldRequirements(omega_max_deg=130, object_plane_distance_mm=700, object_cylinder_radius_mm=900)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
+def test_the_distance_is_that_to_the_surface_which_the_ray_meets_first(name):
+    sensor = om.load_sensor(name)
+    omega = np.linspace(1.0, sensor.field_deg[1], 60)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    (p,) = distances_of(ROOM, rays)
+    x, z = rays.x + p * np.sin(rays.omega), rays.z - p * np.cos(rays.omega)
+    on_floor, on_wall = np.isclose(z, -700, atol=1e-6), np.isclose(x, 900, atol=1e-6)
+    assert (on_floor | on_wall).all()
+    assert on_floor.any()
+    assert on_wall.any()
+    assert (z > -700 - 1e-6).all()
+    assert (x < 900 + 1e-6).all()
+
+
+def test_beyond_the_horizon_of_a_floor_there_is_nothing():
+    floor = om.FieldRequirements(omega_max_deg=130, object_plane_distance_mm=700)
+    rays = SPHERE.meridian.trace(SPHERE.meridian.x_from_omega(np.radians([60.0, 120.0])))
+    (p,) = distances_of(floor, rays)
+    assert np.isfinite(p[0])
+    assert np.isinf(p[1])
+
+
+def test_behind_a_cover_the_surface_is_where_the_bent_ray_meets_it():
+    sensor = replace(SPHERE, housing=Housing(shell=Dome()))
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([60.0, 110.0])))
+    (p,) = distances_of(replace(ROOM, object_plane_distance_mm=None), rays)
+    outer_x, _ = rays.last
+    beyond = p - rays.outside.inside
+    assert outer_x + beyond * np.sin(rays.omega) == pytest.approx(900.0)
+
+
+PIPE = {"object_cylinder_radius_mm": 150.0}
+FLOOR = {"object_plane_distance_mm": 300.0}
+TUBE, DOME = (
+    Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")),
+    Housing(shell=Dome(160.0, 3.0, 1.49, centre_mm=-25.0)),
+)
+
+
+def finite_resolution(sensor, h, surface):
+    """Return field angle and resolution, px/deg along and around, by rays of neighbouring pixels
+    refracted with Snell's law: size on the object surface, across the ray, over the length of the
+    optical path from the mirror."""
+    shell, A, m = sensor.housing.shell, sensor.mirror.radius_mm, sensor.mirror_distance_mm
+    b = 1 / (1 / sensor.lens.focal_length_mm - 1 / sensor.lens.focus_distance_mm)
+    middle = shell.centres_mm[1] if isinstance(shell, Dome) else None
+
+    def onto(point, ray, radius, centre):
+        """Return the intersection with a sphere about (0, centre) or with the cylinder, and its
+        unit normal."""
+        weights = np.array([1.0, 0.0 if centre is None else 1.0])
+        start = (point - [0.0, centre or 0.0]) * weights
+        a, half, c = (ray * weights) @ ray, start @ ray, start @ start - radius**2
+        there = point + (np.sqrt(half**2 - a * c) - half) / a * ray
+        return there, (there - [0.0, centre or 0.0]) * weights / radius
+
+    def trace(h):
+        theta = np.arctan(h * sensor.imager.pitch_mm / b)
+        ray, start = np.array([np.sin(theta), np.cos(theta)]), np.array([0.0, -m - A])
+        half = start @ ray
+        point = [0.0, -m] - (half + np.sqrt(half**2 - start @ start + A**2)) * ray
+        normal = (point - [0.0, A]) / A
+        ray, path = ray - 2 * (ray @ normal) * normal, 0.0
+        indices = (1.0, shell.index, shell.outer_index)
+        for radius, before, after in zip(shell.radii_mm, indices, indices[1:], strict=False):
+            there, normal = onto(point, ray, radius, middle)
+            path, point = path + np.linalg.norm(there - point), there
+            ratio, cosine = before / after, ray @ normal
+            ray = ratio * ray + (np.sqrt(1 - ratio**2 * (1 - cosine**2)) - ratio * cosine) * normal
+        onward = (150.0 - point[0]) / ray[0] if surface is PIPE else (-300.0 - point[1]) / ray[1]
+        return point + onward * ray, ray, path + onward
+
+    there, ray, p = trace(h)
+    step = trace(h + 0.01)[0] - trace(h - 0.01)[0]
+    across = np.linalg.norm(step - (step @ ray) * ray)
+    omega = np.degrees(np.arctan2(ray[0], -ray[1]))
+    return omega, 0.02 / np.degrees(across / p), h / np.degrees(there[0] / p)
+
+
+@pytest.mark.parametrize(
+    ("housing", "surface", "height"),
+    [(TUBE, PIPE, 590.0), (TUBE, PIPE, 300.0), (TUBE, PIPE, 130.0), (DOME, PIPE, 400.0), (DOME, FLOOR, 250.0)],
+)
+def test_resolution_on_an_object_surface_is_that_of_finite_rays(housing, surface, height):
+    sensor = om.Sensor(
+        Sphere(28.384, 22.0), Perspective(6.0, 4.0, 79.46), Imager(1920, 1200, 3.0), Mount(), 68.874, housing=housing
+    )  # fmt: skip
+    omega, along, around = finite_resolution(sensor, height, surface)
+    limits = [om.Limit(f"{name}_px_per_deg", at_least=1.0, omega_deg=(omega, omega)) for name in ("dh_domega", "width")]
+    wanted = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=110, **surface),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=6.0),
+        limits=limits,
+    )
+    assert [row.reached for row in om.judge(wanted, sensor).limits] == pytest.approx([along, around], rel=1e-5)
+    reached = focusing(wanted, sensor).at(np.full((1, 1), 1 / 79.46), limits[0])
+    assert [reached.dh[0, 0], reached.dw[0, 0]] == pytest.approx([along, around], rel=1e-5)
+
+
+def test_a_design_before_a_wall_is_focused_on_it():
+    """Blur by the evaluation with the distance of each angle, against all other focus settings."""
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=40, object_cylinder_radius_mm=60),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=20),
+        lens=om.LensRequirements(focal_length_mm=8, f_number=8),
+        limits=[om.Limit("total_blur_px", at_most=30.0)],
+    )
+    sensor = om.design_sensor(asked).sensor
+    omega = np.linspace(40.0, sensor.field_deg[1], 181)
+
+    def worst(focus_mm):
+        (result,) = evaluations(asked, sensor.with_lens(sensor.lens.focused_at(focus_mm)), omega)
+        return np.hypot(np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px).max()
+
+    focus = sensor.lens.focus_distance_mm
+    assert om.judge(asked, sensor).limits[0].reached == pytest.approx(worst(focus), rel=1e-3)
+    assert all(worst(focus * factor) > worst(focus) for factor in (0.97, 0.99, 1.01, 1.03))
+
+
+@pytest.mark.parametrize(
+    ("field", "mirror", "sentence"),
+    [
+        ({"object_distance_mm": 500}, {}, "both object_distance_mm and a surface"),
+        ({}, {"rim_radius_mm": 1000}, "object_cylinder_radius_mm = 900 does not clear the mirror"),
+        ({}, {"optimise": "worst_blur_deg", "family": None}, "objects on a surface are valid for a mapping"),
+    ],
+)
+def test_surfaces_that_do_not_fit_are_refused(field, mirror, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        om.Requirements(
+            field=replace(ROOM, **field),
+            mirror=replace(MIRROR, **mirror),
+            lens=om.LensRequirements(theta_max_deg=10),
+        )
+
+
+# -- contrast and light ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paraboloid-telecentric"])
+@pytest.mark.parametrize("cycles", few([0.1, 0.25, 0.5], 0.25))
+def test_contrast_is_that_of_waves_through_the_aperture(name, cycles):
+    """Except for aberrations omitted in the closed form: coma and others, largest in radial
+    direction."""
+    sensor = om.load_sensor(name)
+    omega = np.linspace(10.0, 0.99 * sensor.field_deg[1], 5)
+    waves, found = om.mtf(sensor, omega, cycles_per_px=[cycles]), om.evaluate(sensor, omega)
+    for blur, there, near in ((found.blur_t_px, waves.tangential, 0.013), (found.blur_s_px, waves.sagittal, 0.002)):
+        assert np.abs(contrast(blur, found.airy_px, cycles)) == pytest.approx(there[:, 0], abs=near)
+
+
+def test_contrast_has_exact_derivatives():
+    for real in (lambda v: contrast(v, np.array([1.09]), 0.3), lambda v: contrast(np.array([2.0]), v, 0.3)):
+        at = np.array([1.7])
+        slope = real(at + 1e-30j).imag / 1e-30
+        assert slope == pytest.approx((real(at + 1e-6) - real(at - 1e-6)) / 2e-6, rel=1e-6)
+
+
+def test_contrast_ends_where_diffraction_does():
+    assert contrast(np.array([0.0]), np.array([2.44]), 1.001)[0] == 0.0
+    assert contrast(np.array([0.0]), np.array([2.44]), 0.9)[0] > 0.0
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
+def test_light_is_what_the_rays_through_the_aperture_bring(name):
+    sensor = om.load_sensor(name)
+    omega = np.linspace(*sensor.field_deg, 6)[1:-1]
+    light = values_of_evaluation(om.evaluate(sensor, omega)).light
+    assert light == pytest.approx(om.illumination(sensor, omega).relative, rel=0.003)
+
+
+def test_a_mirror_of_free_form_keeps_contrast_and_light():
+    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=43.9)
+    limits = [
+        om.Limit("mtf_t", at_least=0.5, cycles_per_px=0.25, omega_deg=(20, 130)),
+        om.Limit("lens_illumination", at_least=0.9),
+    ]
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=135),
+        mirror=mirror,
+        lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12, f_number=8),
+        limits=limits,
+    )
+    space = DesignSpace(problem_of(asked))
+    design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
+    assert design.is_met
+    assert space.problem.limits == asked.limits
+    waves = om.mtf(design.sensor, np.linspace(20, 130, 12), cycles_per_px=[0.25])
+    assert waves.tangential.min() >= 0.5 - 0.013
+
+
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"quantity": "mtf", "at_least": 0.3}, "does not say at which spatial frequency"),
+        (
+            {"quantity": "mtf", "at_least": 0.3, "cycles_per_px": 0.0},
+            "limit.cycles_per_px = 0.0 is not valid",
+        ),
+        ({"quantity": "mtf", "at_least": 1.3, "cycles_per_px": 0.2}, "at_least = 1.3 is above 1, which no mtf is"),
+        ({"quantity": "aspect", "at_least": 0.3, "cycles_per_px": 0.2}, "cycles_per_px does not apply to it"),
+    ],
+)
+def test_wrong_frequencies_are_refused(entries, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        om.Limit(**entries)
+
+
+def test_contrasts_of_two_frequencies_are_no_contradiction():
+    fine, coarse = om.Limit("mtf", 0.3, cycles_per_px=0.4), om.Limit("mtf", at_least=0.5, cycles_per_px=0.1)
+    assert fine.contradicts(coarse) is None
+    assert "at least 0.5 and at most 0.3" in replace(fine, cycles_per_px=0.1).contradicts(coarse)
+
+
+# -- lens and imager -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("magnification", [0.02, 0.05, (0.02, 0.05)])
+def test_a_telecentric_lens_that_is_bought_keeps_its_magnification(magnification):
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90),
+        mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
+        lens=om.LensRequirements(kind="orthographic", magnification=magnification, f_number=8),
+    )
+    design = om.design_sensor(asked)
+    mu = design.sensor.lens.magnification
+    assert 0.02 <= mu <= 0.05
+    assert design.sensor.rim_radius_px == pytest.approx(mu * 30 / 0.0052)
+    assert design.is_met
+
+
+@pytest.mark.full
+def test_a_magnification_that_overfills_the_imager_is_told():
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90),
+        mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
+        lens=om.LensRequirements(kind="orthographic", magnification=0.2, f_number=8),
+    )
+    verdict = om.design_sensor(asked).verdict
+    assert verdict.missed == ("image_radius_px",)
+
+
+def test_a_free_form_under_a_telecentric_lens_that_is_bought():
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90),
+        mirror=om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 30)),
+        lens=om.LensRequirements(kind="orthographic", magnification=0.1, f_number=8),
+    )
+    design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
+    assert design.is_met
+    assert design.sensor.lens.magnification == 0.1
+    assert design.sensor.mirror.rim_radius_mm <= 512 * 0.0052 / 0.1 * 1.001
+
+
+def strip(**lens):
+    return om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=130),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=6, **lens),
+        imager=Imager(1920, 1080, 3.0),
+    )
+
+
+def test_a_strip_may_be_filled_along_its_long_side_and_what_falls_off_is_told():
+    sensor = om.design_sensor(strip(fills="long-side")).sensor
+    assert sensor.rim_radius_px == pytest.approx(960, abs=0.02)
+    (said,) = cut_off(sensor)
+    v, u = np.mgrid[:1200, :1920]  # the circle, pixel by pixel, on an imager of sufficient height
+    inside = np.hypot(u - 959.5, v + 0.5) < 960  # its lower half
+    share = 1 - 2 * inside[:540].sum() / (np.pi * 960**2)
+    assert float(said.rsplit("and ", 1)[1].split("%")[0]) == pytest.approx(100 * share, abs=0.06)
+    edge = om.evaluate(sensor, h_px=[540.0]).omega_deg[0]
+    assert f"up to {edge:.4g} deg" in said
+    whole = float(said.split("over ")[1].split("%")[0])
+    assert whole == pytest.approx(100 * 2 * np.arcsin(540 / 960) / np.pi, abs=0.15)
+    assert cut_off(om.design_sensor(strip()).sensor) == ()
+
+
+def test_a_lens_that_covers_less_than_the_imager_keeps_the_rim_within():
+    sensor = om.design_sensor(strip(image_circle_mm=2.4)).sensor
+    assert sensor.rim_radius_px == pytest.approx(400, abs=0.02)
+
+
+def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
+    asked = parsed("omega_max_deg = 110", lens="focal_length_mm = 6\nfocus_mm = [200, inf]", part="")
+    verdict = om.design_sensor(asked).verdict
+    (row,) = (row for row in verdict.rows if row.name == "focus_mm")
+    assert row.reached >= 200 - 1e-6
+    assert (row.at_least, row.at_most) == (200.0, None)
+
+
+@pytest.mark.parametrize(
+    ("lens", "sentence"),
+    [
+        ("focal_length_mm = 6\nmagnification = 0.1", "lens.magnification belongs to an orthographic lens"),
+        ('kind = "orthographic"\nmagnification = 0', "lens.magnification = 0: it should be a number"),
+        ('focal_length_mm = 6\nfills = "all"', "lens.fills = 'all' is not one of"),
+        ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm = -1"),
+    ],
+)
+def test_lenses_that_cannot_be_are_refused(lens, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        parsed(lens=lens)

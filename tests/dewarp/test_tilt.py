@@ -1,0 +1,238 @@
+"""Tilted sensors: a level world in all views."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.cli import main
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.cameras.frames import Mount
+from omnimirror.dewarp._source_coordinates import is_separable
+from omnimirror.dewarp.screens import parts_of
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
+from omnimirror.simulation.scenes.scene import Pose, PosedScene
+from tests.dewarp.test_handedness import IMAGE_RIGHT_IS_FORWARD, shortest_path_pixel
+from tests.everyday import few
+from tests.io.test_panorama import xmp_of
+
+PITCH, ROLL = 24.0, -7.0
+
+
+def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
+    """Return the rotation from the sensor frame (forward, left, up) to the levelled one, written
+    out: about forward, which lowers the right side, then about left, which raises forward."""
+    (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in np.radians([pitch_deg, roll_deg]))
+    rises = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    right_sinks = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return rises @ right_sinks
+
+
+# -- the convention --------------------------------------------------------------------------------
+
+
+def test_forward_rises_and_the_right_side_sinks():
+    assert (lean(10, 0) @ [1, 0, 0])[2] == pytest.approx(np.sin(np.radians(10)))
+    assert (lean(0, 10) @ [0, -1, 0])[2] == pytest.approx(-np.sin(np.radians(10)))
+
+
+@pytest.mark.parametrize("looks", ["up", "down", "forward"])
+@pytest.mark.parametrize("angles", [(PITCH, ROLL), (-90.0, 0.0), (0.0, 180.0), (-3.3, 121.0)])
+def test_a_mount_leans_about_forward_and_then_about_left(looks, angles):
+    mount = Mount(looks, 33.0, pitch_deg=angles[0], roll_deg=angles[1])
+    np.testing.assert_allclose(mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15)
+    assert mount.upright == Mount(looks, 33.0)
+
+
+@pytest.mark.parametrize("looks", ["up", "down"])
+def test_points_lie_where_the_shortest_path_over_a_leaning_mirror_puts_them(looks):
+    axes = [lean(PITCH, ROLL) @ axis for axis in IMAGE_RIGHT_IS_FORWARD[looks]]
+    sensor = replace(om.load_sensor("paper-spherical"), mount=Mount(looks, 0.0, pitch_deg=PITCH, roll_deg=ROLL))
+    for point in ([3000.0, 400.0, 0.0], [700.0, -900.0, 300.0], [-200.0, 300.0, -100.0]):
+        expected = shortest_path_pixel(np.array(point), axes)
+        np.testing.assert_allclose(sensor.project([point]).pixels[0], expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}])
+def test_what_is_no_lean_is_refused(wrong):
+    with pytest.raises(InvalidParameter, match=r"is no lean; it is valid from -|pitch_deg = nan is not a number"):
+        Mount(**wrong)
+
+
+# -- views -----------------------------------------------------------------------------------------
+
+CAMERAS = {
+    "sphere": om.load_sensor("paper-spherical"),
+    "telecentric": om.load_sensor("paraboloid-telecentric"),
+    "ocam": om.OCam((-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), rim_radius_px=380.0),
+    "stretched": om.OCam((-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), (0.99, 0.004, -0.003)),
+    "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
+}
+NEAR = {"distance_mm": 700.0, "offset_mm": (60.0, -40.0, 30.0)}
+VIEWS = {
+    "panorama": om.screens.Cylinder((360, 120), -60.0, 45.0, pan_deg=20.0),
+    "panorama near": om.screens.Cylinder((360, 120), -60.0, 45.0, distance_mm=700.0),
+    "wall": om.screens.Cylinder((240, 120), -50.0, 30.0, 0.0, 200.0, "height", **NEAR),
+    "sphere": om.screens.Sphere((240, 120)),
+    "sphere near": om.screens.Sphere((240, 120), **NEAR),
+    "perspective": om.screens.Plane((160, 120), 30.0, -35.0, 12.0, 80.0),
+    "perspective near": om.screens.Plane((160, 120), 30.0, -35.0, 12.0, 80.0, **NEAR),
+    "dome": om.screens.Dome((160, 160), 110.0, "nadir", 15.0),
+    "planet near": om.screens.LittlePlanet((160, 160), 200.0, "nadir", distance_mm=700.0),
+    "ground": om.screens.Ground((160, 160), 600.0, 9.0, 10.0),
+    "cube near": om.screens.CubeMap((240, 180), **NEAR),
+    "mosaic": om.views.mosaic(CAMERAS["sphere"], (400, None), tilt_deg=-20.0, distance_mm=900.0),
+}
+
+
+@pytest.mark.parametrize("view", few(VIEWS, "panorama", "wall", "perspective near", "dome"))
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, view):
+    """Both paths of a dewarper, with and without a map, against the projection of single points."""
+    upright, screen = CAMERAS[camera], VIEWS[view]
+    leaning = replace(upright, mount=replace(upright.mount, pitch_deg=PITCH, roll_deg=ROLL))
+    found = om.Dewarper(leaning, screen).coordinates()
+    for left, top, part in parts_of(screen):
+        width, height = part.size
+        targets = part.targets_at(np.arange(width, dtype=float), np.arange(height, dtype=float)[:, None])
+        turned = targets.reshape(-1, 3) @ lean(PITCH, ROLL)
+        project = upright.project_directions if part.is_distant else upright.project
+        wanted = project(turned).pixels.reshape(height, width, 2)
+        given = found[top : top + height, left : left + width]
+        differ = np.isnan(given[..., 0]) != np.isnan(wanted[..., 0])
+        assert differ.sum() <= 2, f"{differ.sum()} pixels are seen by one only"
+        error = np.linalg.norm(given - wanted, axis=-1)[~np.isnan(given[..., 0]) & ~np.isnan(wanted[..., 0])]
+        assert error.max(initial=0) < 0.01
+
+
+def test_only_a_plumb_camera_draws_panoramas_without_a_map():
+    """Rows of a level panorama are circles for an upright camera only."""
+    camera, view = CAMERAS["sphere"], VIEWS["panorama"]
+    leaning = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
+    assert is_separable(camera, view)
+    assert not is_separable(leaning, view)
+    picture = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
+    first, second = om.Dewarper(leaning, view, "linear"), om.Dewarper(leaning, view, "linear")
+    second.coordinates()
+    assert np.abs(first(picture).astype(int) - second(picture)).max() <= 2
+
+
+def test_elevations_are_those_of_the_level_world():
+    """A field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir is
+    still included."""
+    sensor = om.load_sensor("paper-spherical")
+    seen = om.views.panorama(replace(sensor, mount=replace(sensor.mount, pitch_deg=20.0)))
+    assert (seen.tilt_min_deg, seen.tilt_max_deg) == pytest.approx((-90.0, 65.0), abs=0.05)
+
+
+# -- images ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def small() -> om.Sensor:
+    return replace(om.load_sensor("paper-spherical"), imager=Imager(200, 200, 26.6))
+
+
+@pytest.fixture(scope="module")
+def world() -> om.Environment:
+    x, y = np.meshgrid(np.linspace(0, 2 * np.pi, 128, endpoint=False), np.linspace(0, np.pi, 64))
+    waves = 0.5 + 0.3 * np.sin(3 * x) * np.sin(y) + 0.2 * np.cos(4 * y)
+    return om.Environment(np.repeat(waves[..., None], 3, axis=2).astype(np.float32))
+
+
+def leaning_of(sensor: om.Sensor) -> om.Sensor:
+    return replace(sensor, mount=replace(sensor.mount, pitch_deg=PITCH, roll_deg=ROLL))
+
+
+def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
+    taken = om.take_picture(leaning_of(small), world, samples=1)
+    placed = om.take_picture(small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1)
+    assert np.abs(taken.astype(int) - placed).max() <= 1
+    assert (np.abs(taken.astype(int) - om.take_picture(small, world, samples=1)) > 20).mean() > 0.2
+
+
+def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
+    """Its panorama of distant objects equals that of the levelled sensor; without the tilt it
+    differs."""
+    view = om.screens.Cylinder((240, 70), -50.0, 20.0)
+    plumb = om.Dewarper(small, view)(om.take_picture(small, world, samples=4)).astype(float)
+    taken = om.take_picture(leaning_of(small), world, samples=4)
+    both = om.Dewarper(leaning_of(small), view).valid & om.Dewarper(small, view).valid
+    assert both.mean() > 0.8
+    assert np.abs(om.Dewarper(leaning_of(small), view)(taken) - plumb)[both].mean() < 1.0
+    assert np.abs(om.Dewarper(small, view)(taken) - plumb)[both].mean() > 10
+
+
+# -- panorama metadata -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pan", [0.0, 70.0, -135.0])
+@pytest.mark.parametrize("angles", [(PITCH, ROLL), (-80.0, 150.0)])
+def test_the_pose_of_a_panorama_that_was_not_levelled_levels_it(pan, angles):
+    """GPano: pitch of the centre above the horizon, and a roll that rotates the horizon
+    counter-clockwise."""
+    pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).lean_of_view(pan)
+    panned = om.screens.Sphere((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)  # directions of its tilted pixels
+    as_if_ahead = om.screens.Sphere((36, 18)).targets(0, 18).reshape(-1, 3)  # ... relative to its centre
+    truth, told = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
+    np.testing.assert_allclose(told[:, 2], truth[:, 2], atol=1e-12)  # level; the heading requires a compass
+    np.testing.assert_allclose(told @ told[40], truth @ truth[40], atol=1e-12)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, small):
+    monkeypatch.chdir(tmp_path)
+    om.save_sensor(leaning_of(small), "leaning.toml")
+    om.save_sensor(small, "plumb.toml")
+    om.write_image("a.png", np.random.default_rng(2).integers(0, 256, (200, 200, 3), np.uint8))
+    return tmp_path
+
+
+def dewarp(*args) -> np.ndarray:
+    main(["dewarp", "a.png", *args, "--black", "-o", "out.png"])
+    return om.read_image("out.png")
+
+
+def pose_told() -> tuple[float, float]:
+    told = xmp_of("out.png")
+    return float(told["PosePitchDegrees"]), float(told["PoseRollDegrees"])
+
+
+def test_the_command_line_levels_and_says_so(folder):
+    view = ("--elevation-deg=-60:40", "--size", "120x")
+    by_file = dewarp("--sensor", "leaning.toml", *view)
+    assert pose_told() == (0, 0)
+    np.testing.assert_array_equal(dewarp("--sensor", "plumb.toml", f"--level={PITCH},{ROLL}", *view), by_file)
+    plumb = dewarp("--sensor", "plumb.toml", *view)
+    assert (plumb != by_file).mean() > 0.5
+    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb)
+    assert pose_told() == (0, 0)
+    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-lean", *view), plumb)
+    assert pose_told() == (PITCH, ROLL)
+    dewarp("--sensor", "leaning.toml", "--keep-lean", "--pan-deg", "90", *view)
+    assert pose_told() == pytest.approx(Mount(pitch_deg=PITCH, roll_deg=ROLL).lean_of_view(90.0), abs=1e-3)
+
+
+def test_balls_and_angles_from_the_axis_are_levelled_too(folder):
+    ball = ("--ball", "99.5,99.5,98,260", "--elevation-deg=-60:40", "--size", "120x")
+    assert (dewarp(*ball, "--level=10,5") != dewarp(*ball)).mean() > 0.3
+    upright = dewarp("--sensor", "plumb.toml", "--omega-deg", "30:130", "--size", "120x")
+    leaning = dewarp("--sensor", "leaning.toml", "--omega-deg", "30:130", "--size", "120x")
+    assert upright.shape == leaning.shape  # the same elevations
+
+
+def test_what_is_no_lean_is_one_sentence_on_the_command_line(folder, capsys):
+    for text, sentence in (("10", "'10' is not PITCH,ROLL in degrees"), ("95,0", "pitch_deg = 95 is no lean")):
+        with pytest.raises(SystemExit, match=r"^[12]$"):
+            main(["dewarp", "a.png", "--sensor", "plumb.toml", "--level", text, "-o", "no.png"])
+        assert sentence in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_lean_stands_in_the_sensor_file():
+    sensor = leaning_of(om.load_sensor("paper-spherical"))
+    assert parse_sensor(format_sensor(sensor)) == sensor
+    assert "pitch_deg" not in format_sensor(replace(sensor, mount=sensor.mount.upright))
+    with pytest.raises(OmnimirrorError, match=r"mount\.pitch_deg = 100\.0: it should be"):
+        parse_sensor(format_sensor(sensor).replace("pitch_deg = 24.0", "pitch_deg = 100.0"))

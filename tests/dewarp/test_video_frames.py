@@ -1,0 +1,145 @@
+"""Frames of all pixel formats, processed by planes."""
+
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.dewarp.video_files import dewarp_frame
+from omnimirror.io.video_frames import converted, frame_of_image, planes
+
+SIDE = 240
+BALL = om.MirrorBall((119.5, 119.5), 110.0, 250.0, (SIDE, SIDE))
+VIEW = om.screens.Plane((160, 120), pan_deg=20.0, tilt_deg=-30.0)
+DOME = om.views.dome(BALL, (130, 130))  # with corners outside the field
+LIMITED, FULL = 1, 2
+FORMATS = ["yuv420p", "nv12", "yuvj420p", "yuvj422p", "yuv422p", "yuv444p", "yuv420p10le", "rgb24"]
+FORMATS += ["yuv422p10le", "yuva444p12le", "gbrp10le", "yuv411p"]
+KEPT = {
+    "yuvj420p": "yuv420p",
+    "yuvj422p": "yuv422p",
+    "rgb24": "yuv444p",
+    "gbrp10le": "yuv444p10le",
+    "yuv411p": "yuv422p",
+}
+
+
+def picture():
+    """A smooth image with varied colours, sensitive to reversal."""
+    v, u = np.mgrid[0:SIDE, 0:SIDE]
+    return np.dstack([60 + u // 2, 200 - v // 2, 90 + (u + v) // 5]).astype(np.uint8)
+
+
+def frame_of(pixel_format, colour_range):
+    frame = frame_of_image(picture())
+    frame.colorspace, frame.color_range = 1, colour_range
+    made = converted(frame, pixel_format)
+    made.pts, made.time_base = 77, Fraction(1, 25)
+    return made
+
+
+@pytest.mark.parametrize("colour_range", [LIMITED, FULL])
+@pytest.mark.parametrize("pixel_format", FORMATS)
+def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour_range):
+    if pixel_format.startswith("yuvj") and colour_range == LIMITED:
+        pytest.skip(f"{pixel_format} is full range by its name")
+    frame = frame_of(pixel_format, colour_range)
+    made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
+    assert made.format.name == KEPT.get(pixel_format, pixel_format)
+    assert (made.width, made.height) == VIEW.size
+    expected = om.Dewarper(BALL, VIEW)(picture()).astype(float)
+    taken = made.to_ndarray(format="rgb24")
+    assert np.abs(taken - expected).mean() < 2.5  # two conversions of FFmpeg alone differ by 2
+    assert np.abs(taken - expected).max() < 12
+    assert np.abs(taken[:, ::-1] - expected).mean() > 8
+
+
+@pytest.mark.parametrize(("pixel_format", "colour_range", "luma"), [
+    ("yuv420p", LIMITED, 16), ("yuv420p", FULL, 0), ("yuvj420p", 0, 0), ("yuv420p", 0, 16), ("nv12", FULL, 0),
+])  # fmt: skip
+def test_outside_the_field_a_frame_is_black_in_its_own_range(pixel_format, colour_range, luma):
+    frame = av.VideoFrame(SIDE, SIDE, pixel_format)
+    for plane in planes(frame):
+        plane[:] = 90
+    frame.color_range = colour_range
+    made = dewarp_frame(om.Dewarper(BALL, DOME), frame)
+    y, *colours = planes(made)
+    assert y[0, 0] == luma
+    assert y[65, 65] == 90
+    assert all((part[0, 0] == 128).all() and (part[32, 32] == 90).all() for part in colours)
+    assert (made.color_range == FULL) == (luma == 0)
+    assert made.to_ndarray(format="rgb24")[0, 0].max() <= 1
+
+
+def test_time_and_colour_coding_are_carried_on():
+    frame = frame_of("yuv420p", LIMITED)
+    frame.pts = 4711
+    made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
+    assert (made.pts, made.time_base) == (frame.pts, frame.time_base)
+    assert (made.colorspace, made.color_range) == (frame.colorspace, frame.color_range)
+
+
+def test_a_view_that_moves_and_one_that_stays_show_the_same():
+    frame = frame_of("yuv420p", LIMITED)
+    stays = om.Dewarper(BALL, VIEW)
+    shown = [dewarp_frame(stays, frame) for _ in range(3)] + [dewarp_frame(om.Dewarper(BALL, VIEW), frame)]
+    for made in shown[1:]:
+        for one, other in zip(planes(made), planes(shown[0]), strict=True):
+            assert np.abs(one.astype(int) - other).max() <= 1
+
+
+def test_a_frame_of_another_size_is_refused():
+    with pytest.raises(InvalidParameter, match="are no picture of 240 x 240 px"):
+        dewarp_frame(om.Dewarper(BALL, VIEW), av.VideoFrame(64, 48, "yuv420p"))
+
+
+def test_colours_lie_where_they_are_said_to():
+    """Correctness of these positions is tested for single planes."""
+    frame = frame_of("yuvj420p", FULL)
+    for sitings in (("left",), ("center",), ("center", "left")):
+        made = dewarp_frame(om.Dewarper(BALL, VIEW), frame, *sitings)
+        expected = om.Dewarper(BALL, VIEW).planes(planes(frame), None, *sitings, full_range=True)
+        for one, other in zip(planes(made), expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def edge(colours, side=SIDE):
+    """Return a 12-bit frame with luma and chroma edges at the same position, and a transparent left
+    half."""
+    across, down = {"422": (side // 2, side), "444": (side, side)}[colours]
+    frame = av.VideoFrame(side, side, f"yuva{colours}p12le")
+    for plane, (width, height) in zip(planes(frame), [(side, side), *[(across, down)] * 2, (side, side)], strict=True):
+        plane[:] = np.where(np.arange(width) < width // 2, 1000, 3000)[None]
+        assert plane.shape == (height, width)
+    return frame
+
+
+@pytest.mark.parametrize("colours", ["422", "444"])
+@pytest.mark.parametrize("to_siting", ["left", "center"])
+def test_colours_and_transparency_stay_where_luma_is(colours, to_siting):
+    """Planes of equal content yield planes of equal content, and pixels outside the field are
+    transparent."""
+    dewarp = om.Dewarper(BALL, DOME)
+    y, u, v, opaque = planes(dewarp_frame(dewarp, edge(colours), "left", to_siting))
+    inside = dewarp.valid
+    np.testing.assert_array_equal(u, v)
+    np.testing.assert_array_equal(opaque[inside], y[inside])
+    assert (opaque[~inside] == 0).all()
+    if colours == "444":
+        np.testing.assert_array_equal(u[inside], y[inside])
+        return
+    # mean luma at a chroma position: on every second column, or between two
+    luma = y.astype(float)
+    expected = luma[:, ::2] if to_siting == "left" else (luma[:, ::2] + luma[:, 1::2]) / 2
+    middle = (slice(40, 90), slice(20, 45))
+    error = u[middle] - expected[middle]
+    assert np.abs(error).mean() < 40
+    assert abs(error.mean()) < 12  # of 2000: no subpixel shift
+
+
+def test_a_border_that_is_a_colour_is_opaque():
+    made = dewarp_frame(om.Dewarper(BALL, DOME, border=(500, 600, 700)), edge("444"))
+    assert [int(plane[0, 0]) for plane in planes(made)] == [500, 600, 700, 4095]

@@ -1,0 +1,176 @@
+"""Numbered images as video output."""
+
+import signal
+import sys
+from pathlib import Path
+from subprocess import PIPE, Popen
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+import omnimirror as om
+from omnimirror.base.errors import MediaError
+from omnimirror.io.video_frames import ColourCoding, empty_frame, frame_of_image
+from omnimirror.io.video_writer import ImageSequenceWriter, VideoWriter
+from tests.commands import fails, omnimirror
+from tests.io.synthetic import pictures_of
+
+BALL = ["--ball", "31.5,31.5,30,260", "--view", "perspective", "--tilt-deg", "-30", "--size", "32x24"]
+DEWARP = om.Dewarper(om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64)), om.screens.Plane((32, 24), tilt_deg=-30.0))
+
+
+def picture(number: int) -> np.ndarray:
+    v, u = np.mgrid[0:64, 0:64]
+    return np.dstack([2 * u + 20, 2 * v + 40, np.full_like(u, 20 * number)]).astype(np.uint8)
+
+
+@pytest.fixture
+def film(tmp_path):
+    with VideoWriter(tmp_path / "in.mp4", (64, 64), 25, crf=1) as writer:
+        for i in range(12):
+            writer.write(frame_of_image(picture(i)))
+    return tmp_path / "in.mp4"
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
+def test_every_frame_is_the_picture_of_its_number(film, tmp_path, suffix):
+    out = tmp_path / "out"
+    run = omnimirror("dewarp", film, *BALL, "-o", out / f"f%04d{suffix}")
+    assert run.returncode == 0, run.stderr
+    assert names(out) == [f"f{i:04d}{suffix}" for i in range(1, 13)]
+    for i, frame in enumerate(pictures_of(film), 1):
+        expected = DEWARP(frame.to_ndarray(format="rgb24")).astype(float)
+        with Image.open(out / f"f{i:04d}{suffix}") as made:
+            assert np.abs(np.asarray(made) - expected)[2:-2, 2:-2].mean() < 3
+
+
+def test_what_a_longer_run_left_is_named(film, tmp_path):
+    for name in ("f0012.png", "f0013.png", "f0020.png", "f14.png"):
+        (tmp_path / name).write_bytes(b"older")
+    run = omnimirror("dewarp", film, *BALL, "-o", tmp_path / "f%04d.png")
+    assert run.returncode == 0, run.stderr
+    assert "of other runs, f0013.png to f0020.png, does not belong to this video" in run.stderr
+    assert (tmp_path / "f0013.png").read_bytes() == b"older"
+    again = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", tmp_path / "f%04d.png")
+    assert "other runs" not in again.stderr
+
+
+def test_what_is_there_is_skipped_and_the_rest_made(film, tmp_path):
+    whole, part = tmp_path / "whole", tmp_path / "part"
+    assert omnimirror("dewarp", film, *BALL, "-o", whole / "%d.png").returncode == 0
+    part.mkdir()
+    (part / "2.png").write_bytes(b"mine")
+    (part / "007.png").write_bytes(b"the number of none")
+    run = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", part / "%d.png")
+    assert "11 frames" in run.stderr
+    assert (part / "2.png").read_bytes() == b"mine"
+    for i in (1, *range(3, 13)):
+        assert (part / f"{i}.png").read_bytes() == (whole / f"{i}.png").read_bytes()
+    again = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", part / "%d.png")
+    assert (again.returncode, "0 frames" in again.stderr) == (0, True)
+    omnimirror("dewarp", film, *BALL, "-o", part / "%d.png")
+    assert (part / "2.png").read_bytes() == (whole / "2.png").read_bytes()
+
+
+def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
+    out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
+    words = ["dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "512x256", "-o", out / "%d.png", "-o", "-"]
+    with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
+        assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
+        run.send_signal(signal.SIGTERM)
+        _, said = run.communicate()
+    assert run.returncode == 143, said
+    made = names(out)
+    assert made == [f"{i}.png" for i in range(1, len(made) + 1)]
+    assert 1 <= len(made) < 12
+    assert all(om.read_image(out / name).shape == (256, 512, 3) for name in made)
+
+
+@pytest.mark.parametrize(
+    ("source", "output", "message"),
+    [
+        ("in.mp4", "f.png", "a video becomes numbered pictures, such as f%04d.png"),
+        ("in.mp4", "f%s.png", "a video becomes numbered pictures"),
+        ("in.mp4", "f%d-%d.png", "takes one number and no other %"),
+        ("in.mp4", "100%/f%d.png", "takes one number and no other %"),
+        ("in.mp4", "f%4d.png", "zeros before it"),
+        ("in.mp4", "f%099999999d.png", "up to 9 digits"),
+        ("in.mp4", "f%04d.gif", "numbered pictures are .png, .jpg"),
+        ("f%04d.png", "./f%03d.png", "may write over the pictures f%04d.png"),
+    ],
+)
+def test_a_pattern_that_is_none_is_one_sentence(film, tmp_path, source, output, message):
+    om.write_image(tmp_path / "f0001.png", picture(1))
+    assert message in fails("dewarp", source, *BALL, "-o", output, cwd=tmp_path)
+    assert names(tmp_path) == ["f0001.png", "in.mp4"]
+
+
+def test_what_belongs_to_films_alone(film, tmp_path):
+    for option in (["--crf", "3"], ["--pixel-format", "yuv420p"]):
+        fails("dewarp", film, *BALL, *option, "-o", tmp_path / "%d.png")
+    words = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
+    assert "is skipped of one output alone" in fails("dewarp", film, *BALL, *words)
+    assert names(tmp_path) == ["in.mp4"]
+
+
+# -- depth -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")])
+def test_more_than_8_bits_become_16(tmp_path, bits, pixel_format):
+    """Luma of n bits is black at 16/256 and white at 235/256 (ITU-R BT.2100)."""
+    scale = 1 << (bits - 8)
+    frame, (y, u, v) = empty_frame((64, 48), pixel_format)
+    y[:] = np.linspace(16 * scale, 235 * scale, 64).round()
+    u[:] = v[:] = 128 * scale
+    frame.color_range, frame.colorspace = 1, 1
+    ImageSequenceWriter(tmp_path / "%d.png", (64, 48), pixel_format).write(frame)
+    made = om.read_image(tmp_path / "1.png")
+    assert made.dtype == np.uint16
+    expected = (y[0] / scale - 16) / 219
+    np.testing.assert_allclose(made / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4)
+
+
+def test_transparency_is_kept(tmp_path):
+    frame, (y, u, v, a) = empty_frame((64, 48), "yuva444p")
+    for plane, value in zip((y, u, v, a), (126, 128, 128, 77), strict=True):
+        plane[:] = value
+    ImageSequenceWriter(tmp_path / "%d.png", (64, 48), "yuva444p").write(frame)
+    assert om.read_image(tmp_path / "1.png")[20, 20, 3] == 77
+
+
+def test_what_is_lost_is_said(tmp_path):
+    hdr = ColourCoding(1, 9, 9, 16)
+    said = ImageSequenceWriter(tmp_path / "%d.jpg", (64, 48), "yuva444p10le", hdr).notes
+    assert "10 bits become 8, transparency is lost; .png and .tif keep them" in said[0]
+    assert "the picture is HDR, and pictures do not say so" in said[1]
+    assert not ImageSequenceWriter(tmp_path / "%d.png", (64, 48), "yuva444p10le").notes
+    with pytest.raises(MediaError, match="up to 65500 px a side"):
+        ImageSequenceWriter(tmp_path / "%d.jpg", (70_000, 48))
+
+
+def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
+    """Siting declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
+    them."""
+    frame, (y, u, v) = empty_frame((64, 48))
+    y[:], u[:], v[:] = 128, 128, 64 + 4 * np.arange(32)
+    frame.color_range, frame.colorspace = 1, 1
+    ImageSequenceWriter(tmp_path / "%d.png", (64, 48)).write(frame)
+    red = om.read_image(tmp_path / "1.png")[24, 8:56, 0].astype(float)
+    colour = 64 + 2 * (np.arange(8, 56) - 0.5)
+    expected = 255 * ((128 - 16) / 219 + 1.5748 * (colour - 128) / 224)
+    inside = (expected > 5) & (expected < 250)
+    np.testing.assert_allclose(red[inside], expected[inside], atol=1.5)
+
+
+def test_panoramas_say_what_they_show(film, tmp_path):
+    run = omnimirror("dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "128x64", "-o", tmp_path / "%d.jpg")
+    assert run.returncode == 0, run.stderr
+    assert b"GPano" in (tmp_path / "1.jpg").read_bytes()
+    assert av.open(str(tmp_path / "1.jpg")).streams.video[0].width == 128

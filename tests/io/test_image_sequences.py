@@ -1,0 +1,107 @@
+"""Numbered images, standard input, and timecodes."""
+
+import sys
+from fractions import Fraction
+from pathlib import Path
+from subprocess import run as run_program
+
+import av
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, MediaError
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_metadata import advance_timecode
+from omnimirror.io.video_processing import process
+from omnimirror.io.video_reader import VideoReader
+from omnimirror.io.video_writer import VideoWriter
+from tests.commands import fails, omnimirror
+from tests.io.synthetic import SIZE, make_video, pictures_of
+
+BALL = ["--ball", "31.5,31.5,30,260", "--view", "perspective", "--tilt-deg", "-30", "--size", "32x24"]
+CAMERA = om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64))
+VIEW = om.screens.Plane((32, 24), tilt_deg=-30.0)
+
+
+def picture(number: int) -> np.ndarray:
+    v, u = np.mgrid[0:64, 0:64]
+    return np.dstack([2 * u + 20, 2 * v + 40, np.full_like(u, 20 * number)]).astype(np.uint8)
+
+
+@pytest.fixture
+def shots(tmp_path):
+    for i in range(3, 9):  # FFmpeg searches for a first number below 5 itself
+        om.write_image(tmp_path / f"f{i + 5:03d}.png", picture(i))
+    om.write_image(tmp_path / "f1.png", picture(0))  # not a number of three digits
+    return tmp_path
+
+
+def test_numbered_pictures_are_a_video(shots):
+    run = omnimirror("dewarp", shots / "f%03d.png", *BALL, "--frame-rate", "10", "--crf", "1", "-o", shots / "o.mp4")
+    assert run.returncode == 0, run.stderr
+    frames = pictures_of(shots / "o.mp4")
+    assert [frame.time for frame in frames] == pytest.approx([i / 10 for i in range(6)])
+    dewarp = om.Dewarper(CAMERA, VIEW)
+    for i, frame in enumerate(frames, 3):
+        assert (int(frame.colorspace), int(frame.color_range)) == (1, 1)  # explicit, to avoid guesses by readers
+        assert np.abs(frame.to_ndarray(format="rgb24") - dewarp(picture(i)).astype(float)).mean() < 3
+
+
+def test_a_picture_that_is_missing_is_named(shots):
+    (shots / "f010.png").unlink()
+    assert f"{shots / 'f010.png'} is missing" in fails("dewarp", shots / "f%03d.png", *BALL, "-o", shots / "o.mp4")
+    with pytest.raises(MediaError, match=r"there is no picture .*g%d"):
+        VideoReader(shots / "g%d.png")
+    with pytest.raises(InvalidParameter, match="frame rate of 0 is not valid"):
+        VideoReader(shots / "f%03d.png", frame_rate=0)
+
+
+def test_a_video_on_standard_input_with_its_index_at_the_end(tmp_path):
+    with VideoWriter(tmp_path / "in.mp4", (64, 64), 25) as writer:
+        for i in range(5):
+            writer.write(frame_of_image(picture(i)))
+    program = Path(sys.executable).with_name("omnimirror")
+    command = [program, "dewarp", "-", *BALL, "-o", "o.mkv"]
+    done = run_program(command, input=(tmp_path / "in.mp4").read_bytes(), capture_output=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(pictures_of(tmp_path / "o.mkv")) == 5
+    empty = run_program(command, input=b"", capture_output=True, cwd=tmp_path)
+    assert empty.returncode == 1
+    assert b"there is no video on standard input, which is empty" in empty.stderr
+
+
+# -- timecodes ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+def test_a_timecode_is_kept(tmp_path, suffix):
+    source = make_video(tmp_path / "a.mov", 10, timecode="10:20:30:05")
+    for start_s, expected in ((0, "10:20:30:05"), (0.2, "10:20:30:10")):
+        out = tmp_path / f"b{suffix}"
+        with VideoReader(source, start_s) as reader:
+            process(reader.items(), VideoWriter.like(reader, out), lambda made, time_s: made)
+        with av.open(str(out)) as container:
+            notes = [container.metadata, *(stream.metadata for stream in container.streams)]
+        told = {text for note in notes for key, text in note.items() if key.lower() == "timecode"}
+        assert told == {expected}
+
+
+def test_a_timecode_that_cannot_be_kept_is_said(tmp_path):
+    source = make_video(tmp_path / "a.mov", 3, timecode="10:20:30:05")
+    with VideoReader(source) as reader, VideoWriter.like(reader, tmp_path / "b.ts") as writer:
+        writer.write(frame_of_image(np.zeros((SIZE[1], SIZE[0]), np.uint8)))
+    assert "the timecode is lost" in writer.notes[0]
+
+
+def test_dropped_numbers_keep_in_step_with_the_clock():
+    """At 29.97 frames/s, an hour of clock time is 107892 frames (SMPTE ST 12), and days wrap
+    around."""
+    rate = Fraction(30000, 1001)
+    assert advance_timecode("00:00:00;00", 107892, rate) == "01:00:00;00"
+    assert advance_timecode("00:00:00;00", 24 * 107892, rate) == "00:00:00;00"
+    counted = [advance_timecode("00:00:00;00", n, rate) for n in range(40000)]
+    assert len(set(counted)) == 40000
+    assert counted == sorted(counted)
+    assert not any(c.endswith((":00;00", ":00;01")) and int(c[3:5]) % 10 for c in counted)
+    assert advance_timecode("00:00:59;59", 1, Fraction(60000, 1001)) == "00:01:00;04"

@@ -1,0 +1,300 @@
+"""Interrupted streams on loopback, and slow consumers."""
+
+import math
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+
+import pytest
+
+from omnimirror.base.errors import MediaError
+from omnimirror.io.live_outputs import StreamSink
+from omnimirror.io.live_sources import TICKS, LiveSource, checked
+from omnimirror.io.video_processing import process
+from omnimirror.io.video_writer import VideoWriter
+from tests.everyday import few
+from tests.io.synthetic import SIZE, make_video, pictures_of
+
+HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
+PATIENCE = {"timeout_s": 30.0, "patience_s": 300.0, "first_wait_s": 0.05}  # sufficient for slow machines
+
+
+@pytest.fixture(scope="module")
+def transport(tmp_path_factory):
+    """4 s of MPEG-TS with two key frames per second."""
+    return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_sound=False).read_bytes()
+
+
+@contextmanager
+def server(*plans):
+    """An HTTP server on loopback; each connection follows the next plan, and all later ones follow
+    the last plan.
+
+    A plan is a list of bytes and pauses (s); an empty plan closes the connection immediately.
+    """
+    listener = socket.create_server(("127.0.0.1", 0))
+    stopping = threading.Event()
+    served = []
+
+    def serve(connection, plan):
+        with connection, suppress(OSError):
+            connection.recv(4096)
+            for part in plan:
+                if stopping.is_set():
+                    return
+                if isinstance(part, bytes):
+                    connection.sendall(part)
+                else:
+                    stopping.wait(part)
+
+    def accept():
+        with suppress(OSError):
+            while True:
+                connection, _ = listener.accept()
+                served.append(
+                    threading.Thread(target=serve, args=(connection, plans[min(len(served), len(plans) - 1)]))
+                )
+                served[-1].start()
+
+    thread = threading.Thread(target=accept)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}/live.ts"
+    finally:
+        stopping.set()
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+        thread.join()
+        for each in served:
+            each.join()
+
+
+def paced(data, seconds):
+    """Return the data as a plan in real time."""
+    size = -(-len(data) // 50)
+    return [part for at in range(0, len(data), size) for part in (data[at : at + size], seconds / 50)]
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_stream_that_breaks_is_found_again(transport):
+    """It ends, then closes two connections immediately, then continues."""
+    half = transport[: len(transport) // 2]
+    told = []
+    with (
+        server([HEAD, *paced(half, 1.0)], [], [], [HEAD, *paced(transport, 2.0), 5.0]) as url,
+        LiveSource(url, **PATIENCE, report=told.append) as source,
+    ):
+        before = 0
+        for frame in source.frames():
+            assert (frame.width, frame.height) == SIZE
+            if not source.reconnects:
+                before = source.received
+            elif source.received >= before + 20:
+                break
+        assert source.frame_rate == 25
+    assert before >= 20
+    assert source.reconnects == 1
+    lost = [sentence for sentence in told if "is lost" in sentence]
+    waits = [sentence.rsplit("trying again in ")[1] for sentence in lost[:3]]
+    assert waits == ["0.05 s", "0.1 s", "0.2 s"]  # doubled without data
+    assert f"{url} is back after" in told[-1]
+
+
+def test_a_stream_that_falls_silent_is_lost(transport):
+    told = []
+    with (
+        server([HEAD, transport, 30.0], [HEAD, *paced(transport, 1.0), 5.0]) as url,
+        LiveSource(url, timeout_s=1.5, patience_s=300, first_wait_s=0.05, report=told.append) as source,
+    ):
+        for _ in source.frames():
+            if source.reconnects:
+                break
+    assert "nothing came for 1.5 s" in told[0]
+
+
+def test_a_slow_consumer_gets_the_newest_frame(transport):
+    with server([HEAD, *paced(transport, 2.0), 5.0]) as url, LiveSource(url, **PATIENCE) as source:
+        frames = source.frames()
+        times = []
+        for _ in range(5):
+            times.append(next(frames).time)
+            came = source.received
+            while source.received < came + 6:
+                time.sleep(0.01)
+        assert source.dropped >= source.received - 5 - 2  # a queue would keep them
+        assert source.dropped > 10
+    assert all(b > a for a, b in pairwise(times))
+
+
+def test_frames_come_in_order_and_every_one_is_counted(transport):
+    """The number of frames missed by a consumer depends on the load, but all missed frames are
+    counted."""
+    with server([HEAD, *paced(transport, 2.5)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
+        first = source.first()
+        times = [frame.time for frame in source.frames()]
+        assert (first.width, first.height) == SIZE
+    assert source.received == 100
+    assert len(times) == 100 - source.dropped > 1
+    assert times == sorted(times)
+
+
+def test_a_live_stream_is_recorded(transport, tmp_path):
+    with server([HEAD, *paced(transport, 2.0)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
+        source.first()
+        sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
+        outcome = process(source.frames(), sink, lambda picture, time_s: picture, ahead=0)
+    frames = pictures_of(tmp_path / "a.mp4")
+    assert len(frames) == outcome.frames == 100 - source.dropped
+    assert 0.3 < frames[-1].time - frames[0].time < 4
+
+
+def test_nobody_there_is_one_sentence():
+    url = f"http://127.0.0.1:{free_port()}/live.ts"
+    with LiveSource(url, timeout_s=1, patience_s=0.6, first_wait_s=0.05) as source:
+        with pytest.raises(MediaError, match=r"nothing has come from http.* for .* s: Connection refused") as e:
+            next(source.frames())
+        with pytest.raises(MediaError, match="nothing has come"):
+            source.first()
+    assert "\n" not in str(e.value)
+
+
+def test_closing_is_clean_and_ends_the_frames(transport):
+    with server([HEAD, transport, 30.0]) as url:
+        source = LiveSource(url, timeout_s=600.0)
+        source.first()
+        threading.Timer(0.5, source.close).start()
+        assert sum(1 for _ in source.frames()) >= 1
+        source.close()
+        assert source._thread.is_alive()  # the stream is silent, which FFmpeg detects after ten minutes
+    source._thread.join()  # or when it is closed
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("/dev/video99", "there is no camera /dev/video99; here"),
+        ("99", "there is no camera /dev/video99"),
+        ("room.mp4", "'room.mp4' is no camera or stream; valid are"),
+        ("gopher://x", "is no camera or stream"),
+        ("http://", "'http://' names no machine; valid is http://MACHINE"),
+        ("rtsp://", "names no machine"),
+        ("rtsp:///live", "names no machine"),
+        ("rtsp://me:secret@/live", "'rtsp:///live' names no machine"),
+        ("http://[::1", "is no address of a stream"),
+        ("rtsp://door:99999/1", "is no address of a stream: Port out of range"),
+        ("rtsp://me:secret@door:x/1", "'rtsp://door:x/1' is no address of a stream"),
+        ("udp://239.0.0.1", "names no port; valid is udp://MACHINE:PORT"),
+        ("srt://door", "names no port"),
+        ("file:///no/such.ts", "there is no file '/no/such.ts'"),
+        ("file:///etc", "there is no file '/etc'"),
+    ],
+)
+def test_what_is_no_source_is_refused(url, message):
+    with pytest.raises(MediaError, match=message):
+        LiveSource(url)
+
+
+@pytest.mark.parametrize("url", ["udp://@:1234", "tcp://:1234?listen", "http://[::1]:80/x", "rtsp://me:p@ss@door/1"])
+def test_what_may_be_a_source_is_taken(url):
+    assert checked(url) == (url, None)
+
+
+@pytest.mark.parametrize("opening_s", [None, 0.3])
+def test_what_never_answers_is_given_up(opening_s):
+    """After the timeout, or a shorter one for the first frame; a stream that has played before is
+    awaited for longer."""
+    patience_s = 0.3 if opening_s is None else math.inf
+    url = f"http://me:secret@127.0.0.1:{free_port()}/live.ts"
+    told: list[str] = []
+    with (
+        LiveSource(
+            url, 1.0, patience_s, opening_s=opening_s, first_wait_s=0.02, longest_wait_s=0.02, report=told.append
+        ) as source,
+        pytest.raises(MediaError, match="nothing has come from http://127"),
+    ):
+        source.first()
+    assert told
+    assert not any("secret" in sentence for sentence in told)
+
+
+def test_a_file_that_is_no_video_and_a_door_that_is_locked_are_given_up_at_once(tmp_path):
+    """No retry: the result would be the same."""
+    (tmp_path / "passwd").write_text("root:x:0:0\n" * 99)
+    told: list[str] = []
+    with server([b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"]) as locked:
+        for url in (f"file://{tmp_path}/passwd", locked):
+            with (
+                LiveSource(url, patience_s=math.inf, report=told.append) as source,
+                pytest.raises(MediaError, match="cannot read"),
+            ):
+                source.first()
+    assert not told
+
+
+# -- outgoing streams
+# -------------------------------------------------------------------------------
+
+PUSH = """
+import sys, time
+from fractions import Fraction
+import numpy as np
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.live_outputs import StreamSink
+for attempt in range(3000):
+    try:
+        sink = StreamSink(sys.argv[1], (64, 48), 25)
+        break
+    except ValueError:
+        time.sleep(0.1)
+try:
+    for i in range(int(sys.argv[2])):
+        frame = frame_of_image(np.full((48, 64, 3), 8 * (i % 30), np.uint8))
+        frame.pts, frame.time_base = i, Fraction(1, 25)
+        sink.write(frame)
+        time.sleep(0.03)
+    sink.close()
+except ValueError:
+    sink.abort()
+"""
+
+
+def push(url, frames):
+    """Send from another process: FFmpeg holds Python's lock while it opens a stream for writing."""
+    return subprocess.Popen([sys.executable, "-c", PUSH, url, str(frames)], stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("scheme", few(["udp", "rtsp"], "rtsp"))
+def test_what_we_send_is_received(scheme):
+    port = free_port(socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
+    url = f"{scheme}://127.0.0.1:{port}" + ("/live" if scheme == "rtsp" else "")
+    # There is no RTSP server here; the reader acts as one and needs a timeout, without which it
+    # waits forever.
+    options = {"rtsp_flags": "listen", "listen_timeout": "300"} if scheme == "rtsp" else {}
+    timeout_s = 300 if scheme == "rtsp" else 30
+    with LiveSource(url, timeout_s, patience_s=300, first_wait_s=0.05, options=options) as source:
+        sender = push(url + "?pkt_size=1316" * (scheme == "udp"), 100_000)
+        try:
+            for frame in source.frames():
+                assert (frame.width, frame.height) == SIZE
+                if source.received >= 3:  # several have arrived; the sender would continue for an hour
+                    break
+        finally:
+            sender.terminate()
+            sender.wait()
+
+
+def test_addresses_that_cannot_be_streamed_to():
+    for url in ("room.mp4", "gopher://x"):
+        with pytest.raises(MediaError, match=r"cannot stream to .*; valid are addresses of udp"):
+            StreamSink(url, SIZE, 25)
+    with pytest.raises(MediaError, match=r"cannot write http://.*: Connection refused"):
+        StreamSink(f"http://127.0.0.1:{free_port()}/x", SIZE, 25)

@@ -1,0 +1,591 @@
+"""Video files: reading, image processing and writing."""
+
+import os
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import threading
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from omnimirror.base.errors import InvalidParameter, MediaError
+from omnimirror.io.exif import oriented
+from omnimirror.io.video_frames import (
+    ColourCoding,
+    converted,
+    empty_frame,
+    frame_of_image,
+    frame_of_planes,
+    image_of_frame,
+    planes,
+    upright,
+)
+from omnimirror.io.video_processing import process
+from omnimirror.io.video_reader import VideoReader
+from omnimirror.io.video_writer import VideoWriter
+from tests.everyday import few
+from tests.io.synthetic import SIZE, grey_of, luma_of, make_video, number_of, pictures_of, sound_of, tone
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    return make_video(tmp_path_factory.mktemp("video") / "ünï clip.mp4", title="A room")
+
+
+def same(pixels, time_s):
+    return pixels
+
+
+def through(source, path, function=same, pixels="picture", **more):
+    with VideoReader(source) as reader:
+        return process(reader.items(), VideoWriter.like(reader, path, **more), function, pixels)
+
+
+@pytest.mark.parametrize(("rate", "suffix"), [(2, ".mp4"), (2, ".mov"), (25, ".m4v"), (25, ".mkv")])
+def test_players_show_all_frames_however_many_there_are(tmp_path, rate, suffix):
+    """Frames displayed by FFmpeg, and their total duration, with B-frames last in the file."""
+    rough = np.kron(np.random.default_rng(1).integers(40, 200, (6, 24, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
+    short = []
+    for count in (*range(1, 16), 26, 51):
+        path = tmp_path / f"{count}{suffix}"
+        with VideoWriter(path, SIZE, rate) as video:
+            for number in range(count):
+                frame = frame_of_image(np.ascontiguousarray(rough[:, number : number + 64]))
+                frame.pts, frame.time_base = number, Fraction(1, rate)
+                video.write(frame)
+        with av.open(str(path)) as container:
+            lasts_s = container.duration / av.time_base
+        if (found := len(pictures_of(path))) != count or abs(lasts_s - count / rate) > 0.0011:
+            short.append((count, found, lasts_s))
+    assert not short
+
+
+# -- complete path
+# -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".ts"])
+@pytest.mark.parametrize("pixels", ["picture", "planes"])
+def test_everything_but_the_pixels_is_kept(clip, tmp_path, suffix, pixels):
+    out = tmp_path / f"out{suffix}"
+    outcome = through(clip, out, pixels=pixels)
+    before, after = pictures_of(clip), pictures_of(out)
+    assert (outcome.frames, outcome.stopped, len(after)) == (50, False, 50)
+    # Matroska and MPEG-TS start at 0 or later, and shift images and sound equally.
+    sound, copied = sound_of(clip), sound_of(out)
+    shift = after[0].pts * after[0].time_base - before[0].pts * before[0].time_base
+    assert shift == 0 if suffix in (".mp4", ".mov") else shift >= 0
+    tick = after[0].time_base
+    for a, b in zip(before, after, strict=True):
+        assert abs(b.pts * b.time_base - a.pts * a.time_base - shift) <= tick / 2
+        assert abs(luma_of(a) - luma_of(b)) <= 4
+    assert [data for _, data in copied] == [data for _, data in sound] or suffix == ".ts"  # in ADTS frames there
+    assert len(copied) == len(sound)
+    assert all(abs(c[0] - s[0] - shift) <= Fraction(1, 900) for c, s in zip(copied, sound, strict=True))
+    with VideoReader(out) as reader:
+        assert reader.frame_rate == 25
+        assert reader.colour == ColourCoding(1, 1, 1, 1)
+        assert reader.metadata.get("title") == ("A room" if suffix != ".ts" else None)
+    assert list(tmp_path.iterdir()) == [out]
+
+
+FIELD = cv2.resize(np.random.default_rng(4).integers(40, 200, (6, 8, 3), np.uint8), SIZE)
+
+
+def make_turned(path, rotation, pixel_format="yuv420p"):
+    """Write a video of one image that differs in all orientations."""
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("libx264", rate=25, options={"crf": "1"})
+        video.width, video.height, video.pix_fmt = *SIZE, pixel_format
+        video.set_display_rotation(rotation)
+        for number in range(3):
+            frame = av.VideoFrame.from_ndarray(FIELD, "rgb24")
+            frame.pts = number
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@pytest.mark.parametrize("rotation", [90, -90, 180])
+def test_rotation_is_applied_as_opencv_does(tmp_path, rotation, suffix):
+    source = make_turned(tmp_path / f"a{suffix}", rotation)
+    shown = cv2.VideoCapture(str(source)).read()[1][..., ::-1]
+    with VideoReader(source) as reader:
+        frames = list(reader.frames())
+        assert reader.size == (frames[0].width, frames[0].height) == shown.shape[1::-1]
+        assert "--stored-orientation" in reader.notes[0]
+    assert len(frames) == 3
+    for frame in frames:
+        assert np.abs(image_of_frame(frame).astype(int) - shown).max() <= 1
+    through(source, tmp_path / f"b{suffix}")
+    (written, *_) = pictures_of(tmp_path / f"b{suffix}")
+    assert (written.rotation, written.width, written.height) == (0, *shown.shape[1::-1])
+
+
+@pytest.mark.parametrize("rotation", [90, 180])
+def test_the_stored_orientation_is_kept_on_request(tmp_path, rotation):
+    source = make_turned(tmp_path / "a.mp4", rotation)
+    with VideoReader(source, stored_orientation=True) as reader:
+        (frame, *_) = reader.frames()
+        assert reader.size == (frame.width, frame.height) == SIZE
+        assert abs(reader.rotation_deg) == rotation
+        assert "as stored" in reader.notes[0]
+    assert np.abs(image_of_frame(frame).astype(int) - FIELD).mean() < 4
+
+
+def test_a_rotation_by_no_multiple_of_90_deg_is_reported(tmp_path):
+    with VideoReader(make_turned(tmp_path / "a.mp4", 30)) as reader:
+        assert reader.size == SIZE
+        assert "not a multiple of 90 deg and is not applied" in reader.notes[0]
+
+
+@pytest.mark.parametrize("size", [(64, 48), (63, 47)])
+@pytest.mark.parametrize("name", ["yuv420p", "nv12", "yuv422p10le", "yuva444p12le", "rgb24", "gray"])
+@pytest.mark.parametrize("number", [2, 3, 4, 5, 6, 7, 8])
+def test_frames_of_every_kind_are_turned_as_images_are(number, name, size):
+    image = cv2.resize(FIELD, size)
+    frame = converted(av.VideoFrame.from_ndarray(image, "rgb24"), name)
+    frame.pts, frame.time_base = 7, Fraction(1, 25)
+    turned = upright(frame, number)
+    assert (turned.pts, turned.time_base) == (7, Fraction(1, 25))
+    before, after = (
+        np.stack(planes(converted(part, "yuv444p16le", interpolation=2))) / 256 for part in (frame, turned)
+    )
+    expected = np.stack([oriented(plane, number) for plane in before])
+    assert np.abs(after[0] - expected[0]).max() < 1.1  # luma; chroma may be interpolated
+    assert np.abs(after[1:] - expected[1:]).mean() < 1.5
+
+
+@pytest.mark.parametrize("space", [1, 5])
+@pytest.mark.parametrize("colour_range", [1, 2])
+@pytest.mark.parametrize("pixels", ["picture", "planes"])
+def test_colours_stay_the_same(tmp_path, space, colour_range, pixels):
+    source = make_video(tmp_path / "a.mp4", 5, colour_range=colour_range, colour_space=space)
+    through(source, tmp_path / "b.mp4", pixels=pixels, crf=5)
+    a, b = pictures_of(source)[3], pictures_of(tmp_path / "b.mp4")[3]
+    assert (b.color_range, b.colorspace) == (a.color_range, a.colorspace) == (colour_range, space)
+    for plane_a, plane_b in zip(planes(a), planes(b), strict=True):
+        assert np.abs(plane_a.astype(int) - plane_b).max() <= 3
+    assert np.abs(image_of_frame(a).astype(int) - image_of_frame(b)).max() <= 6
+
+
+def test_full_range_is_converted_where_the_target_cannot_say_it(tmp_path):
+    source = make_video(tmp_path / "a.mp4", 5, colour_range=2)
+    for pixels in ("picture", "planes"):
+        through(source, tmp_path / "b.mkv", pixels=pixels, codec="mpeg4", options={"qmin": "1", "qmax": "1"})
+        a, b = pictures_of(source)[3], pictures_of(tmp_path / "b.mkv")[3]
+        assert b.color_range != 2
+        assert abs(luma_of(b) - (16 + luma_of(a) * 219 / 255)) <= 3
+
+
+def test_frames_that_do_not_come_evenly_keep_their_times(tmp_path):
+    times = [0, 1, 2, 7, 8, 20, 21, 22, 40]
+    source = make_video(tmp_path / "a.mp4", times=times)
+    through(source, tmp_path / "b.mp4")
+    assert [round(frame.time * 25, 6) for frame in pictures_of(tmp_path / "b.mp4")] == times
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@pytest.mark.parametrize(
+    ("start", "duration", "first", "count"),
+    [(0, 0.4, 0, 10), (1.0, 0.4, 25, 10), (0.5, None, 13, 37), (1.02, 0.2, 26, 5), (1.96, 5, 49, 1)],
+)
+def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, first, count):
+    source = clip if suffix == ".mp4" else make_video(tmp_path / "a.mkv")
+    with VideoReader(source, start, duration) as reader:
+        assert abs(reader.expected_frames - count) <= 1
+        process(reader.items(), VideoWriter.like(reader, tmp_path / "b.mp4"), same)
+    frames = pictures_of(tmp_path / "b.mp4")
+    assert [number_of(frame) for frame in frames] == [i % 9 for i in range(first, first + count)]
+    assert frames[0].time == pytest.approx(first / 25 - start, abs=1e-3)
+    # The audio is that of the same part: its packets start within one packet of the images.
+    origin = {data: time for time, data in sound_of(source)}
+    for time, data in sound_of(tmp_path / "b.mp4"):
+        assert float(origin[data] - time) == pytest.approx(start, abs=2e-3)
+
+
+def test_a_file_can_be_read_again_and_frames_alone(clip):
+    with VideoReader(clip) as reader:
+        assert reader.expected_frames == len(list(reader.frames())) == len(list(reader.frames())) == 50
+    with VideoReader(clip, with_sound=False) as reader:
+        assert all(isinstance(item, av.VideoFrame) for item in reader.items())
+
+
+def test_packets_of_sound_tell_their_stream_after_the_last_was_read(clip):
+    with VideoReader(clip) as reader:
+        packets = [item for item in reader.items() if not isinstance(item, av.VideoFrame)]
+        assert packets
+        assert all(packet.stream is reader.audio_streams[0] for packet in packets)
+
+
+def test_the_function_sees_every_frame_in_order_with_its_time(clip, tmp_path):
+    seen = []
+
+    def note(picture, time_s):
+        seen.append((round(time_s * 25), picture.shape))
+        assert threading.current_thread() is threading.main_thread()
+        return picture[:24, :32]
+
+    through(clip, tmp_path / "b.mp4", note, size=(32, 24))
+    assert seen == [(i, (48, 64, 3)) for i in range(50)]
+    assert (pictures_of(tmp_path / "b.mp4")[0].width, len(sound_of(tmp_path / "b.mp4"))) == (32, len(sound_of(clip)))
+
+
+def test_planes_can_be_filled_without_a_copy(clip, tmp_path):
+    def invert(parts, time_s):
+        frame, into = empty_frame(SIZE)
+        for part, out in zip(parts, into, strict=True):
+            np.subtract(255, part, out=out)
+        return frame
+
+    through(clip, tmp_path / "b.mp4", invert, "planes", crf=5)
+    lumas = [luma_of(frame) for frame in pictures_of(tmp_path / "b.mp4")]
+    assert max(abs(luma - 255 + grey_of(i)) for i, luma in enumerate(lumas)) <= 4
+
+
+def test_progress_tells_how_far_it_is(clip, tmp_path):
+    told = []
+    with VideoReader(clip) as reader:
+        process(reader.items(), VideoWriter.like(reader, tmp_path / "b.mp4"), same, progress=told.append, total=50)
+    assert (told[-1].done, told[-1].total, told[-1].left_s) == (50, 50, 0)
+    assert told[-1].rate > 0
+
+
+def coded(path, codec, pixel_format, colour=None):
+    """Write two frames of a smooth image, by PyAV only."""
+    v, u = np.mgrid[0:48, 0:64]
+    picture = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
+    with av.open(str(path), "w") as container:
+        quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+        stream = container.add_stream(codec, rate=25, options=quiet)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, pixel_format
+        (colour or ColourCoding()).put_on(stream.codec_context)
+        for i in range(2):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgba").reformat(format=pixel_format)
+            (colour or ColourCoding()).put_on(frame)
+            frame.pts, frame.time_base = i, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+HDR = ColourCoding(1, 9, 9, 16)
+
+
+@pytest.mark.parametrize(
+    ("source", "codec", "pixel_format", "out", "more", "kept", "lost"),
+    [
+        ("a.mp4", "libx265", "yuv420p10le", "o.mp4", {}, "yuv420p10le", ""),
+        ("a.mkv", "ffv1", "yuv422p10le", "o.mp4", {}, "yuv422p10le", ""),
+        ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "ffv1"}, "yuv444p", ""),
+        ("a.mkv", "ffv1", "yuva444p12le", "o.mkv", {"codec": "ffv1"}, "yuva444p12le", ""),
+        ("a.mkv", "ffv1", "yuva444p10le", "o.mov", {"codec": "prores_ks"}, "yuva444p12le", ""),  # decoded format
+        ("a.mkv", "ffv1", "yuva444p12le", "o.mp4", {}, "yuv444p10le", "12 bits become 10, transparency is lost;"),
+        ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "mpeg4"}, "yuv420p", "colours in 4:4:4 become 4:2:0;"),
+        ("a.mkv", "ffv1", "bgr0", "o.mp4", {}, "yuv420p", "colours in RGB become 4:2:0;"),
+        ("a.mkv", "ffv1", "yuv444p", "o.mp4", {"pixel_format": "yuv420p"}, "yuv420p", ""),
+    ],
+)
+def test_depth_colours_and_transparency_are_kept_or_said(tmp_path, source, codec, pixel_format, out, more, kept, lost):
+    coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
+    with VideoReader(tmp_path / source) as reader:
+        writer = VideoWriter.like(reader, tmp_path / out, **more)
+        process(reader.items(), writer, same, "frame")
+    a, b = pictures_of(tmp_path / source)[0], pictures_of(tmp_path / out)[0]
+    assert b.format.name == kept
+    assert ColourCoding.of(b) == ColourCoding.of(a) if codec == "libx265" else True
+    assert [lost in note for note in writer.notes] == ([True] if lost else [])
+    if "RGB" in lost:  # its planes as YUV depend on an unspecified matrix
+        before, after = (image_of_frame(frame).astype(int) for frame in (a, b))
+        assert np.abs(before - after)[4:-4, 4:-4].mean() < 80 * 255 / 4095
+        return
+    before, after = (planes(converted(frame, "yuva444p12le")) for frame in (a, b))
+    for one, other in zip(before[: 3 if "transparency" in lost else 4], after, strict=False):
+        assert np.abs(one.astype(int) - other)[4:-4, 4:-4].mean() < 80  # of 4095
+
+
+def test_what_is_lost_of_hdr_is_said(tmp_path):
+    coded(tmp_path / "a.mkv", "libx265", "yuv420p10le", HDR)
+    with VideoReader(tmp_path / "a.mkv") as reader, VideoWriter.like(reader, tmp_path / "b.mkv", codec="mpeg4") as b:
+        b.write(next(reader.frames()))
+    assert "10 bits become 8, the picture is HDR, and its tags are lost;" in b.notes[0]
+
+
+def test_a_pixel_format_that_the_codec_does_not_know_is_refused(tmp_path):
+    with pytest.raises(InvalidParameter, match="libx264 does not encode rgb565; valid are yuv420p"):
+        VideoWriter(tmp_path / "a.mp4", SIZE, 25, pixel_format="rgb565")
+
+
+# -- errors
+# ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "there is no video"), (b"", "it is no video"), (b"hello, world" * 500, "it is no video, or is damaged")],
+)
+def test_what_is_no_video_is_refused(tmp_path, content, message, capfd):
+    path = tmp_path / "a.mp4"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(MediaError, match=message) as e:
+        VideoReader(path)
+    assert "\n" not in str(e.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_sound_file_is_no_video(tmp_path):
+    with av.open(str(tmp_path / "a.mka"), "w") as container:
+        sound = container.add_stream("aac", rate=48000, layout="mono")
+        container.mux(sound.encode(tone(0)))
+        container.mux(sound.encode(None))
+    with pytest.raises(MediaError, match="there is no video that can be decoded"):
+        VideoReader(tmp_path / "a.mka")
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".mp4"])
+def test_a_video_cut_short_keeps_what_could_be_read(tmp_path, suffix, capfd):
+    whole = tmp_path / f"whole{suffix}"
+    make_video(whole)
+    if suffix == ".mp4":  # with its index first, as for the web; otherwise it is unreadable
+        with (
+            av.open(str(whole)) as source,
+            av.open(str(tmp_path / "front.mp4"), "w", options={"movflags": "faststart"}) as out,
+        ):
+            copies = {stream.index: out.add_stream_from_template(stream) for stream in source.streams}
+            for packet in source.demux():
+                if packet.size:
+                    packet.stream = copies[packet.stream.index]
+                    out.mux(packet)
+        whole = tmp_path / "front.mp4"
+    data = whole.read_bytes()
+    part = tmp_path / f"part{suffix}"
+    part.write_bytes(data[: int(len(data) * 0.7)])
+    with pytest.raises(MediaError, match=r"part.* is (cut short|damaged).* frames, which were read") as e:
+        through(part, tmp_path / f"out{suffix}")
+    assert "\n" not in str(e.value)
+    frames = pictures_of(tmp_path / f"out{suffix}")
+    assert 5 < len(frames) < 50
+    assert [number_of(frame) for frame in frames] == [i % 9 for i in range(len(frames))]
+    assert capfd.readouterr().err == ""
+
+
+def test_a_damaged_video_keeps_what_could_be_decoded(clip, tmp_path):
+    data = bytearray(clip.read_bytes())
+    with av.open(str(clip)) as container:
+        packets = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+    for at, size in (packets[10], packets[30]):
+        data[at : at + size] = bytes(size)
+    (tmp_path / "a.mp4").write_bytes(data)
+    with pytest.raises(MediaError, match=r"a.mp4 is damaged: \d+ of its 50 pictures cannot be decoded; \d+ were read"):
+        through(tmp_path / "a.mp4", tmp_path / "b.mp4")
+    assert 25 <= len(pictures_of(tmp_path / "b.mp4")) <= 48
+
+
+def test_an_index_that_is_missing_is_said(tmp_path):
+    data = make_video(tmp_path / "a.mp4").read_bytes()
+    (tmp_path / "b.mp4").write_bytes(data[: len(data) // 2])
+    with pytest.raises(MediaError, match="damaged or cut short"):
+        VideoReader(tmp_path / "b.mp4")
+
+
+@pytest.mark.parametrize(("start", "duration"), [(-1, None), (float("nan"), None), (0, 0), (0, -1), (5, None)])
+def test_a_part_that_is_not_there_is_refused(clip, start, duration):
+    with pytest.raises(InvalidParameter, match=r"start at|duration of"):
+        VideoReader(clip, start, duration)
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "message"),
+    [
+        ("a.gif", {}, "kind '.gif' are not known; valid are .mp4"),
+        ("a", {}, "a video without a suffix"),
+        ("a.mp4", {"codec": "nonsense"}, "there is no encoder 'nonsense'; valid are libx264"),
+        ("a.mp4", {"codec": "aac"}, "aac does not encode pictures"),
+        ("a.mp4", {"codec": "mpeg4", "crf": 20}, "the encoder mpeg4 knows no option 'crf'"),
+        ("a.mp4", {"options": {"colour": "1"}}, "libx264 knows no option 'colour'"),
+        ("a.mp4", {"size": (63, 48)}, "valid are even sides, such as 64 x 48 px"),
+        ("a.webm", {}, "webm cannot hold the source's sound, which is aac"),
+    ],
+)
+def test_what_cannot_be_encoded_is_refused(clip, tmp_path, name, more, message):
+    with VideoReader(clip) as reader, pytest.raises((MediaError, InvalidParameter), match=message):
+        VideoWriter.like(reader, tmp_path / name, **more)
+    assert not list(tmp_path.iterdir())
+
+
+def test_frames_of_another_size_or_kind_are_refused(tmp_path):
+    with VideoWriter(tmp_path / "a.mp4", SIZE, 25) as writer:
+        writer.write(frame_of_image(np.zeros((48, 64), np.uint8)))
+        with pytest.raises(InvalidParameter, match="32 x 24 px does not fit"):
+            writer.write(frame_of_image(np.zeros((24, 32, 3), np.uint8)))
+    with pytest.raises(MediaError, match="uint16 and shape"):
+        frame_of_image(np.zeros((24, 32, 3), np.uint16))
+    with pytest.raises(MediaError, match="are not one 4:2:0 picture"):
+        frame_of_planes((np.zeros((24, 32), np.uint8),) * 3)
+    with pytest.raises(MediaError, match="rgb24 have no planes"):
+        planes(av.VideoFrame(8, 8, "rgb24"))
+
+
+@pytest.mark.parametrize("error", [RuntimeError("half way"), MediaError("half way")])
+def test_an_error_on_the_way_leaves_the_earlier_file(clip, tmp_path, error):
+    out = tmp_path / "b.mp4"
+    out.write_text("precious")
+    before = set(threading.enumerate())
+
+    def fail(picture, time_s):
+        if time_s > 1:
+            raise error
+        return picture
+
+    with pytest.raises(type(error), match="half way"):
+        through(clip, out, fail)
+    assert out.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [out]
+    assert set(threading.enumerate()) <= before  # threads of a browser of other tests may be present
+
+
+def test_nothing_written_is_no_file(tmp_path):
+    with pytest.raises(MediaError, match="no frame was written"), VideoWriter(tmp_path / "a.mp4", SIZE, 25):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_in_the_block_finishes_the_file(tmp_path):
+    def stop_after_ten():
+        with VideoWriter(tmp_path / "a.mp4", SIZE, 25) as writer:
+            for _ in range(10):
+                writer.write(frame_of_image(np.zeros((48, 64, 3), np.uint8)))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stop_after_ten()
+    assert len(pictures_of(tmp_path / "a.mp4")) == 10
+    with pytest.raises(KeyboardInterrupt), VideoWriter(tmp_path / "b.mp4", SIZE, 25):
+        raise KeyboardInterrupt
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+
+
+SCRIPT = """
+import sys, time
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.io import interrupts
+from omnimirror.io.video_processing import process
+from omnimirror.io.video_reader import VideoReader
+from omnimirror.io.video_writer import VideoWriter
+
+source, out, most = sys.argv[1], sys.argv[2], int(sys.argv[3])  # frames before Ctrl-C
+seen = 0
+
+def counted(picture, time_s):
+    global seen
+    seen += 1
+    print("frame", flush=True)
+    while seen == most and not interrupts.is_pending():
+        time.sleep(0.01)
+    return picture
+
+try:
+    reader = VideoReader(source)
+    outcome = process(reader.items(), VideoWriter.like(reader, out), counted)
+    print(outcome.exit_code, outcome.frames, flush=True)
+except OmnimirrorError as e:
+    sys.exit(f"omnimirror: {e}")
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_leave_a_file_that_plays(clip, tmp_path, number):
+    out = tmp_path / "b.mp4"
+    run = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, clip, out, "8"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    for _ in range(8):
+        assert run.stdout.readline() == "frame\n"
+    run.send_signal(number)
+    rest, errors = run.communicate()
+    assert (run.returncode, errors) == (0, "")
+    code, count = rest.splitlines()[-1].split()
+    assert int(code) == 128 + number
+    frames = pictures_of(out)
+    assert 7 <= len(frames) == int(count) < 40
+    assert [number_of(frame) for frame in frames] == [i % 9 for i in range(len(frames))]
+    assert sound_of(out)
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
+    source = make_video(tmp_path / "a.mp4", 200)
+    out = tmp_path / "out" / "b.mp4"
+    out.parent.mkdir()
+    out.write_text("precious")
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT, source, out, "0"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be truncated too
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+    )
+    assert run.returncode == 1
+    assert run.stderr.startswith(f"omnimirror: cannot write {out}: File too large")
+    assert len(run.stderr.splitlines()) == 1
+    assert out.read_text() == "precious"
+    assert os.listdir(out.parent) == ["b.mp4"]
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_writer import VideoWriter
+
+writer = VideoWriter(sys.argv[1], (64, 48), 25, options={"tune": "zerolatency"})
+for i in range(100):
+    writer.write(frame_of_image(np.full((48, 64), i, np.uint8)))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("suffix", few([".mp4", ".mov", ".mkv"], ".mp4"))
+def test_what_a_killed_run_had_done_plays_and_is_given_a_name(tmp_path, suffix):
+    out = tmp_path / f"a{suffix}"
+    for _ in range(2):  # the second run must not depend on the first
+        subprocess.run([sys.executable, "-c", KILLED, out])
+    left = [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert len(left) == 1
+    assert not out.exists()
+    whole = len(pictures_of(left[0]))
+    assert 60 <= whole <= 100  # all but the last second
+    with VideoWriter(out, SIZE, 25) as writer:
+        writer.write(frame_of_image(np.zeros((48, 64), np.uint8)))
+    names = {f"a{suffix}", f"a.rescued{suffix}", f"a.rescued-2{suffix}"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert len(pictures_of(tmp_path / f"a.rescued-2{suffix}")) == whole
+    assert "killed" in writer.notes[0]
+    assert stat.S_IMODE((tmp_path / f"a.rescued{suffix}").stat().st_mode) == stat.S_IMODE(out.stat().st_mode)
+
+
+def test_what_cannot_be_played_of_a_killed_run_is_removed(tmp_path):
+    (tmp_path / ".a.omnimirror-12345678.mp4").write_bytes(b"nothing")
+    with VideoWriter(tmp_path / "a.mp4", SIZE, 25) as writer:
+        writer.write(frame_of_image(np.zeros((48, 64), np.uint8)))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+    assert writer.notes == []
+
+
+def test_a_finished_mp4_is_an_ordinary_one_with_its_index(clip, tmp_path):
+    through(clip, tmp_path / "a.mp4")
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        assert container.streams.video[0].frames == 50
+    boxes, data = [], (tmp_path / "a.mp4").read_bytes()
+    while data:
+        boxes.append(data[4:8])
+        data = data[int.from_bytes(data[:4], "big") :]
+    assert boxes == [b"ftyp", b"free", b"mdat", b"moov"]

@@ -1,0 +1,323 @@
+"""Prescribed-mapping mirrors: the evaluated mapping equals the prescribed one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import (
+    Conformal,
+    CylinderMapping,
+    Equiangular,
+    Equiareal,
+    Equidistant,
+    GroundPlane,
+    Paraboloid,
+    Rectifying,
+    Sphere,
+    TabulatedMapping,
+    UnitAspect,
+)
+from omnimirror.optics.mirrors.prescribed_mapping import Mapped, PerspectiveMeridian
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
+
+M = 43.9
+
+
+def sensor_of(mirror: Mapped) -> om.Sensor:
+    imager = Imager(1024, 1024, 5.2)
+    if mirror.theta_max_deg == 0:
+        return om.Sensor(mirror, Orthographic(0.0592, 4.0, 22.0), imager)
+    return om.Sensor(mirror, Perspective(11.6, 4.0, 210.0), imager, mirror_distance_mm=mirror.design_distance)
+
+
+def evaluated(mirror: Mapped, low: float = 1e-3) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
+    """Return field angles (radians), relative image heights, and mirror points, from om.evaluate."""
+    sensor = sensor_of(mirror)
+    start, end = sensor.field_deg
+    result = om.evaluate(sensor, np.linspace(start + low * (end - start), end, 200))
+    return np.radians(result.omega_deg), result.h_px / sensor.rim_radius_px, result.x_mm, result.z_mm
+
+
+# 40-digit values of m/M for 135 deg at 12 deg; the far plane to 75 deg
+DISTANCES = [
+    (Equidistant, 135.0, 3.92426760151),
+    (Equiangular, 135.0, 3.91625328435),
+    (Conformal, 135.0, 3.55007544592),
+    (UnitAspect, 135.0, 3.55612053404),
+    (Equiareal, 135.0, 4.07235176766),
+    (Rectifying, 75.0, 4.23651210948),
+]
+
+
+@pytest.mark.parametrize(("cls", "omega", "m"), DISTANCES, ids=lambda v: getattr(v, "KIND", ""))
+def test_the_lens_stands_where_high_precision_puts_it(cls, omega, m):
+    assert cls(omega, 12.0, 1.0).design_distance == pytest.approx(m, abs=6e-12)
+    assert cls(omega, 12.0, M).design_distance == pytest.approx(m * M, abs=6e-12 * M)
+
+
+MAPPINGS = {
+    Equidistant: lambda o: o,
+    Equiareal: lambda o: np.sin(o / 2),
+    UnitAspect: lambda o: np.tan(o / 2),
+    Rectifying: np.tan,
+}
+"""Image heights up to scale, for any lens."""
+
+
+@pytest.mark.parametrize("theta", [12.0, 35.0, 0.5, 0.0])
+@pytest.mark.parametrize("cls", MAPPINGS, ids=lambda c: c.KIND)
+def test_evaluation_gives_the_mapping_asked_for(cls, theta):
+    omega, tau, _, _ = evaluated(cls(75.0 if cls is Rectifying else 135.0, theta, M))
+    height = MAPPINGS[cls]
+    np.testing.assert_allclose(tau, height(omega) / height(omega[-1]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("theta", [12.0, 35.0])
+@pytest.mark.parametrize(
+    ("cls", "viewing"),
+    [(Equiangular, lambda o: o), (Conformal, lambda o: 2 * np.arctan(np.tan(o / 2)))],
+    ids=["equiangular", "conformal"],
+)
+def test_mappings_of_the_viewing_angle(cls, viewing, theta):
+    omega, tau, _, _ = evaluated(cls(135.0, theta, M))
+    Theta = np.radians(theta)
+    angle = np.arctan(tau * np.tan(Theta))
+    if cls is Equiangular:
+        np.testing.assert_allclose(angle / Theta, omega / omega[-1], rtol=1e-9)
+    else:
+        np.testing.assert_allclose(
+            np.tan(angle / 2) / np.tan(Theta / 2), np.tan(omega / 2) / np.tan(omega[-1] / 2), rtol=1e-9
+        )
+
+
+@pytest.mark.parametrize("theta", [12.0, 0.0])
+@pytest.mark.parametrize(("omega_max", "H"), [(70.0, 60.0), (70.0, 600.0), (70.0, 1e6), (89.9, 800.0)])
+def test_a_ground_plane_is_drawn_to_scale(omega_max, H, theta):
+    """True intersections of the chief rays with the plane: radii are proportional to image heights."""
+    omega, tau, x, z = evaluated(GroundPlane(omega_max, theta, M, plane_distance_mm=H))
+    radius = x + (z + H) * np.tan(omega)
+    np.testing.assert_allclose(radius / radius[-1], tau, rtol=1e-9)
+    assert np.degrees(omega[-1]) == pytest.approx(omega_max, abs=1e-9)
+
+
+@pytest.mark.parametrize("theta", [12.0, 0.0])
+@pytest.mark.parametrize(
+    ("low", "high", "R"), [(50.0, 115.0, 60.0), (50.0, 115.0, 800.0), (50.0, 115.0, 1e6), (2.0, 150.0, 800.0)]
+)
+def test_a_cylinder_is_drawn_to_scale(low, high, R, theta):
+    mirror = CylinderMapping(high, theta, M, omega_min_deg=low, cylinder_radius_mm=R)
+    omega, tau, x, z = evaluated(mirror)
+    height = z - (R - x) / np.tan(omega)
+    centre = -R / np.tan(np.radians(low))
+    np.testing.assert_allclose((height - centre) / (height[-1] - centre), tau, rtol=1e-9)
+    assert mirror.is_pointed
+    assert sensor_of(mirror).field_deg == pytest.approx((low, high), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mirror", "most"),
+    [
+        (GroundPlane(89.9, 12.0, M, plane_distance_mm=800.0), 65),
+        (GroundPlane(89.99, 0.0, M, plane_distance_mm=800.0), 65),
+        (CylinderMapping(165.0, 12.0, M, omega_min_deg=1.0, cylinder_radius_mm=800.0), 129),
+    ],
+    ids=["ground plane", "far ground plane", "cylinder"],
+)
+def test_much_field_in_little_of_the_image_takes_few_terms(mirror, most):
+    """A design evaluates hundreds of mirrors: 513 terms, and the equations of 512 nodes, took 1
+    minute."""
+    size = np.abs(mirror._solution.series.coef)
+    assert len(size) <= most
+    assert size[-4:].max() <= 1e-15 * size.max()
+
+
+@pytest.mark.parametrize("H", [60.0, 600.0])
+def test_points_of_the_plane_land_where_the_plan_says(H):
+    """Forward projection by the true reflection of each point, independent of mappings."""
+    mirror = GroundPlane(70.0, 12.0, M, plane_distance_mm=H)
+    sensor = sensor_of(mirror)
+    rim_z = float(mirror.sag(M))
+    radii = np.linspace(0.1, 0.999, 9) * (M + (H + rim_z) * np.tan(np.radians(70)))
+    world = np.stack([radii, np.zeros(9), np.full(9, -H)], axis=-1) @ sensor.mount.rotation().T
+    pixels = sensor.project(world).pixels
+    h = np.hypot(*(pixels - 511.5).T)
+    np.testing.assert_allclose(h / radii, h[0] / radii[0], rtol=1e-9)
+
+
+def test_closed_forms_agree_with_the_quadrature():
+    for mirror in (Equiangular(130.0, 14.0, 1.0), Equiangular(130.0, 14.0, 1.0, 20.0), UnitAspect(135.0, 12.0, 1.0)):
+        quadrature = PerspectiveMeridian.solve(mirror._omega, mirror._domega, mirror._theta_max)
+        assert mirror.design_distance == pytest.approx(quadrature.distance, rel=1e-12)
+        x = np.linspace(0, 1, 50)
+        for ours, theirs in zip(mirror.profile(x), quadrature.profile(x), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+
+
+def test_under_an_orthographic_lens_they_are_the_conics_that_are_known():
+    x = np.linspace(0, M, 60)
+    half = np.radians(135) / 2
+    sphere, paraboloid = Sphere(M / np.sin(half), M), Paraboloid(M / np.tan(half), M)
+    for mirror, conic in (
+        (Equiareal(135.0, 0.0, M), sphere),
+        (UnitAspect(135.0, 0.0, M), paraboloid),
+        (Conformal(135.0, 0.0, M), paraboloid),
+    ):
+        for ours, theirs in zip(mirror.profile(x), conic.profile(x), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+    k = np.radians(135) / M  # Eq. 22 with the corrected sign
+    np.testing.assert_allclose(Equidistant(135.0, 0.0, M).sag(x), -2 / k * np.log(np.cos(k * x / 2)), rtol=1e-12)
+    flat = np.tan(np.radians(75)) / M  # by quadrature of the law of reflection
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    slope = np.tan(np.arctan(flat * x[:, None] * (nodes + 1) / 2) / 2)
+    np.testing.assert_allclose(Rectifying(75.0, 0.0, M).sag(x), slope @ weights * x / 2, rtol=1e-12)
+
+
+def test_the_finite_rows_tend_to_the_distant_ones():
+    x = np.linspace(0, M, 30)
+    near, far = GroundPlane(75.0, 12.0, M, 1e7), Rectifying(75.0, 12.0, M)
+    np.testing.assert_allclose(near.sag(x), far.sag(x), atol=1e-4)
+    assert near.design_distance == pytest.approx(far.design_distance, rel=1e-6)
+
+
+@pytest.mark.parametrize("theta", [12.0, 0.0])
+@pytest.mark.parametrize("cls", [Equidistant, Equiangular, Equiareal])
+def test_a_field_that_begins_past_the_camera_takes_a_pointed_mirror(cls, theta):
+    """The field starts at 30 deg, obscured below by the camera: the mapping distributes it over the
+    whole image."""
+    mirror = cls(135.0, theta, M, omega_min_deg=30.0)
+    omega, tau, _, _ = evaluated(mirror)
+    low = np.radians(30)
+    if cls is Equiareal:
+        wanted = np.sqrt((np.cos(low) - np.cos(omega)) / (np.cos(low) - np.cos(omega[-1])))
+    elif cls is Equidistant or theta == 0:
+        wanted = (omega - low) / (omega[-1] - low)
+    else:
+        wanted = np.tan((omega - low) / (omega[-1] - low) * np.radians(theta)) / np.tan(np.radians(theta))
+    np.testing.assert_allclose(tau, wanted, rtol=1e-9)
+    assert mirror.is_pointed
+    assert np.isfinite(om.best_focus(sensor_of(mirror)).value)
+
+
+@given(
+    omega=st.floats(20, 160),
+    theta=st.floats(1, 40),
+    cls=st.sampled_from([Equidistant, Equiangular, Conformal, UnitAspect, Equiareal]),
+)
+def test_any_field_and_viewing_angle_that_can_be_had_are_met(omega, theta, cls):
+    if not theta + 2 < omega < 178 - theta:
+        return
+    mirror = cls(omega, theta, M)
+    meridian = sensor_of(mirror).meridian
+    assert np.degrees(meridian.omega_max) == pytest.approx(omega, rel=1e-10)
+    assert np.degrees(meridian.theta_max) == pytest.approx(theta, rel=1e-10)
+    rays = meridian.trace(np.linspace(0.01, 1, 40) * M)
+    found = mirror.mapping(rays.x / rays.w / np.tan(np.radians(theta)))[0]
+    np.testing.assert_allclose(found, rays.omega, rtol=1e-10)
+
+
+# -- user-defined mapping --------------------------------------------------------------------------
+
+
+def test_a_function_becomes_a_mirror_with_its_mapping():
+    def height(omega):
+        return omega - 0.12 * np.sin(omega)
+
+    for theta in (12.0, 0.0):
+        mirror = TabulatedMapping.from_function(height, 140.0, theta, M)
+        omega, tau, _, _ = evaluated(mirror)
+        np.testing.assert_allclose(tau, height(omega) / height(omega[-1]), rtol=1e-9)
+        assert parse_sensor(format_sensor(sensor_of(mirror))).mirror == mirror
+
+
+def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
+    omega = np.linspace(20, 120, 51)
+    rows = "\n".join(f"{o},{3 * (o - 20)}" for o in omega)
+    (tmp_path / "mapping.csv").write_text(f"omega_deg,height\n{rows}\n")
+    wanted = Equidistant(120.0, 10.0, M, omega_min_deg=20.0)
+    sensor = om.Sensor(wanted, Perspective(11.6, 4.0, 210.0), Imager(1024, 1024, 5.2),
+                       mirror_distance_mm=wanted.design_distance)  # fmt: skip
+    text = format_sensor(sensor).replace('"equidistant"', '"tabulated-mapping"\nmapping_csv = "mapping.csv"')
+    text = text.replace("omega_max_deg = 120.0\n", "").replace("omega_min_deg = 20.0\n", "")
+    (tmp_path / "s.toml").write_text(text)
+    mirror = om.load_sensor(tmp_path / "s.toml").mirror
+    assert mirror.KIND == "tabulated-mapping"
+    np.testing.assert_allclose(
+        mirror.sag(np.linspace(0, M, 9)), wanted.sag(np.linspace(0, M, 9)), rtol=1e-11, atol=1e-12
+    )
+    (tmp_path / "s.toml").write_text(text.replace("mapping_csv", "height = [0.0]\nmapping_csv"))
+    with pytest.raises(OmnimirrorError, match="both mapping_csv and height"):
+        om.load_sensor(tmp_path / "s.toml")
+    (tmp_path / "s.toml").write_text(text.replace("mapping.csv", "mapin.csv"))
+    with pytest.raises(OmnimirrorError, match=r"cannot read the mapping .*mapin\.csv"):
+        om.load_sensor(tmp_path / "s.toml")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"height": (1.0, 2, 3, 4, 5, 6)}, "height starts at 1"),
+        ({"height": (0.0, 1, 2, 2, 5, 6)}, r"height does not grow after row 3 \(2 then 2\)"),
+        ({"omega_deg": (0.0, 10, 5, 20, 30, 40)}, r"omega_deg does not grow after row 2 \(10 then 5\)"),
+        ({"height": (0.0, 1.0)}, "omega_deg has 6 rows and height 2"),
+        ({"omega_deg": (0.0, 1.0), "height": (0.0, 1.0)}, "at least 6"),
+        ({"theta_max_deg": 50.0}, "omega_max_deg = 40 cannot be reached with theta_max_deg = 50"),
+    ],
+)
+def test_a_table_that_is_no_mapping_is_refused(change, message):
+    good = {"omega_deg": (0.0, 10, 20, 25, 30, 40), "height": (0.0, 1, 2, 3, 4, 5), "theta_max_deg": 12.0}
+    with pytest.raises(InvalidParameter, match=message):
+        TabulatedMapping(**{**good, **change}, rim_radius_mm=M)
+
+
+def test_a_function_that_is_no_mapping_is_refused():
+    with pytest.raises(InvalidParameter, match="height does not grow"):
+        TabulatedMapping.from_function(np.sin, 120.0, 12.0, M)
+    with pytest.raises(InvalidParameter, match="not smooth"):
+        TabulatedMapping.from_function(lambda o: o + np.maximum(o - 1, 0), 120.0, 12.0, M)
+    with pytest.raises(InvalidParameter, match="not finite"):
+        TabulatedMapping.from_function(lambda o: np.where(o > 1, np.nan, o), 120.0, 12.0, M)
+
+
+# -- infeasible mappings ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Equiareal(170.0, 12.0, M), "omega_max_deg = 170 cannot be reached .* valid between 12 and 168"),
+        (lambda: Rectifying(95.0, 12.0, M), "omega_max_deg = 95 cannot be reached by the rectifying .* below 90"),
+        (lambda: GroundPlane(90.0, 12.0, M, 500.0), "omega_max_deg = 90 cannot be reached by the ground-plane"),
+        (lambda: Equidistant(60.0, 12.0, M, 70.0), "omega_min_deg = 70 is not below omega_max_deg = 60"),
+        (lambda: CylinderMapping(110.0, 12.0, M, 50.0, 40.0), "cylinder_radius_mm = 40 does not clear the mirror"),
+    ],
+)
+def test_what_cannot_be_had_is_refused_with_advice(make, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make()
+
+
+@pytest.mark.parametrize("mirror", [Equidistant(120.0, 12.0, 44.0), Equiareal(120.0, 12.0, 44.0)])
+def test_a_profile_asks_for_the_course_of_a_smooth_mirror_once(mirror):
+    """A table yields an initial value, derivatives refine it to rounding: the reference is the
+    mapping itself."""
+    asked = []
+    smooth = mirror._meridian
+    counted = PerspectiveMeridian(
+        lambda theta: asked.append("place") or smooth.place(theta),
+        lambda theta: asked.append("course") or smooth.course(theta),
+        smooth.theta_max,
+    )
+    x = np.sort(np.random.default_rng(4).uniform(0, 1, 500))
+    counted.profile(x)  # with its table
+    asked.clear()
+    z, slope, _ = counted.profile(x)
+    assert asked == ["course"]
+    theta = np.arctan2(x, counted.distance + z)
+    assert np.abs(np.arctan(slope) - (smooth.place(theta)[0] - theta) / 2).max() < 1e-14

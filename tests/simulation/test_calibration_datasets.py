@@ -1,0 +1,178 @@
+"""Calibration datasets: stated corners equal those in the images."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.io.keyframes import Keyframes
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.simulation.dataset_manifest import load_recipe
+from omnimirror.simulation.datasets import view_poses, visible_corners_px, write_calibration_set, write_video_set
+from omnimirror.simulation.scenes.calibration_hall import Hall
+from omnimirror.simulation.scenes.room import Room
+from omnimirror.simulation.scenes.scene import Pose
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("set")
+    sensor = om.load_sensor("paper-equidistant")
+    files = list(
+        write_calibration_set(sensor, folder, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3)
+    )
+    return folder, files, json.loads((folder / "dataset.json").read_text())
+
+
+def test_it_is_complete_and_readable(written):
+    folder, files, data = written
+    assert [f.name for f in files] == ["view-000.png", "view-001.png", "dataset.json"]
+    assert om.load_sensor(folder / data["sensor"]).name == "paper-equidistant"
+    assert data["views"][0]["pose"] == {f"{n}_mm": 0.0 for n in "xyz"} | {
+        f"{n}_deg": 0.0 for n in ("pan", "tilt", "roll")
+    }
+    assert len(data["boards_mm"]) == 18
+    assert all(len(view["corners_px"]) > 8 for view in data["views"])
+
+
+def test_corners_are_where_opencv_finds_them_in_the_picture(written):
+    """Subpixel saddle points of the image, searched from 1 px off the true position."""
+    folder, _, data = written
+    for view in data["views"]:
+        grey = cv2.cvtColor(om.read_image(folder / view["image"]), cv2.COLOR_RGB2GRAY)
+        true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+        inner = np.hypot(*(true - 511.5).T) < 440
+        start = (true[inner] + [0.7, -0.7]).astype(np.float32)
+        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+        found = cv2.cornerSubPix(grey, start[:, None].copy(), (3, 3), (-1, -1), criteria)[:, 0]
+        off = np.hypot(*(found - true[inner]).T)
+        assert len(off) > 400
+        assert np.median(off) < 0.1
+        assert np.quantile(off, 0.9) < 0.2
+        assert abs(np.median(found - true[inner], axis=0)).max() < 0.02
+
+
+def test_corners_behind_something_are_not_in_view():
+    """The whole board is visible from its front, and only its back from behind."""
+    sensor, hall = om.load_sensor("paper-spherical"), Hall(texel_mm=50.0)
+    assert np.isfinite(visible_corners_px(sensor, hall, Pose())["A4"]).all()
+    assert np.isnan(visible_corners_px(sensor, hall, Pose(x_mm=3200.0))["A4"]).all()
+
+
+def test_poses_repeat_and_differ():
+    assert view_poses(5, seed=2) == view_poses(5, seed=2)
+    assert len({*view_poses(30)}) == 30
+    with pytest.raises(InvalidParameter, match="views = 0"):
+        view_poses(0)
+
+
+def small(pixels=96):
+    sensor = om.load_sensor("paper-spherical")
+    pitch = 5.2 * 1024 / pixels
+    return replace(sensor, imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+
+
+PATH = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 600.0)), "pan_deg": ((0.0, 0.0), (1.0, 45.0))})
+
+
+def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp_path):
+    pytest.importorskip("av")
+    library = pytest.importorskip("OpenEXR")
+    from omnimirror.io.video_reader import VideoReader
+    from omnimirror.simulation.simulated_video import load_path
+
+    room, sensor = Room(texel_mm=40.0), small()
+    assert (
+        write_video_set(sensor, room, path=PATH, folder=tmp_path, frame_rate=4.0, samples=1, blur=False, truth=True)
+        == 5
+    )
+    data = json.loads((tmp_path / "dataset.json").read_text())
+    assert data["frames"] == VideoReader(tmp_path / data["video"]).expected_frames == 5
+    poses = load_path(tmp_path / data["poses"])
+    assert poses.at(0.75)["x_mm"] == pytest.approx(PATH.at(0.75)["x_mm"])
+    with library.File(str(tmp_path / (data["truth"] % 3)), separate_channels=True) as file:
+        depth = np.array(file.channels()["Z"].pixels)
+    pixel, pose = [60, 30], Pose(**PATH.at(0.75))
+    rays = om.load_sensor(tmp_path / data["sensor"]).backproject([pixel])
+    start, ahead = pose.to_scene(rays.origins), pose.to_scene(rays.origins + rays.directions)
+    assert depth[pixel[1], pixel[0]] == pytest.approx(room.distance_mm(start, ahead - start)[0], rel=1e-5)
+
+
+def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
+    pytest.importorskip("av")
+
+    def stop(done, _):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_video_set(
+            small(),
+            Room(texel_mm=40.0),
+            path=PATH,
+            folder=tmp_path / "v",
+            frame_rate=9.0,
+            samples=1,
+            blur=False,
+            progress=stop,
+        )
+    assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
+    assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
+    pictures = write_calibration_set(small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0))
+    with pytest.raises(KeyboardInterrupt):
+        next(pictures), pictures.throw(KeyboardInterrupt())
+    described = json.loads((tmp_path / "c/dataset.json").read_text())
+    assert [view["image"] for view in described["views"]] == ["view-000.png"]
+
+
+def test_the_command_writes_a_set(tmp_path):
+    from tests.commands import omnimirror
+
+    om.save_sensor(small(), tmp_path / "small.toml")
+    run = omnimirror("simulate", "dataset", "small.toml", "-o", "set", "--views", 1, "--spp", 1, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert sorted(p.name for p in (tmp_path / "set").iterdir()) == ["dataset.json", "sensor.toml", "view-000.png"]
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        om.Unified(0.9, (260.0, 262.0), (322.0, 315.0), (640, 640), k1=-0.02, p1=1e-3, rim_radius_px=300.0),
+        om.ViewpointSpline(
+            (70.0, 140.0, 205.0, 262.0, 310.0), (0.0, -2.0, -6.0, -12.0, -20.0), 260.0, (322.0, 315.0), (640, 640)
+        ),
+        replace(om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)),
+    ],
+    ids=["central", "non-central", "mirror out of place"],
+)
+def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
+    """OpenCV detects its corners at their positions in its images, and its file is the camera."""
+    hall = Hall(texel_mm=12.5)
+    list(write_calibration_set(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
+    data = json.loads((tmp_path / "dataset.json").read_text())
+    assert om.load_camera(tmp_path / data["sensor"]) == camera
+    assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
+    grey = cv2.cvtColor(om.read_image(tmp_path / "view-000.png"), cv2.COLOR_RGB2GRAY)
+    (view,) = data["views"]
+    true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+    start = (true + np.array([0.5, -0.5])).astype(np.float32)
+    found = cv2.cornerSubPix(grey, start[:, None].copy(), (2, 2), (-1, -1), criteria)[:, 0]
+    off = np.hypot(*(found - true).T)
+    assert len(off) > 300
+    assert np.median(off) < 0.15
+    assert abs(np.median(found - true, axis=0)).max() < 0.03
+
+
+def test_a_calibrated_camera_is_sharp_unless_blur_is_asked_of_it_which_is_refused(tmp_path):
+    camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
+    list(write_calibration_set(camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)))
+    assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
+    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
+        list(write_calibration_set(camera, tmp_path / "other", views=1, samples=1, blur=True))

@@ -1,0 +1,271 @@
+"""Datasets resumed after their process was killed, and datasets regenerated from their manifest."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, MediaError
+from omnimirror.io.keyframes import Keyframes
+from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
+from omnimirror.simulation.dataset_manifest import CalibrationRecipe, VideoRecipe, format_of, load_recipe, recipe_record
+from omnimirror.simulation.datasets import render_views, write_calibration_set, write_video_set
+from omnimirror.simulation.detector import Detector
+from omnimirror.simulation.radiometry import Radiometry
+from omnimirror.simulation.scenes.calibration_hall import Hall
+from omnimirror.simulation.scenes.room import Room
+from omnimirror.simulation.scenes.scene_sources import SceneSource
+from tests.commands import fails, omnimirror
+from tests.simulation.test_calibration_datasets import PATH, small
+
+HALL = Hall(texel_mm=50.0)
+ROOT = Path(__file__).parents[3]
+KILLED = """
+import signal, sys
+from tests.simulation.test_dataset_manifest import write
+
+def stand_still(done):
+    if done == 3:
+        signal.pause()
+
+write(sys.argv[1], sys.argv[2], stand_still)
+"""
+
+
+def write(kind, folder, after=lambda done: None):
+    """Write a dataset of five images."""
+    sensor = small(64)
+    if kind == "calibration":
+        pictures = write_calibration_set(
+            sensor, folder, views=5, samples=4, blur=False, detector=Detector(full_well_e=1e4), hall=HALL
+        )
+        for number, _ in enumerate(pictures, start=1):
+            after(number)
+    else:
+        write_video_set(
+            sensor,
+            Room(texel_mm=40.0),
+            path=PATH,
+            folder=folder,
+            frame_rate=4.0,
+            samples=4,
+            blur=False,
+            progress=lambda n, _: after(n),
+        )
+
+
+def until(true, what):
+    """Wait for a state; the limit only ends a hanging run."""
+    end = time.monotonic() + 120
+    while not true():
+        assert time.monotonic() < end, f"waited in vain until {what}"
+        time.sleep(0.002)
+
+
+def contents(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sets")
+    om.save_sensor(small(64), folder / "small.toml")
+    om.write_image(folder / "sky.hdr", np.random.default_rng(1).uniform(0, 1, (16, 32, 3)).astype(np.float32))
+    (folder / "path.csv").write_text("time_s,pan_deg\n0,0\n0.2,90\n")
+    return folder
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("kind", ["calibration", "video"])
+def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
+    """Completed items are not regenerated after SIGKILL, and all files equal those of an
+    undisturbed run."""
+    if kind == "video":
+        pytest.importorskip("av")
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    run = subprocess.Popen([sys.executable, "-c", KILLED, kind, killed], cwd=ROOT)
+
+    def done():
+        try:
+            files = json.loads((killed / "dataset.json").read_text())["files"]
+        except FileNotFoundError:
+            return []
+        return [name for name in files if name.endswith(".png")]
+
+    until(lambda: len(done()) >= 3 or run.poll() is not None, "three pictures are done")
+    run.send_signal(signal.SIGKILL)
+    assert run.wait() == -signal.SIGKILL
+    data, kept = json.loads((killed / "dataset.json").read_text()), done()
+    assert not data["complete"]
+    assert len(kept) == 3
+    if kind == "calibration":
+        assert [view["image"] for view in data["views"]] == kept
+        assert all(view["corners_px"] for view in data["views"])
+    before = {name: om.read_image(killed / name) for name in kept}
+    stamps = {name: (killed / name).stat().st_mtime_ns for name in kept}
+    (killed / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]).touch()
+
+    def compare(number):
+        if number == 4:
+            assert {name: (killed / name).stat().st_mtime_ns for name in kept} == stamps
+
+    write(kind, killed, compare)
+    write(kind, whole)
+    assert all(picture.shape == (64, 64, 3) for picture in before.values())
+    assert json.loads((killed / "dataset.json").read_text())["complete"]
+    assert contents(killed) == contents(whole)
+
+
+def test_a_picture_that_was_changed_is_made_again(tmp_path):
+    def write():
+        return list(write_calibration_set(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL))
+
+    write()
+    first = contents(tmp_path)
+    (tmp_path / "view-000.png").write_bytes(b"something else")
+    kept = (tmp_path / "view-001.png").stat().st_mtime_ns
+    write()
+    assert contents(tmp_path) == first
+    assert (tmp_path / "view-001.png").stat().st_mtime_ns == kept
+
+
+def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
+    list(write_calibration_set(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
+    before = contents(tmp_path)
+    with pytest.raises(InvalidParameter, match="holds another set, which differs in samples, seed"):
+        list(write_calibration_set(small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2))
+    assert contents(tmp_path) == before
+
+
+def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
+    far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
+    with pytest.raises(InvalidParameter, match="outside the room"):
+        write_video_set(
+            small(), Room(texel_mm=40.0), path=far, folder=tmp_path / "set", frame_rate=2.0, samples=1, blur=False
+        )
+    assert not (tmp_path / "set").exists()
+
+
+# -- regeneration
+# ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shell", [None, Tube(140.0), Dome(inner_shift_mm=0.5)])
+@pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
+def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
+    """Round trip of every argument of the writers."""
+    asked = VideoRecipe(
+        sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
+        radiometry=Radiometry(reflectivity=reflectivity),
+        detector=Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0),
+        path=Keyframes({"x_mm": ((0.0, 0.1), (1.0, 600.0))}, "linear"),
+        scene=SceneSource("street", 50.0),
+        seed=7,
+    )
+    written = {"format": format_of("video"), "recipe": recipe_record(asked)}
+    (tmp_path / "dataset.json").write_text(json.dumps(written))
+    found, made_by = load_recipe(tmp_path / "dataset.json")
+    assert found == asked
+    assert made_by == version("omnimirror")
+
+
+def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
+    """Datasets of format 2 stored the housing outside the sensor, as 'hardware' and 'shell'."""
+    recipe = recipe_record(CalibrationRecipe(sensor=small())) | {"hardware": {"rod_radius_mm": 4.0}, "shell": None}
+    (tmp_path / "dataset.json").write_text(json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe}))
+    said = fails("simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other")
+    assert "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'" in said
+    assert not (tmp_path / "other").exists()
+
+
+def made_again(place, name, *options):
+    run = omnimirror("simulate", "dataset", "small.toml", *options, "-o", name, cwd=place)
+    assert run.returncode == 0, run.stderr
+    run = omnimirror("simulate", "dataset", "--again", f"{name}/dataset.json", "-o", f"{name}-again", cwd=place)
+    assert run.returncode == 0, run.stderr
+    files = contents(place / name)
+    assert files == contents(place / f"{name}-again")
+    return files
+
+
+def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
+    pytest.importorskip("av")
+    pytest.importorskip("OpenEXR")
+    options = ("--path", "path.csv", "--fps", 10, "--scene", "sky.hdr", "--heading-deg", 30, "--spp", 4, "--truth")
+    files = made_again(place, "drive", *options, "--support", "tube", "--full-well-e", 5000, "--seed", 3)
+    frames = [f"frame-{number:05d}.exr" for number in range(3)]
+    assert sorted(files) == ["dataset.json", *frames, "poses.csv", "sensor.toml", "video.mp4"]
+    data = json.loads(files["dataset.json"])
+    assert data["recipe"]["seed"] == 3
+    assert data["recipe"]["omnimirror"] == version("omnimirror")
+    assert om.optics.sensor_files.parse_sensor(data["recipe"]["sensor"]).housing.shell == Tube()
+    assert "refused" not in data
+
+
+def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
+    sensor = replace(small(), housing=Housing(CameraBody(50.0), shell=Dome(260.0), rim=Rim(1.0)))
+    dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
+    camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
+    list(
+        write_calibration_set(
+            sensor, tmp_path / "a", views=2, samples=1, blur=True, radiometry=dim, detector=camera, seed=5, hall=HALL
+        )
+    )
+    recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
+    assert isinstance(recipe, CalibrationRecipe)
+    list(render_views(recipe, tmp_path / "b"))
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
+    pytest.importorskip("av")
+    (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
+    source = SceneSource(str(tmp_path / "sky.hdr"))
+    write_video_set(small(64), source, path=PATH, folder=tmp_path / "set", frame_rate=1.0, duration_s=0.0, samples=1)
+    description = tmp_path / "set" / "dataset.json"
+    assert "is not valid beside --again" in fails(
+        "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
+    )
+    om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
+    with pytest.raises(MediaError, match=r"sky.hdr is not the file it was"):
+        load_recipe(description)
+    os.remove(tmp_path / "sky.hdr")
+    with pytest.raises(MediaError, match=r"sky.hdr is not there"):
+        load_recipe(description)
+    description.write_text('{"format": "old"}')
+    with pytest.raises(MediaError, match="does not say how a set is made"):
+        load_recipe(description)
+
+
+# -- shells ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.full
+def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
+    """The image is traced through the wall, and corners use the solution of the wall: OpenCV
+    detects them there."""
+    import cv2
+
+    sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
+    (*_, description) = write_calibration_set(
+        sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)
+    )
+    view = json.loads(description.read_text())["views"][0]
+    grey = om.read_image(tmp_path / view["image"])[..., 1].copy()
+    true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+    inner = true[np.hypot(*(true - 511.5).T) < 440]
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+    found = cv2.cornerSubPix(grey, inner.astype(np.float32)[:, None].copy(), (3, 3), (-1, -1), criteria)[:, 0]
+    assert np.median(np.hypot(*(found - inner).T)) < 0.1
+    assert abs(np.median(found - inner, axis=0)).max() < 0.02

@@ -1,0 +1,157 @@
+"""Complete images against Mitsuba 3: the same lens, aperture, mirror, environment and box filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_erosion
+
+import omnimirror as om
+from omnimirror.base.colour import srgb_from_linear
+from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.simulation.rendering import expose
+from omnimirror.simulation.scenes.environment import Environment
+from tests.optics.tracing.test_mitsuba import meshed, mi  # noqa: F401 - a fixture
+
+MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
+ROWS = 512
+
+
+def small(name: str, pixels: int, pose: MirrorPose) -> om.Sensor:
+    sensor = om.load_sensor(name)
+    pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
+    imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch)
+    return replace(sensor, imager=imager, mirror_pose=pose)
+
+
+def world(directions):
+    """Return a world of soft stripes and spots, linear RGB of directions (..., 3)."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    stripes = 0.5 + 0.5 * np.tanh(4 * np.sin(9 * np.arctan2(y, x)) * np.sqrt(1 - z**2))
+    bands = 0.5 + 0.5 * np.tanh(3 * np.sin(14 * z + 1))
+    return np.stack([0.1 + 0.7 * stripes, 0.1 + 0.7 * bands, 0.1 + 0.7 * (0.5 + 0.5 * np.sin(7 * x + 5 * y))], axis=-1)
+
+
+def maps():
+    """Return the world as texels of omnimirror, with the first row half a texel off the pole, and
+    of Mitsuba."""
+    pan = np.radians((np.arange(2 * ROWS) + 0.5) / (2 * ROWS) * 360 - 180)
+    ours = np.pi / 2 - (np.arange(ROWS) + 0.5) / ROWS * np.pi
+    theirs = np.pi / 2 - np.arange(ROWS) / (ROWS - 1) * np.pi
+    return [world(pan_tilt_direction(*np.meshgrid(pan, tilt))).astype(np.float32) for tilt in (ours, theirs)]
+
+
+def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
+    """Render a scene by Mitsuba."""
+    return np.array(mi.render(scene_of(mi, sensor, mirror, light, rays, others), spp=rays))
+
+
+def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
+    """Return Mitsuba's scene in the camera frame, with the origin at the mirror vertex and optional
+    other shapes."""
+    lens, (width, height), m = sensor.lens, sensor.image_size, sensor.mirror_distance_mm
+    half = np.degrees(np.arctan(width / 2 * sensor.imager.pitch_mm / lens.image_distance))
+    turn = np.eye(4)  # Mitsuba: columns from -z via x, rows from y; omnimirror: columns from -x via y, rows from z
+    turn[:3, :3] = sensor.mount.rotation().T @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    frame = mi.ScalarTransform4f
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 12 if others else 3, "rr_depth": 20},
+            **(others or {}),
+            "mirror": {**mirror, "bsdf": {"type": "conductor", "material": "none"}},
+            "world": {"type": "envmap", "bitmap": mi.Bitmap(light), "to_world": frame(turn.tolist())},
+            "camera": {
+                "type": "thinlens",
+                "fov": 2 * float(half),
+                "fov_axis": "x",
+                "aperture_radius": float(lens.aperture_radius),
+                "focus_distance": float(lens.focus_distance_mm),
+                "near_clip": 1.0,
+                "far_clip": 1e5,
+                "to_world": frame().look_at(origin=[0, 0, -m], target=[0, 0, 0], up=[0, -1, 0]),
+                "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"},
+                         "pixel_format": "rgb", "component_format": "float32"},
+                "sampler": {"type": "multijitter", "sample_count": rays},
+            },
+        }
+    )  # fmt: skip
+
+
+def ball(sensor):
+    radius = sensor.mirror.radius_mm
+    centre = sensor.mirror_pose.to_camera([[0.0, 0.0, radius]])[0]
+    return {"type": "sphere", "radius": float(radius), "center": centre.tolist()}
+
+
+def compared(sensor, ours, theirs):
+    """Return PSNR in sRGB within the rim, and the largest shift (px) between corresponding blocks
+    of 1/8 of the image."""
+    rows, columns = np.mgrid[: len(ours), : len(ours)]
+    rays = sensor.backproject(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
+    inside = rays.valid.reshape(ours.shape[:2])
+    inside = binary_erosion(inside, iterations=3)  # excludes the rim
+    a, b = srgb_from_linear(ours), srgb_from_linear(theirs)
+    decibels = -10 * np.log10(np.mean((a - b)[inside] ** 2))
+    slopes = np.stack([np.gradient((a + b) / 2, axis=1), np.gradient((a + b) / 2, axis=0)], axis=-1)
+    middle = (len(ours) - 1) / 2
+    sector = (np.arctan2(rows - middle, columns - middle) // (np.pi / 4)).astype(int)
+    shifts = []
+    for number in np.unique(sector):
+        part = inside & (sector == number)
+        found, *_ = np.linalg.lstsq(slopes[part].reshape(-1, 2), (b - a)[part].ravel(), rcond=None)
+        shifts.append(float(np.hypot(*found)))
+    return decibels, max(shifts)
+
+
+def on_a_mesh(mi, sensor, path, rings, rays):  # noqa: F811
+    """Compare a blurred image with Mitsuba's image of the mirror mesh."""
+    meshed(mi, sensor, rings, 2 * rings).shapes()[0].write_ply(str(path))
+    ours, theirs = maps()
+    picture = expose(sensor, Environment(ours), samples=rays, blur=True)
+    return compared(sensor, picture, rendered(mi, sensor, {"type": "ply", "filename": str(path)}, theirs, rays))
+
+
+def as_mitsuba_has_it(beside, decibels, shift):
+    """At most 45 dB apart, single precision and the noise of both in it."""
+    beside("Mitsuba 3", "images with blur, RMS difference in grey levels", grey_levels(decibels), grey_levels(45), "")
+    beside("Mitsuba 3", "maximum image shift in any of eight sectors", shift, 0.02, "px")
+
+
+def grey_levels(decibels):
+    """Convert a PSNR of images from 0 to 1 to levels of 255."""
+    return 255 * 10 ** (-decibels / 20)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
+def test_a_blurred_picture_is_mitsubas(mi, pose, beside):  # noqa: F811
+    sensor = small("paper-spherical", 128, pose)
+    sensor = replace(sensor, lens=replace(sensor.lens, f_number=2.0))
+    ours, theirs = maps()
+    picture = expose(sensor, Environment(ours), samples=256, blur=True)
+    decibels, shift = compared(sensor, picture, rendered(mi, sensor, ball(sensor), theirs, 144))
+    as_mitsuba_has_it(beside, decibels, shift)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("name", "pose"),
+    [("paper-equidistant", MISALIGNED), ("paper-hyperboloidal", MirrorPose())],
+    ids=["E-DI", "SVP"],
+)
+def test_a_blurred_picture_is_mitsubas_on_a_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
+    decibels, shift = on_a_mesh(mi, small(name, 128, pose), tmp_path / "mirror.ply", rings=150, rays=100)
+    as_mitsuba_has_it(beside, decibels, shift)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
+def test_every_paper_sensor_on_a_fine_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
+    decibels, shift = on_a_mesh(mi, small(name, 384, pose), tmp_path / "mirror.ply", rings=500, rays=1024)
+    print(f"{name}: {decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")
+    as_mitsuba_has_it(beside, decibels, shift)

@@ -1,0 +1,206 @@
+"""Training datasets: normals against those of the room boxes, flow against retraced rays."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.io.keyframes import Keyframes
+from omnimirror.optics.housing import CameraBody, Housing
+from omnimirror.simulation.ground_truth_maps import Moment, learning_truth
+from omnimirror.simulation.scenes.moving_objects import SceneWithBodies
+from omnimirror.simulation.scenes.room import FURNITURE, PIECES, ROOM, SOLIDS
+from omnimirror.simulation.scenes.street import Street
+from omnimirror.simulation.scenes.surfaces import face_of, intersect_boxes
+from tests.commands import fails, omnimirror
+from tests.simulation.scenes.test_moving_objects import BODIES
+
+SPH = om.load_sensor("paper-spherical")
+SMALL = replace(
+    SPH, imager=replace(SPH.imager, width_px=96, height_px=96, pixel_pitch_um=5.2 * 1024 / 96),
+    housing=Housing(CameraBody(60.0)),
+)  # fmt: skip
+CART = om.MovingBox(
+    (300.0, 400.0, 500.0),
+    Keyframes({"x_mm": ((0.0, 900.0), (1.0, 1300.0)), "y_mm": ((0.0, -900.0), (1.0, 300.0)),
+               "pan_deg": ((0.0, 0.0), (1.0, 50.0))}, "linear"),
+    name="cart",
+)  # fmt: skip
+ON_CART = 7 + len(FURNITURE)
+POSES = om.Pose(100.0, 50.0, 30.0, pan_deg=20.0, tilt_deg=4.0), om.Pose(190.0, 20.0, 40.0, pan_deg=31.0, roll_deg=2.0)
+
+
+@pytest.fixture(scope="module")
+def moments():
+    room = om.Room(texel_mm=40.0)
+    return [Moment(SceneWithBodies(room, (CART,), time), pose) for time, pose in zip((0.2, 0.35), POSES, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def found(moments):
+    return learning_truth(SMALL, *moments)
+
+
+def in_scene(moment, truth, valid):
+    return moment.pose.to_scene(truth.origins_mm[valid]), truth.directions[valid] @ moment.pose.rotation().T
+
+
+def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
+    valid = np.isfinite(found.truth.depth_mm) & (found.labels != ON_CART)
+    origins, towards = in_scene(moments[0], found.truth, valid)
+    faces = intersect_boxes(ROOM, SOLIDS, origins, towards).face
+    boxes = (ROOM, *SOLIDS)
+    normals = np.array([face_of(boxes[f // 6], f % 6, inside=f < 6).normal for f in faces])
+    right = normals @ moments[0].pose.rotation()
+    off = np.degrees(np.arccos(np.clip((right * found.normals[valid]).sum(axis=1), -1, 1)))
+    assert valid.sum() > 4000
+    assert np.quantile(off, 0.995) < 0.01  # the rest is within 0.2 mm of an edge
+
+
+def test_normals_of_a_body_are_those_of_its_sides(moments, found):
+    on = found.labels == ON_CART
+    assert on.sum() > 20
+    turn = CART.pose_at(0.2).rotation().T @ moments[0].pose.rotation()
+    own = np.abs(found.normals[on] @ turn.T)
+    np.testing.assert_allclose(own.max(axis=1), 1.0, atol=1e-6)
+    place = CART.pose_at(0.2).to_sensor(moments[0].pose.to_scene(found.truth.points_mm[on])) / (
+        np.array(CART.size_mm) / 2
+    )
+    np.testing.assert_allclose(np.abs(place).max(axis=1), 1.0, atol=1e-9)
+    assert (np.abs(place).argmax(axis=1) == own.argmax(axis=1)).all()
+
+
+def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
+    names = ("nothing", *moments[0].scene.label_names)
+    assert names[-1] == "cart"
+    valid = np.isfinite(found.truth.depth_mm)
+    assert not found.labels[~valid].any()
+    seen = {names[label] for label in np.unique(found.labels)}
+    assert {"nothing", "wall ahead", "floor", "cart"} <= seen
+    points = moments[0].pose.to_scene(found.truth.points_mm[found.labels == names.index("floor")])
+    np.testing.assert_allclose(points[:, 2], ROOM.low[2], atol=1e-6)
+    for name in FURNITURE:  # pixels labelled as table are on a box of the table
+        on = found.labels == names.index(name)
+        assert on.sum() > 10 or name not in ("table", "bookcase", "armchair"), name
+        points = moments[0].pose.to_scene(found.truth.points_mm[on])
+        boxes = [piece.box for piece in PIECES if piece.name == name]
+        outside = [np.maximum(np.array(b.low) - points, points - np.array(b.high)).max(axis=1) for b in boxes]
+        assert np.abs(np.min(outside, axis=0)).max(initial=0.0) < 1e-6, name
+
+
+def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
+    """Retraced ray of that pixel: static points are unchanged, and body points have moved."""
+    v, u = np.nonzero(found.seen_again)
+    there = np.stack([u, v], axis=1) + found.flow_px[found.seen_again]
+    rays = SMALL.backproject(there)
+    after = moments[1]
+    reach = after.seen.distance_mm(rays.origins, rays.directions)
+    ends = after.pose.to_scene(rays.origins + reach[:, None] * rays.directions)
+    points = moments[0].pose.to_scene(found.truth.points_mm[found.seen_again])
+    on_body = found.labels[found.seen_again] == ON_CART
+    assert on_body.sum() > 10
+    points[on_body] = CART.pose_at(0.35).to_scene(CART.pose_at(0.2).to_sensor(points[on_body]))
+    assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # grazing rays
+    assert np.quantile(np.linalg.norm(ends - points, axis=1), 0.99) < 1e-3
+    assert 0.7 < found.seen_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
+
+
+def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
+    """Pixels whose point is occluded in the next frame, by a body that was elsewhere before."""
+    empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
+    without = learning_truth(SMALL, *empty)
+    lost = without.seen_again & ~found.seen_again & (found.labels == without.labels)
+    v, u = np.nonzero(lost)
+    rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[lost])
+    labels = moments[1].scene.labels(
+        moments[1].pose.to_scene(rays.origins), rays.directions @ moments[1].pose.rotation().T
+    )
+    assert len(labels) > 10
+    assert (labels == ON_CART).mean() > 0.99
+
+
+def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
+    path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 100.0))}, "linear")
+    tiny = replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32))
+    made = [
+        om.write_learning_set(
+            tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / name, bodies=(CART,), samples=1, per_shard=2
+        )
+        for name in ("a", "b")
+    ]
+    assert [p.read_bytes() for p in made[0]] == [p.read_bytes() for p in made[1]]
+    names, samples = [], {}
+    for shard in made[0]:
+        with tarfile.open(shard) as tar:
+            for entry in tar:
+                names.append(entry.name)
+                samples[entry.name] = tar.extractfile(entry).read()
+    assert names == [f"{k:06d}.{ending}" for k in range(3) for ending in ("png", "npz", "json")]
+    (tmp_path / "0.png").write_bytes(samples["000000.png"])
+    assert om.read_image(tmp_path / "0.png").shape == (32, 32, 3)
+    arrays = np.load(io.BytesIO(samples["000002.npz"]))
+    assert arrays["normals"].shape == (32, 32, 3)
+    assert np.nanmax(np.abs(arrays["flow_px"])) < 1e-6  # the last frame has no flow
+    assert json.loads(samples["000001.json"])["pose"]["x_mm"] == pytest.approx(50.0)
+    card = (tmp_path / "a" / "README.md").read_text()
+    assert "3 frames of 32 x 32 px" in card
+    assert f"| {ON_CART} | cart |" in card
+    with pytest.raises(InvalidParameter, match="holds a set already"):
+        om.write_learning_set(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
+
+
+def test_out_of_doors_the_sky_moves_as_directions_do():
+    street = Street(texel_mm=100.0)
+    first, second = (
+        Moment(SceneWithBodies(street, (), 0.0), pose) for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
+    )
+    found = learning_truth(SMALL, first, second)
+    sky = np.isinf(found.truth.depth_mm)
+    assert sky.sum() > 200
+    assert not found.labels[sky].any()
+    assert np.isnan(found.normals[sky]).all()
+    again = sky & found.seen_again
+    v, u = np.nonzero(again)
+    towards = SMALL.backproject(np.stack([u, v], axis=1) + found.flow_px[again]).directions
+    turned = found.truth.directions[again] @ second.pose.rotation()
+    np.testing.assert_allclose(towards, turned, atol=1e-9)
+    ground = np.isfinite(found.truth.depth_mm) & (found.truth.points_mm[..., 2] < -1000)
+    assert np.median(np.abs(found.normals[ground][:, 2])) > 0.999
+
+
+# -- command line
+# ------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_what_python_does(tmp_path):
+    sensor, lines = tmp_path / "small.toml", "time_s,x_mm\n0,0\n0.08,100\n"
+    om.save_sensor(
+        replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)), sensor
+    )
+    (tmp_path / "walk.csv").write_text(lines)
+    (tmp_path / "bodies.toml").write_text(BODIES)
+    (tmp_path / "lamp.csv").write_text("time_s,x_mm,y_mm\n0,-800,300\n")
+    words = ("simulate", "learning", sensor, "--path", tmp_path / "walk.csv", "--bodies", tmp_path / "bodies.toml")
+    run = omnimirror(*words, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "said")
+    assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
+    made = om.write_learning_set(
+        om.load_sensor(sensor), om.load_scene("room"), path=om.load_path(tmp_path / "walk.csv"),
+        folder=tmp_path / "made", bodies=om.load_bodies(tmp_path / "bodies.toml"), samples=1, per_shard=2,
+    )  # fmt: skip
+    assert len(made) == 2
+    for path in (tmp_path / "made").iterdir():
+        assert (tmp_path / "said" / path.name).read_bytes() == path.read_bytes(), path.name
+    assert "cart" in (tmp_path / "said" / "README.md").read_text()
+    assert "holds a set already" in fails(*words, "-o", tmp_path / "said")
+
+
+def test_a_set_to_learn_from_needs_a_path(tmp_path):
+    assert "give a --path" in fails("simulate", "learning", "paper-spherical", "-o", tmp_path / "set")
+    assert not (tmp_path / "set").exists()
