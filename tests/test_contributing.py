@@ -122,7 +122,7 @@ def command(sensor: str, size: ScaleOptions) -> None:
 
 def test_a_command_is_a_module_and_its_name(copy):
     cli = copy / "src" / "omnimirror" / "apps" / "cli"
-    (cli / "commands" / "evaluation" / "girth.py").write_text(COMMAND)
+    (cli / "commands" / "girth.py").write_text(COMMAND)
     edit(
         cli / "__init__.py",
         ('    "compare": "Comp', '    "girth": "Print the diameter of a mirror.",\n    "compare": "Comp'),

@@ -101,7 +101,7 @@ if TYPE_CHECKING:
     from .dewarp import ColourDewarper as ColourDewarper
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
-    from .dewarp import views
+    from .dewarp import views as views
     from .dewarp.image_folders import dewarp_pictures as dewarp_pictures
     from .dewarp.request import Recording as Recording
     from .dewarp.restoration.deblurring import Restoration as Restoration

@@ -16,7 +16,7 @@ from omnimirror.cameras.models import KannalaBrandt, OCam, Unified, ViewpointSpl
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.everyday import few
 
-SAMPLE = Path(__file__).parents[4] / "shared/data/ocamcalib_cpp_sample"
+SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"
 needs_sample = pytest.mark.skipif(not SAMPLE.exists(), reason=f"no sample files at {SAMPLE}")
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 MIRROR = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5))

@@ -22,7 +22,7 @@ from tests.commands import PROGRAM
 from tests.design.answers import best, row
 from tests.everyday import few
 
-BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "feasible_requirements.py"
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "feasible_requirements.py"
 
 FITTED = """
 [field]

@@ -30,7 +30,7 @@ from tests.commands import fails, omnimirror
 from tests.simulation.test_calibration_datasets import PATH, small
 
 HALL = Hall(texel_mm=50.0)
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 KILLED = """
 import signal, sys
 from tests.simulation.test_dataset_manifest import write

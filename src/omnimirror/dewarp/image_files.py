@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..optics.sensor import Sensor
     from .restoration.deblurring import Restoration, Restorer
 
-__all__ = ["BorderColour", "Recording", "Straightened", "Straightening", "is_video"]
+__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "Recording", "is_video"]
 
 
 # -- Conversion of images to the depths and channels of a file format: integers are sRGB, floats linear light

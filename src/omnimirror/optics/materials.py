@@ -202,7 +202,7 @@ def read_agf(path: Path) -> GlassCatalogue:
     found: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
     numbers: tuple[float, ...] = ()
-    for number, line in enumerate(read_text(path, "glass catalogue", SpecError).splitlines(), start=1):
+    for line_number, line in enumerate(read_text(path, "glass catalogue", SpecError).splitlines(), start=1):
         words = line.split()
         try:
             if line.startswith("NM "):
@@ -213,7 +213,7 @@ def read_agf(path: Path) -> GlassCatalogue:
             elif line.startswith("LD ") and (maker, name) in found:
                 found[maker, name] = _of_agf(name, formula, numbers, float(words[1]), float(words[2]))
         except (ValueError, IndexError):
-            raise SpecError(f"{path} line {number}: {line.strip()!r} is not a line of a glass catalogue") from None
+            raise SpecError(f"{path} line {line_number}: {line.strip()!r} is not a line of a glass catalogue") from None
     if not found:
         raise SpecError(f"{path} holds no glass; a glass catalogue (.agf) has lines NM and CD for each")
     return GlassCatalogue(found, str(path))

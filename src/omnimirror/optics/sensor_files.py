@@ -34,8 +34,6 @@ from .mirrors.as_built import MirrorForm, MirrorPose
 from .sensor import Sensor, check_sensor
 from .thermal import Thermal
 from .toml_validation import (
-    EntryError,
-    NoFile,
     SourceLocator,
     StandTable,
     Table,
@@ -49,14 +47,7 @@ from .toml_validation import (
 __all__ = [
     "HOUSING_PARTS",
     "AnyCamera",
-    "EntryError",
-    "NoFile",
-    "Places",
-    "StandTable",
-    "Table",
     "bundled_sensors",
-    "check_entries",
-    "did_you_mean",
     "format_camera",
     "format_sensor",
     "housing_of",
@@ -71,9 +62,7 @@ __all__ = [
     "save_camera",
     "save_sensor",
     "sensor_of",
-    "table_model",
     "tables_of",
-    "validated",
 ]
 
 
@@ -82,7 +71,7 @@ __all__ = [
 # The tables of mirror, lens and imager are derived from the parameter descriptions of their classes;
 # a new mirror needs no code here.
 
-SENSOR_FOLDER = Path(__file__).parents[1] / "bundled_sensors"
+SENSOR_FOLDER = Path(__file__).with_name("bundled_sensors")
 SENSOR_FILE_FORMAT = 1
 T = TypeVar("T")
 

@@ -52,17 +52,8 @@ COMMANDS = {
     "reproduce": "Reproduce the figures and numbers of the paper.",
     "demo": "Evaluate, simulate and dewarp a sensor, and write a report.",
 }
-"""Summary of each command for ``--help``."""
-ROOMS = {
-    "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
-    "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
-    "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
-    "interop": {"colmap", "maps", "rays"},
-    "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
-}
-"""Package of :mod:`omnimirror.apps.cli.commands` that contains the module of each command; the
-module defines ``command``.
-"""
+"""Summary of each command for ``--help``; the module of the same name in
+:mod:`omnimirror.apps.cli.commands` defines ``command``."""
 SERVERS = {"serve", "studio", "view"}
 """Commands whose own messages, and those of their processes, pass unchanged to standard error."""
 
@@ -76,8 +67,7 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        room = next(room for room, commands in ROOMS.items() if cmd_name in commands)
-        command: click.Command = import_module(f".commands.{room}.{cmd_name}", __name__).command
+        command: click.Command = import_module(f".commands.{cmd_name}", __name__).command
         return command
 
     def resolve_command(

@@ -451,7 +451,7 @@ class Adjustment:
     model: CameraModel
     sightings: tuple[Sighting, ...]
     shape: BoardShape | None
-    linearise: Linearised
+    linearised: Linearised
     question: AdjustmentProblem
     estimate: Estimate
     fixed: tuple[str, ...] = ()

@@ -194,7 +194,7 @@ class _AnalysedImage:
     picture: Picture
     working: WorkingImage
     edges: EdgePoints
-    working_rings: list[Ring]
+    rings: list[Ring]
     odds: Array
     """Log odds (members, n)."""
     others: tuple[_AnalysedImage, ...] = ()

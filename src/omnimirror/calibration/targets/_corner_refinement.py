@@ -181,8 +181,8 @@ def fit_saddles(
     found = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
     for group, reach in _alike(maps, surroundings.half):
         part = _fit(picture, LocalMaps(*(field[group] for field in maps)), surroundings, reach, is_quick)
-        for whole, piece in zip(found, part, strict=True):
-            whole[group] = piece
+        for values, piece in zip(found, part, strict=True):
+            values[group] = piece
     return found
 
 
