@@ -1,5 +1,5 @@
 // Designs as they are built: a lens by tables whose pupil moves, and a clear wall that bends rays. The formulas are
-// those of batch/built.py, batch/lens_tables.py and tracing/covers.py.
+// those of batch/closed_forms.py, batch/closed_forms.py and tracing/meridian.py.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 namespace omnimirror {
 namespace {
 
-// batch/lens_tables.py: cubic pieces over the tangent of the viewing angle.
+// batch/closed_forms.py: cubic pieces over the tangent of the viewing angle.
 class Lens {
 public:
     explicit Lens(const LensTable& table) : table_(table), step_(table.end / table.cells) {}
@@ -55,7 +55,7 @@ private:
     double step_;
 };
 
-// What a mirror point does, as NodeOptics of batch/optics.py.
+// What a mirror point does, as NodeOptics of batch/closed_forms.py.
 struct Node {
     double omega, ray, magnification_t, magnification_s, vergence_t, vergence_s, viewpoint;
     bool seen, usable;
@@ -69,7 +69,7 @@ struct Refraction {
     double way, before_t, after_t, power_t, before_s, after_s, power_s;
 };
 
-// A ray let through one side of a wall: tracing/covers.py, _refracted.
+// A ray let through one side of a wall: tracing/meridian.py, _refracted.
 inline Refraction refract(Pencil& ray, Wall::Kind kind, double radius, double height, double before, double after) {
     const double sin = std::sin(ray.omega), cos = std::cos(ray.omega);
     double way, normal, curvature_t = 0.0, curvature_s = 0.0;
@@ -113,7 +113,7 @@ struct Object {
 };
 
 // A ray outside the wall, at the point of its line nearest to its mirror point, and what objects are as the mirror sees
-// them; batch/built.py, _outside. False where the wall does not let it out.
+// them; batch/closed_forms.py, _outside. False where the wall does not let it out.
 inline bool let_out(const Wall& wall, Pencil& ray, double near, Object& object, bool& seen) {
     object = {near, near, ray.rate + near * ray.spread, 0.0};
     seen = true;
@@ -150,7 +150,7 @@ struct Aim {
     double w, tangent, drift;  // w is infinite of a telecentric lens
 };
 
-// batch/built.py, built_optics.
+// batch/closed_forms.py, built_optics.
 inline Node built_point(double x, double z, double slope, double curvature, double slope_over_x, double near, const Aim& aim,
                         bool telecentric, const Wall& wall) {
     const double t = aim.tangent, steep = 1 + slope * slope, root = std::sqrt(steep), cosine = 1 / std::sqrt(1 + t * t);

@@ -1,4 +1,4 @@
-// Designs by the thousand, as omnimirror.optics.batch.evaluate has them; the formulas are those of batch/optics.py and
+// Designs by the thousand, as omnimirror.optics.batch.evaluate has them; the formulas are those of batch/closed_forms.py and
 // batch/best_focus.py, and so are the steps.
 #pragma once
 
@@ -8,18 +8,18 @@ namespace omnimirror {
 
 constexpr int DESIGN_COLUMNS = 10;
 constexpr int DESIGN_NUMBERS = 7;
-constexpr int LENS_ROWS = 27;    // of batch/lens_tables.py: place, motion, light, then eight by powers of the focus
+constexpr int LENS_ROWS = 27;    // of batch/closed_forms.py: place, motion, light, then eight by powers of the focus
 constexpr int MOST_SCAN = 64;    // places that a focus is looked for at
 constexpr int WALL_NUMBERS = 7;  // of one design: radii, heights, ends, whether it fits
 
-// A real lens, tabulated: batch/lens_tables.py. Without values there is none.
+// A real lens, tabulated: batch/closed_forms.py. Without values there is none.
 struct LensTable {
     const double* values;  // (cells + 1, 2, LENS_ROWS)
     int cells;
     double end, f, f_number, e, pupil, least, most;  // least, most: vergences that it can be focused at
 };
 
-// The clear wall about one design: batch/built.py, Walls.
+// The clear wall about one design: batch/closed_forms.py, Walls.
 struct Wall {
     enum Kind { NONE, PLANE, CYLINDER, SPHERE };
     Kind kind;
@@ -28,7 +28,7 @@ struct Wall {
     double index, medium_index;
 };
 
-// How the best focus is looked for: numbers of batch/best_focus.py and numerics/minimisation.py, who say what they are.
+// How the best focus is looked for: numbers of batch/best_focus.py and optimisation.py, who say what they are.
 struct FocusSearch {
     int scan;
     double margin, close;

@@ -1,4 +1,4 @@
-// What the mirror points of one design do under an ideal lens: batch/optics.py.
+// What the mirror points of one design do under an ideal lens: batch/closed_forms.py.
 #pragma once
 
 #include "workspace.hpp"

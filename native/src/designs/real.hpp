@@ -1,4 +1,4 @@
-// Designs with a real lens, or behind a wall: batch/built.py, batch/lens_tables.py.
+// Designs with a real lens, or behind a wall: batch/closed_forms.py, batch/closed_forms.py.
 #pragma once
 
 #include "built.hpp"

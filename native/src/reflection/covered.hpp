@@ -1,6 +1,6 @@
 // Mirror points whose rays lead through a wall to targets, by Newton's rule, the mirror's meridian a table.
 //
-// Formulas: src/omnimirror/optics/tracing/covered.py. Derivatives are those of the whole way, by the chain rule.
+// Formulas: src/omnimirror/optics/tracing/optical_train.py. Derivatives are those of the whole way, by the chain rule.
 #pragma once
 
 #include <cstdint>

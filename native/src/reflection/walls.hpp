@@ -1,6 +1,6 @@
 // Rays out through a clear wall: both sides bend them by Snell's law.
 //
-// Formulas: src/omnimirror/optics/tracing/walls.py, in whose frame a wall stands about the axis z.
+// Formulas: src/omnimirror/optics/tracing/shell_transmission.py, in whose frame a wall stands about the axis z.
 #pragma once
 
 #include <cstdint>

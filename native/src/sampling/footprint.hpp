@@ -1,6 +1,6 @@
 // Averages over footprints: what an output pixel covers in the picture, half way to each of its neighbours, and the
 // mean of cubic samples spread evenly over that. Done block by block, so that all but the picture stays in the
-// first-level cache. src/omnimirror/dewarp/sampling/opencv.py does the same without anything compiled.
+// first-level cache. src/omnimirror/dewarp/sampling.py does the same without anything compiled.
 //
 // Tap (i, j) of n x m lies at p + |s| a(s) + |t| b(t), s = (i + 1/2)/n - 1/2, t = (j + 1/2)/m - 1/2, where a is the way to
 // the neighbour on the left for s < 0 and on the right otherwise, b that above and below, each shortened by the factor

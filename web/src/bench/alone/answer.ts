@@ -1,4 +1,4 @@
-/** What a design does, as studio/bench/answers.py answers it: its curves, its section, its squares. */
+/** What a design does, as studio/_bench_evaluation.py answers it: its curves, its section, its squares. */
 import type { Ask, BenchAlone, Facts } from "../../shared/messages";
 import type { Tables } from "../designs/design";
 import type { Found, Table } from "../found";
@@ -170,7 +170,7 @@ interface Field {
   near: Columns;
 }
 
-/** Mirror, lens, chief rays, virtual images and depth of field, in the frame of the mirror: analysis/section.py. */
+/** Mirror, lens, chief rays, virtual images and depth of field, in the frame of the mirror: analysis/cross_section.py. */
 function sectionOf(
   ideal: Ideal,
   field: Field,

@@ -25,7 +25,7 @@ const bare = (radius: number, constant: number): Mirror => ({
   first: 2,
 });
 
-/** By mirrors/conics.py and mirrors/aspheres.py. */
+/** By mirrors/conics_and_aspheres.py and mirrors/conics_and_aspheres.py. */
 const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   sphere: (t) => bare(number(t, "radius_mm"), 0),
   paraboloid: (t) => bare(number(t, "vertex_radius_mm"), -1),

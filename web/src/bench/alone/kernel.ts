@@ -154,7 +154,7 @@ export class Kernel {
 /** Of the Airy disk. */
 export const WAVELENGTH_NM = 550;
 
-/** Sag, slope and curvature of each term at each fraction: batch/bases.py. */
+/** Sag, slope and curvature of each term at each fraction: batch/families.py. */
 function basis({ coefficients, first }: Ideal, fractions: ArrayLike<number>): number[] {
   const rows = (of: (u: number, n: number) => number): number[] =>
     coefficients.flatMap((_, i) => Array.from(fractions, (u) => of(u, 2 * (first + i))));
