@@ -28,7 +28,12 @@ OPTION, PROPERTY = "--cross-validation", "compared"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(OPTION, type=Path, metavar="FILE", help="write the comparisons with other programs as a page")
+    parser.addoption(
+        OPTION,
+        type=Path,
+        metavar="FILE",
+        help="write the comparisons with other programs as a page",
+    )
 
 
 @pytest.hookimpl(tryfirst=True)  # before deselection
@@ -42,10 +47,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def beside(record_property) -> Compare:
     """Return a function that records a difference from another program and checks its bound."""
 
-    def compare(program: str, what: str, off: float, within: float, unit: str, version: str | None = None) -> None:
+    def compare(
+        program: str, what: str, off: float, within: float, unit: str, version: str | None = None
+    ) -> None:
         version = version_of(program) if version is None else version
-        record_property(PROPERTY, tuple(Compared(program, what, float(off), float(within), unit, version)))
-        assert off <= within, f"{program}, {what}: off by {off:g} {unit}, and {within:g} is let pass"
+        record_property(
+            PROPERTY, tuple(Compared(program, what, float(off), float(within), unit, version))
+        )
+        assert off <= within, (
+            f"{program}, {what}: off by {off:g} {unit}, and {within:g} is let pass"
+        )
 
     return compare
 
@@ -55,5 +66,7 @@ def pytest_terminal_summary(terminalreporter) -> None:
     path = terminalreporter.config.getoption(OPTION)
     if path is None:
         return
-    properties = [p for report in terminalreporter.stats.get("passed", []) for p in report.user_properties]
+    properties = [
+        p for report in terminalreporter.stats.get("passed", []) for p in report.user_properties
+    ]
     write(path, [Compared(*value) for name, value in properties if name == PROPERTY])

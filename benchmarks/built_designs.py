@@ -87,7 +87,9 @@ def evaluations() -> dict[str, Callable[[], object]]:
     return {
         "ideal lens, bare mirror": lambda: om.evaluate(sphere, omega),
         "triplet and dome": lambda: om.evaluate(built, omega),
-        "triplet and dome, a new sensor each time": lambda: om.evaluate(replace(refocused, name="new"), omega),
+        "triplet and dome, a new sensor each time": lambda: om.evaluate(
+            replace(refocused, name="new"), omega
+        ),
     }
 
 
@@ -101,7 +103,10 @@ def main() -> None:
         f"| {name} | {1e3 * counts[name] / wall:,.0f} | {1e3 * counts[name] / cpu:,.0f} |"
         for name, (wall, cpu) in measured(functions, RUNS).items()
     ]
-    single = [f"| {name} | {wall:.2f} | {cpu:.2f} |" for name, (wall, cpu) in measured(evaluations(), 40).items()]
+    single = [
+        f"| {name} | {wall:.2f} | {cpu:.2f} |"
+        for name, (wall, cpu) in measured(evaluations(), 40).items()
+    ]
     table = "\n".join(
         [
             f"`built_designs.py` on {processor()}, {os.cpu_count()} cores, NumPy {np.__version__}; medians of {RUNS} "

@@ -29,7 +29,11 @@ def arguments_of(description: str, runs: int) -> argparse.Namespace:
 
 def photograph_of(path: Path | None) -> np.ndarray:
     """Return a large colour image."""
-    return om.read_image(path) if path else np.random.default_rng(0).integers(0, 255, (2000, 2000, 3), np.uint8)
+    return (
+        om.read_image(path)
+        if path
+        else np.random.default_rng(0).integers(0, 255, (2000, 2000, 3), np.uint8)
+    )
 
 
 def set_threads(count: int) -> None:
@@ -57,7 +61,11 @@ def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False)
 def other_load() -> str:
     """Return a warning if other processes load the machine."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
-    return f" The machine was busy: its load was {load:.0f} before." if load > 0.5 * (os.cpu_count() or 1) else ""
+    return (
+        f" The machine was busy: its load was {load:.0f} before."
+        if load > 0.5 * (os.cpu_count() or 1)
+        else ""
+    )
 
 
 def processor() -> str:

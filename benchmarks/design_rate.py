@@ -34,7 +34,9 @@ def designs(count: int) -> Designs:
     """Return even polynomials of five terms, perturbations of the paper's equidistant mirror."""
     rng = np.random.default_rng(0)
     c = np.array([0.6409, 0.155, -0.01, 0.0, 0.0]) * (1 + 0.05 * rng.standard_normal((count, 5)))
-    return Designs(family("even-polynomial", 5), c, 172 * rng.uniform(0.95, 1.05, count), 43.9, 11.6, 4.0, 5.2)
+    return Designs(
+        family("even-polynomial", 5), c, 172 * rng.uniform(0.95, 1.05, count), 43.9, 11.6, 4.0, 5.2
+    )
 
 
 def main() -> None:
@@ -45,7 +47,9 @@ def main() -> None:
     few, many = designs(FEW), designs(MANY)
     sensor = om.load_sensor("paper-spherical")
     omega = np.linspace(0, 135, ANGLES)
-    functions: dict[str, Callable[[], object]] = {"NumPy": lambda: evaluate_designs(few, ANGLES, native=False)}
+    functions: dict[str, Callable[[], object]] = {
+        "NumPy": lambda: evaluate_designs(few, ANGLES, native=False)
+    }
     counts = {"NumPy": FEW}
 
     def compiled(batch: Designs, threads: int) -> None:
@@ -60,7 +64,9 @@ def main() -> None:
         for batch in (few, many):
             for threads in dict.fromkeys((1, min(4, os.cpu_count() or 1))):
                 compiled(batch, threads)
-    functions["om.evaluate at a best focus of its own"] = lambda: om.evaluate(sensor, omega, focus_mm="auto")
+    functions["om.evaluate at a best focus of its own"] = lambda: om.evaluate(
+        sensor, omega, focus_mm="auto"
+    )
     functions["om.evaluate as focused"] = lambda: om.evaluate(sensor, omega)
     notes = []
     try:

@@ -35,11 +35,18 @@ def optiland_system(sensor: om.Sensor, largest_deg: float) -> Any:
     system = Optic()
     system.add_surface(index=0, thickness=np.inf)
     system.add_surface(
-        index=1, thickness=-sensor.mirror_distance_mm, radius=sensor.mirror.vertex_radius, material="mirror"
+        index=1,
+        thickness=-sensor.mirror_distance_mm,
+        radius=sensor.mirror.vertex_radius,
+        material="mirror",
     )
     lens = sensor.lens
     system.add_surface(
-        index=2, surface_type="paraxial", f=lens.focal_length_mm, thickness=-lens.image_distance, is_stop=True
+        index=2,
+        surface_type="paraxial",
+        f=lens.focal_length_mm,
+        thickness=-lens.image_distance,
+        is_stop=True,
     )
     system.add_surface(index=3)
     system.set_aperture("EPD", 0.3)
@@ -68,7 +75,9 @@ def main() -> None:
     else:
         warnings.simplefilter("ignore")
         system = optiland_system(sensor, 80.0)
-        functions["Optiland field curvature, 2 columns, to 80 deg"] = lambda: FieldCurvature(system, num_points=ANGLES)
+        functions["Optiland field curvature, 2 columns, to 80 deg"] = lambda: FieldCurvature(
+            system, num_points=ANGLES
+        )
         for angle in (15.0, 45.0, 80.0):
             ray = system.trace_generic(0, angle / 80.0, 0, 0, 0.55)
             x = om.evaluate(sensor, [angle]).h_px[0] * sensor.imager.pitch_mm

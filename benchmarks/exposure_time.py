@@ -146,7 +146,9 @@ def main() -> None:
                 lines.append(f"| {label} | Mitsuba {variant} | {found[-1]} | | | | |")
                 continue
             w, c = medians(numbers)
-            lines.append(f"| {label} | Mitsuba {variant} | {w:.1f} | {c:.1f} | {w / wall:.0f} | {c / cpu:.0f} | |")
+            lines.append(
+                f"| {label} | Mitsuba {variant} | {w:.1f} | {c:.1f} | {w / wall:.0f} | {c / cpu:.0f} | |"
+            )
         wall, cpu = medians(chief)
         lines.append(f"| {label} | omnimirror, chief rays | {wall:.3f} | {cpu:.3f} | | | |")
         print("\n".join(lines[-4:]), flush=True)

@@ -27,9 +27,25 @@ from omnimirror.design.requirement_files import requirements_of
 from omnimirror.design.requirements import FARTHEST_FOCUS
 
 LOOSENED = 0.005  # relative relaxation
-AT_MOST = ("total_blur_deg", "total_blur_px", "viewpoint_spread_mm", "sag_mm", "whole_height_mm", "whole_diameter_mm")
+AT_MOST = (
+    "total_blur_deg",
+    "total_blur_px",
+    "viewpoint_spread_mm",
+    "sag_mm",
+    "whole_height_mm",
+    "whole_diameter_mm",
+)
 AT_LEAST = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
-MIRRORS = ("sphere", "hyperboloid", "paraboloid", "ellipsoid", "equidistant", "equiareal", "conformal", "unit-aspect")
+MIRRORS = (
+    "sphere",
+    "hyperboloid",
+    "paraboloid",
+    "ellipsoid",
+    "equidistant",
+    "equiareal",
+    "conformal",
+    "unit-aspect",
+)
 FAMILIES = MIRRORS[:4]
 OBJECTS = ("infinity", "distances", "cylinder", "plane")
 HOUSINGS = ("none", "camera", "dome", "tube", "water")
@@ -54,10 +70,17 @@ def feasible_requirements(seed: int) -> om.Requirements:
     raise RuntimeError(f"no sensor found for seed {seed}")
 
 
-_BOUNDS = {"rim_radius_mm": (5.0, 90.0), "focal_length_mm": (1.5, 40.0), "f_number": (1.4, 16.0), "conic": (-4.0, 4.0)}
+_BOUNDS = {
+    "rim_radius_mm": (5.0, 90.0),
+    "focal_length_mm": (1.5, 40.0),
+    "f_number": (1.4, 16.0),
+    "conic": (-4.0, 4.0),
+}
 
 
-def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[str, Any], dict[str, float]]:
+def _tables(
+    rng: np.random.Generator, housing: str, objects: str
+) -> tuple[dict[str, Any], dict[str, float]]:
     """Return the tables without the entries that become ranges, and the values of these entries."""
     kind = str(rng.choice(MIRRORS))
     rim = float(rng.uniform(8.0, 60.0))
@@ -66,7 +89,10 @@ def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[
         "focal_length_mm": float(rng.uniform(3.0, 16.0)),
         "f_number": float(rng.uniform(2.0, 8.0)),
     }
-    field: dict[str, Any] = {"omega_max_deg": float(rng.uniform(90.0, 135.0)), "omega_min_deg": 20.0}
+    field: dict[str, Any] = {
+        "omega_max_deg": float(rng.uniform(90.0, 135.0)),
+        "omega_min_deg": 20.0,
+    }
     mirror: dict[str, Any] = {"family" if kind in FAMILIES else "mapping": kind}
     if kind == "ellipsoid":
         numbers["conic"] = float(rng.uniform(-0.6, 1.5))
@@ -74,7 +100,12 @@ def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[
         mirror["fit"] = str(rng.choice(["polynomial:5", "asphere:3"]))
     far = {
         "infinity": {},
-        "distances": {"object_distance_mm": [float(rng.uniform(5, 15) * rim), float(rng.uniform(20, 80) * rim)]},
+        "distances": {
+            "object_distance_mm": [
+                float(rng.uniform(5, 15) * rim),
+                float(rng.uniform(20, 80) * rim),
+            ]
+        },
         "cylinder": {"object_cylinder_radius_mm": float(rng.uniform(5, 20) * rim)},
         "plane": {"object_plane_distance_mm": float(rng.uniform(5, 20) * rim)},
     }
@@ -92,27 +123,47 @@ def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[
         field["omega_min_deg"] = 50.0
     imager, lens, fixed = _imager_and_lens(rng)
     numbers |= fixed
-    tables = {"name": "feasible", "field": field, "mirror": mirror, "lens": lens, "imager": imager, "housing": around}
+    tables = {
+        "name": "feasible",
+        "field": field,
+        "mirror": mirror,
+        "lens": lens,
+        "imager": imager,
+        "housing": around,
+    }
     return tables, {name: value for name, value in numbers.items() if name not in lens}
 
 
-def _imager_and_lens(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any], dict[str, float]]:
+def _imager_and_lens(
+    rng: np.random.Generator,
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, float]]:
     """Return the imager, the fixed entries of the lens and its F-number, from the catalogue or
     freely chosen."""
     parts = read_catalogue()
     imagers = [part for part in parts.imagers if rng.random() < 0.4]
     if imagers:
         part = imagers[0]
-        imager = {"width_px": part.width_px, "height_px": part.height_px, "pixel_pitch_um": part.pixel_pitch_um}
+        imager = {
+            "width_px": part.width_px,
+            "height_px": part.height_px,
+            "pixel_pitch_um": part.pixel_pitch_um,
+        }
     else:
         width = int(rng.choice([1280, 1920, 2048, 4000]))
         height = int(width * rng.choice([0.5625, 0.75, 1.0]))
-        imager = {"width_px": width, "height_px": height, "pixel_pitch_um": float(rng.choice([1.55, 2.4, 3.45, 4.8]))}
+        imager = {
+            "width_px": width,
+            "height_px": height,
+            "pixel_pitch_um": float(rng.choice([1.55, 2.4, 3.45, 4.8])),
+        }
     if rng.random() < 0.7:
         return imager, {}, {}
     lenses = [part for part in parts.lenses if isinstance(part, LensComponent)]
     chosen = lenses[int(rng.integers(len(lenses)))]
-    lens = {"focal_length_mm": chosen.focal_length_mm, "focus_mm": [chosen.minimum_focus_mm, FARTHEST_FOCUS]}
+    lens = {
+        "focal_length_mm": chosen.focal_length_mm,
+        "focus_mm": [chosen.minimum_focus_mm, FARTHEST_FOCUS],
+    }
     if chosen.f_number_min == chosen.f_number_max:
         return imager, {**lens, "f_number": chosen.f_number_min}, {}
     return imager, lens, {"f_number": float(rng.uniform(chosen.f_number_min, chosen.f_number_max))}
@@ -120,7 +171,9 @@ def _imager_and_lens(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str
 
 def _with(tables: dict[str, Any], numbers: dict[str, Any]) -> dict[str, Any]:
     """Return the tables with entries of mirror and lens."""
-    of_mirror = {name: value for name, value in numbers.items() if name in ("rim_radius_mm", "conic")}
+    of_mirror = {
+        name: value for name, value in numbers.items() if name in ("rim_radius_mm", "conic")
+    }
     of_lens = {name: value for name, value in numbers.items() if name not in of_mirror}
     return {**tables, "mirror": tables["mirror"] | of_mirror, "lens": tables["lens"] | of_lens}
 
@@ -140,11 +193,15 @@ def _limits(
     least = [str(name) for name in rng.choice(AT_LEAST, rng.integers(1, 3), replace=False)]
     cycles = {"cycles_per_px": 0.125}
     tried = [{"quantity": name, "at_most": 1e9} for name in most]
-    tried += [{"quantity": name, "at_least": 1e-9, **(cycles if name == "mtf" else {})} for name in least]
+    tried += [
+        {"quantity": name, "at_least": 1e-9, **(cycles if name == "mtf" else {})} for name in least
+    ]
     verdict = om.judge(requirements_of({**_with(tables, numbers), "limit": tried}), sensor)
     limits = []
     for limit, row in zip(tried, verdict.limits, strict=True):
-        side, factor = ("at_most", 1 + LOOSENED) if "at_most" in limit else ("at_least", 1 - LOOSENED)
+        side, factor = (
+            ("at_most", 1 + LOOSENED) if "at_most" in limit else ("at_least", 1 - LOOSENED)
+        )
         if not np.isfinite(row.reached) or row.reached <= 1e-6:
             continue
         limits.append({**limit, side: row.reached * factor})
@@ -157,7 +214,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--keep", type=Path, help="folder for the requirement files without a solution")
+    parser.add_argument(
+        "--keep", type=Path, help="folder for the requirement files without a solution"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     load, times, missed = other_load(), [], []
@@ -166,7 +225,11 @@ def main() -> None:
         begin = time.process_time()
         try:
             verdict = solve(wanted)[1].verdict
-            said = "" if verdict.is_met else f"misses {', '.join(verdict.missed)} by {verdict.worst:.2%}"
+            said = (
+                ""
+                if verdict.is_met
+                else f"misses {', '.join(verdict.missed)} by {verdict.worst:.2%}"
+            )
         except OmnimirrorError as error:
             said = str(error)
         times.append(time.process_time() - begin)

@@ -181,7 +181,9 @@ Person: TypeAlias = "Callable[[Visit], None]"
 def prepare(folder: Path) -> None:
     """Write the input files: a photographed mirror ball, recordings of four cameras, and a
     requirement file."""
-    ball = om.MirrorBall((819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0))
+    ball = om.MirrorBall(
+        (819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0)
+    )
     write_image(folder / "ball.png", om.take_picture(ball, om.Room(), samples=2))
     sensor = om.load_sensor("paper-spherical")
     for number in range(1, CAMERAS + 1):
@@ -203,14 +205,24 @@ def film(path: Path, picture: np.ndarray) -> None:
 
 
 def visited(
-    browser: Browser, address: str, person, folder: Path, pictures: Path | None, screen: str, theme: str
+    browser: Browser,
+    address: str,
+    person,
+    folder: Path,
+    pictures: Path | None,
+    screen: str,
+    theme: str,
 ) -> Visit:
     """Run the session of one user."""
     width, height = SCREENS[screen]
     where = pictures / person.__name__ / f"{screen}-{theme}" if pictures else None
     if where:
         where.mkdir(parents=True, exist_ok=True)
-    options = {"viewport": {"width": width, "height": height}, "color_scheme": theme, "bypass_csp": True}
+    options = {
+        "viewport": {"width": width, "height": height},
+        "color_scheme": theme,
+        "bypass_csp": True,
+    }
     page = browser.new_context(**options, permissions=["clipboard-write"]).new_page()
     page.set_default_timeout(120_000)
     visit = Visit(page, folder, where)
@@ -225,12 +237,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument(
-        "--pictures", type=Path, help="folder for screenshots of each step, on all screens and in both themes"
+        "--pictures",
+        type=Path,
+        help="folder for screenshots of each step, on all screens and in both themes",
     )
     parser.add_argument("--people", nargs="*", default=[person.__name__ for person in PEOPLE])
     arguments = parser.parse_args()
     load = other_load()
-    executable = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
+    executable = (
+        os.environ.get("CHROMIUM")
+        or shutil.which("chromium")
+        or shutil.which("chromium-headless-shell")
+    )
     rows = []
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
@@ -254,7 +272,15 @@ def main() -> None:
         f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a graphics "
         f"card.{load}"
     )
-    lines = ["# First minutes", "", head, "", "| who | sees | presses | s |", "|---|---|---|---|", *rows]
+    lines = [
+        "# First minutes",
+        "",
+        head,
+        "",
+        "| who | sees | presses | s |",
+        "|---|---|---|---|",
+        *rows,
+    ]
     write_text(arguments.out / "first_minutes.md", "\n".join(lines) + "\n")
 
 

@@ -43,7 +43,8 @@ WIDTH, HEIGHT, RATE = 1920, 1080, 25
 CAMERA = om.MirrorBall(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0.48 * HEIGHT, 270.0, (WIDTH, HEIGHT))
 VIEWS = {
     f"view{i}": om.NamedView(
-        f"view{i}", options={"size": (640, 360), "pan_deg": 45.0 * i, "tilt_deg": -15.0, "hfov_deg": 80.0}
+        f"view{i}",
+        options={"size": (640, 360), "pan_deg": 45.0 * i, "tilt_deg": -15.0, "hfov_deg": 80.0},
     )
     for i in range(8)
 }
@@ -96,12 +97,15 @@ def steps(clip: Path, most: int) -> dict[str, float]:
     drawn: list[av.VideoFrame] = []
     count = len(VIEWS) * most
     found["drawing a view"] = processor_ms(
-        count, lambda: drawn.extend(dewarp_frame(dewarp, frame) for dewarp in dewarps for frame in frames)
+        count,
+        lambda: drawn.extend(dewarp_frame(dewarp, frame) for dewarp in dewarps for frame in frames),
     )
     for i, frame in enumerate(drawn):
         frame.time_base, frame.pts = TICKS, round(i / RATE / TICKS)
     transport, jpeg = TransportEncoder((640, 360), RATE), JpegEncoder()
-    found["H.264 in MPEG-TS, of a view"] = processor_ms(count, lambda: [transport(frame) for frame in drawn])
+    found["H.264 in MPEG-TS, of a view"] = processor_ms(
+        count, lambda: [transport(frame) for frame in drawn]
+    )
     found["JPEG, of a view"] = processor_ms(count, lambda: [jpeg(frame) for frame in drawn])
     return found
 
@@ -147,19 +151,39 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
     ms, and source frames/s."""
     port = live_delay.free_port("HTTP")
     url = f"http://127.0.0.1:{port}/live.ts"
-    words = [sys.executable, live_delay.__file__, "--send", clip, url, "HTTP", str(RATE), clip.with_name("sent.txt")]
+    words = [
+        sys.executable,
+        live_delay.__file__,
+        "--send",
+        clip,
+        url,
+        "HTTP",
+        str(RATE),
+        clip.with_name("sent.txt"),
+    ]
     gateway = Gateway(url, True, CAMERA, VIEWS)
     delays = Delays(gateway)
-    server, listening = Server(server_config(create_app(gateway, None), "error")), listen("127.0.0.1", 0)
+    server, listening = (
+        Server(server_config(create_app(gateway, None), "error")),
+        listen("127.0.0.1", 0),
+    )
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     names = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
-    with subprocess.Popen(words) as sender, subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher:
-        while min(view.frames_dewarped for view in gateway.views.values()) < RATE:  # skips the first second
+    with (
+        subprocess.Popen(words) as sender,
+        subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher,
+    ):
+        while (
+            min(view.frames_dewarped for view in gateway.views.values()) < RATE
+        ):  # skips the first second
             time.sleep(0.05)
         before = resource.getrusage(resource.RUSAGE_SELF)
         start, received = time.monotonic(), gateway.frames_received
-        counted = sum(v.frames_dewarped for v in gateway.views.values()), sum(v.dropped for v in gateway.views.values())
+        counted = (
+            sum(v.frames_dewarped for v in gateway.views.values()),
+            sum(v.dropped for v in gateway.views.values()),
+        )
         first = len(delays.seconds)
         time.sleep(seconds)
         after, lasted = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - start
@@ -172,20 +196,31 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
         sender.terminate()
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     late_ms = 1e3 * np.array(delays.seconds[first:])
-    return drawn, used / lasted, dropped, float(np.median(late_ms)), float(np.percentile(late_ms, 95)), came / lasted
+    return (
+        drawn,
+        used / lasted,
+        dropped,
+        float(np.median(late_ms)),
+        float(np.percentile(late_ms, 95)),
+        came / lasted,
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
-    parser.add_argument("--frames", type=int, default=50, help="number of frames for the separate steps")
+    parser.add_argument(
+        "--frames", type=int, default=50, help="number of frames for the separate steps"
+    )
     parser.add_argument("--seconds", type=int, default=8)
     arguments = parser.parse_args()
     if arguments.picture:
         photograph = om.read_image(arguments.picture)[..., :3]
     else:
-        photograph = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (1000, 1000, 3), np.uint8), (0, 0), 4)
+        photograph = cv2.GaussianBlur(
+            np.random.default_rng(0).integers(0, 255, (1000, 1000, 3), np.uint8), (0, 0), 4
+        )
     rows, live = [], []
     with tempfile.TemporaryDirectory() as folder:
         clip = Path(folder) / "clip.ts"

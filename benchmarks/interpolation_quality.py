@@ -61,7 +61,9 @@ def truth_of(scene: om.Room, screen: Screen) -> np.ndarray:
 
 
 def psnr(taken: np.ndarray, truth: np.ndarray, inside: np.ndarray) -> float:
-    return float(10 * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2)))
+    return float(
+        10 * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2))
+    )
 
 
 def scale(pixels: np.ndarray, axis: int) -> float:
@@ -69,7 +71,9 @@ def scale(pixels: np.ndarray, axis: int) -> float:
     return float(np.nanmedian(np.linalg.norm(np.diff(pixels, axis=axis), axis=-1)))
 
 
-def row_of(name: str, screen: Screen, sensor: om.Sensor, picture: np.ndarray, scene: om.Room) -> str:
+def row_of(
+    name: str, screen: Screen, sensor: om.Sensor, picture: np.ndarray, scene: om.Room
+) -> str:
     truth = truth_of(scene, screen)
     pixels = om.Dewarper(sensor, screen).coordinates()
     inside = np.isfinite(pixels[..., 0])

@@ -65,7 +65,9 @@ def make_clip(path: Path, photograph: np.ndarray, frames: int, rate: int) -> Non
     options = {"preset": "veryfast", "tune": "zerolatency", "g": str(rate), "b": "8000000"}
     with VideoWriter(path, (SIDE, SIDE), rate, options=options) as video:
         for i in range(frames):
-            turned = cv2.warpAffine(photograph, cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0), (SIDE, SIDE))
+            turned = cv2.warpAffine(
+                photograph, cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0), (SIDE, SIDE)
+            )
             video.write(frame_of_image(numbered(turned, i)))
 
 
@@ -77,7 +79,9 @@ def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
         packets = [packet for packet in source.demux(stream) if packet.size]
         target, connection = url, None
         if kind == "HTTP":
-            listener = socket.create_server(("127.0.0.1", int(url.rpartition(":")[2].split("/")[0])))
+            listener = socket.create_server(
+                ("127.0.0.1", int(url.rpartition(":")[2].split("/")[0]))
+            )
             connection, _ = listener.accept()
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             connection.recv(4096)
@@ -85,7 +89,10 @@ def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
             target = connection.makefile("wb", buffering=0)
         sent: list[float] = []
         # The receiver closes the connection after its last frame.
-        with suppress(OSError), av.open(target, "w", format=FORMATS[kind], options={"flush_packets": "1"}) as sink:
+        with (
+            suppress(OSError),
+            av.open(target, "w", format=FORMATS[kind], options={"flush_packets": "1"}) as sink,
+        ):
             out = sink.add_stream_from_template(stream)
             begin = time.monotonic()
             for number, packet in enumerate(packets):
@@ -103,7 +110,9 @@ def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
 
 
 def free_port(kind: str) -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "UDP" else socket.SOCK_STREAM) as probe:
+    with socket.socket(
+        socket.AF_INET, socket.SOCK_DGRAM if kind == "UDP" else socket.SOCK_STREAM
+    ) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
@@ -118,25 +127,35 @@ def decoded(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
 
 def viewed(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
     """Yield the same frames after their views have been computed."""
-    with LiveSource(url, timeout_s=10.0, first_wait_s=0.05, reconnect=False, options=options) as source:
+    with LiveSource(
+        url, timeout_s=10.0, first_wait_s=0.05, reconnect=False, options=options
+    ) as source:
         for i, frame in enumerate(source.frames()):
             view = om.screens.Plane(SIZE, 0.5 * i, -20.0)
             dewarp_frame(om.Dewarper(CAMERA, view, "linear"), frame, source.siting)
             yield frame
 
 
-def receive(frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: str, rate: int, count: int) -> Received:
+def receive(
+    frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: str, rate: int, count: int
+) -> Received:
     """Record the times of reception and transmission of each frame."""
     port = free_port(kind)
     url, to, options = {
         "HTTP": (f"http://127.0.0.1:{port}/live.ts", "", {}),
         "UDP": (f"udp://127.0.0.1:{port}", "?pkt_size=1316", {}),
-        "RTSP": (f"rtsp://127.0.0.1:{port}/live", "", {"rtsp_flags": "listen", "listen_timeout": "10"}),
+        "RTSP": (
+            f"rtsp://127.0.0.1:{port}/live",
+            "",
+            {"rtsp_flags": "listen", "listen_timeout": "10"},
+        ),
     }[kind.split()[0]]
     if kind.endswith("unparsed"):
         options = {**options, "fflags": "+noparse+nofillin"}
     told = clip.with_name("sent.txt")
-    with subprocess.Popen([sys.executable, __file__, "--send", clip, url + to, kind.split()[0], str(rate), told]):
+    with subprocess.Popen(
+        [sys.executable, __file__, "--send", clip, url + to, kind.split()[0], str(rate), told]
+    ):
         time.sleep(1.0 if "http" in url else 0.0)  # in this case, the sender is the server
         done = {}
         for frame in frames(url, options):
@@ -146,7 +165,9 @@ def receive(frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: st
                 break
     sent = [float(line) for line in told.read_text().split()]
     kept = {n: at for n, at in done.items() if n >= rate}  # skips the opening
-    return Received(np.array(list(kept)), np.array(list(kept.values())), np.array([sent[n] for n in kept]))
+    return Received(
+        np.array(list(kept)), np.array(list(kept.values())), np.array([sent[n] for n in kept])
+    )
 
 
 class Received(NamedTuple):
@@ -196,7 +217,9 @@ def main() -> None:
     if arguments.picture:
         photograph = om.read_image(arguments.picture)
     else:
-        photograph = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4)
+        photograph = cv2.GaussianBlur(
+            np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4
+        )
     photograph = cv2.resize(photograph, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
     rows = []
     with tempfile.TemporaryDirectory() as name:

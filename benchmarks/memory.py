@@ -25,7 +25,9 @@ PROGRAM = str(Path(sys.executable).with_name("omnimirror"))
 
 def held_mb(words: list[str], folder: Path) -> float:
     """Return the peak memory of one command, MB."""
-    process = subprocess.Popen([PROGRAM, *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [PROGRAM, *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
     said = process.stderr.read() if process.stderr else b""
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -40,12 +42,16 @@ def commands(side: int) -> dict[str, float]:
     return {
         "simulate big.toml --spp 1 --no-blur -o big.jpg": picture,
         f"dewarp big.jpg --sensor big.toml --size {side}x -o panorama.jpg": picture + panorama,
-        f"dewarp big.jpg --sensor big.toml --view sphere --size {side}x -o sphere.jpg": 1.5 * picture,
-        "dewarp big.jpg --sensor big.toml --view perspective --size 4000x3000 -o view.jpg": picture + 36e6 / 2**20,
+        f"dewarp big.jpg --sensor big.toml --view sphere --size {side}x -o sphere.jpg": 1.5
+        * picture,
+        "dewarp big.jpg --sensor big.toml --view perspective --size 4000x3000 -o view.jpg": picture
+        + 36e6 / 2**20,
         f"dewarp big.jpg --auto --size {side}x -o auto.jpg": picture + panorama,
         "rim big.jpg --figure rim.svg": picture,
         "simulate big.toml --spp 1 --no-blur --full-well-e 10000 -o noisy.jpg": picture,
-        f"maps big.toml --view panorama --size {side}x --format opencv -o map.npz": panorama / 3 * (8 + 6),
+        f"maps big.toml --view panorama --size {side}x --format opencv -o map.npz": panorama
+        / 3
+        * (8 + 6),
         "rays big.toml --step 4 -o rays.npz": side * side / 16 * 7 * 8 / 2**20,
     }
 
@@ -57,7 +63,9 @@ def main() -> None:
     arguments = parser.parse_args()
     sensor = om.load_sensor("paper-spherical")
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / arguments.side
-    fine = replace(sensor.imager, width_px=arguments.side, height_px=arguments.side, pixel_pitch_um=pitch)
+    fine = replace(
+        sensor.imager, width_px=arguments.side, height_px=arguments.side, pixel_pitch_um=pitch
+    )
     lines = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -68,7 +76,9 @@ def main() -> None:
             print(lines[-1], flush=True)
     head = f"Pictures of {arguments.side} x {arguments.side} px; megabytes are 2^20 bytes."
     columns = "| omnimirror .. | its pictures, MB | at most, MB | times |\n|---|---:|---:|---:|"
-    write_text(arguments.out / "memory.md", "\n".join(["# Memory", "", head, "", columns, *lines, ""]))
+    write_text(
+        arguments.out / "memory.md", "\n".join(["# Memory", "", head, "", columns, *lines, ""])
+    )
 
 
 if __name__ == "__main__":

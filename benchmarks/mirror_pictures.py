@@ -27,9 +27,14 @@ from omnimirror.simulation.radiometry import Radiometry
 
 SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (1280, 960))
 STANDING = (
-    "exact-equidistant", "paper-equidistant", "paper-hyperboloidal", "paper-spherical", "paraboloid-telecentric",
-    "prototype-hyperboloidal", "prototype-spherical",
-)  # fmt: skip
+    "exact-equidistant",
+    "paper-equidistant",
+    "paper-hyperboloidal",
+    "paper-spherical",
+    "paraboloid-telecentric",
+    "prototype-hyperboloidal",
+    "prototype-spherical",
+)
 WHITE = np.ones((8, 16, 3), np.float32)
 
 
@@ -98,16 +103,22 @@ def pasted(seed: int, folder: Path | None) -> Photograph:
     shift = np.asarray(rim.centre_px) - matrix @ [middle, middle]
     affine = np.column_stack([matrix, shift])
     seen = cv2.warpAffine(square, affine, (width, height), flags=cv2.INTER_AREA).astype(float)
-    picture, words = _clutter(rng, width, height, folder), f"clutter of {rim.semi_axes_px[0]:.0f} px"
+    picture, words = (
+        _clutter(rng, width, height, folder),
+        f"clutter of {rim.semi_axes_px[0]:.0f} px",
+    )
     surround = rng.choice(["none", "square", "disc", "ring"], p=[0.35, 0.15, 0.3, 0.2])
     if surround == "square":
-        cover = cv2.warpAffine(np.ones(square.shape[:2], np.float32), affine, (width, height))[..., None]
+        cover = cv2.warpAffine(np.ones(square.shape[:2], np.float32), affine, (width, height))[
+            ..., None
+        ]
         picture = picture * (1 - cover)
     elif surround in ("disc", "ring"):
         share = rng.uniform(1.02, 1.3)
         cover = coverage(rim, share, width, height)[..., None]
         picture = (
-            picture * (1 - cover) + (rng.uniform(0, 40) if surround == "disc" else rng.uniform(40, 250, 3)) * cover
+            picture * (1 - cover)
+            + (rng.uniform(0, 40) if surround == "disc" else rng.uniform(40, 250, 3)) * cover
         )
         words += f" {share:.2f}"
     cover = coverage(rim, 1.0, width, height)[..., None]
@@ -143,12 +154,18 @@ def nothing(seed: int, folder: Path | None) -> Photograph:
     rng = np.random.default_rng([9, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     picture = _clutter(rng, width, height, folder)
-    return Photograph(_recorded(rng, _glared(rng, picture, _placed(rng, width, height))), None, None, "clutter")
+    return Photograph(
+        _recorded(rng, _glared(rng, picture, _placed(rng, width, height))), None, None, "clutter"
+    )
 
 
 WAYS: dict[str, Callable[[int, Path | None], Photograph]] = {
-    "composed": compose, "taken": taken, "housed": housed, "pasted": pasted, "drawn": drawn,
-}  # fmt: skip
+    "composed": compose,
+    "taken": taken,
+    "housed": housed,
+    "pasted": pasted,
+    "drawn": drawn,
+}
 """Generators of mirror images by name."""
 
 
@@ -163,7 +180,8 @@ def _mounted(rng: np.random.Generator, width: int, height: int) -> tuple[om.Sens
     while seen < 0.55:
         radius = height * rng.uniform(0.28, 0.6)
         centre = tuple(
-            side / 2 + rng.uniform(-0.5, 0.5) * max(0.12 * side, side - 2 * radius) for side in (width, height)
+            side / 2 + rng.uniform(-0.5, 0.5) * max(0.12 * side, side - 2 * radius)
+            for side in (width, height)
         )
         seen = _seen(width, height, centre, radius)
     pitch = sensor.imager.pixel_pitch_um * sensor.rim_radius_px / radius
@@ -185,10 +203,14 @@ def _frame(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
     light = 1 + rng.uniform(0, 0.7) * np.cos(turn - rng.uniform(0, 2 * np.pi))
     for _ in range(rng.integers(0, 3)):
-        light = light + rng.uniform(0, 4) * np.exp(rng.uniform(5, 60) * (np.cos(turn - rng.uniform(0, 2 * np.pi)) - 1))
+        light = light + rng.uniform(0, 4) * np.exp(
+            rng.uniform(5, 60) * (np.cos(turn - rng.uniform(0, 2 * np.pi)) - 1)
+        )
     if rng.random() < 0.2:
         light = light + rng.uniform(0.2, 2) * (np.cos(rng.integers(3, 9) * turn) > 0.985)
-    return light[..., None] * (rng.uniform(0, 35, 3) if rng.random() < 0.65 else rng.uniform(20, 200, 3))
+    return light[..., None] * (
+        rng.uniform(0, 35, 3) if rng.random() < 0.65 else rng.uniform(20, 200, 3)
+    )
 
 
 def _mask(sensor: om.Sensor) -> tuple[Floats, Rim]:
@@ -198,11 +220,16 @@ def _mask(sensor: om.Sensor) -> tuple[Floats, Rim]:
     cover = np.clip(white, 0, 1).astype(float)
     height, width = cover.shape
     large = cv2.resize(cover, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
-    contours, _ = cv2.findContours((large > 0.5).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contours, _ = cv2.findContours(
+        (large > 0.5).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
     points = (max(contours, key=len)[:, 0] + 0.5) / 4 - 0.5
     free = ((points > 1.5) & (points < np.array([width, height]) - 2.5)).all(axis=1)
     (u, v), (a, b), angle = cv2.fitEllipseDirect(points[free].astype(np.float32))
-    a, b = (a + 0.125) / 2, (b + 0.125) / 2  # the contour passes through the centres of the outermost pixels
+    a, b = (
+        (a + 0.125) / 2,
+        (b + 0.125) / 2,
+    )  # the contour passes through the centres of the outermost pixels
     if a < b:
         a, b, angle = b, a, angle + 90
     return cover, Rim((u, v), (a, b), angle % 180)
@@ -224,10 +251,14 @@ def _scene(rng: np.random.Generator, folder: Path | None) -> om.Scene:
     kind = rng.integers(4)
     if kind == 3:
         world = environments(folder)[rng.integers(len(environments(folder)))]
-        return om.Environment((np.roll(world, rng.integers(world.shape[1]), axis=1) / 255.0).astype(np.float32) ** 2.2)
+        return om.Environment(
+            (np.roll(world, rng.integers(world.shape[1]), axis=1) / 255.0).astype(np.float32) ** 2.2
+        )
     reach = (1200, 1500, 2000)[kind]
     x, y = rng.uniform(-reach, reach, 2)
-    return om.PosedScene(_known(("room", "street", "hall")[kind]), om.Pose(x, y, 0.0, pan_deg=rng.uniform(0, 360)))
+    return om.PosedScene(
+        _known(("room", "street", "hall")[kind]), om.Pose(x, y, 0.0, pan_deg=rng.uniform(0, 360))
+    )
 
 
 @cache
@@ -243,7 +274,13 @@ def _wound(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
     for _ in range(rng.integers(15, 80)):
         x, y = int(rng.uniform(0, 1440)), int(rng.uniform(0, 360))
         w, h = int(rng.uniform(4, 160)), int(rng.uniform(4, 160))
-        cv2.rectangle(panorama, (x, y), (x + w, y + h), tuple(rng.uniform(0, 255, 3)), int(rng.choice([-1, -1, 2])))
+        cv2.rectangle(
+            panorama,
+            (x, y),
+            (x + w, y + h),
+            tuple(rng.uniform(0, 255, 3)),
+            int(rng.choice([-1, -1, 2])),
+        )
     if rng.random() < 0.3:
         panorama[:140] = panorama[:140] // 4 + np.uint8(180)  # bright, low-contrast sky
     u, v = np.meshgrid(np.arange(width), np.arange(height))
@@ -255,7 +292,13 @@ def _wound(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Float
     row = 358 * (1 - np.clip(away, 0, 1.05) ** rng.uniform(0.8, 2.0))
     column = (turn / (2 * np.pi) % 1) * 1439
     return (
-        cv2.remap(panorama, column.astype(np.float32), np.clip(row, 0, 359).astype(np.float32), cv2.INTER_LINEAR) * 1.0
+        cv2.remap(
+            panorama,
+            column.astype(np.float32),
+            np.clip(row, 0, 359).astype(np.float32),
+            cv2.INTER_LINEAR,
+        )
+        * 1.0
     )
 
 
@@ -287,8 +330,13 @@ def _clutter(rng: np.random.Generator, width: int, height: int, folder: Path | N
         world = environments(folder)[rng.integers(len(environments(folder)))]
         h = int(rng.uniform(0.2, 0.48) * world.shape[0])
         w = int(h * width / height)
-        x, y = rng.integers(0, world.shape[1] - w), rng.integers(world.shape[0] // 4, world.shape[0] // 2)
-        picture = cv2.resize(world[y : y + h, x : x + w], (width, height), interpolation=cv2.INTER_CUBIC).astype(float)
+        x, y = (
+            rng.integers(0, world.shape[1] - w),
+            rng.integers(world.shape[0] // 4, world.shape[0] // 2),
+        )
+        picture = cv2.resize(
+            world[y : y + h, x : x + w], (width, height), interpolation=cv2.INTER_CUBIC
+        ).astype(float)
     elif kind == 1:
         picture = np.full((height, width, 3), 110.0)
         for cells in (4, 9, 20, 50, 120):
@@ -304,13 +352,18 @@ def _clutter(rng: np.random.Generator, width: int, height: int, folder: Path | N
         picture = np.full((height, width, 3), rng.uniform(0, 255))
     canvas = np.clip(picture, 0, 255).astype(np.uint8)
     for _ in range(rng.integers(0, 40 if kind == 3 else 10)):
-        colour, at = tuple(rng.uniform(0, 255, 3)), (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
+        colour, at = (
+            tuple(rng.uniform(0, 255, 3)),
+            (int(rng.uniform(0, width)), int(rng.uniform(0, height))),
+        )
         size = int(rng.uniform(0.02, 0.3) * height)
         line = int(rng.choice([-1, -1, 2, 6]))
         if rng.random() < 0.4:
             cv2.circle(canvas, at, size, colour, line, cv2.LINE_AA)
         elif rng.random() < 0.5:
-            cv2.rectangle(canvas, at, (at[0] + size, at[1] + int(size * rng.uniform(0.3, 2))), colour, line)
+            cv2.rectangle(
+                canvas, at, (at[0] + size, at[1] + int(size * rng.uniform(0.3, 2))), colour, line
+            )
         else:
             end = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
             cv2.line(canvas, at, end, colour, int(rng.uniform(1, 15)), cv2.LINE_AA)
@@ -324,7 +377,10 @@ def _glared(rng: np.random.Generator, picture: NDArray, rim: Rim) -> Floats:
     radius = rim.semi_axes_px[0]
     for _ in range(rng.integers(0, 6)):
         turn, out = rng.uniform(0, 2 * np.pi), rng.uniform(0, 1.15)
-        x, y = rim.centre_px[0] + out * radius * np.cos(turn), rim.centre_px[1] + out * radius * np.sin(turn)
+        x, y = (
+            rim.centre_px[0] + out * radius * np.cos(turn),
+            rim.centre_px[1] + out * radius * np.sin(turn),
+        )
         size = radius * rng.uniform(0.02, 0.18)
         away = np.hypot(u - x, v - y)
         shine = np.clip(size - away + 0.5, 0, 1) * 255 if rng.random() < 0.5 else 0.0
@@ -336,7 +392,9 @@ def _glared(rng: np.random.Generator, picture: NDArray, rim: Rim) -> Floats:
 def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
     if rng.random() < 0.6:
         picture = cv2.GaussianBlur(np.clip(picture, 0, 400), (0, 0), rng.uniform(0.4, 2.0))
-    noisy = np.clip(picture + rng.normal(0, rng.uniform(0, 9), picture.shape), 0, 255).astype(np.uint8)
+    noisy = np.clip(picture + rng.normal(0, rng.uniform(0, 9), picture.shape), 0, 255).astype(
+        np.uint8
+    )
     if rng.random() < 0.6:
         _, data = cv2.imencode(".jpg", noisy, [1, int(rng.uniform(50, 97))])
         noisy = cv2.imdecode(data, cv2.IMREAD_COLOR)

@@ -33,7 +33,9 @@ def bare(seed: int, folder: Path | None) -> Photograph:
     if spoked := rng.random() < 0.2:
         u, v = np.meshgrid(np.arange(width), np.arange(side))
         turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
-        shown = (rng.uniform(90, 150) + rng.uniform(20, 80) * np.sin(rng.integers(5, 24) * turn))[..., None]
+        shown = (rng.uniform(90, 150) + rng.uniform(20, 80) * np.sin(rng.integers(5, 24) * turn))[
+            ..., None
+        ]
         shown = shown * np.ones(3)
     else:
         shown = _shown(rng, rim, width, side, folder)
@@ -42,7 +44,9 @@ def bare(seed: int, folder: Path | None) -> Photograph:
     picture = shown * cover + rng.choice([0.0, rng.uniform(0, 20)]) * (1 - cover)
     if rng.random() < 0.3:
         picture = _shone(rng, picture, rim)
-    return Photograph(_recorded(rng, picture, 3.0), rim, None, "spokes on black" if spoked else "on black")
+    return Photograph(
+        _recorded(rng, picture, 3.0), rim, None, "spokes on black" if spoked else "on black"
+    )
 
 
 def ball(seed: int, folder: Path | None) -> Photograph:
@@ -54,14 +58,20 @@ def ball(seed: int, folder: Path | None) -> Photograph:
     if rng.random() < 0.6:
         picture, words = _with_table(rng, picture), "table"
     if rng.random() < 0.4:
-        picture = picture * (1 - rng.uniform(0.2, 0.8) * _shadow(rng, rim, width, height))[..., None]
+        picture = (
+            picture * (1 - rng.uniform(0.2, 0.8) * _shadow(rng, rim, width, height))[..., None]
+        )
     shares = 1 + np.cumsum(rng.uniform(0.008, 0.05, rng.choice([0, 2, 3], p=[0.5, 0.3, 0.2])))
     picture = _in_frames(rng, picture, rim, shares)
     shown = _shown(rng, rim, width, height, folder, widest=(115.0, 175.0))
     if rng.random() < 0.3:  # transparent or grey low-contrast band along the rim
         share = rng.uniform(0.8, 0.95)
-        inner = cv2.GaussianBlur(coverage(rim, share, width, height), (0, 0), rng.uniform(1, 12))[..., None]
-        shown = shown * inner + (rng.uniform(30, 200, 3) + rng.uniform(0, 0.5) * (shown - 120)) * (1 - inner)
+        inner = cv2.GaussianBlur(coverage(rim, share, width, height), (0, 0), rng.uniform(1, 12))[
+            ..., None
+        ]
+        shown = shown * inner + (rng.uniform(30, 200, 3) + rng.uniform(0, 0.5) * (shown - 120)) * (
+            1 - inner
+        )
     cover = coverage(rim, 1.0, width, height)[..., None]
     picture = picture * (1 - cover) + shown * cover
     words += "".join(f" frame {share:.3f}" for share in shares)
@@ -80,17 +90,23 @@ def ridged(seed: int, folder: Path | None) -> Photograph:
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
     at = (away - 1) / (shares[0] - 1)
-    light = np.interp(at, np.linspace(0, 1, ridges := int(rng.integers(3, 14))), rng.uniform(0.15, 1.2, ridges))
+    light = np.interp(
+        at, np.linspace(0, 1, ridges := int(rng.integers(3, 14))), rng.uniform(0.15, 1.2, ridges)
+    )
     light = light * (1 + rng.uniform(0, 0.7) * np.cos(turn - rng.uniform(0, 6.3)))
     light = light + rng.uniform(0, 1.5) * np.exp(20 * (np.cos(turn - rng.uniform(0, 6.3)) - 1))
     colour = rng.uniform(40, 230) * rng.uniform(0.7, 1.1, 3)
     picture = picture * (1 - cover) + light[..., None] * colour * cover
     shown = _shown(rng, rim, width, height, folder, widest=(100.0, 170.0))
-    inner = cv2.GaussianBlur(coverage(rim, rng.uniform(0.7, 0.95), width, height), (0, 0), rng.uniform(1, 15))
+    inner = cv2.GaussianBlur(
+        coverage(rim, rng.uniform(0.7, 0.95), width, height), (0, 0), rng.uniform(1, 15)
+    )
     shown = shown * (rng.uniform(0.25, 1.0) * (1 - inner) + inner)[..., None]
     cover = coverage(rim, 1.0, width, height)[..., None]
     picture = picture * (1 - cover) + shown * cover
-    return Photograph(_recorded(rng, _shone(rng, picture, rim), 6.0), rim, None, f"ridged {shares[0]:.3f}")
+    return Photograph(
+        _recorded(rng, _shone(rng, picture, rim), 6.0), rim, None, f"ridged {shares[0]:.3f}"
+    )
 
 
 def enclosed(seed: int, folder: Path | None) -> Photograph:
@@ -100,7 +116,9 @@ def enclosed(seed: int, folder: Path | None) -> Photograph:
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height, 0.3, 0.5)
     radius = rim.semi_axes_px[0]
-    picture = cv2.GaussianBlur(_wall(rng, width, height, folder), (0, 0), rng.uniform(3, 25)) * rng.uniform(0.4, 1.3)
+    picture = cv2.GaussianBlur(
+        _wall(rng, width, height, folder), (0, 0), rng.uniform(3, 25)
+    ) * rng.uniform(0.4, 1.3)
     middle = (width / 2 + rng.normal(0, 4), height / 2 + rng.normal(0, 4))
     lens = Rim(middle, (radius * rng.uniform(1.3, 1.7),) * 2, 0.0)
     circle = cv2.GaussianBlur(coverage(lens, 1.0, width, height), (0, 0), rng.uniform(0.5, 20))
@@ -123,16 +141,23 @@ def cut(seed: int, folder: Path | None) -> Photograph:
     stretch = rng.choice([1.0, rng.uniform(0.95, 1.0)])
     if radius > 0.5 * width:
         radius = 0.48 * width
-    rim = Rim((width / 2 + rng.normal(0, 0.02) * width, height / 2 + rng.normal(0, 0.03) * height),
-              (radius, radius * stretch), float(rng.uniform(0, 180)))  # fmt: skip
+    rim = Rim(
+        (width / 2 + rng.normal(0, 0.02) * width, height / 2 + rng.normal(0, 0.03) * height),
+        (radius, radius * stretch),
+        float(rng.uniform(0, 180)),
+    )
     u = np.linspace(-1, 1, width)[None, :, None]
     dark = rng.uniform(2, 60) * (1 + rng.uniform(-0.8, 0.8) * u) * np.ones((height, 1, 3))
     if rng.random() < 0.4:
-        dark = dark + 0.2 * cv2.GaussianBlur(_wall(rng, width, height, folder), (0, 0), rng.uniform(2, 12))
+        dark = dark + 0.2 * cv2.GaussianBlur(
+            _wall(rng, width, height, folder), (0, 0), rng.uniform(2, 12)
+        )
     shares = 1 + np.cumsum(rng.uniform(0.02, 0.1, rng.choice([0, 1, 2])))
     dark = _in_frames(rng, dark, rim, shares)
     shown, _ = _with_camera(rng, _shown(rng, rim, width, height, folder), rim)
-    cover = cv2.GaussianBlur(coverage(rim, 1.0, width, height), (0, 0), rng.uniform(0.3, 1.5))[..., None]
+    cover = cv2.GaussianBlur(coverage(rim, 1.0, width, height), (0, 0), rng.uniform(0.3, 1.5))[
+        ..., None
+    ]
     picture = dark * (1 - cover) + shown * cover
     if rng.random() < 0.6:
         picture = np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2)
@@ -159,7 +184,10 @@ def outdoors(seed: int, folder: Path | None) -> Photograph:
     for k in range(1, 40, 3):
         edge += rng.normal(0, 0.03) * np.cos(k * turn + rng.uniform(0, 6))
     above = np.clip((away - edge) * rng.uniform(20, 200) + 0.5, 0, 1)[..., None]
-    shown = shown * (1 - above) + sky * rng.uniform(0.8, 1.05) * (1 + 0.1 * (away[..., None] - 1)) * above
+    shown = (
+        shown * (1 - above)
+        + sky * rng.uniform(0.8, 1.05) * (1 + 0.1 * (away[..., None] - 1)) * above
+    )
     shown, share = _with_camera(rng, shown, rim)
     cover = coverage(rim, 1.0, width, height)[..., None]
     picture = picture * (1 - cover) + shown * cover
@@ -183,8 +211,13 @@ def rings(seed: int, folder: Path | None) -> Photograph:
 
 
 SURROUNDINGS: dict[str, Callable[[int, Path | None], Photograph]] = {
-    "bare": bare, "ball": ball, "ridged": ridged, "enclosed": enclosed, "cut": cut, "outdoors": outdoors,
-}  # fmt: skip
+    "bare": bare,
+    "ball": ball,
+    "ridged": ridged,
+    "enclosed": enclosed,
+    "cut": cut,
+    "outdoors": outdoors,
+}
 """Generators of mirror images by name."""
 
 
@@ -201,9 +234,13 @@ def _away(rim: Rim, width: int, height: int) -> Floats:
 
 
 def _shown(
-    rng: np.random.Generator, rim: Rim, width: int, height: int, folder: Path | None,
+    rng: np.random.Generator,
+    rim: Rim,
+    width: int,
+    height: int,
+    folder: Path | None,
     widest: tuple[float, float] = (65.0, 160.0),
-) -> Floats:  # fmt: skip
+) -> Floats:
     """Render an environment with a random orientation under a mapping from radius to field angle."""
     world = _world(rng, folder)
     away = np.clip(_away(rim, width, height), 0, 1.02)
@@ -215,14 +252,18 @@ def _shown(
         field = 2 * np.arcsin(np.clip(away * np.sin(most / 2), 0, 1))
     else:
         field = most * away ** rng.uniform(0.7, 1.6)
-    rays = np.stack([np.sin(field) * np.cos(turn), np.sin(field) * np.sin(turn), np.cos(field)], axis=-1)
+    rays = np.stack(
+        [np.sin(field) * np.cos(turn), np.sin(field) * np.sin(turn), np.cos(field)], axis=-1
+    )
     rays = rays @ _axes(rng).T
     longitude = np.arctan2(rays[..., 0], rays[..., 1]) * rng.choice([-1, 1]) + rng.uniform(0, 6)
     latitude = np.arcsin(np.clip(rays[..., 2], -1, 1))
     rows, columns, _ = world.shape
     x = ((longitude / (2 * np.pi)) % 1 * (columns - 1)).astype(np.float32)
     y = ((0.5 - latitude / np.pi) * (rows - 1)).astype(np.float32)
-    return cv2.remap(world, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) * rng.uniform(0.5, 1.2)
+    return cv2.remap(world, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) * rng.uniform(
+        0.5, 1.2
+    )
 
 
 def _axes(rng: np.random.Generator) -> NDArray:
@@ -304,7 +345,9 @@ def _wall(rng: np.random.Generator, width: int, height: int, folder: Path | None
         h = int(rng.uniform(0.15, 0.5) * rows)
         w = min(int(h * width / height), columns)
         x, y = rng.integers(0, columns - w + 1), rng.integers(0, rows - h)
-        return cv2.resize(world[y : y + h, x : x + w], (width, height), interpolation=cv2.INTER_LINEAR).astype(float)
+        return cv2.resize(
+            world[y : y + h, x : x + w], (width, height), interpolation=cv2.INTER_LINEAR
+        ).astype(float)
     u, v = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     lean = rng.uniform(0, np.pi)
     along = u * np.cos(lean) + v * np.sin(lean)
@@ -329,15 +372,21 @@ def _with_table(rng: np.random.Generator, picture: Floats) -> Floats:
     lean = rng.normal(0, 0.4)
     away = v * np.cos(lean) - u * np.sin(lean) - rng.uniform(-0.5, 0.9)
     for start in (0.0, rng.uniform(0.03, 0.5)):
-        picture = np.where((away > start)[..., None], rng.uniform(0, 250, 3) * (1 + 0.3 * u[..., None]), picture)
+        picture = np.where(
+            (away > start)[..., None], rng.uniform(0, 250, 3) * (1 + 0.3 * u[..., None]), picture
+        )
     return picture
 
 
 def _shadow(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
     """Return a soft shadow next to the mirror."""
     shift = rng.uniform(-0.3, 0.3, 2) * rim.semi_axes_px[0]
-    other = Rim((rim.centre_px[0] + shift[0], rim.centre_px[1] + shift[1]), rim.semi_axes_px, rim.angle_deg)
-    return cv2.GaussianBlur(coverage(other, rng.uniform(0.95, 1.2), width, height), (0, 0), rng.uniform(2, 30))
+    other = Rim(
+        (rim.centre_px[0] + shift[0], rim.centre_px[1] + shift[1]), rim.semi_axes_px, rim.angle_deg
+    )
+    return cv2.GaussianBlur(
+        coverage(other, rng.uniform(0.95, 1.2), width, height), (0, 0), rng.uniform(2, 30)
+    )
 
 
 def _in_frames(rng: np.random.Generator, picture: Floats, rim: Rim, shares: NDArray) -> Floats:
@@ -349,10 +398,16 @@ def _in_frames(rng: np.random.Generator, picture: Floats, rim: Rim, shares: NDAr
     for share in shares[::-1]:
         light = 1 + rng.uniform(0, 0.8) * np.cos(turn - rng.uniform(0, 2 * np.pi))
         for _ in range(rng.integers(0, 3)):
-            light = light + rng.uniform(0, 4) * np.exp(rng.uniform(5, 60) * (np.cos(turn - rng.uniform(0, 6.3)) - 1))
+            light = light + rng.uniform(0, 4) * np.exp(
+                rng.uniform(5, 60) * (np.cos(turn - rng.uniform(0, 6.3)) - 1)
+            )
         if rng.random() < 0.15:  # marks or screws
             light = light + rng.uniform(-0.8, 2) * (np.cos(rng.integers(3, 60) * turn) > 0.9)
-        colour = rng.uniform(0, 40, 3) if rng.random() < 0.6 else rng.uniform(30, 230) * rng.uniform(0.8, 1.2, 3)
+        colour = (
+            rng.uniform(0, 40, 3)
+            if rng.random() < 0.6
+            else rng.uniform(30, 230) * rng.uniform(0.8, 1.2, 3)
+        )
         cover = coverage(rim, share, width, height)[..., None]
         picture = picture * (1 - cover) + light[..., None] * colour * cover
     return picture
@@ -363,8 +418,14 @@ def _shone(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
     height, width, _ = picture.shape
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     for _ in range(rng.integers(0, 5)):
-        turn, out = rng.uniform(0, 2 * np.pi), rng.choice([rng.uniform(0.9, 1.15), rng.uniform(0, 1.2)])
-        x, y = (c + out * rim.semi_axes_px[0] * f(turn) for c, f in zip(rim.centre_px, (np.cos, np.sin), strict=True))
+        turn, out = (
+            rng.uniform(0, 2 * np.pi),
+            rng.choice([rng.uniform(0.9, 1.15), rng.uniform(0, 1.2)]),
+        )
+        x, y = (
+            c + out * rim.semi_axes_px[0] * f(turn)
+            for c, f in zip(rim.centre_px, (np.cos, np.sin), strict=True)
+        )
         lean, size = rng.uniform(0, np.pi), rim.semi_axes_px[0] * rng.uniform(0.02, 0.15)
         a = ((u - x) * np.cos(lean) + (v - y) * np.sin(lean)) / size
         b = ((v - y) * np.cos(lean) - (u - x) * np.sin(lean)) / (size * rng.uniform(0.2, 1))
@@ -377,7 +438,9 @@ def _recorded(rng: np.random.Generator, picture: Floats, noise: float) -> Pictur
     picture = np.clip(picture, 0, 400)
     if rng.random() < 0.6:
         picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.6))
-    seen = np.clip(picture + rng.normal(0, rng.uniform(0, noise), picture.shape), 0, 255).astype(np.uint8)
+    seen = np.clip(picture + rng.normal(0, rng.uniform(0, noise), picture.shape), 0, 255).astype(
+        np.uint8
+    )
     if rng.random() < 0.7:
         _, data = cv2.imencode(".jpg", seen, [1, int(rng.uniform(60, 97))])
         seen = cv2.imdecode(data, cv2.IMREAD_COLOR)

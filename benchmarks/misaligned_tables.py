@@ -35,8 +35,12 @@ def sensors() -> dict[str, om.Sensor]:
         "sphere, both": built,
         "hyperboloid, both": replace(hyperboloid, mirror_pose=POSE),
         "even polynomial, both": replace(equidistant, mirror_pose=POSE),
-        "sphere, both, lens distortion": replace(built, lens=replace(sphere.lens, k1=-0.2, p1=1e-3, p2=-1e-3)),
-        "sphere, in place, lens distortion that leans": replace(sphere, lens=replace(sphere.lens, k1=-0.2, p1=1e-3)),
+        "sphere, both, lens distortion": replace(
+            built, lens=replace(sphere.lens, k1=-0.2, p1=1e-3, p2=-1e-3)
+        ),
+        "sphere, in place, lens distortion that leans": replace(
+            sphere, lens=replace(sphere.lens, k1=-0.2, p1=1e-3)
+        ),
         "sphere, both, dome": replace(built, housing=Housing(shell=Dome())),
         "sphere, both, tube": replace(built, housing=Housing(shell=Tube(120.0))),
     }
@@ -64,7 +68,13 @@ def main() -> None:
     for name, sensor in sensors().items():
         rows.append(f"| {name} | {seconds(sensor, arguments.runs):.2f} |")
         print(rows[-1], flush=True)
-    lines = ["# Tables of sensors out of their axis", "", f"`{Path(__file__).name}` on {said}", "", "| sensor | s |"]
+    lines = [
+        "# Tables of sensors out of their axis",
+        "",
+        f"`{Path(__file__).name}` on {said}",
+        "",
+        "| sensor | s |",
+    ]
     write_text(arguments.out / "misaligned_tables.md", "\n".join([*lines, "|---|---|", *rows, ""]))
 
 

@@ -28,7 +28,9 @@ from omnimirror.dewarp._source_coordinates import lattice_map_of, polar_map_of
 from omnimirror.optics.image_sensor import Imager
 
 RUNS = 7
-FRAMES = 24  # consecutive frames; after 1 s of other work the first ones find caches and memory cold
+FRAMES = (
+    24  # consecutive frames; after 1 s of other work the first ones find caches and memory cold
+)
 SIDE, SIZE, HFOV_DEG, TILT_DEG = 1000, (1280, 720), 90.0, -20.0
 PANORAMA = (1440, 360)
 LARGE, LARGE_VIEW = (3840, 2160), (1920, 1080)
@@ -68,8 +70,12 @@ class TableMap:
 
     def __call__(self, pan_deg: float) -> Maps:
         axes = np.stack(view_axes(pan_deg, TILT_DEG), axis=-1)
-        for out, (ahead, right, down) in zip((self.u, self.v, self.along), self.frame @ axes, strict=True):
-            np.add(np.float32(ahead) + np.float32(right) * self.x, np.float32(down) * self.y, out=out)
+        for out, (ahead, right, down) in zip(
+            (self.u, self.v, self.along), self.frame @ axes, strict=True
+        ):
+            np.add(
+                np.float32(ahead) + np.float32(right) * self.x, np.float32(down) * self.y, out=out
+            )
         self.along *= self.per_length
         np.subtract(1, self.along, out=self.along)
         self.along *= np.float32(0.5)
@@ -91,7 +97,9 @@ def numpy_map(camera: om.Sensor, omegas: np.ndarray, radii: np.ndarray, pan_deg:
     x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2)
     rays = np.stack([np.full_like(x, focal), x, y], axis=-1)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    rays = rays @ np.stack(view_axes(pan_deg, TILT_DEG)) @ np.stack([s.right, s.down, s.axis], axis=-1)
+    rays = (
+        rays @ np.stack(view_axes(pan_deg, TILT_DEG)) @ np.stack([s.right, s.down, s.axis], axis=-1)
+    )
     omega, phi = np.arccos(rays[..., 2]), np.arctan2(rays[..., 1], rays[..., 0])
     radius = np.interp(omega, omegas, radii, right=1e6)
     u, v = s.centre_px[0] + radius * np.cos(phi), s.centre_px[1] + radius * np.sin(phi)
@@ -131,7 +139,9 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
     def straightened(screen: om.screens.Plane | om.screens.Cylinder) -> np.ndarray:
         return om.Dewarper(camera, screen, "linear")(picture, out=out[screen.size])
 
-    still = om.Dewarper(camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG), "linear", keep_map=True)
+    still = om.Dewarper(
+        camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG), "linear", keep_map=True
+    )
     still(picture, out=out[SIZE])  # the packed map is used from the second image on
     check(camera, table_map, numpy_map(camera, omegas, radii, 30.0))
     return {
@@ -160,14 +170,18 @@ def planes_of(picture: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, .
 
 def check(camera: om.Sensor, table_map: TableMap, plain: Maps) -> None:
     """Check that all maps yield the same view."""
-    ours = om.Dewarper(camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG)).coordinates()
+    ours = om.Dewarper(
+        camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG)
+    ).coordinates()
     for maps in (table_map(30.0), plain):
         assert np.abs(np.stack(maps, axis=-1) - ours).max() < 0.05
 
 
 def main() -> None:
     arguments = arguments_of(__doc__.splitlines()[0], RUNS)
-    picture = cv2.resize(photograph_of(arguments.picture), (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    picture = cv2.resize(
+        photograph_of(arguments.picture), (SIDE, SIDE), interpolation=cv2.INTER_AREA
+    )
     functions = functions_of(picture)
     ms = {}
     for threads in arguments.threads:
@@ -185,14 +199,19 @@ def main() -> None:
     for name in functions:
         times = [f"{of[name]:.2f}" for of in ms.values()]
         ratios = [
-            ", ".join(f"{of[reference] / of[name]:.1f}" for of in ms.values()) if name.endswith(" view") else ""
+            ", ".join(f"{of[reference] / of[name]:.1f}" for of in ms.values())
+            if name.endswith(" view")
+            else ""
             for reference in ("table map + cv2.remap", "NumPy map + cv2.remap")
         ]
         ratios = ["", ""] if name.startswith("coordinates") else ratios
         lines.append(f"| {' | '.join([name, *times, *ratios])} |")
     near = ", ".join(f"{of['near view'] / of['distant view']:.2f}" for of in ms.values())
     frames = ", ".join(f"{1e3 / of[LARGE_ROW]:.0f}" for of in ms.values())
-    lines += ["", f"A near view costs {near} times a distant one. From 4K frames {frames} moving views a second."]
+    lines += [
+        "",
+        f"A near view costs {near} times a distant one. From 4K frames {frames} moving views a second.",
+    ]
     print("\n".join(lines))
     write_text(arguments.out / "moving_views.md", "\n".join(lines) + "\n")
 

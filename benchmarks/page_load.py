@@ -53,7 +53,12 @@ def weight() -> Iterator[str]:
     """Yield the size of each file of the page, compressed as by web servers."""
     for path in sorted(PAGE.parent.iterdir(), reverse=True):
         what = "the page" if path == PAGE else f"`{path.name}`, fetched when it is wanted"
-        yield row(f"{what}, compressed", [len(gzip.compress(path.read_bytes(), 9)) / 1000], "kB", "300 in all")
+        yield row(
+            f"{what}, compressed",
+            [len(gzip.compress(path.read_bytes(), 9)) / 1000],
+            "kB",
+            "300 in all",
+        )
 
 
 def first_paint(browser: Browser, address: str, runs: int) -> Iterator[str]:
@@ -81,7 +86,9 @@ def drag_to_frame(browser: Browser, address: str) -> Iterator[str]:
         for i in range(DRAGS):
             page.mouse.move(x + 2 * (i + 1), y)
             page.wait_for_function(f"window.delays.length > {i}")
-        width, height = page.evaluate("[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]")
+        width, height = page.evaluate(
+            "[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]"
+        )
         what = f"drag to frame, {name} of {width} x {height} px"
         yield row(what, page.evaluate("window.delays"), "ms", "")
         page.context.close()
@@ -112,10 +119,18 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=9)
     arguments = parser.parse_args()
     load = other_load()
-    executable = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
+    executable = (
+        os.environ.get("CHROMIUM")
+        or shutil.which("chromium")
+        or shutil.which("chromium-headless-shell")
+    )
     with served() as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
-        measured = [weight(), first_paint(browser, address, arguments.runs), drag_to_frame(browser, address)]
+        measured = [
+            weight(),
+            first_paint(browser, address, arguments.runs),
+            drag_to_frame(browser, address),
+        ]
         rows = [line for lines in measured for line in lines]
         lines = [
             "# The studio's page",

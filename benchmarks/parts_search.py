@@ -62,7 +62,10 @@ def asked(blur_deg: float) -> om.Requirements:
         field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=15),
         mirror=om.MirrorRequirements(rim_radius_mm=30, family="sphere"),
         lens=om.LensRequirements(f_number=(1, 16)),
-        limits=[om.Limit("total_blur_deg", at_most=blur_deg), om.Limit("resolution_px_per_deg", at_least=4.0)],
+        limits=[
+            om.Limit("total_blur_deg", at_most=blur_deg),
+            om.Limit("resolution_px_per_deg", at_least=4.0),
+        ],
         parts=om.PartsRequirements(most_height_mm=250.0),
     )
 

@@ -40,7 +40,9 @@ def main() -> None:
     for number, name in enumerate(SENSORS):
         if number == 0:
             wall, cores, size = once(name)
-            rows.append(f"| {name}, the server's first | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |")
+            rows.append(
+                f"| {name}, the server's first | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |"
+            )
         wall, cores, size = np.median([once(name) for _ in range(arguments.runs)], axis=0)
         rows.append(f"| {name} | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |")
         print(*rows, sep="\n", flush=True)

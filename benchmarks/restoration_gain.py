@@ -48,10 +48,21 @@ CROPS = (
     ("paper-spherical", "hall", (20, 380)),
     ("paper-hyperboloidal", "dead leaves", (60, 250)),
 )
-COLUMNS = ("sensor", "scene", "blur alone, dB", "given, dB", "gain, dB", "worst tenth, dB", "core s", "first, core s")
+COLUMNS = (
+    "sensor",
+    "scene",
+    "blur alone, dB",
+    "given, dB",
+    "gain, dB",
+    "worst tenth, dB",
+    "core s",
+    "first, core s",
+)
 
 
-def dead_leaves(width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.53, seed: int = 3) -> om.Environment:
+def dead_leaves(
+    width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.53, seed: int = 3
+) -> om.Environment:
     """Return occluding disks of all sizes and colours, with edge statistics of natural scenes, and
     lettering."""
     rng = np.random.default_rng(seed)
@@ -61,15 +72,29 @@ def dead_leaves(width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.
     radii = 1 / np.sqrt(rng.uniform(1 / largest**2, 1 / smallest**2, leaves))
     for radius in radii:
         u, latitude = rng.random() * width, np.arcsin(rng.uniform(-1, 1))
-        v, wide = (0.5 - latitude / np.pi) * height, min(radius / max(np.cos(latitude), 0.05), width / 4)
+        v, wide = (
+            (0.5 - latitude / np.pi) * height,
+            min(radius / max(np.cos(latitude), 0.05), width / 4),
+        )
         colour = rng.uniform(10, 245, 3).tolist()
         for turn in (-width, 0, width):
             centre, axes = (int(16 * (u + turn)), int(16 * v)), (int(16 * wide), int(16 * radius))
             cv2.ellipse(picture, centre, axes, 0, 0, 360, colour, -1, cv2.LINE_8, 4)
     for _ in range(leaves // 64):
-        place = int(rng.uniform(0, 0.93) * width), int((0.5 - np.arcsin(rng.uniform(-0.9, 0.9)) / np.pi) * height)
+        place = (
+            int(rng.uniform(0, 0.93) * width),
+            int((0.5 - np.arcsin(rng.uniform(-0.9, 0.9)) / np.pi) * height),
+        )
         size, colour = rng.uniform(0.1, 0.4) * smallest, rng.uniform(0, 255, 3).tolist()
-        cv2.putText(picture, "omnimirror 212", place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1 + int(2 * size))
+        cv2.putText(
+            picture,
+            "omnimirror 212",
+            place,
+            cv2.FONT_HERSHEY_SIMPLEX,
+            size,
+            colour,
+            1 + int(2 * size),
+        )
     return om.Environment(linear_from_srgb(picture / 255.0))
 
 
@@ -79,9 +104,13 @@ def clouds(width: int = 4096, seed: int = 11) -> om.Environment:
     height = width // 2
     frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None])
     frequency[0, 0] = np.inf
-    drawn = rng.standard_normal((3, *frequency.shape)) + 1j * rng.standard_normal((3, *frequency.shape))
+    drawn = rng.standard_normal((3, *frequency.shape)) + 1j * rng.standard_normal(
+        (3, *frequency.shape)
+    )
     grey, *others = np.fft.irfft2(drawn / frequency, (height, width))
-    colours = np.stack([grey, *(0.85 * grey + 0.5 * other for other in others)], axis=-1) / grey.std()
+    colours = (
+        np.stack([grey, *(0.85 * grey + 0.5 * other for other in others)], axis=-1) / grey.std()
+    )
     return om.Environment(linear_from_srgb(np.clip(0.45 + 0.2 * colours, 0, 1)).astype(np.float32))
 
 
@@ -144,21 +173,29 @@ def gains(
     before, after = psnr(given, thirds), psnr(restored, thirds)
     others = [psnr(restorer(given, share * noise), thirds) for share in told]
     return Gains(
-        psnr(np.asarray(255 * blurred), thirds), before, after - before, np.max([after, *others], axis=0) - before,
-        psnr(restored, tenths) - psnr(given, tenths), float(np.median(times)),
+        psnr(np.asarray(255 * blurred), thirds),
+        before,
+        after - before,
+        np.max([after, *others], axis=0) - before,
+        psnr(restored, tenths) - psnr(given, tenths),
+        float(np.median(times)),
         (np.rint(255 * sharp).astype(np.uint8), given, restored),
-    )  # fmt: skip
+    )
 
 
 def coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """Encode as JPEG and decode."""
     data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    return np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1])
+    return np.ascontiguousarray(
+        np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
+    )
 
 
 def faster(sensor: om.Sensor, pixels: int, f_number: float) -> om.Sensor:
     """Return the sensor with fewer, larger pixels and a lens with the same blur in pixels."""
-    imager = type(sensor.imager)(pixels, pixels, sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels)
+    imager = type(sensor.imager)(
+        pixels, pixels, sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
+    )
     return replace(sensor, imager=imager, lens=replace(sensor.lens, f_number=f_number))
 
 
@@ -182,18 +219,36 @@ def table(
     yield "|---" * len(columns) + "|"
     for name in sensors:
         sensor = om.load_sensor(name)
-        restorer = Restorer(faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px))
-        others = [Restorer(restorer.camera, told=restorer.known.scaled(times).sizes) for times in wrong]
+        restorer = Restorer(
+            faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px)
+        )
+        others = [
+            Restorer(restorer.camera, told=restorer.known.scaled(times).sizes) for times in wrong
+        ]
         plain = np.full((*restorer.camera.image_size[::-1], 3), 128, np.uint8)
         start = time.process_time()
         restorer(plain, NOISE)
         first = time.process_time() - start
         for scene, seen in scenes.items():
             found = gains(restorer, seen, told=told)
-            pairs = (f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db))
-            won, best = (f"{rest:+.2f} / {outer:+.2f}" for rest, outer in (found.gain_db, found.best_db))
-            cells = [name, scene, *pairs, won, f"{found.tenths_db.min():+.1f}", f"{found.seconds:.1f}", f"{first:.1f}"]
-            cells += [best][: len(told)] + [f"{gains(other, seen).tenths_db.min():+.2f}" for other in others]
+            pairs = (
+                f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db)
+            )
+            won, best = (
+                f"{rest:+.2f} / {outer:+.2f}" for rest, outer in (found.gain_db, found.best_db)
+            )
+            cells = [
+                name,
+                scene,
+                *pairs,
+                won,
+                f"{found.tenths_db.min():+.1f}",
+                f"{found.seconds:.1f}",
+                f"{first:.1f}",
+            ]
+            cells += [best][: len(told)] + [
+                f"{gains(other, seen).tenths_db.min():+.2f}" for other in others
+            ]
             cells += [f"{gains(restorer, seen, quality=q).tenths_db.min():+.2f}" for q in qualities]
             yield f"| {' | '.join(cells)} |"
             for kind, picture in zip(("sharp", "given", "restored"), found.pictures, strict=True):
@@ -204,9 +259,19 @@ def crops(out: Path) -> NDArray[np.uint8]:
     """Return crops of the written images at twice their size: without blur, degraded, restored."""
     rows = []
     for name, scene, (top, left) in CROPS:
-        kinds = [om.read_image(out / f"{name}-{scene}-{kind}.png") for kind in ("sharp", "given", "restored")]
-        parts = [np.kron(kind[top : top + 150, left : left + 200], np.ones((2, 2, 1), np.uint8)) for kind in kinds]
-        rows.append(np.hstack([np.pad(part, ((3, 3), (3, 3), (0, 0)), constant_values=255) for part in parts]))
+        kinds = [
+            om.read_image(out / f"{name}-{scene}-{kind}.png")
+            for kind in ("sharp", "given", "restored")
+        ]
+        parts = [
+            np.kron(kind[top : top + 150, left : left + 200], np.ones((2, 2, 1), np.uint8))
+            for kind in kinds
+        ]
+        rows.append(
+            np.hstack(
+                [np.pad(part, ((3, 3), (3, 3), (0, 0)), constant_values=255) for part in parts]
+            )
+        )
     return np.vstack(rows)
 
 
@@ -227,12 +292,20 @@ def circumstances(pixels: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--environment", type=Path, nargs="*", default=[], help="equirectangular images")
+    parser.add_argument(
+        "--environment", type=Path, nargs="*", default=[], help="equirectangular images"
+    )
     parser.add_argument("--sensor", nargs="*", default=SENSORS)
     parser.add_argument("--tuning", action="store_true", help="scenes used for tuning")
-    parser.add_argument("--best", action="store_true", help="also use other noise values (5 x slower)")
-    parser.add_argument("--pixels", type=int, default=1024, help="fewer, larger pixels, same blur in pixels")
-    parser.add_argument("--blur-told", type=float, nargs="*", default=[], help="scale factors of the specified blur")
+    parser.add_argument(
+        "--best", action="store_true", help="also use other noise values (5 x slower)"
+    )
+    parser.add_argument(
+        "--pixels", type=int, default=1024, help="fewer, larger pixels, same blur in pixels"
+    )
+    parser.add_argument(
+        "--blur-told", type=float, nargs="*", default=[], help="scale factors of the specified blur"
+    )
     parser.add_argument(
         "--jpeg",
         type=int,
@@ -243,7 +316,10 @@ def main() -> None:
     parser.add_argument("--crops", type=Path, help="write crops of the images side by side")
     arguments = parser.parse_args()
     if arguments.tuning:
-        name, scenes = "restoration_gain_tuning", {"room": om.Room(), "street": Street(), "clouds": clouds()}
+        name, scenes = (
+            "restoration_gain_tuning",
+            {"room": om.Room(), "street": Street(), "clouds": clouds()},
+        )
     else:
         name, scenes = "restoration_gain", {"hall": Hall(), "dead leaves": dead_leaves()}
         scenes |= {p.stem: exposed(p) for p in arguments.environment}

@@ -53,7 +53,15 @@ def looked_at(seed: int, photograph: Photograph) -> Found:
 
 def table_of(found: dict[str, list[Found]]) -> str:
     """Return the table by generator, and the failures."""
-    head = ("pictures", "count", "within 1 %", "of these sure", "wrong, but sure", "median error, %", "median seconds")
+    head = (
+        "pictures",
+        "count",
+        "within 1 %",
+        "of these sure",
+        "wrong, but sure",
+        "median error, %",
+        "median seconds",
+    )
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     for way, every in found.items():
         right = [one for one in every if one.error < RIGHT]
@@ -61,12 +69,15 @@ def table_of(found: dict[str, list[Found]]) -> str:
         wrong = sum(one.error >= RIGHT and one.confidence >= SURE for one in every)
         error = f"{100 * np.median([one.error for one in right]):.3f}" if right else "-"
         seconds = np.median([one.seconds for one in every])
-        lines.append(f"| {way} | {len(every)} | {len(right)} | {sure} | {wrong} | {error} | {seconds:.2f} |")
+        lines.append(
+            f"| {way} | {len(every)} | {len(right)} | {sure} | {wrong} | {error} | {seconds:.2f} |"
+        )
     told = [
         f"{way} {one.seed}: error {100 * one.error:.1f} %, confidence {one.confidence:.2f} ({one.words})"
-        for way, every in found.items() for one in every
+        for way, every in found.items()
+        for one in every
         if (one.error >= RIGHT) == (one.confidence >= SURE)
-    ]  # fmt: skip
+    ]
     return "\n".join([*lines, "", *told]) + "\n"
 
 
@@ -88,7 +99,9 @@ def main() -> None:
     chosen = {way: every[way] for way in (arguments.ways.split(",") if arguments.ways else every)}
     each = -(-arguments.count // sum(way not in MIRRORLESS for way in chosen))
     seeds = range(arguments.first, arguments.first + each)
-    found = {way: [looked_at(seed, make(seed, folder)) for seed in seeds] for way, make in chosen.items()}
+    found = {
+        way: [looked_at(seed, make(seed, folder)) for seed in seeds] for way, make in chosen.items()
+    }
     table = table_of(found)
     write_text(arguments.out / "rim.md", "# The rim in pictures made by seed\n\n" + table)
     print(table)

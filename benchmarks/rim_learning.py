@@ -26,13 +26,21 @@ from scipy.optimize import minimize, minimize_scalar
 import omnimirror as om
 from omnimirror.calibration.edge_detection import at_working_size, edges_of, levels_of
 from omnimirror.calibration.rim._candidates import candidate_rings
-from omnimirror.calibration.rim._classifier import FIRST, UNLISTED, LogisticMember, RimClassifier, listed_rows
+from omnimirror.calibration.rim._classifier import (
+    FIRST,
+    UNLISTED,
+    LogisticMember,
+    RimClassifier,
+    listed_rows,
+)
 from omnimirror.calibration.rim._ellipses import Ellipse, refine_ring
 
 Array = NDArray[np.float64]
 
 RIGHT = 0.01  # relative to the radius
-NEARLY = 0.04  # largest error at working size at which a candidate can be the outline after refinement
+NEARLY = (
+    0.04  # largest error at working size at which a candidate can be the outline after refinement
+)
 MEMBERS, BENDS = 7, 16
 RIDGE, START = 4.0, 0.15
 STEPS = 150
@@ -81,7 +89,11 @@ def _of_seed(seed: int, ways: dict[str, Any], folder: Path | None) -> list[Examp
 def learned(ways: dict[str, Any], folder: Path | None, seeds: Sequence[int], jobs: int) -> str:
     """Train the classifier on all generators and seeds; return its file."""
     with ProcessPoolExecutor(jobs) as pool:
-        examples = [one for many in pool.map(partial(_of_seed, ways=ways, folder=folder), seeds) for one in many]
+        examples = [
+            one
+            for many in pool.map(partial(_of_seed, ways=ways, folder=folder), seeds)
+            for one in many
+        ]
     told = f"{WORDS}{', '.join(ways)}; seeds {seeds[0]} to {seeds[-1]}; benchmarks/rim_learning.py"
     return as_json(with_trust(examples), told)
 
@@ -92,12 +104,18 @@ def as_json(committee: RimClassifier, told: str) -> str:
     def short(values: Array) -> Any:
         return [short(v) for v in values] if values.ndim else float(f"{values:.4g}")
 
-    members = [{name: short(np.asarray(values)) for name, values in vars(one).items()} for one in committee.members]
+    members = [
+        {name: short(np.asarray(values)) for name, values in vars(one).items()}
+        for one in committee.members
+    ]
     lines = [
-        f'"made": {json.dumps(told)}', f'"trust": {committee.trust:.4g}', f'"first_share": {committee.first_share:.4g}',
-        f'"middle": {json.dumps(short(committee.middle))}', f'"spread": {json.dumps(short(committee.spread))}',
+        f'"made": {json.dumps(told)}',
+        f'"trust": {committee.trust:.4g}',
+        f'"first_share": {committee.first_share:.4g}',
+        f'"middle": {json.dumps(short(committee.middle))}',
+        f'"spread": {json.dumps(short(committee.spread))}',
         '"members": [\n' + ",\n".join(json.dumps(one) for one in members) + "\n]",
-    ]  # fmt: skip
+    ]
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
@@ -106,11 +124,17 @@ def with_trust(examples: list[Example]) -> RimClassifier:
     judged: list[tuple[Example, Array]] = []
     for part in range(FOLDS):
         others = trained([one for one in examples if one.seed % FOLDS != part])
-        judged += [(one, others.judged(one.rows).mean(axis=0)) for one in examples if one.seed % FOLDS == part]
+        judged += [
+            (one, others.judged(one.rows).mean(axis=0))
+            for one in examples
+            if one.seed % FOLDS == part
+        ]
 
     def surprise(trust: float) -> float:
         chances = [
-            _probability(trust * mean + FIRST_SHARE * np.maximum(one.rows[:, FIRST], UNLISTED), one.right)
+            _probability(
+                trust * mean + FIRST_SHARE * np.maximum(one.rows[:, FIRST], UNLISTED), one.right
+            )
             for one, mean in judged
         ]
         return -float(np.log(chances).sum())
@@ -151,7 +175,9 @@ def _member(examples: list[Example], seed: int) -> LogisticMember:
     ends = np.cumsum(sizes)[:-1]
 
     def parts(numbers: Array) -> list[Array]:
-        return [part.reshape(shape) for part, shape in zip(np.split(numbers, ends), shapes, strict=True)]
+        return [
+            part.reshape(shape) for part, shape in zip(np.split(numbers, ends), shapes, strict=True)
+        ]
 
     def loss(numbers: Array) -> tuple[float, Array]:
         linear, bias, hidden, shift, out = parts(numbers)
@@ -162,13 +188,23 @@ def _member(examples: list[Example], seed: int) -> LogisticMember:
         weights, nothing = np.exp(odds - top[which]), np.exp(-top)
         total = nothing + np.bincount(which, weights, len(chosen))
         p = weights / total[which]
-        good = np.maximum(np.bincount(which, p * right, len(chosen)) + none * nothing / total, 1e-12)
+        good = np.maximum(
+            np.bincount(which, p * right, len(chosen)) + none * nothing / total, 1e-12
+        )
         slope = p - p * right / good[which]
         back = slope[:, None] * out * (1 - bends**2)
-        gradient = [rows.T @ slope, [slope.sum()], (rows.T @ back).ravel(), back.sum(axis=0), bends.T @ slope]
+        gradient = [
+            rows.T @ slope,
+            [slope.sum()],
+            (rows.T @ back).ravel(),
+            back.sum(axis=0),
+            bends.T @ slope,
+        ]
         held = numbers.copy()
         held[width] = 0.0  # no penalty on the bias
-        return RIDGE * float(held @ held) - float(np.log(good).sum()), np.concatenate(gradient) + 2 * RIDGE * held
+        return RIDGE * float(held @ held) - float(np.log(good).sum()), np.concatenate(
+            gradient
+        ) + 2 * RIDGE * held
 
     start = np.zeros(sum(sizes))
     start[width + 1 :] = rng.normal(0, START, sum(sizes) - width - 1)

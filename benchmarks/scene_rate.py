@@ -40,22 +40,31 @@ TRACED, PIXELS, RAYS = 512, 1000, 16
 def sensor_of(pixels: int) -> om.Sensor:
     sensor = om.load_sensor("paper-spherical")
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
-    return replace(sensor, imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+    return replace(
+        sensor,
+        imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch),
+    )
 
 
 def ball(rings: int) -> np.ndarray:
     """Return triangles (n, 3, 3) around the origin, mm."""
-    polar, turn = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
+    polar, turn = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
+    )
     radius = 3000 * (1 + 0.05 * np.sin(9 * turn) * np.sin(7 * polar) * np.sin(polar))
     across, up = radius * np.sin(polar), radius * np.cos(polar)
     points = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=-1)
     a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
-    return np.concatenate([np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))])
+    return np.concatenate(
+        [np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))]
+    )
 
 
 def rays_of(samples: int, blur: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and directions (n, 3) of the reflected rays by pixel."""
-    bundle = trace(sensor_of(TRACED), spread(samples, blur), Radiometry(), slice(0, TRACED), slice(0, TRACED))
+    bundle = trace(
+        sensor_of(TRACED), spread(samples, blur), Radiometry(), slice(0, TRACED), slice(0, TRACED)
+    )
     seeing = bundle.fate == REFLECTED
     return bundle.origins[seeing], bundle.directions[seeing]
 
@@ -84,7 +93,9 @@ def held_each(rings: int) -> float:
 def _held_each(rings: int) -> float:
     triangles = ball(rings)
     colours = np.ones((len(triangles), 3, 3), np.float32)
-    facets(triangles[:100], colours[:100]).seen(np.zeros((1, 3)), np.ones((1, 3)))  # loads the modules of the first use
+    facets(triangles[:100], colours[:100]).seen(
+        np.zeros((1, 3)), np.ones((1, 3))
+    )  # loads the modules of the first use
     before = resident()
     scene = facets(triangles, colours)
     assert scene.native
@@ -97,10 +108,17 @@ def of_triangles(rings: int, kinds: list[tuple[np.ndarray, np.ndarray]], runs: i
     scene = facets(triangles, colours)
     build = seconds(lambda: scene.native)
     rates = [
-        len(origins) / statistics.median(seconds(lambda o=origins, d=directions: scene.seen(o, d)) for _ in range(runs))
+        len(origins)
+        / statistics.median(
+            seconds(lambda o=origins, d=directions: scene.seen(o, d)) for _ in range(runs)
+        )
         for origins, directions in kinds
     ]
-    row = [f"{len(triangles)}", f"{build:.2f}", f"{held_each(rings):.0f}" if rings == RINGS[-1] else ""]
+    row = [
+        f"{len(triangles)}",
+        f"{build:.2f}",
+        f"{held_each(rings):.0f}" if rings == RINGS[-1] else "",
+    ]
     return f"| {' | '.join(row + [f'{rate / 1e6:.1f}' for rate in rates])} |"
 
 
@@ -109,20 +127,33 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=5)
     arguments = parser.parse_args()
-    lines = ["# Scenes of surfaces", "", circumstances(arguments.runs).replace(" interleaved", ""), ""]
-    lines += ["| triangles | tree, s | bytes each | aperture, Mrays/s | chief rays, Mrays/s |", "|---|---|---|---|---|"]
+    lines = [
+        "# Scenes of surfaces",
+        "",
+        circumstances(arguments.runs).replace(" interleaved", ""),
+        "",
+    ]
+    lines += [
+        "| triangles | tree, s | bytes each | aperture, Mrays/s | chief rays, Mrays/s |",
+        "|---|---|---|---|---|",
+    ]
     threads = backend.threads
     backend.set_threads(1)
     kinds = [rays_of(RAYS, True), rays_of(1, False)]
     lines += [of_triangles(rings, kinds, arguments.runs) for rings in RINGS]
     backend.set_threads(threads)
-    lines += ["", f"| {PIXELS} x {PIXELS} px, {RAYS} rays each | core s | of the aperture |", "|---|---|---|"]
+    lines += [
+        "",
+        f"| {PIXELS} x {PIXELS} px, {RAYS} rays each | core s | of the aperture |",
+        "|---|---|---|",
+    ]
     sensor = sensor_of(PIXELS)
     for name, scene in {"room": om.Room(), "hall": Hall(), "street": Street()}.items():
         expose(sensor, scene, samples=1)
         sharp, blurred = (
             statistics.median(
-                seconds(lambda b=blur, s=scene: expose(sensor, s, samples=RAYS, blur=b)) for _ in range(arguments.runs)
+                seconds(lambda b=blur, s=scene: expose(sensor, s, samples=RAYS, blur=b))
+                for _ in range(arguments.runs)
             )
             for blur in (False, True)
         )

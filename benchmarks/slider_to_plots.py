@@ -35,7 +35,15 @@ from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.optics.sensor_files import tables_of
 
-KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")
+KINDS = (
+    "sphere",
+    "hyperboloid",
+    "even-polynomial",
+    "slope-spline",
+    "equidistant",
+    "equiareal",
+    "tabulated-mapping",
+)
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PICTURES = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
@@ -89,9 +97,15 @@ def serving() -> Iterator[str]:
 def server_ms(sensor: BenchSensor, runs: int) -> float:
     """Return the median processor time of a response in the server, ms."""
     ask = Ask(
-        slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
-        squares=True, requirements=None,
-    )  # fmt: skip
+        slot=0,
+        number=0,
+        tables=sensor.tables,
+        follows=sensor.follows,
+        object_distance_mm=None,
+        section=True,
+        squares=True,
+        requirements=None,
+    )
     times = []
     for _ in range(runs):
         begin = time.thread_time()
@@ -130,7 +144,9 @@ def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray,
     choice = page.get_by_label("Kind of mirror")
     if choice.input_value() != kind:
         choice.select_option(kind)
-        page.wait_for_function(f"window.omnimirror.tabs.bench.history.now.tables.mirror.kind === '{kind}'")
+        page.wait_for_function(
+            f"window.omnimirror.tabs.bench.history.now.tables.mirror.kind === '{kind}'"
+        )
         page.wait_for_timeout(500)
     page.evaluate(MOVE, 10)
     before = busy_s(metrics)
@@ -152,13 +168,22 @@ def main() -> None:
     said = circumstances(arguments.runs).replace("interleaved runs", "changes")
     first = tables_of(om.load_sensor("paper-spherical"))
     sensors = {
-        kind: on_bench(changed(Change(tables=first, what="mirror", to=kind, object_distance_mm=None))) for kind in KINDS
+        kind: on_bench(
+            changed(Change(tables=first, what="mirror", to=kind, object_distance_mm=None))
+        )
+        for kind in KINDS
     }
-    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
+    chromium = (
+        os.environ.get("CHROMIUM")
+        or shutil.which("chromium")
+        or shutil.which("chromium-headless-shell")
+    )
     rows = []
     with serving() as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        page = browser.new_context(viewport={"width": 1280, "height": 900}, bypass_csp=True).new_page()
+        page = browser.new_context(
+            viewport={"width": 1280, "height": 900}, bypass_csp=True
+        ).new_page()
         page.add_init_script(f"localStorage.setItem('omnimirror-bench', '{EMPTY}')")
         page.goto(f"{address}#tab=design")
         page.wait_for_selector("#bench .compare tbody td")
@@ -171,7 +196,10 @@ def main() -> None:
             rows.append((kind, server, busy, np.median(drawn), np.percentile(drawn, 95), *pictures))
         space = turned(page, arguments.runs)
         browser.close()
-    lines = [f"| {kind} | " + " | ".join(f"{value:.1f}" for value in values) + " |" for kind, *values in rows]
+    lines = [
+        f"| {kind} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
+        for kind, *values in rows
+    ]
     sizes = " | ".join(f"picture {width} px, ms" for width, _ in PICTURES)
     head = (
         f"| mirror | server, ms | page, ms | slider to plots, ms | 95th percentile, ms | {sizes} |\n"

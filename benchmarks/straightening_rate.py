@@ -43,14 +43,20 @@ def camera_of(side: int) -> om.MirrorBall:
 
 
 def screen_of(kind: str, size: tuple[int, int], pan_deg: float = 30.0) -> Cylinder | Plane:
-    return Cylinder(size, -70.0, 40.0) if kind == "panorama" else Plane(size, pan_deg, -20.0, 0.0, 90.0)
+    return (
+        Cylinder(size, -70.0, 40.0)
+        if kind == "panorama"
+        else Plane(size, pan_deg, -20.0, 0.0, 90.0)
+    )
 
 
 def bytes_moved(coordinates: np.ndarray, side: int, out: np.ndarray) -> int:
     """Return the bytes of a bilinear frame from a packed map of 6 bytes per pixel."""
     corner = coordinates[~np.isnan(coordinates[..., 0])].astype(int).clip(0, side - 2)
     first = (corner[:, 1] * side + corner[:, 0]) * 3
-    lines = np.unique(np.concatenate([(first + row * side * 3 + end) // 64 for row in (0, 1) for end in (0, 5)]))
+    lines = np.unique(
+        np.concatenate([(first + row * side * 3 + end) // 64 for row in (0, 1) for end in (0, 5)])
+    )
     return 64 * len(lines) + 6 * coordinates[..., 0].size + out.nbytes
 
 
@@ -61,10 +67,14 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
         picture = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
         camera = camera_of(side)
         coordinates = om.Dewarper(camera, screen_of(kind, size)).coordinates()
-        fixed_point = cv2.convertMaps(*np.moveaxis(coordinates.astype(np.float32), -1, 0).copy(), cv2.CV_16SC2)
+        fixed_point = cv2.convertMaps(
+            *np.moveaxis(coordinates.astype(np.float32), -1, 0).copy(), cv2.CV_16SC2
+        )
         clock = clock_of(threads)
         out, other = np.empty((*size[::-1], 3), np.uint8), np.empty((*size[::-1], 3), np.uint8)
-        moved = np.zeros((2, bytes_moved(coordinates, side, out) // 2), np.uint8)  # half is read, half is written
+        moved = np.zeros(
+            (2, bytes_moved(coordinates, side, out) // 2), np.uint8
+        )  # half is read, half is written
         for interpolation, flag in CV.items():
             packed = PixelMap(coordinates.astype(np.float32), (side, side))
             functions: dict[str, Callable[[], object]] = {
@@ -73,20 +83,31 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
             }
             if threads == 1:
                 functions["copy"] = lambda m=moved: np.copyto(m[1], m[0])
-                near = PixelMap((coordinates % IN_CACHE[0]).clip(2, IN_CACHE[0] - 4).astype(np.float32), IN_CACHE)
+                near = PixelMap(
+                    (coordinates % IN_CACHE[0]).clip(2, IN_CACHE[0] - 4).astype(np.float32),
+                    IN_CACHE,
+                )
                 small = picture[: IN_CACHE[1], : IN_CACHE[0]].copy()
-                functions["in cache"] = lambda p=small, m=near, i=interpolation, o=other: remap(p, m, i, o)
-            remap(picture, packed, interpolation, out)  # the packed map is used from the second image on
+                functions["in cache"] = lambda p=small, m=near, i=interpolation, o=other: remap(
+                    p, m, i, o
+                )
+            remap(
+                picture, packed, interpolation, out
+            )  # the packed map is used from the second image on
             if kind == "panorama":
                 centre = np.array(camera.centre_px)
                 radii = np.nanmean(np.linalg.norm(coordinates - centre, axis=-1), axis=1)
                 angles = np.arctan2(*(coordinates - centre)[size[1] // 2].T[::-1])
                 polar = PolarMap(tuple(centre), radii, angles, (side, side))
-                functions["polar"] = lambda p=picture, m=polar, i=interpolation, o=out: remap(p, m, i, o)
+                functions["polar"] = lambda p=picture, m=polar, i=interpolation, o=out: remap(
+                    p, m, i, o
+                )
             ms = interleaved(functions, runs, FRAMES, clock)
             ours = ms["packed"]
             floors = f"{ms['copy']:.2f} | {ms['in cache']:.2f}" if threads == 1 else "|"
-            no_map = f"{ms['polar']:.2f} | {ms['OpenCV'] / ms['polar']:.1f}" if "polar" in ms else "|"
+            no_map = (
+                f"{ms['polar']:.2f} | {ms['OpenCV'] / ms['polar']:.1f}" if "polar" in ms else "|"
+            )
             rows.append(
                 f"| {side} -> {size[0]} x {size[1]} {kind} | {interpolation} | {threads} | {ms['OpenCV']:.2f} | "
                 f"{ours:.2f} | {ms['OpenCV'] / ours:.1f} | {floors} | {no_map} |"

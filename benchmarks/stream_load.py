@@ -44,9 +44,13 @@ ASK = bytes([0x81, 0x84, 0, 0, 0, 0]) + b"next"  # masked text frame
 def make_clip(path: Path) -> None:
     """Render the bundled room with the bundled sphere during a rotation."""
     sensor = om.load_sensor("paper-spherical")
-    picture = cv2.resize(om.take_picture(sensor, om.Room(), blur=False), (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    picture = cv2.resize(
+        om.take_picture(sensor, om.Room(), blur=False), (SIDE, SIDE), interpolation=cv2.INTER_AREA
+    )
     middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
-    with VideoWriter(path, (SIDE, SIDE), RATE, options={"preset": "veryfast", "g": str(RATE)}) as video:
+    with VideoWriter(
+        path, (SIDE, SIDE), RATE, options={"preset": "veryfast", "g": str(RATE)}
+    ) as video:
         for i in range(FRAMES):
             turn = cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0)
             video.write(frame_of_image(cv2.warpAffine(picture, turn, (SIDE, SIDE))))
@@ -62,7 +66,13 @@ class Watcher:
         answer = b""
         while not answer.endswith(b"\r\n\r\n"):
             answer += self.socket.recv(1)
-        self.left, self.frames, self.bytes, self.head, self.buffer = 0, 0, 0, b"", bytearray(1 << 18)
+        self.left, self.frames, self.bytes, self.head, self.buffer = (
+            0,
+            0,
+            0,
+            b"",
+            bytearray(1 << 18),
+        )
         self.socket.sendall(ASK)
 
     def take(self) -> None:
@@ -87,7 +97,9 @@ class Watcher:
         self.bytes, self.head = self.bytes + self.left, b""
 
 
-def watch(host: str, count: int, seconds: float, told: multiprocessing.connection.Connection) -> None:
+def watch(
+    host: str, count: int, seconds: float, told: multiprocessing.connection.Connection
+) -> None:
     """Receive frames with several pages for a given time; send their counts."""
     pages = [Watcher(host) for _ in range(count)]
     waiting = selectors.DefaultSelector()
@@ -103,7 +115,9 @@ def watch(host: str, count: int, seconds: float, told: multiprocessing.connectio
     before = [(page.frames, page.bytes) for page in pages]
     told.send("begun")
     until(time.monotonic() + seconds)
-    told.send([(page.frames - f, page.bytes - b) for page, (f, b) in zip(pages, before, strict=True)])
+    told.send(
+        [(page.frames - f, page.bytes - b) for page, (f, b) in zip(pages, before, strict=True)]
+    )
     for page in pages:
         page.socket.close()
 

@@ -27,7 +27,9 @@ def interleaved(
     return {name: 1e3 * statistics.median(t) for name, t in times.items()}
 
 
-def measured(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, tuple[float, float]]:
+def measured(
+    functions: dict[str, Callable[[], object]], runs: int
+) -> dict[str, tuple[float, float]]:
     """Return the median wall-clock and processor time per call of each function in ms, interleaved."""
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in functions}
     for function in functions.values():
@@ -37,4 +39,7 @@ def measured(functions: dict[str, Callable[[], object]], runs: int) -> dict[str,
             wall, cpu = time.perf_counter(), time.process_time()
             function()
             times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
-    return {name: tuple(1e3 * statistics.median(t) for t in zip(*all_, strict=True)) for name, all_ in times.items()}
+    return {
+        name: tuple(1e3 * statistics.median(t) for t in zip(*all_, strict=True))
+        for name, all_ in times.items()
+    }

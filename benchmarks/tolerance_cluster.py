@@ -52,14 +52,20 @@ def spent(pid: int) -> float:
 def swept(folder: Path, name: str, address: str = "") -> tuple[str, float]:
     """Return the result of a sweep and the processor time of its client."""
     words = [folder / "tolerances.toml", folder / name, SHARDS * SHARD_TRIALS, address]
-    run = subprocess.run([sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, check=True
+    )
     trials, passed, seconds = run.stdout.split()
     return f"{passed} of {trials}", float(seconds)
 
 
 def started(stack: ExitStack, *words: str) -> subprocess.Popen[bytes]:
     program = Path(sys.executable).with_name("dask")
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": os.environ | UNWATCHED}
+    quiet = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "env": os.environ | UNWATCHED,
+    }
     process = subprocess.Popen([program, *words], **quiet)
     stack.callback(process.wait)
     stack.callback(process.kill)
@@ -72,11 +78,28 @@ def cluster(stack: ExitStack, folder: Path) -> tuple[str, dict[str, list[int]]]:
 
     file = folder / "scheduler.json"
     scheduler = started(
-        stack, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)
+        stack,
+        "scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+        "--scheduler-file",
+        str(file),
     )
     while not file.exists():
         time.sleep(0.1)
-    words = ("worker", "--scheduler-file", str(file), "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny")
+    words = (
+        "worker",
+        "--scheduler-file",
+        str(file),
+        "--host",
+        "127.0.0.1",
+        "--nthreads",
+        "1",
+        "--no-nanny",
+    )
     workers = [started(stack, *words, "--no-dashboard") for _ in range(WORKERS)]
     with Client(scheduler_file=str(file), set_as_default=False) as client:
         client.wait_for_workers(WORKERS)
@@ -92,7 +115,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         subprocess.run(
-            [sys.executable, "-m", "omnimirror", "tolerance", "init", "paper-spherical"], cwd=folder, check=True
+            [sys.executable, "-m", "omnimirror", "tolerance", "init", "paper-spherical"],
+            cwd=folder,
+            check=True,
         )
         of_threads, single = swept(folder, "threads")
         of_both, again = swept(folder, "threads")  # no trials remain: reading and aggregation only
@@ -100,12 +125,17 @@ def main() -> None:
         idle, _ = during(processes, lambda: time.sleep(IDLE_S))
         found: list[tuple[str, float]] = []
         busy, wall = during(processes, lambda: found.append(swept(folder, "cluster", address)))
-    (of_cluster, client), standing = found[0], {what: seconds / IDLE_S for what, seconds in idle.items()}
+    (of_cluster, client), standing = (
+        found[0],
+        {what: seconds / IDLE_S for what, seconds in idle.items()},
+    )
     assert of_threads == of_both == of_cluster
     write(arguments.out, single, again, client, busy, standing, wall, loaded)
 
 
-def during(processes: dict[str, list[int]], act: Callable[[], object]) -> tuple[dict[str, float], float]:
+def during(
+    processes: dict[str, list[int]], act: Callable[[], object]
+) -> tuple[dict[str, float], float]:
     """Return the processor time of processes during an action, and its wall-clock time, s."""
     before = {what: sum(map(spent, pids)) for what, pids in processes.items()}
     begin = time.perf_counter()

@@ -44,7 +44,13 @@ def optiland_system(sensor: om.Sensor) -> Any:
 
     system = Optic()
     system.add_surface(index=0, thickness=sensor.mirror_distance_mm)
-    system.add_surface(index=1, thickness=-100.0, radius=sensor.mirror.vertex_radius, material="mirror", is_stop=True)
+    system.add_surface(
+        index=1,
+        thickness=-100.0,
+        radius=sensor.mirror.vertex_radius,
+        material="mirror",
+        is_stop=True,
+    )
     system.add_surface(index=2)
     system.set_aperture("EPD", 2 * 0.9 * sensor.mirror.rim_radius_mm)
     system.set_field_type("angle")
@@ -68,10 +74,14 @@ def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
     n = len(tangents)
     zero, one = np.zeros(n), np.ones(n)
     way = np.column_stack([tangents, one]) / np.sqrt(1 + (tangents**2).sum(axis=1))[:, None]
-    return RealRays(zero, zero, np.full(n, -sensor.mirror_distance_mm), *way.T.copy(), one, 0.55 * one)
+    return RealRays(
+        zero, zero, np.full(n, -sensor.mirror_distance_mm), *way.T.copy(), one, 0.55 * one
+    )
 
 
-def largest_angle_rad(sensor: om.Sensor, evaluator: TrialEvaluator, values: dict[str, float]) -> float:
+def largest_angle_rad(
+    sensor: om.Sensor, evaluator: TrialEvaluator, values: dict[str, float]
+) -> float:
     """Return the largest angle between the directions of the trial and the corresponding Optiland
     rays."""
     field = evaluator.field
@@ -118,25 +128,33 @@ def main() -> None:
     evaluator = TrialEvaluator.of(sensor, "rms")
     rng, n = np.random.default_rng(1), len(evaluator.field)
     off = max(
-        largest_angle_rad(sensor, evaluator, {name: float(rng.normal() * size) for name, size in SIZES.items()})
+        largest_angle_rad(
+            sensor, evaluator, {name: float(rng.normal() * size) for name, size in SIZES.items()}
+        )
         for _ in range(5)
     )
-    tolerances = om.Tolerances(sensor, {name: om.Tolerance(2 * size, "normal") for name, size in SIZES.items()})
+    tolerances = om.Tolerances(
+        sensor, {name: om.Tolerance(2 * size, "normal") for name, size in SIZES.items()}
+    )
     states = states_of(sensor, {}, 1)
-    tangents = trace_objects(states, evaluator.field.targets, evaluator.field.distant, evaluator.field.start).tangents[
-        0
-    ]
+    tangents = trace_objects(
+        states, evaluator.field.targets, evaluator.field.distant, evaluator.field.start
+    ).tangents[0]
     by_hand = optiland_system(sensor)
 
     def one_call() -> None:
-        for values in ({name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)):
+        for values in (
+            {name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)
+        ):
             perturb(by_hand, values)
             by_hand.surface_group.surfaces[1].trace(launched(sensor, tangents))
 
     aims = np.random.default_rng(2).uniform(-0.6, 0.6, (2, n))
 
     def one_call_aimed() -> None:
-        for values in ({name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)):
+        for values in (
+            {name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)
+        ):
             perturb(by_hand, values)
             by_hand.trace_generic(0.0, 0.0, *aims, 0.55)
 
@@ -155,7 +173,11 @@ def main() -> None:
         ("every", "Optiland's tolerancing module", n),
         ("single", "the same", 1),
         ("aimed", "written by hand: perturbations, and one vectorised call of its tracer", n),
-        ("by hand", "written by hand: perturbations, and its mirror alone met by rays that are given", n),
+        (
+            "by hand",
+            "written by hand: perturbations, and its mirror alone met by rays that are given",
+            n,
+        ),
     ):
         ms = medians[name] / OF_OPTILAND
         rows.append(f"| {words} | {rays} | {1e3 * ms:,.0f} | {ms / rays / (ours / n):,.0f} |")

@@ -57,7 +57,11 @@ def main() -> None:
     rows = []
     for name in SENSORS:
         medians = interleaved(functions_of(name), RUNS)
-        one, two, numpy = 1e3 * TRIALS / medians["1"], 1e3 * TRIALS / medians["2"], 1e3 * FEW / medians["NumPy"]
+        one, two, numpy = (
+            1e3 * TRIALS / medians["1"],
+            1e3 * TRIALS / medians["2"],
+            1e3 * FEW / medians["NumPy"],
+        )
         rows.append(f"| {name} | {one:,.0f} | {two:,.0f} | {numpy:,.0f} |")
     cores = os.cpu_count() or 1
     table = "\n".join(

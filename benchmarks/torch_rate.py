@@ -65,7 +65,9 @@ def nanoseconds(function: Callable[[], object], what: torch.Tensor, runs: int) -
     return statistics.median(times) / len(what) * 1e9
 
 
-def measured(camera: TorchCamera, method: str, what: torch.Tensor, runs: int) -> tuple[float, float, float]:
+def measured(
+    camera: TorchCamera, method: str, what: torch.Tensor, runs: int
+) -> tuple[float, float, float]:
     ask, leaf = getattr(camera, method), what.clone().requires_grad_()
     with torch.no_grad():
         forward = nanoseconds(lambda: ask(what), what, runs)
@@ -98,7 +100,10 @@ def main() -> None:
     device, runs = arguments.device, arguments.runs
     torch.set_num_threads(1)
     backend.set_threads(1)
-    lines, where = ["# Rays in PyTorch"], "one core" if device == "cpu" else torch.cuda.get_device_name()
+    lines, where = (
+        ["# Rays in PyTorch"],
+        "one core" if device == "cpu" else torch.cuda.get_device_name(),
+    )
     for dtype in (torch.float64,) if device == "cpu" else (torch.float64, torch.float32):
         about = f"{RAYS[device]} rays in {str(dtype)[6:]}, PyTorch {torch.__version__}, {where}. {circumstances(runs)}"
         rate = "rays/s and core" if device == "cpu" else "rays/s"

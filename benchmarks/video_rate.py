@@ -48,7 +48,9 @@ CODECS: dict[str, tuple[str, dict[str, str], str]] = {
 }
 
 
-def make_source(path: Path, photograph: np.ndarray, frames: int, codec: str, options: dict[str, str]) -> Path:
+def make_source(
+    path: Path, photograph: np.ndarray, frames: int, codec: str, options: dict[str, str]
+) -> Path:
     """Encode a photograph that rotates about its centre."""
     middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
     with VideoWriter(path, (SIDE, SIDE), 60, codec=codec, options=options) as video:
@@ -77,22 +79,39 @@ class Filter:
         return self.graph.vpull()
 
 
-def convert(source: Path, output: Path, codec: str, options: dict[str, str], function: Callable[..., Any]) -> None:
+def convert(
+    source: Path, output: Path, codec: str, options: dict[str, str], function: Callable[..., Any]
+) -> None:
     """Convert a video file with a function of frames."""
     with VideoReader(source) as reader:
         sink = VideoWriter.like(reader, output, SIZE, codec=codec, options=options)
         process(reader.items(), sink, function, "frame")
 
 
-def with_program(source: Path, output: Path, codec: str, options: dict[str, str], threads: int, program: str) -> None:
+def with_program(
+    source: Path, output: Path, codec: str, options: dict[str, str], threads: int, program: str
+) -> None:
     """Convert with the ffmpeg program."""
     settings = [word for name, value in options.items() for word in (f"-{name}:v", value)]
-    command = [program, "-v", "error", "-y", "-threads", str(threads), "-filter_threads", str(threads), "-i", source]
+    command = [
+        program,
+        "-v",
+        "error",
+        "-y",
+        "-threads",
+        str(threads),
+        "-filter_threads",
+        str(threads),
+        "-i",
+        source,
+    ]
     command += ["-vf", "v360=" + V360, "-c:v", codec, *settings, "-threads", str(threads), output]
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
 
 
-def from_file_to_file(photograph: np.ndarray, folder: Path, frames: int, runs: int, program: str | None) -> list[str]:
+def from_file_to_file(
+    photograph: np.ndarray, folder: Path, frames: int, runs: int, program: str | None
+) -> list[str]:
     rows = []
     threads = backend.threads
     for name, (codec, options, suffix) in CODECS.items():
@@ -102,16 +121,31 @@ def from_file_to_file(photograph: np.ndarray, folder: Path, frames: int, runs: i
             v360 = Filter(next(reader.frames()), threads)
         ours = partial(dewarp_frame, om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True))
         functions: dict[str, Callable[[], object]] = {
-            "omnimirror": lambda: convert(source, output, codec, options, lambda frame, time_s: ours(frame)),  # noqa: B023
-            "v360 in PyAV": lambda: convert(source, output, codec, options, v360),  # noqa: B023
+            "omnimirror": lambda: convert(
+                source,
+                output,
+                codec,
+                options,
+                lambda frame, time_s: ours(frame),
+            ),
+            "v360 in PyAV": lambda: convert(source, output, codec, options, v360),
         }
         if program:
-            functions["ffmpeg"] = lambda: with_program(source, output, codec, options, threads, program)  # noqa: B023
+            functions["ffmpeg"] = lambda: with_program(
+                source,
+                output,
+                codec,
+                options,
+                threads,
+                program,
+            )
         ms = interleaved(functions, runs)
         rate = {who: 1e3 * frames / each for who, each in ms.items()}
         others = [rate[who] for who in functions if who != "omnimirror"]
         cells = " | ".join(f"{rate[who]:.0f}" for who in functions)
-        rows.append(f"| {name} | {cells} | {'' if program else '| '}{rate['omnimirror'] / max(others):.2f} |")
+        rows.append(
+            f"| {name} | {cells} | {'' if program else '| '}{rate['omnimirror'] / max(others):.2f} |"
+        )
         print(rows[-1], flush=True)
     return rows
 
@@ -135,11 +169,11 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
         dewarp_frame(dewarp, frame), dewarp_frame(dewarp, frame)  # the second one builds the map
         ms = interleaved(
             {
-                "planes": lambda: dewarp_frame(dewarp, frame),  # noqa: B023
-                "v360": lambda: v360(frame),  # noqa: B023
-                "through RGB": lambda: frame_of_image(dewarp(frame.to_ndarray(format="rgb24"))).reformat(  # noqa: B023
-                    format="yuv420p"
-                ),
+                "planes": lambda: dewarp_frame(dewarp, frame),
+                "v360": lambda: v360(frame),
+                "through RGB": lambda: frame_of_image(
+                    dewarp(frame.to_ndarray(format="rgb24"))
+                ).reformat(format="yuv420p"),
                 "moving": move,
             },
             runs,
@@ -160,16 +194,22 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--threads", type=int, default=4)
-    parser.add_argument("--ffmpeg", default=shutil.which("ffmpeg"), help="ffmpeg program for the comparison")
+    parser.add_argument(
+        "--ffmpeg", default=shutil.which("ffmpeg"), help="ffmpeg program for the comparison"
+    )
     arguments = parser.parse_args()
     if arguments.picture:
         photograph = om.read_image(arguments.picture)
     else:
-        photograph = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4)
+        photograph = cv2.GaussianBlur(
+            np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4
+        )
     photograph = cv2.resize(photograph, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
     backend.set_threads(arguments.threads)
     with tempfile.TemporaryDirectory() as folder:
-        files = from_file_to_file(photograph, Path(folder), arguments.frames, arguments.runs, arguments.ffmpeg)
+        files = from_file_to_file(
+            photograph, Path(folder), arguments.frames, arguments.runs, arguments.ffmpeg
+        )
     lines = [
         f"# Video, {SIDE} x {SIDE} to {SIZE[0]} x {SIZE[1]}, yuv420p",
         "",

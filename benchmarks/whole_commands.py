@@ -50,13 +50,17 @@ with ThreadPoolExecutor(int(threads)) as pool:
 """
 
 
-def costs(commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int) -> dict[str, tuple[float, float]]:
+def costs(
+    commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int
+) -> dict[str, tuple[float, float]]:
     """Return the medians of wall-clock and processor seconds, interleaved."""
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
     for _ in range(runs):
         for name, words in commands.items():
             begin = time.perf_counter()
-            process = subprocess.Popen([str(w) for w in words()], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+            process = subprocess.Popen(
+                [str(w) for w in words()], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+            )
             said = process.stderr.read() if process.stderr else b""
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
@@ -68,13 +72,20 @@ def costs(commands: dict[str, Callable[[], Sequence[str | Path]]], runs: int) ->
 
 def one_picture(folder: Path, runs: int) -> list[str]:
     """Return table rows for each program on one large image."""
-    picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True)
+    picture = om.take_picture(
+        om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True
+    )
     large = np.zeros((SIDE, WIDE, 3), np.uint8)
-    large[:, (WIDE - SIDE) // 2 : (WIDE + SIDE) // 2] = cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_CUBIC)
+    large[:, (WIDE - SIDE) // 2 : (WIDE + SIDE) // 2] = cv2.resize(
+        picture, (SIDE, SIDE), interpolation=cv2.INTER_CUBIC
+    )
     source = folder / "ball.jpg"
     om.write_image(source, large)
     crop, size = f"crop={SIDE}:{SIDE}", f"w={WIDE}:h={TALL}"
-    im = next((p for p in ("/usr/bin/convert", "/usr/bin/magick") if Path(p).exists()), shutil.which("magick"))
+    im = next(
+        (p for p in ("/usr/bin/convert", "/usr/bin/magick") if Path(p).exists()),
+        shutil.which("magick"),
+    )
     ours = [*OURS, source, "--ball", BALL, "--size", f"{WIDE}x{TALL}", "-o"]
     commands: dict[str, list[str | Path]] = {
         "omnimirror": [*ours, folder / "a.jpg"],
@@ -89,25 +100,48 @@ def one_picture(folder: Path, runs: int) -> list[str]:
             "2",
             folder / "c.jpg",
         ]
-        commands["ffmpeg v360, linear"] = [*head, f"{crop},v360=ball:e:{size}", "-q:v", "2", folder / "d.jpg"]
+        commands["ffmpeg v360, linear"] = [
+            *head,
+            f"{crop},v360=ball:e:{size}",
+            "-q:v",
+            "2",
+            folder / "d.jpg",
+        ]
     if im:
-        polar = ["-distort", "DePolar", f"{SIDE / 2} 0 {WIDE / 2},{SIDE / 2}", "-resize", f"{WIDE}x{TALL}!"]
+        polar = [
+            "-distort",
+            "DePolar",
+            f"{SIDE / 2} 0 {WIDE / 2},{SIDE / 2}",
+            "-resize",
+            f"{WIDE}x{TALL}!",
+        ]
         commands["ImageMagick DePolar"] = [im, source, *polar, "-quality", "95", folder / "e.jpg"]
-    commands["Python and OpenCV, reading and writing alone"] = [sys.executable, "-c", ALONE, source, folder / "f.jpg"]
+    commands["Python and OpenCV, reading and writing alone"] = [
+        sys.executable,
+        "-c",
+        ALONE,
+        source,
+        folder / "f.jpg",
+    ]
     found = costs({name: (lambda words=words: words) for name, words in commands.items()}, runs)
     best = found["omnimirror"][0]
-    return [f"| {name} | {s:.2f} | {cpu:.2f} | {s / best:.1f} |" for name, (s, cpu) in found.items()]
+    return [
+        f"| {name} | {s:.2f} | {cpu:.2f} | {s / best:.1f} |" for name, (s, cpu) in found.items()
+    ]
 
 
 def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
     """Return table rows for a folder: each interpolation, and its codecs alone."""
     source, target, view = folder / "in", folder / "out", folder / "view.jpg"
     source.mkdir()
-    picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True)
+    picture = om.take_picture(
+        om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True
+    )
     rng = np.random.default_rng(0)
     for k in range(count):
         om.write_image(
-            source / f"{k:04d}.jpg", (picture + rng.normal(0, 2, picture.shape)).clip(0, 255).astype(np.uint8)
+            source / f"{k:04d}.jpg",
+            (picture + rng.normal(0, 2, picture.shape)).clip(0, 255).astype(np.uint8),
         )
 
     def emptied(words: list[str | Path]) -> Callable[[], list[str | Path]]:
@@ -123,13 +157,32 @@ def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
     ours = [*OURS, source, "--sensor", "paper-spherical", "--size", "1440x", "-o", target]
     ways = {how: emptied([*ours, "--interpolation", how]) for how in ("linear", "cubic", "auto")}
     codecs = [sys.executable, "-c", CODECS, source, view, target, str(os.cpu_count() or 1)]
-    started = [*OURS, source / "0000.jpg", "--sensor", "paper-spherical", "--size", "1440x", "-o", view]
-    found = costs({**ways, "OpenCV, reading and writing alone": emptied(codecs), "one picture": lambda: started}, runs)
+    started = [
+        *OURS,
+        source / "0000.jpg",
+        "--sensor",
+        "paper-spherical",
+        "--size",
+        "1440x",
+        "-o",
+        view,
+    ]
+    found = costs(
+        {
+            **ways,
+            "OpenCV, reading and writing alone": emptied(codecs),
+            "one picture": lambda: started,
+        },
+        runs,
+    )
     alone, start = found["OpenCV, reading and writing alone"][1], found.pop("one picture")[1]
     return [
         f"| {name} | {s:.2f} | {cpu:.2f} | {1e3 * cpu / count:.1f} | {100 * (cpu / alone - 1):+.0f} % |"
         for name, (s, cpu) in found.items()
-    ] + ["", f"Of ours {start:.2f} s are what a command takes for one picture, most of it its start."]
+    ] + [
+        "",
+        f"Of ours {start:.2f} s are what a command takes for one picture, most of it its start.",
+    ]
 
 
 def main() -> None:
@@ -139,15 +192,30 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000, help="number of images in the folder")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        large, many = one_picture(Path(folder), arguments.runs), many_pictures(Path(folder), arguments.count, 3)
-    text = "\n".join([
-        "# Whole commands", "", circumstances(arguments.runs), "",
-        "One JPEG of 3840 x 2160 px to a panorama of 3840 x 960:", "",
-        "| program | s | processor, s | times ours |", "|---|---:|---:|---:|", *large, "",
-        f"A folder of {arguments.count} JPEGs of 1024 x 1024 px to panoramas of 1440 x 540:", "",
-        "| interpolation | s | processor, s | a picture, ms | beyond the codecs |", "|---|---:|---:|---:|---:|",
-        *many, "",
-    ])  # fmt: skip
+        large, many = (
+            one_picture(Path(folder), arguments.runs),
+            many_pictures(Path(folder), arguments.count, 3),
+        )
+    text = "\n".join(
+        [
+            "# Whole commands",
+            "",
+            circumstances(arguments.runs),
+            "",
+            "One JPEG of 3840 x 2160 px to a panorama of 3840 x 960:",
+            "",
+            "| program | s | processor, s | times ours |",
+            "|---|---:|---:|---:|",
+            *large,
+            "",
+            f"A folder of {arguments.count} JPEGs of 1024 x 1024 px to panoramas of 1440 x 540:",
+            "",
+            "| interpolation | s | processor, s | a picture, ms | beyond the codecs |",
+            "|---|---:|---:|---:|---:|",
+            *many,
+            "",
+        ]
+    )
     print(text)
     write_text(arguments.out / "whole_commands.md", text)
 

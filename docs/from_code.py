@@ -30,9 +30,13 @@ INK, SMALL, PAPER, DOT = "#22303c", "#4a5b68", "#eef3f6", "#2b6cb0"
 
 def floors() -> list[list[str]]:
     """Return the packages of each layer, from the top."""
-    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
     layers = next(rule["layers"] for rule in rules if rule["type"] == "layers")
-    rows = [[name.strip().removeprefix(f"{PACKAGE}.") for name in layer.split("|")] for layer in layers]
+    rows = [
+        [name.strip().removeprefix(f"{PACKAGE}.") for name in layer.split("|")] for layer in layers
+    ]
     return [row for row in rows if row != ["__main__"]]
 
 
@@ -96,11 +100,15 @@ def matrix() -> str:
     for i, room in enumerate(rooms):
         x, y = left + i * CELL, top + i * CELL
         if i % 2 == 0:
-            parts.append(f'<rect x="0" y="{y}" width="{left + CELL * len(rooms)}" height="{CELL}" fill="{PAPER}"/>')
+            parts.append(
+                f'<rect x="0" y="{y}" width="{left + CELL * len(rooms)}" height="{CELL}" fill="{PAPER}"/>'
+            )
         parts.append(text(left - 8, y + CELL / 2 + 4, room, 12, INK, ' text-anchor="end"'))
         turned = f' transform="rotate(-60 {x + CELL / 2:g} {top - 6})"'
         parts.append(text(x + CELL / 2, top - 6, room, 12, INK, turned))
-        parts.append(f'<rect x="{x + 8}" y="{y + 8}" width="{CELL - 16}" height="{CELL - 16}" fill="#c5d0d8"/>')
+        parts.append(
+            f'<rect x="{x + 8}" y="{y + 8}" width="{CELL - 16}" height="{CELL - 16}" fill="#c5d0d8"/>'
+        )
     for a, b in sorted(reached):
         x, y = left + (rooms.index(b) + 0.5) * CELL, top + (rooms.index(a) + 0.5) * CELL
         parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="5" fill="{DOT}"/>')
@@ -112,11 +120,19 @@ def quantities() -> str:
     """Return the glossary with its table of quantities."""
     page = (ROOT / "docs" / "glossary.md").read_text()
     rows = [
-        re.sub(r"\|\s+(?=\|)", "| ", f"| `{q.name}` | {q.symbol} | {q.unit} | {q.meaning} | {q.equation} |")
+        re.sub(
+            r"\|\s+(?=\|)",
+            "| ",
+            f"| `{q.name}` | {q.symbol} | {q.unit} | {q.meaning} | {q.equation} |",
+        )
         for q in QUANTITIES.values()
     ]
-    table = "\n".join(["| name | symbol | unit | meaning | equation |", "|---|---|---|---|---|", *rows])
-    return re.sub(r"(<!-- quantities -->\n).*?(<!-- end -->)", rf"\1\n{table}\n\n\2", page, flags=re.S)
+    table = "\n".join(
+        ["| name | symbol | unit | meaning | equation |", "|---|---|---|---|---|", *rows]
+    )
+    return re.sub(
+        r"(<!-- quantities -->\n).*?(<!-- end -->)", rf"\1\n{table}\n\n\2", page, flags=re.S
+    )
 
 
 MADE = {"images/floors.svg": floor_plan, "images/imports.svg": matrix, "glossary.md": quantities}

@@ -39,7 +39,9 @@ Example programs with their output. The sources are in `gallery/`, and the tests
 
 def examples() -> list[Path]:
     """Return the example programs in the order of the page."""
-    return [path for folder in SECTIONS for path in sorted((ROOT / "gallery" / folder).glob("*.py"))]
+    return [
+        path for folder in SECTIONS for path in sorted((ROOT / "gallery" / folder).glob("*.py"))
+    ]
 
 
 def page() -> str:
@@ -67,7 +69,9 @@ def make_picture(example: Path) -> None:
         picture = read_image(Path(folder) / f"{example.stem}.png")[..., :3]
     height, width = picture.shape[:2]
     if width > WIDTH:
-        picture = cv2.resize(picture, (WIDTH, round(height * WIDTH / width)), interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(
+            picture, (WIDTH, round(height * WIDTH / width)), interpolation=cv2.INTER_AREA
+        )
     PICTURES.mkdir(exist_ok=True)
     _, data = cv2.imencode(".webp", picture[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     (PICTURES / f"{example.stem}.webp").write_bytes(data.tobytes())

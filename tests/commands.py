@@ -34,7 +34,9 @@ omnimirror.base._native omnimirror.dewarp.video_files omnimirror.analysis.figure
 """Deferred imports of the commands."""
 
 
-def omnimirror(*args: object, cwd: Path | None = None, text: bool = True) -> subprocess.CompletedProcess[Any]:
+def omnimirror(
+    *args: object, cwd: Path | None = None, text: bool = True
+) -> subprocess.CompletedProcess[Any]:
     """Run a command; return its exit code and output streams."""
     words = [str(arg) for arg in args]
     if sys.platform != "linux":  # graphics libraries of other systems do not survive a fork
@@ -60,14 +62,20 @@ class Forks:
         self._line, its = socket.socketpair()
         code = "import sys; from tests.commands import serve; serve(int(sys.argv[1]))"
         self._process = subprocess.Popen(
-            [sys.executable, "-c", code, str(its.fileno())], pass_fds=[its.fileno()], cwd=Path(__file__).parents[1],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**environment, "OPENBLAS_NUM_THREADS": "1"},
+            [sys.executable, "-c", code, str(its.fileno())],
+            pass_fds=[its.fileno()],
+            cwd=Path(__file__).parents[1],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env={**environment, "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,
-        )  # fmt: skip
+        )
         its.close()
         atexit.register(self.kill)
 
-    def command(self, words: list[str], cwd: Path, text: bool = True) -> subprocess.CompletedProcess[Any]:
+    def command(
+        self, words: list[str], cwd: Path, text: bool = True
+    ) -> subprocess.CompletedProcess[Any]:
         """Run a command and return its result."""
         code, *streams = self._run(words, cwd)
         if text:
@@ -76,7 +84,9 @@ class Forks:
 
     def _run(self, words: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
         """Return exit code, standard output and standard error."""
-        asked = json.dumps({"words": words, "cwd": str(cwd), "environment": dict(self._environment)}).encode()
+        asked = json.dumps(
+            {"words": words, "cwd": str(cwd), "environment": dict(self._environment)}
+        ).encode()
         (out, its_out), (err, its_err) = os.pipe(), os.pipe()
         try:
             socket.send_fds(self._line, [len(asked).to_bytes(8, "big")], [its_out, its_err])

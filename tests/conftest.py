@@ -119,8 +119,16 @@ SURFACES_OF_LENS_FILES = {
 def sensor_of(kind: str, lens: str = "perspective") -> om.Sensor:
     mirror, m = MIRRORS[kind]
     if lens == "orthographic":
-        return om.Sensor(mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2), name=kind)
-    return om.Sensor(mirror, Perspective(11.6, 4.0, 210.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m, name=kind)
+        return om.Sensor(
+            mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2), name=kind
+        )
+    return om.Sensor(
+        mirror,
+        Perspective(11.6, 4.0, 210.0),
+        Imager(1024, 1024, 5.2),
+        mirror_distance_mm=m,
+        name=kind,
+    )
 
 
 @pytest.fixture(params=sorted(MIRRORS))
@@ -129,7 +137,8 @@ def any_mirror(request: pytest.FixtureRequest) -> Mirror:
 
 
 @pytest.fixture(
-    params=[f"{k}/perspective" for k in sorted(MIRRORS)] + ["sphere/orthographic", "paraboloid/orthographic"]
+    params=[f"{k}/perspective" for k in sorted(MIRRORS)]
+    + ["sphere/orthographic", "paraboloid/orthographic"]
 )
 def any_sensor(request: pytest.FixtureRequest) -> om.Sensor:
     """All mirrors with a perspective lens, two with an orthographic one."""
@@ -165,7 +174,9 @@ def pytest_collection_finish() -> None:
 
 def is_long(item: pytest.Item) -> bool:
     """Check if a test takes several seconds, as all browser tests do."""
-    return item.get_closest_marker("long") is not None or "browser" in getattr(item, "fixturenames", ())
+    return item.get_closest_marker("long") is not None or "browser" in getattr(
+        item, "fixturenames", ()
+    )
 
 
 @pytest.hookimpl(trylast=True)  # after deselection
@@ -191,7 +202,9 @@ def launched():
     supports no second."""
     from tests.apps.studio.browser import FAKE_CAMERA, chromium
 
-    sync_api = pytest.importorskip("playwright.sync_api", reason="pages are driven by Playwright, which is not here")
+    sync_api = pytest.importorskip(
+        "playwright.sync_api", reason="pages are driven by Playwright, which is not here"
+    )
     executable = chromium()
     with sync_api.sync_playwright() as playwright:
         yield lambda flags, camera=FAKE_CAMERA: playwright.chromium.launch(

@@ -10,10 +10,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 PROGRAMS = {
-    "Optiland": "optiland", "Mitsuba 3": "mitsuba", "OpenCV": "opencv-contrib-python-headless", "FFmpeg": "av",
-    "COLMAP": "pycolmap", "Blender": "bpy", "GStreamer": "gstreamer",
-    "OBS Studio": "libobs", "OpenImageIO": "openimageio",
-}  # fmt: skip
+    "Optiland": "optiland",
+    "Mitsuba 3": "mitsuba",
+    "OpenCV": "opencv-contrib-python-headless",
+    "FFmpeg": "av",
+    "COLMAP": "pycolmap",
+    "Blender": "bpy",
+    "GStreamer": "gstreamer",
+    "OBS Studio": "libobs",
+    "OpenImageIO": "openimageio",
+}
 """Sections of the page in order, and the distribution that contains each program."""
 HEAD = """# Cross-validation
 
@@ -61,20 +67,25 @@ def page(found: Iterable[Compared], before: str) -> str:
         by_program.setdefault(one.program, []).append(one)
     for program, rows in by_program.items():
         kept[program] = section(rows)
-    return HEAD + "\n".join(f"## {name}\n{kept[name].rstrip()}\n" for name in PROGRAMS if name in kept)
+    return HEAD + "\n".join(
+        f"## {name}\n{kept[name].rstrip()}\n" for name in PROGRAMS if name in kept
+    )
 
 
 def section(rows: list[Compared]) -> str:
     """Return the table of one program with the largest deviation of each quantity."""
     lines = [
         f"\nVersion {rows[0].version}, {datetime.now(UTC):%d %B %Y}.\n",
-        "| quantity | cases | maximum deviation | tolerance |", "|---|--:|--:|--:|",
-    ]  # fmt: skip
+        "| quantity | cases | maximum deviation | tolerance |",
+        "|---|--:|--:|--:|",
+    ]
     for what in dict.fromkeys(row.what for row in rows):
         cases = [row for row in rows if row.what == what]
         worst = max(cases, key=lambda row: row.off / row.within)
         unit = f" {worst.unit}" if worst.unit else ""
-        lines.append(f"| {what} | {len(cases)} | {worst.off:.2g}{unit} | {worst.within:.3g}{unit} |")
+        lines.append(
+            f"| {what} | {len(cases)} | {worst.off:.2g}{unit} | {worst.within:.3g}{unit} |"
+        )
     return "\n".join(lines) + "\n"
 
 

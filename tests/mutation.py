@@ -30,7 +30,9 @@ CHECKOUT = Path(__file__).parents[1]
 TABLE = CHECKOUT / "tests" / "mutation.toml"
 OUTSIDE_GIT = ("src/omnimirror/base/_native*",)
 """Built files that a copy needs although git ignores them."""
-PRELOADED = "numpy scipy.optimize scipy.interpolate cv2 pytest hypothesis pydantic click matplotlib.pyplot"
+PRELOADED = (
+    "numpy scipy.optimize scipy.interpolate cv2 pytest hypothesis pydantic click matplotlib.pyplot"
+)
 """Imported once; every test run is a fork of the process that holds them."""
 MEMORY = 8 << 30
 """Data of one process of a test run in bytes: some mutants allocate without end."""
@@ -71,13 +73,19 @@ def declarations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
         if isinstance(node, ast.Call):
             found += [keyword.value for keyword in node.keywords if keyword.arg == "strict"]
     # the decorator's sign is no part of its expression
-    return [((e.lineno, e.col_offset - 1), (e.end_lineno, e.end_col_offset)) for e in found if isinstance(e, ast.expr)]
+    return [
+        ((e.lineno, e.col_offset - 1), (e.end_lineno, e.end_col_offset))
+        for e in found
+        if isinstance(e, ast.expr)
+    ]
 
 
 def changed_lines(source: str, other: str) -> tuple[str, str]:
     """Return the lines in which two sources differ, each joined and stripped."""
     a, b = source.splitlines(), other.splitlines()
-    start = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    start = next(
+        (k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b))
+    )
     end = 0
     while end < min(len(a), len(b)) - start and a[-1 - end] == b[-1 - end]:
         end += 1
@@ -154,7 +162,9 @@ def passes(copy: Path, arguments: list[str], timeout: float) -> bool | None:
             resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
             os.chdir(copy)
             os.environ["PYTHONPATH"] = f"{copy / 'src'}{os.pathsep}{copy}"
-            sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
+            sys.meta_path[:] = [
+                f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")
+            ]
             outside = {str(CHECKOUT), str(CHECKOUT / "src"), str(CHECKOUT / "tests")}
             sys.path[:] = [str(copy / "src"), str(copy), *(p for p in sys.path if p not in outside)]
             import pytest
@@ -174,7 +184,9 @@ def passes(copy: Path, arguments: list[str], timeout: float) -> bool | None:
     return None
 
 
-def examine(copy: Path, module: str, tests: str, equivalent: set[tuple[str, str]], count: int, seed: int) -> Score:
+def examine(
+    copy: Path, module: str, tests: str, equivalent: set[tuple[str, str]], count: int, seed: int
+) -> Score:
     """Test mutants of one module by its tests and by the examples of its docstrings.
 
     Raises
@@ -184,7 +196,17 @@ def examine(copy: Path, module: str, tests: str, equivalent: set[tuple[str, str]
     """
     path = copy / module
     source = path.read_text()
-    arguments = ["-n", "0", "-x", "-m", "not full and not long", "-p", "no:cacheprovider", *shlex.split(tests), module]
+    arguments = [
+        "-n",
+        "0",
+        "-x",
+        "-m",
+        "not full and not long",
+        "-p",
+        "no:cacheprovider",
+        *shlex.split(tests),
+        module,
+    ]
 
     def write(text: str) -> None:
         # A mutant of the same length written within the same second would be taken from the byte code of another.
@@ -194,7 +216,9 @@ def examine(copy: Path, module: str, tests: str, equivalent: set[tuple[str, str]
 
     start = time.monotonic()
     if not passes(copy, arguments, 600.0):
-        raise SystemExit(f"{module}: its tests fail without a mutation\n{(copy / 'pytest.log').read_text()[-2000:]}")
+        raise SystemExit(
+            f"{module}: its tests fail without a mutation\n{(copy / 'pytest.log').read_text()[-2000:]}"
+        )
     timeout = 20.0 + 5.0 * (time.monotonic() - start)
     score = Score()
     try:
@@ -214,16 +238,40 @@ def examine(copy: Path, module: str, tests: str, equivalent: set[tuple[str, str]
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("modules", nargs="*", default=["*"], help="glob patterns of modules in the table; default: all")
-    parser.add_argument("--sample", type=int, default=12, metavar="N", help="mutants per module; 0: all (default: 12)")
-    parser.add_argument("--seed", type=int, default=1, help="random seed of the sample (default: 1)")
-    parser.add_argument("--min-score", type=float, default=90.0, help="minimum of killed mutants in %% (default: 90)")
+    parser.add_argument(
+        "modules",
+        nargs="*",
+        default=["*"],
+        help="glob patterns of modules in the table; default: all",
+    )
+    parser.add_argument(
+        "--sample",
+        type=int,
+        default=12,
+        metavar="N",
+        help="mutants per module; 0: all (default: 12)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="random seed of the sample (default: 1)"
+    )
+    parser.add_argument(
+        "--min-score",
+        type=float,
+        default=90.0,
+        help="minimum of killed mutants in %% (default: 90)",
+    )
     options = parser.parse_args()
 
     table = tomllib.loads(TABLE.read_text())
-    chosen = {m: t for m, t in table["tests"].items() if any(fnmatch.fnmatch(m, f"*{p}") for p in options.modules)}
+    chosen = {
+        m: t
+        for m, t in table["tests"].items()
+        if any(fnmatch.fnmatch(m, f"*{p}") for p in options.modules)
+    }
     if not chosen:
-        parser.error(f"modules must match a module of {TABLE.relative_to(CHECKOUT)}; got {' '.join(options.modules)}")
+        parser.error(
+            f"modules must match a module of {TABLE.relative_to(CHECKOUT)}; got {' '.join(options.modules)}"
+        )
     equivalent: dict[str, set[tuple[str, str]]] = {}
     for entry in table.get("equivalent", []):
         equivalent.setdefault(entry["module"], set()).add((entry["before"], entry["after"]))
@@ -242,16 +290,22 @@ def main() -> int:
         print(f"{'module':{width}} {'killed':>8} {'survived':>9} {'equivalent':>11} {'seconds':>8}")
         for module, tests in chosen.items():
             start = time.monotonic()
-            score = examine(copy, module, tests, equivalent.get(module, set()), options.sample, options.seed)
+            score = examine(
+                copy, module, tests, equivalent.get(module, set()), options.sample, options.seed
+            )
             scores.append(score)
             print(f"{module:{width}} {score} {time.monotonic() - start:8.0f}")
             for mutant in score.survivors:
                 print(f"    - {mutant.before}\n    + {mutant.after}", flush=True)
     total = Score(
-        sum(s.killed for s in scores), sum(s.equivalent for s in scores), [m for s in scores for m in s.survivors]
+        sum(s.killed for s in scores),
+        sum(s.equivalent for s in scores),
+        [m for s in scores for m in s.survivors],
     )
     percent = 100.0 * total.killed / max(total.killed + len(total.survivors), 1)
-    print(f"{f'{len(scores)} modules':{width}} {total}\n{percent:.1f} % of the non-equivalent mutants are killed")
+    print(
+        f"{f'{len(scores)} modules':{width}} {total}\n{percent:.1f} % of the non-equivalent mutants are killed"
+    )
     return int(percent < options.min_score)
 
 

@@ -27,7 +27,10 @@ HEAVY = ("scipy", "pydantic", "matplotlib", "cv2", "av", "rich", "tomli_w")
 
 def test_arrows_run_downwards_only():
     run = subprocess.run(
-        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert run.returncode == 0, run.stdout
 
@@ -36,10 +39,17 @@ def test_nothing_runs_in_circles():
     """Imports have one direction in each package, with its subpackages as units."""
     graph = grimp.build_graph("omnimirror", exclude_type_checking_imports=True, cache_dir=None)
     for room in sorted(m for m in graph.modules if graph.find_children(m)):
-        whole = {child: {child} | graph.find_descendants(child) for child in graph.find_children(room)}
+        whole = {
+            child: {child} | graph.find_descendants(child) for child in graph.find_children(room)
+        }
         home = {module: child for child, modules in whole.items() for module in modules}
         reached = {
-            child: {home[to] for m in modules for to in graph.find_modules_directly_imported_by(m) if to in home}
+            child: {
+                home[to]
+                for m in modules
+                for to in graph.find_modules_directly_imported_by(m)
+                if to in home
+            }
             for child, modules in whole.items()
         }
         try:
@@ -49,13 +59,48 @@ def test_nothing_runs_in_circles():
 
 
 READERS = {
-    "open", "read_text", "read_bytes", "loads", "loadtxt", "genfromtxt", "fromfile", "memmap", "ZipFile", "TarFile",
-    "GzipFile", "decompress", "decompressobj", "imread", "imdecode", "VideoCapture", "FileStorage", "read_topography",
-    "open_topography", "load_scene", "load_mesh", "AnyReader", "ParquetFile", "read_table", "read_metadata",
-    "safe_load", "compose", "readfile", "loadmat", "np.load", "numpy.load", "json.load", "yaml.load", "tomllib.load",
-    "pickle.load", "trimesh.load", "yaml.parse", "ElementTree.parse", "ET.parse",
-    "ElementTree.fromstring", "library.File",
-}  # fmt: skip
+    "open",
+    "read_text",
+    "read_bytes",
+    "loads",
+    "loadtxt",
+    "genfromtxt",
+    "fromfile",
+    "memmap",
+    "ZipFile",
+    "TarFile",
+    "GzipFile",
+    "decompress",
+    "decompressobj",
+    "imread",
+    "imdecode",
+    "VideoCapture",
+    "FileStorage",
+    "read_topography",
+    "open_topography",
+    "load_scene",
+    "load_mesh",
+    "AnyReader",
+    "ParquetFile",
+    "read_table",
+    "read_metadata",
+    "safe_load",
+    "compose",
+    "readfile",
+    "loadmat",
+    "np.load",
+    "numpy.load",
+    "json.load",
+    "yaml.load",
+    "tomllib.load",
+    "pickle.load",
+    "trimesh.load",
+    "yaml.parse",
+    "ElementTree.parse",
+    "ET.parse",
+    "ElementTree.fromstring",
+    "library.File",
+}
 """Calls that read or parse files, by their last name or, for common words, with their prefix."""
 PARSED_OWN = "data of its own process"
 READS = {
@@ -102,13 +147,17 @@ def test_tests_patch_objects_and_no_dotted_names():
     """Modules imported by path may not be attributes of their packages, where dotted names are
     resolved."""
     dotted = re.compile(r"monkeypatch\.setattr\(\s*[rf]*[\"']")
-    assert [str(file) for file in (ROOT / "tests").rglob("*.py") if dotted.search(file.read_text())] == []
+    assert [
+        str(file) for file in (ROOT / "tests").rglob("*.py") if dotted.search(file.read_text())
+    ] == []
 
 
 def test_files_are_read_by_the_bounded_reader():
     """All other modules call :mod:`omnimirror.base.files` and :mod:`omnimirror.io.images`."""
     found = {
-        ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): _reading_calls(path)
+        ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(
+            ".__init__"
+        ): _reading_calls(path)
         for path in SOURCE.rglob("*.py")
     }
     calls = {module: names for module, names in found.items() if names}
@@ -143,7 +192,9 @@ def test_what_the_docs_show_of_the_code_is_the_code():
     assert not stale, "python docs/from_code.py makes them anew"
 
 
-@pytest.mark.parametrize("statement", ["import omnimirror", "from omnimirror.apps.cli import main; main(['--help'])"])
+@pytest.mark.parametrize(
+    "statement", ["import omnimirror", "from omnimirror.apps.cli import main; main(['--help'])"]
+)
 def test_importing_is_light(statement):
     """Heavy packages are imported on first use, for a fast import and --help."""
     assert not imported(HEAVY, statement)
@@ -157,7 +208,12 @@ UNUSED = (
     "omnimirror.calibration.estimation",
     "omnimirror.analysis.figures",
 )
-OF_SENSORS = ("pydantic", "omnimirror.optics.sensor", "omnimirror.optics.mirrors", "omnimirror.dewarp.restoration")
+OF_SENSORS = (
+    "pydantic",
+    "omnimirror.optics.sensor",
+    "omnimirror.optics.mirrors",
+    "omnimirror.dewarp.restoration",
+)
 OF_A_BALL = ("--ball", "32,32,30,260")
 
 
@@ -200,7 +256,11 @@ def modules() -> list[ModuleType]:
     import omnimirror
 
     names = [m.name for m in pkgutil.walk_packages(omnimirror.__path__, "omnimirror.")]
-    return [importlib.import_module(name) for name in names if not name.endswith(("__main__", "_native"))]
+    return [
+        importlib.import_module(name)
+        for name in names
+        if not name.endswith(("__main__", "_native"))
+    ]
 
 
 def test_no_module_bears_the_name_of_a_function_that_it_exports():
@@ -218,7 +278,9 @@ def test_no_function_stands_before_a_module_of_its_package():
     hidden = []
     for module in modules():
         package, _, name = module.__name__.rpartition(".")
-        if getattr(sys.modules[package], name, module) is not module:  # doctests leave packages without this attribute
+        if (
+            getattr(sys.modules[package], name, module) is not module
+        ):  # doctests leave packages without this attribute
             hidden.append(module.__name__)
     assert not hidden
 
@@ -232,7 +294,13 @@ def test_no_class_name_means_two_things():
     rooms: dict[str, set[str]] = {}
     for module in modules():
         for name, value in vars(module).items():
-            if inspect.isclass(value) and value.__module__ == module.__name__ and not name.startswith("_"):
+            if (
+                inspect.isclass(value)
+                and value.__module__ == module.__name__
+                and not name.startswith("_")
+            ):
                 rooms.setdefault(name, set()).add(module.__name__)
-    shared = {name: homes for name, homes in rooms.items() if len(homes) > 1 and name not in HOMONYMS}
+    shared = {
+        name: homes for name, homes in rooms.items() if len(homes) > 1 and name not in HOMONYMS
+    }
     assert not shared

@@ -36,23 +36,40 @@ runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
 
 
 PROGRAM = re.compile(r"(?<![\w/.-])[\w/]+/\w+\.(?:sh|py|cpp)\b")
-NAMED_IN = ("Makefile", "CONTRIBUTING.md", "native/README.md", "native/sanitize.sh", "web/README.md")
+NAMED_IN = (
+    "Makefile",
+    "CONTRIBUTING.md",
+    "native/README.md",
+    "native/sanitize.sh",
+    "web/README.md",
+)
 UNDER = ("", "native", "web", "src", "src/omnimirror")
 
 
 def ignored(files: list[Path]) -> set[str]:
     """Return the files excluded from a clone by git; empty outside a git checkout."""
     words = ["git", "check-ignore", "--stdin"]
-    found = subprocess.run(words, input="\n".join(map(str, files)), cwd=CHECKOUT, capture_output=True, text=True)
+    found = subprocess.run(
+        words, input="\n".join(map(str, files)), cwd=CHECKOUT, capture_output=True, text=True
+    )
     return set(found.stdout.split())
 
 
 @pytest.mark.parametrize("page", NAMED_IN)
 def test_programs_that_are_named_are_there(page):
     """Present here and in a clone."""
-    named = {name for name in PROGRAM.findall((CHECKOUT / page).read_text()) if not re.search("[A-Z]{3}|^build/", name)}
+    named = {
+        name
+        for name in PROGRAM.findall((CHECKOUT / page).read_text())
+        if not re.search("[A-Z]{3}|^build/", name)
+    }
     assert named
-    there = {name: CHECKOUT / under / name for name in named for under in UNDER if (CHECKOUT / under / name).is_file()}
+    there = {
+        name: CHECKOUT / under / name
+        for name in named
+        for under in UNDER
+        if (CHECKOUT / under / name).is_file()
+    }
     assert named - set(there) == set()
     assert ignored(list(there.values())) == set()
 
@@ -60,10 +77,16 @@ def test_programs_that_are_named_are_there(page):
 def test_the_table_of_mutation_testing_names_modules_and_tests_that_exist():
     table = tomllib.loads((CHECKOUT / "tests" / "mutation.toml").read_text())
     assert len(table["tests"]) >= 30
-    paths = {part.split("::")[0] for row in table["tests"].items() for part in " ".join(row).split(" -k")[0].split()}
+    paths = {
+        part.split("::")[0]
+        for row in table["tests"].items()
+        for part in " ".join(row).split(" -k")[0].split()
+    }
     assert {path for path in paths if not (CHECKOUT / path).exists()} == set()
     assert {entry["module"] for entry in table["equivalent"]} <= set(table["tests"])
-    assert all(entry["reason"] and entry["before"] != entry["after"] for entry in table["equivalent"])
+    assert all(
+        entry["reason"] and entry["before"] != entry["after"] for entry in table["equivalent"]
+    )
 
 
 def edit(file: Path, *changes: tuple[str, str]) -> None:
@@ -77,7 +100,11 @@ def edit(file: Path, *changes: tuple[str, str]) -> None:
 
 def run(words, folder, **environment) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*map(str, words)], cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True
+        [*map(str, words)],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
     )
 
 
@@ -125,14 +152,19 @@ def test_a_command_is_a_module_and_its_name(copy):
     (cli / "commands" / "girth.py").write_text(COMMAND)
     edit(
         cli / "__init__.py",
-        ('    "compare": "Comp', '    "girth": "Print the diameter of a mirror.",\n    "compare": "Comp'),
+        (
+            '    "compare": "Comp',
+            '    "girth": "Print the diameter of a mirror.",\n    "compare": "Comp',
+        ),
         ('"reproduce", "sensors", "spots"}', '"girth", "reproduce", "sensors", "spots"}'),
     )
     program, path = [sys.executable, "-c", RUN_THE_COPY], {"PYTHONPATH": str(copy / "src")}
     said = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)
     assert said.stdout == "175.62 mm\n", said.stderr  # twice 2 x 43.905
     assert "Print the diameter of a mirror." in run([*program, "--help"], copy, **path).stdout
-    assert run([*program, "girth", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
+    assert (
+        run([*program, "girth", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
+    )
 
 
 # -- tab of the page -------------------------------------------------------------------------------
@@ -158,17 +190,28 @@ def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
     (web / "node_modules").symlink_to(WEB / "node_modules", target_is_directory=True)
     (web / "src" / "notes").mkdir()
     (web / "src" / "notes" / "begin.ts").write_text(BEGIN)
-    edit(web / "src" / "shared" / "state.ts", ('"design", "calibrate"]', '"design", "calibrate", "notes"]'))
+    edit(
+        web / "src" / "shared" / "state.ts",
+        ('"design", "calibrate"]', '"design", "calibrate", "notes"]'),
+    )
     edit(
         web / "src" / "tabs.ts",
-        ('import { byId, heldBy }', 'import { begin as beginNotes } from "./notes/begin";\nimport { byId, heldBy }'),
+        (
+            "import { byId, heldBy }",
+            'import { begin as beginNotes } from "./notes/begin";\nimport { byId, heldBy }',
+        ),
         ('calibrate: "calibrate" } as const', 'calibrate: "calibrate", notes: "notes" } as const'),
         ('calibrate: "#calibrate .desk" }', 'calibrate: "#calibrate .desk", notes: "#notes" }'),
-        ('    const wanted = FETCHED[tab];',
-         '    if (tab === "notes" && !byId("notes").hasChildNodes()) beginNotes(byId("notes"), this.store);\n'
-         '    const wanted = FETCHED[tab];'),
-    )  # fmt: skip
-    edit(web / "index.html", ('<main id="look">', '<main id="notes" hidden></main>\n<main id="look">'))
+        (
+            "    const wanted = FETCHED[tab];",
+            '    if (tab === "notes" && !byId("notes").hasChildNodes()) beginNotes(byId("notes"), this.store);\n'
+            "    const wanted = FETCHED[tab];",
+        ),
+    )
+    edit(
+        web / "index.html",
+        ('<main id="look">', '<main id="notes" hidden></main>\n<main id="look">'),
+    )
     edit(
         web / "tests" / "rooms.test.ts",
         (
@@ -180,7 +223,11 @@ def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
     assert checked.returncode == 0, checked.stdout
     tested = run(["node", "node_modules/vitest/vitest.mjs", "run", "tests/rooms.test.ts"], web)
     assert tested.returncode == 0, tested.stdout + tested.stderr
-    edit(web / "src" / "notes" / "begin.ts", ('"../shared/store"', '"../look/look"'), ("Store }", "Look as Store }"))
+    edit(
+        web / "src" / "notes" / "begin.ts",
+        ('"../shared/store"', '"../look/look"'),
+        ("Store }", "Look as Store }"),
+    )
     refused = run(["node", "node_modules/vitest/vitest.mjs", "run", "tests/rooms.test.ts"], web)
     assert refused.returncode != 0
     assert "notes/begin imports look/look" in refused.stdout + refused.stderr
@@ -251,9 +298,16 @@ def test_a_kernel_is_a_room_of_its_own(copy):
     room.mkdir()
     for name, text in (("twice.hpp", HEADER), ("twice.cpp", KERNEL), ("module.cpp", MODULE)):
         (room / name).write_text(text)
-    interface = next(line for line in (package / "native.py").read_text().splitlines() if line.startswith("INTERFACE"))
+    interface = next(
+        line
+        for line in (package / "native.py").read_text().splitlines()
+        if line.startswith("INTERFACE")
+    )
     number = int(interface.split()[2])
-    edit(native / "src" / "bindings.hpp", ("void add_sampling", "void add_twice(nb::module_& m);\nvoid add_sampling"))
+    edit(
+        native / "src" / "bindings.hpp",
+        ("void add_sampling", "void add_twice(nb::module_& m);\nvoid add_sampling"),
+    )
     edit(
         native / "src" / "module.cpp",
         ("    add_sampling(m);", "    add_twice(m);\n    add_sampling(m);"),
@@ -278,5 +332,7 @@ def test_a_kernel_is_a_room_of_its_own(copy):
     assert made.returncode == 0, made.stdout + made.stderr
     (kernels,) = built.glob("_native*.so")
     shutil.copy(kernels, package)
-    called = run([sys.executable, "-c", CALLS], copy, PYTHONPATH=str(copy / "src"), OMNIMIRROR_NATIVE="")
+    called = run(
+        [sys.executable, "-c", CALLS], copy, PYTHONPATH=str(copy / "src"), OMNIMIRROR_NATIVE=""
+    )
     assert called.stdout == "the arrays differ in length\n", called.stderr

@@ -15,11 +15,27 @@ import pytest
 import omnimirror as om
 from omnimirror.base import arguments
 
-SECTIONS = ("Parameters", "Attributes", "Returns", "Yields", "Raises", "Notes", "Examples", "References", "See Also")
-CHECKS = {name for name, f in vars(arguments).items() if inspect.isfunction(f) and not name.startswith("_")} - {"shown"}
+SECTIONS = (
+    "Parameters",
+    "Attributes",
+    "Returns",
+    "Yields",
+    "Raises",
+    "Notes",
+    "Examples",
+    "References",
+    "See Also",
+)
+CHECKS = {
+    name
+    for name, f in vars(arguments).items()
+    if inspect.isfunction(f) and not name.startswith("_")
+} - {"shown"}
 """Functions that raise errors of arguments."""
 ARRAYS = re.compile(r"\b(Array|ArrayLike|NDArray|Image|Picture|Light|Mask|Planes)\b")
-SHAPE = re.compile(r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\., \w)\)|\bscalar\b|\bshape\b")
+SHAPE = re.compile(
+    r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\., \w)\)|\bscalar\b|\bshape\b"
+)
 
 
 def sections(doc: str) -> dict[str, str]:
@@ -54,7 +70,11 @@ def fields_explained(cls: type) -> dict[str, str]:
 def raises(function: Any) -> bool:
     """Check if a function raises directly, or through an argument check."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    calls = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+    calls = {
+        n.func.id
+        for n in ast.walk(tree)
+        if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
+    }
     return any(isinstance(n, ast.Raise) and n.exc for n in ast.walk(tree)) or bool(calls & CHECKS)
 
 
@@ -78,7 +98,9 @@ def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
             yield f"shape of {name}"
     if not is_class:
         yield from (
-            f"no parameter {name}" for name in explained if name and name not in inspect.signature(thing).parameters
+            f"no parameter {name}"
+            for name in explained
+            if name and name not in inspect.signature(thing).parameters
         )
         annotation = str(inspect.signature(thing).return_annotation)
         if annotation not in ("None", "Self") and not {"Returns", "Yields"} & parts.keys():
@@ -100,9 +122,15 @@ def explained_names() -> dict[str, tuple[Any, type | None]]:
             found[name] = thing, None
         if inspect.ismodule(thing):
             parts = {f"{name}.{own}": getattr(thing, own) for own in thing.__all__}
-            found |= {n: (p, None) for n, p in parts.items() if inspect.isfunction(p) or dataclasses.is_dataclass(p)}
+            found |= {
+                n: (p, None)
+                for n, p in parts.items()
+                if inspect.isfunction(p) or dataclasses.is_dataclass(p)
+            }
         if inspect.isclass(thing):
-            for own, method in inspect.getmembers(thing, lambda m: inspect.isfunction(m) or inspect.ismethod(m)):
+            for own, method in inspect.getmembers(
+                thing, lambda m: inspect.isfunction(m) or inspect.ismethod(m)
+            ):
                 if not own.startswith("_") and method.__module__.startswith("omnimirror"):
                     found[f"{name}.{own}"] = getattr(method, "__func__", method), thing
     return found

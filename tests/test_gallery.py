@@ -34,7 +34,10 @@ LONG = {
 
 @pytest.mark.parametrize(
     "example",
-    [pytest.param(path, id=path.stem, marks=[pytest.mark.full] * (path.stem in LONG)) for path in EXAMPLES],
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.full] * (path.stem in LONG))
+        for path in EXAMPLES
+    ],
 )
 def test_example_writes_its_image(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -43,8 +46,12 @@ def test_example_writes_its_image(example, tmp_path, monkeypatch):
     plt.close("all")
     image = read_image(tmp_path / f"{example.stem}.png")[..., :3]
     expected = read_image(ROOT / "docs" / "images" / "gallery" / f"{example.stem}.webp")[..., :3]
-    assert aspect(image) == pytest.approx(aspect(expected), rel=0.02), "update the images with python docs/gallery.py"
-    assert np.abs(mean_colour(image) - mean_colour(expected)).max() < 8, "update the images with python docs/gallery.py"
+    assert aspect(image) == pytest.approx(aspect(expected), rel=0.02), (
+        "update the images with python docs/gallery.py"
+    )
+    assert np.abs(mean_colour(image) - mean_colour(expected)).max() < 8, (
+        "update the images with python docs/gallery.py"
+    )
 
 
 def aspect(image: np.ndarray) -> float:
@@ -56,11 +63,15 @@ def mean_colour(image: np.ndarray) -> np.ndarray:
 
 
 def test_page_is_up_to_date():
-    assert (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8") == GALLERY["page"](), "run python docs/gallery.py"
+    assert (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8") == GALLERY["page"](), (
+        "run python docs/gallery.py"
+    )
 
 
 def test_examples_are_short():
     assert len(EXAMPLES) >= 24
     assert {path.stem for path in EXAMPLES} >= LONG
-    long = [path.stem for path in EXAMPLES if len(path.read_text(encoding="utf-8").splitlines()) >= 30]
+    long = [
+        path.stem for path in EXAMPLES if len(path.read_text(encoding="utf-8").splitlines()) >= 30
+    ]
     assert not long

@@ -20,7 +20,11 @@ def test_the_package_says_that_it_is_typed():
 def test_checkers_are_told_of_every_public_name_from_where_it_is():
     told = {}
     for node in ast.walk(ast.parse(SOURCE.read_text())):
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+        if (
+            isinstance(node, ast.If)
+            and isinstance(node.test, ast.Name)
+            and node.test.id == "TYPE_CHECKING"
+        ):
             told |= {name.asname: line.module for line in node.body for name in line.names}
     assert set(told) == set(om.__all__) - {"__version__"}
     for name, home in told.items():
@@ -38,7 +42,9 @@ def test_a_users_script_is_checked(tmp_path):
         "om.best_fokus(sensor)\n"
         "om.best_focus(3)\n"
     )
-    told, _, _ = api.run([str(script), "--cache-dir", str(tmp_path / "cache"), "--no-error-summary"])
+    told, _, _ = api.run(
+        [str(script), "--cache-dir", str(tmp_path / "cache"), "--no-error-summary"]
+    )
     lines = told.splitlines()
     assert 'Revealed type is "float"' in told.replace("builtins.", "")
     assert len([line for line in lines if ": error:" in line]) == 2, told

@@ -46,7 +46,8 @@ def walks() -> dict[str, list[str]]:
     part = PAGE.read_text().split("<!-- walks -->")[1].split("<!-- end -->")[0]
     rows = re.findall(r"^\| ([a-z ]+) \| (`.*`) \|$", part, flags=re.M)
     return {
-        name: [f.removesuffix(".py").replace("/", ".") for f in re.findall(r"`([^`]+)`", files)] for name, files in rows
+        name: [f.removesuffix(".py").replace("/", ".") for f in re.findall(r"`([^`]+)`", files)]
+        for name, files in rows
     }
 
 
@@ -79,9 +80,17 @@ def slider_to_plot() -> None:
 
     sensor = on_bench(om.load_sensor("paper-spherical"))
     answer(
-        Ask(slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
-            squares=True, requirements=None)
-    )  # fmt: skip
+        Ask(
+            slot=0,
+            number=0,
+            tables=sensor.tables,
+            follows=sensor.follows,
+            object_distance_mm=None,
+            section=True,
+            squares=True,
+            requirements=None,
+        )
+    )
 
 
 WAYS: dict[str, Callable[[], None]] = {

@@ -107,7 +107,8 @@ def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
 
 
 @pytest.mark.parametrize(
-    ("detector", "allowed"), [(om.Detector(), 0.5), (om.Detector(full_well_e=1e4, read_noise_e=4.0), 1.0)]
+    ("detector", "allowed"),
+    [(om.Detector(), 0.5), (om.Detector(full_well_e=1e4, read_noise_e=4.0), 1.0)],
 )
 def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed):
     """Relative to the light: the image is 25 %, and the electrons 50 %, converted to digital
@@ -121,7 +122,9 @@ def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed
 
 
 @pytest.mark.parametrize(
-    "world", [om.Room(texel_mm=40.0), om.Environment(np.full((16, 32, 3), 0.4, np.float32))], ids=type
+    "world",
+    [om.Room(texel_mm=40.0), om.Environment(np.full((16, 32, 3), 0.4, np.float32))],
+    ids=type,
 )
 def test_a_picture_never_holds_its_light_as_a_whole(world):
     sensor = om.load_sensor("paper-spherical")
@@ -143,7 +146,9 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
 
     def taken(camera: om.Sensor):
         readout = Readout(detector, seed=1)
-        return readout.numbers(exposed(camera, om.Room(texel_mm=40.0), readout.medium, samples=1, workers=2))
+        return readout.numbers(
+            exposed(camera, om.Room(texel_mm=40.0), readout.medium, samples=1, workers=2)
+        )
 
     taken(sensor)  # one-time preparation
     with most_bytes(3.5 * 3 * 2048**2):

@@ -18,17 +18,29 @@ from omnimirror.apps.studio import messages
 MODULES = (messages, look, bench, tolerances, calibrate)
 WRITTEN = Path(__file__).parent / "src" / "shared" / "messages.ts"
 HEAD = "// Made by web/message_types.py from the server's messages; not to be edited.\n"
-SIMPLE = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}
+SIMPLE = {
+    "string": "string",
+    "number": "number",
+    "integer": "number",
+    "boolean": "boolean",
+    "null": "null",
+}
 
 
 def typescript() -> str:
     """The text of the page's file."""
-    _, schema = models_json_schema([(m, "serialization") for module in MODULES for m in _messages_of(module)])
-    return HEAD + "".join(_interface(name, model) for name, model in sorted(schema["$defs"].items()))
+    _, schema = models_json_schema(
+        [(m, "serialization") for module in MODULES for m in _messages_of(module)]
+    )
+    return HEAD + "".join(
+        _interface(name, model) for name, model in sorted(schema["$defs"].items())
+    )
 
 
 def _messages_of(module: ModuleType) -> list[type[messages.Message]]:
-    models = [m for m in vars(module).values() if isinstance(m, type) and issubclass(m, messages.Message)]
+    models = [
+        m for m in vars(module).values() if isinstance(m, type) and issubclass(m, messages.Message)
+    ]
     return [m for m in models if m not in (messages.Message, messages.ClientMessage)]
 
 

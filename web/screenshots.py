@@ -49,11 +49,17 @@ def served() -> Iterator[str]:
 
 
 def shot(
-    browser: Browser, address: str, scheme: str, size: tuple[int, int], act: Callable[[Page], None] = lambda page: None
+    browser: Browser,
+    address: str,
+    scheme: str,
+    size: tuple[int, int],
+    act: Callable[[Page], None] = lambda page: None,
 ) -> Image.Image:
     """The page at an address, once it has drawn what it shows and something was done to it."""
     context = browser.new_context(
-        viewport=dict(zip(("width", "height"), size, strict=True)), color_scheme=scheme, bypass_csp=True
+        viewport=dict(zip(("width", "height"), size, strict=True)),
+        color_scheme=scheme,
+        bypass_csp=True,
     )
     page = context.new_page()
     page.set_default_timeout(300_000)  # a busy machine takes its time
@@ -74,10 +80,15 @@ def fit_the_circle(page: Page) -> None:
 
 def sheet(pictures: list[Image.Image], columns: int, width: int) -> Image.Image:
     """Pictures beside and under each other, each so wide."""
-    scaled = [p.resize((width, round(p.height * width / p.width)), Image.Resampling.LANCZOS) for p in pictures]
+    scaled = [
+        p.resize((width, round(p.height * width / p.width)), Image.Resampling.LANCZOS)
+        for p in pictures
+    ]
     height = max(p.height for p in scaled)
     rows = -(-len(scaled) // columns)
-    whole = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), (128, 128, 128))
+    whole = Image.new(
+        "RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), (128, 128, 128)
+    )
     for i, picture in enumerate(scaled):
         whole.paste(picture, (i % columns * (width + GAP), i // columns * (height + GAP)))
     return whole
@@ -91,7 +102,9 @@ def save(picture: Image.Image, name: str, folder: Path) -> None:
         if data.tell() < LARGEST:
             break
     (folder / f"studio-{name}.webp").write_bytes(data.getvalue())
-    print(f"studio-{name}.webp: {picture.width} x {picture.height} px, {data.tell() // 1000} kB, quality {quality}")
+    print(
+        f"studio-{name}.webp: {picture.width} x {picture.height} px, {data.tell() // 1000} kB, quality {quality}"
+    )
 
 
 def main() -> None:
@@ -107,13 +120,22 @@ def main() -> None:
             save(sheet(modes, 2, 800), f"views-{scheme}", folder)
         empty = [shot(browser, address, scheme, LAPTOP) for scheme in SCHEMES]
         save(sheet(empty, 2, 800), "empty", folder)
-        rim = [shot(browser, room + MODES["perspective"], scheme, LAPTOP, fit_the_circle) for scheme in SCHEMES]
+        rim = [
+            shot(browser, room + MODES["perspective"], scheme, LAPTOP, fit_the_circle)
+            for scheme in SCHEMES
+        ]
         save(sheet(rim, 2, 800), "rim", folder)
         phone = [
-            shot(browser, room + MODES[mode], scheme, PHONE) for mode in ("perspective", "dome") for scheme in SCHEMES
+            shot(browser, room + MODES[mode], scheme, PHONE)
+            for mode in ("perspective", "dome")
+            for scheme in SCHEMES
         ]
         save(sheet(phone, 4, 360), "phone", folder)
-        save(sheet([shot(browser, room + MODES["panorama"], "dark", LARGE)], 1, 1600), "large", folder)
+        save(
+            sheet([shot(browser, room + MODES["panorama"], "dark", LARGE)], 1, 1600),
+            "large",
+            folder,
+        )
         browser.close()
 
 

@@ -38,7 +38,9 @@ def compare_two(page: Any) -> None:
     """Pin the paper's sphere, make the exact equidistant mirror, ask two things of it, and read at 75 degrees."""
     page.get_by_role("button", name="Pin", exact=True).click()
     page.get_by_label("Kind of mirror").select_option("equidistant")
-    page.wait_for_function("window.omnimirror.tabs.bench.history.now.tables.mirror.kind === 'equidistant'")
+    page.wait_for_function(
+        "window.omnimirror.tabs.bench.history.now.tables.mirror.kind === 'equidistant'"
+    )
     page.get_by_role("button", name="Add a requirement").click()
     page.get_by_role("button", name="Add a requirement").click()
     page.get_by_label("Quantity").last.select_option("resolution_px_per_deg")
@@ -63,7 +65,9 @@ def try_errors(page: Any) -> None:
         page.get_by_label(name, exact=True).fill(value)
     page.evaluate("document.activeElement.blur()")
     page.wait_for_function(AT_REST)
-    page.locator("#bench aside").evaluate("(a) => a.scrollTo(0, a.querySelector('.groups-of-errors').offsetTop - 460)")
+    page.locator("#bench aside").evaluate(
+        "(a) => a.scrollTo(0, a.querySelector('.groups-of-errors').offsetTop - 460)"
+    )
     page.wait_for_timeout(SETTLING_MS)
 
 
@@ -72,9 +76,13 @@ def look_in_space(page: Any) -> None:
     housing = Housing(CameraBody(50.0), Rod(4.0), Dome(), Rim(3.0))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "sphere-in-dome.toml"
-        save_sensor(replace(om.load_sensor("paper-spherical"), name="sphere-in-dome", housing=housing), file)
+        save_sensor(
+            replace(om.load_sensor("paper-spherical"), name="sphere-in-dome", housing=housing), file
+        )
         page.set_input_files("#bench-file", file)
-        page.wait_for_function("window.omnimirror.tabs.bench.history.now.tables.name === 'sphere-in-dome'")
+        page.wait_for_function(
+            "window.omnimirror.tabs.bench.history.now.tables.name === 'sphere-in-dome'"
+        )
     page.locator(".groups label").filter(has_text="In space").click()
     page.wait_for_function(f"{SPACE}?.rays.length > 0")
     page.evaluate(f"{SPACE}.read({SPACE}.rays.find((ray) => ray.index === 7))")
@@ -97,18 +105,26 @@ def main() -> None:
     parser.add_argument("--only", choices=PICTURES, nargs="+", default=list(PICTURES))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    server = uvicorn.Server(uvicorn.Config(create_app(Studio()), port=0, log_level="error", ws="websockets-sansio"))
+    server = uvicorn.Server(
+        uvicorn.Config(create_app(Studio()), port=0, log_level="error", ws="websockets-sansio")
+    )
     threading.Thread(target=server.run, daemon=True).start()
     while not server.started:
         time.sleep(0.01)
     address = f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/#tab=design"
-    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
+    chromium = (
+        os.environ.get("CHROMIUM")
+        or shutil.which("chromium")
+        or shutil.which("chromium-headless-shell")
+    )
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         for name in args.only:
             prepare, scheme, height = PICTURES[name]
             size = {"width": 1280, "height": height}
-            page = browser.new_context(viewport=size, color_scheme=scheme, bypass_csp=True).new_page()
+            page = browser.new_context(
+                viewport=size, color_scheme=scheme, bypass_csp=True
+            ).new_page()
             page.goto(address)
             page.wait_for_selector("#bench .compare tbody td")
             prepare(page)

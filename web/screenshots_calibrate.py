@@ -36,7 +36,11 @@ def calibrated(browser: Browser, address: str, paths: list[Path], scheme: str) -
     page = context.new_page()
     page.set_default_timeout(300_000)  # a busy machine takes its time
     page.goto(f"{address}#tab=calibrate")
-    for name, value in (("Columns", ASKED["columns"]), ("Rows", ASKED["rows"]), ("Square, mm", ASKED["square_mm"])):
+    for name, value in (
+        ("Columns", ASKED["columns"]),
+        ("Rows", ASKED["rows"]),
+        ("Square, mm", ASKED["square_mm"]),
+    ):
         page.get_by_label(name, exact=True).fill(str(value))
     page.set_input_files("#calibrate-files", paths)
     page.wait_for_function(f"window.omnimirror.tabs.calibrate.shots.found.length === {len(paths)}")
@@ -44,7 +48,9 @@ def calibrated(browser: Browser, address: str, paths: list[Path], scheme: str) -
     page.wait_for_function("window.omnimirror.tabs.calibrate.report !== null")
     page.locator("#calibrate .shots button").first.click()
     page.get_by_text(re.compile("straightened: its corners")).wait_for()
-    page.evaluate("document.activeElement.blur(); document.querySelector('#calibrate .desk').scrollTo(0, 0)")
+    page.evaluate(
+        "document.activeElement.blur(); document.querySelector('#calibrate .desk').scrollTo(0, 0)"
+    )
     page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
     return page.screenshot()
 
@@ -61,7 +67,10 @@ def main() -> None:
     with TemporaryDirectory() as pictures_in, served() as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
         paths = pictures(Path(pictures_in))
-        shots = [Image.open(io.BytesIO(calibrated(browser, address, paths, s))).convert("RGB") for s in SCHEMES]
+        shots = [
+            Image.open(io.BytesIO(calibrated(browser, address, paths, s))).convert("RGB")
+            for s in SCHEMES
+        ]
         save(sheet(shots, 2, 800), "calibrate", folder)
         browser.close()
 

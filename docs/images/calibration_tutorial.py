@@ -44,12 +44,17 @@ FAR_MM = 1e9
 def make(folder: Path) -> None:
     """Run all commands of the page and compose its images."""
     text = PAGE.read_text(encoding="utf-8")
-    (folder / "bought.toml").write_text(re.findall(r"^```toml\n(# bought\.toml\n.*?)^```", text, flags=re.M | re.S)[0])
+    (folder / "bought.toml").write_text(
+        re.findall(r"^```toml\n(# bought\.toml\n.*?)^```", text, flags=re.M | re.S)[0]
+    )
     for line in re.findall(r"^\$ omnimirror (.*)", text, flags=re.M):
         if line.startswith("calibrate"):
             _calibrate(folder)
         elif not (line.startswith("simulate dataset") and (folder / "boards").exists()):
-            _run(line.replace("--spp 1 --no-blur", "--spp 9").replace("board.pdf", "board.png"), folder)
+            _run(
+                line.replace("--spp 1 --no-blur", "--spp 9").replace("board.pdf", "board.png"),
+                folder,
+            )
     _run(f"dewarp hall.png --auto {SAME_VIEW}", folder)
     _draw_truth(folder)
     _put_together(folder)
@@ -58,7 +63,9 @@ def make(folder: Path) -> None:
 def _put_together(folder: Path) -> None:
     for name, rows in ROWS.items():
         width = WIDTHS.get(name, WIDTH)
-        page = np.concatenate([side_by_side([_rgb(folder / part) for part in row], width) for row in rows])
+        page = np.concatenate(
+            [side_by_side([_rgb(folder / part) for part in row], width) for row in rows]
+        )
         Image.fromarray(page[:-GAP]).save(IMAGES / name, quality=QUALITY)
 
 
@@ -80,7 +87,9 @@ def _calibrate(folder: Path) -> None:
     found = om.calibrate_camera(seen, board)
     found.save(folder / "camera.toml")
     om.write_calibration_figures(found, folder / "figures", kind="png")
-    om.calibrate_camera(seen, board, model="kannala-brandt", rim_radius_px=375.4).save(folder / "central.toml")
+    om.calibrate_camera(seen, board, model="kannala-brandt", rim_radius_px=375.4).save(
+        folder / "central.toml"
+    )
 
 
 def _draw_truth(folder: Path) -> None:
@@ -95,20 +104,27 @@ def _draw_truth(folder: Path) -> None:
     true = truth.backproject(pixels[is_inside])
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     axes = figure.subplots(1, 3)
-    cases = (("central.toml", 2500.0, "one viewpoint, 2.5 m"), ("central.toml", FAR_MM, "one viewpoint, far away"),
-             ("camera.toml", FAR_MM, "the mirror itself, far away"))  # fmt: skip
+    cases = (
+        ("central.toml", 2500.0, "one viewpoint, 2.5 m"),
+        ("central.toml", FAR_MM, "one viewpoint, far away"),
+        ("camera.toml", FAR_MM, "the mirror itself, far away"),
+    )
     for ax, (name, distance_mm, title) in zip(axes, cases, strict=True):
         seen = om.load_camera(folder / name).backproject(pixels[is_inside])
 
         def off(place, at_mm, seen=seen):
             ways = Rotation.from_rotvec(place[:3]).apply(true.origins + at_mm * true.directions)
             ways += 100.0 * place[3:] - seen.origins
-            return np.nan_to_num(np.degrees(ways / np.linalg.norm(ways, axis=1)[:, None] - seen.directions))
+            return np.nan_to_num(
+                np.degrees(ways / np.linalg.norm(ways, axis=1)[:, None] - seen.directions)
+            )
 
         found = least_squares(lambda place, off=off: off(place, 2500.0).ravel(), np.zeros(6)).x
         error = np.full(len(pixels), np.nan)
         error[is_inside] = np.linalg.norm(off(found, distance_mm), axis=1)
-        shown = ax.imshow(error.reshape(u.shape), extent=(-5, 795, 795, -5), vmin=0, vmax=0.3, cmap="viridis")
+        shown = ax.imshow(
+            error.reshape(u.shape), extent=(-5, 795, 795, -5), vmin=0, vmax=0.3, cmap="viridis"
+        )
         ax.set_title(f"{title}: {np.sqrt(np.nanmean(error**2)):.3f} deg rms", fontsize=10)
         ax.set_axis_off()
     figure.colorbar(shown, ax=axes, label="error of directions, deg", extend="max")

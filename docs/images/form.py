@@ -17,7 +17,11 @@ mirror, rng = om.load_sensor("paper-hyperboloidal").mirror, np.random.default_rn
 r = mirror.rim_radius_mm * np.sqrt(rng.uniform(0, 1, 15_000))
 phi = rng.uniform(0, 2 * np.pi, r.size)
 u = r / mirror.rim_radius_mm
-form = 1.2 * np.sqrt(6) * u**2 * np.sin(2 * phi) - 0.6 * np.sqrt(5) * (6 * u**4 - 6 * u**2 + 1) + 0.15 * np.cos(30 * u)
+form = (
+    1.2 * np.sqrt(6) * u**2 * np.sin(2 * phi)
+    - 0.6 * np.sqrt(5) * (6 * u**4 - 6 * u**2 + 1)
+    + 0.15 * np.cos(30 * u)
+)
 z = mirror.sag(r) + 1e-3 * (form + 0.1 * rng.normal(size=r.size))
 points = np.stack([r * np.cos(phi) + 3, r * np.sin(phi) - 2, z], axis=-1)
 with TemporaryDirectory() as folder, styled():

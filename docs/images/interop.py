@@ -39,7 +39,10 @@ def blender(python: Path, pixels: int = 480) -> None:
         subprocess.run([python, program, script, picture, "64"], check=True, env=environment)
         theirs = om.read_image(picture)[..., :3]
     both = [srgb_bytes(light) for light in (expose(sensor, Box(), samples=16), theirs)]
-    om.write_image(HERE / "interop-blender.jpg", np.hstack([both[0], np.full((pixels, 16, 3), 255, np.uint8), both[1]]))
+    om.write_image(
+        HERE / "interop-blender.jpg",
+        np.hstack([both[0], np.full((pixels, 16, 3), 255, np.uint8), both[1]]),
+    )
 
 
 def newton(python: Path, pixels: int = 480) -> None:
@@ -61,7 +64,10 @@ def newton(python: Path, pixels: int = 480) -> None:
     on = table.weights > 0
     farthest = ours[on].max()
     both = [np.where(on, 255 * depth / farthest, 0).astype(np.uint8) for depth in (ours, theirs)]
-    om.write_image(HERE / "interop-newton.png", np.hstack([both[0], np.full((pixels, 16), 255, np.uint8), both[1]]))
+    om.write_image(
+        HERE / "interop-newton.png",
+        np.hstack([both[0], np.full((pixels, 16), 255, np.uint8), both[1]]),
+    )
 
 
 def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), times: int = 3) -> None:
@@ -75,9 +81,14 @@ def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), time
     ours = [om.Dewarper(sensor, view, how)(picture) for how in ("auto", "linear")]
     with tempfile.TemporaryDirectory() as folder:
         theirs = [program(sensor, view, picture, Path(folder)) for program in consumers.PROGRAMS]
-    crops = [v[top : top + size[1], left : left + size[0]].repeat(times, 0).repeat(times, 1) for v in (*ours, *theirs)]
+    crops = [
+        v[top : top + size[1], left : left + size[0]].repeat(times, 0).repeat(times, 1)
+        for v in (*ours, *theirs)
+    ]
     gap = np.full((crops[0].shape[0], 8, 3), 255, np.uint8)
-    om.write_image(HERE / "interop-maps.jpg", np.hstack([part for crop in crops for part in (crop, gap)][:-1]))
+    om.write_image(
+        HERE / "interop-maps.jpg", np.hstack([part for crop in crops for part in (crop, gap)][:-1])
+    )
 
 
 def compositor() -> None:
@@ -95,12 +106,26 @@ def compositor() -> None:
         (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
         straight = warped(oiio, picture, done.paths[0])[..., :3]
         painted = np.ascontiguousarray(np.clip(straight, 0, 255).astype(np.uint8))
-        cv2.putText(painted, "painted", (150, 110), cv2.FONT_HERSHEY_DUPLEX, 2.6, (200, 30, 30), 8, cv2.LINE_AA)
+        cv2.putText(
+            painted,
+            "painted",
+            (150, 110),
+            cv2.FONT_HERSHEY_DUPLEX,
+            2.6,
+            (200, 30, 30),
+            8,
+            cv2.LINE_AA,
+        )
         back = warped(oiio, painted, done.paths[1])[..., :3]
         seen = oiio.ImageBuf(str(done.paths[1])).get_pixels("float")[..., 3]
-    on = cv2.erode(seen, np.ones((5, 5)))[..., None] > 0  # the filter blends pixels outside the boundary
+    on = (
+        cv2.erode(seen, np.ones((5, 5)))[..., None] > 0
+    )  # the filter blends pixels outside the boundary
     raw = np.where(on, back, picture)[:512, 60:700].clip(0, 255).astype(np.uint8)
-    om.write_image(HERE / "interop-compositor.jpg", np.hstack([painted, np.full((512, 16, 3), 255, np.uint8), raw]))
+    om.write_image(
+        HERE / "interop-compositor.jpg",
+        np.hstack([painted, np.full((512, 16, 3), 255, np.uint8), raw]),
+    )
 
 
 def panorama(pixels: int = 360, width: int = 1440) -> None:
@@ -122,10 +147,17 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
     with tempfile.TemporaryDirectory() as folder:
         (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
         bent = warped(oiio, rendered, done.paths[1])[..., :3]
-    small_one = cv2.resize(rendered.astype(np.float32), (2 * pixels, pixels), interpolation=cv2.INTER_AREA)
-    parts = [srgb_bytes(light.astype(np.float32)) for light in (small_one, bent, expose(sensor, Box(), samples=16))]
+    small_one = cv2.resize(
+        rendered.astype(np.float32), (2 * pixels, pixels), interpolation=cv2.INTER_AREA
+    )
+    parts = [
+        srgb_bytes(light.astype(np.float32))
+        for light in (small_one, bent, expose(sensor, Box(), samples=16))
+    ]
     gap = np.full((pixels, 16, 3), 255, np.uint8)
-    om.write_image(HERE / "interop-panorama.jpg", np.hstack([parts[0], gap, parts[1], gap, parts[2]]))
+    om.write_image(
+        HERE / "interop-panorama.jpg", np.hstack([parts[0], gap, parts[1], gap, parts[2]])
+    )
 
 
 def mitsuba(pixels: int = 240) -> None:
@@ -141,7 +173,10 @@ def mitsuba(pixels: int = 240) -> None:
     with tempfile.TemporaryDirectory() as folder:
         om.write_rays(sensor, Path(folder, "camera.py"), formats="mitsuba")
         theirs = taken(mi, Path(folder, "camera.py"), pixels)
-    both = [srgb_bytes(light).repeat(2, 0).repeat(2, 1) for light in (expose(sensor, Box(), samples=16), theirs)]
+    both = [
+        srgb_bytes(light).repeat(2, 0).repeat(2, 1)
+        for light in (expose(sensor, Box(), samples=16), theirs)
+    ]
     gap = np.full((2 * pixels, 16, 3), 255, np.uint8)
     om.write_image(HERE / "interop-mitsuba.jpg", np.hstack([both[0], gap, both[1]]))
 
@@ -157,8 +192,17 @@ def colmap() -> None:
         poses, project = walked(Path(folder))
         path, truth, points = in_the_room(reconstructed(pycolmap, project.folder), poses, project)
     figure, axes = plt.subplots(figsize=(6.4, 5.0), layout="constrained")
-    axes.plot(points[:, 0], points[:, 1], ".", color="0.45", markersize=1.5, label=f"{len(points)} points")
-    axes.plot(truth[:, 0], truth[:, 1], "-", color="tab:orange", linewidth=3, label="where pictures were taken")
+    axes.plot(
+        points[:, 0], points[:, 1], ".", color="0.45", markersize=1.5, label=f"{len(points)} points"
+    )
+    axes.plot(
+        truth[:, 0],
+        truth[:, 1],
+        "-",
+        color="tab:orange",
+        linewidth=3,
+        label="where pictures were taken",
+    )
     axes.plot(path[:, 0], path[:, 1], "k.", markersize=4, label="where COLMAP places them")
     low, high = np.percentile(points[:, :2], [0.5, 99.5], axis=0)
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", xlim=(low[0] - 0.5, high[0] + 0.5))
@@ -181,26 +225,45 @@ def vlc(side: int = 1024) -> None:
     view = om.NamedView("front", options={"size": (480, 272), "hfov_deg": 70.0, "pan_deg": 40.0})
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder, "room.ts")
-        with VideoWriter(film, (side, side), 25, crf=12, options={"g": "10", "tune": "zerolatency"}) as video:
+        with VideoWriter(
+            film, (side, side), 25, crf=12, options={"g": "10", "tune": "zerolatency"}
+        ) as video:
             for _ in range(50):
                 video.write(frame_of_image(picture))
         gateway = Gateway(str(film), False, sensor, {"front": view}, workers=2)
         with served(create_app(gateway, None)) as address:
             shown = shown_by_vlc(f"{address}front.ts")[:272, :480]
     ours = om.Dewarper(sensor, view(sensor))(picture)
-    om.write_image(HERE / "interop-vlc.jpg", np.hstack([ours, np.full((272, 16, 3), 255, np.uint8), shown]))
+    om.write_image(
+        HERE / "interop-vlc.jpg", np.hstack([ours, np.full((272, 16, 3), 255, np.uint8), shown])
+    )
 
 
 KEPT = {
-    "maps": maps, "compositor": compositor, "panorama": panorama, "mitsuba": mitsuba, "colmap": colmap, "vlc": vlc,
-}  # fmt: skip
+    "maps": maps,
+    "compositor": compositor,
+    "panorama": panorama,
+    "mitsuba": mitsuba,
+    "colmap": colmap,
+    "vlc": vlc,
+}
 
 if __name__ == "__main__":
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--blender", type=Path, default=Path(sys.prefix) / "blender" / "bin" / "python")
-    options.add_argument("--newton", type=Path, default=Path(sys.prefix) / "newton" / "bin" / "python")
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument(
+        "--blender", type=Path, default=Path(sys.prefix) / "blender" / "bin" / "python"
+    )
+    options.add_argument(
+        "--newton", type=Path, default=Path(sys.prefix) / "newton" / "bin" / "python"
+    )
     options.add_argument("--only", choices=("blender", "newton", *KEPT))
     given = options.parse_args()
-    drawn = {"blender": lambda: blender(given.blender), "newton": lambda: newton(given.newton), **KEPT}
+    drawn = {
+        "blender": lambda: blender(given.blender),
+        "newton": lambda: newton(given.newton),
+        **KEPT,
+    }
     for name in [given.only] if given.only else drawn:
         drawn[name]()

@@ -23,7 +23,9 @@ IMAGES = Path(__file__).parent
 GAP = 10
 WHITE = (255, 255, 255)
 
-STREET = "--support rod --support-diameter-mm 3 --support-end-diameter-mm 6 --reflectivity aluminium"
+STREET = (
+    "--support rod --support-diameter-mm 3 --support-end-diameter-mm 6 --reflectivity aluminium"
+)
 DOME = "--support dome --camera-diameter-mm 40"
 COMMANDS: dict[str, tuple[str, ...]] = {
     "scenes.jpg": (
@@ -50,29 +52,41 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
 }
 """Layout of the images: rows and columns."""
 WIDTHS = {
-    "scenes.jpg": 1200, "drawing.png": 1500, "folded-drawing.png": 1984, "mappings.png": 1440,
+    "scenes.jpg": 1200,
+    "drawing.png": 1500,
+    "folded-drawing.png": 1984,
+    "mappings.png": 1440,
     "front.png": 1036,
-}  # fmt: skip
+}
 
 
 def make(name: str, folder: Path) -> None:
     """Run the commands of an image in a folder and compose their output."""
     program = Path(sys.executable).with_name("omnimirror")
     text = (IMAGES.parent / "manufacture.md").read_text(encoding="utf-8")
-    (folder / "workshop.toml").write_text(re.search(r"```toml\n(# workshop.toml\n.*?)```", text, flags=re.S)[1])
+    (folder / "workshop.toml").write_text(
+        re.search(r"```toml\n(# workshop.toml\n.*?)```", text, flags=re.S)[1]
+    )
     for command in COMMANDS[name]:
         subprocess.run([program, *shlex.split(command)], cwd=folder, check=True)
     rows = [[read_image(folder / part)[..., :3] for part in row] for row in ROWS[name]]
-    write_image(IMAGES / name, np.concatenate([side_by_side(row, WIDTHS[name]) for row in rows])[:-GAP])
+    write_image(
+        IMAGES / name, np.concatenate([side_by_side(row, WIDTHS[name]) for row in rows])[:-GAP]
+    )
 
 
 def side_by_side(parts: list[np.ndarray], width: int) -> np.ndarray:
     """Scale images to a common height and a total width; append a gap below."""
-    height = round((width - GAP * (len(parts) - 1)) / sum(part.shape[1] / part.shape[0] for part in parts))
+    height = round(
+        (width - GAP * (len(parts) - 1)) / sum(part.shape[1] / part.shape[0] for part in parts)
+    )
     pieces = []
     for part in parts:
         size = (round(part.shape[1] * height / part.shape[0]), height)
-        pieces += [cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.full((height, GAP, 3), WHITE, np.uint8)]
+        pieces += [
+            cv2.resize(part, size, interpolation=cv2.INTER_AREA),
+            np.full((height, GAP, 3), WHITE, np.uint8),
+        ]
     row = np.concatenate(pieces[:-1], axis=1)
     missing = max(width - row.shape[1], 0)
     return cv2.copyMakeBorder(row, 0, GAP, 0, missing, cv2.BORDER_CONSTANT, value=WHITE)[:, :width]

@@ -40,7 +40,9 @@ def _files_of(page: Path, folder: Path) -> str:
 def make_bought(folder: Path) -> None:
     """Run the designs and renderings of docs/bought.md."""
     text, program = _files_of(BOUGHT, folder), Path(sys.executable).with_name("omnimirror")
-    for line in re.findall(r"^\$ omnimirror ((?:design \w+\.toml|simulate|dewarp) .*)", text, flags=re.M):
+    for line in re.findall(
+        r"^\$ omnimirror ((?:design \w+\.toml|simulate|dewarp) .*)", text, flags=re.M
+    ):
         subprocess.run([program, *shlex.split(line)], cwd=folder, check=True)
     names = ("hall", "pipe", "player", "sky")
     rows = [_row([_square(read_image(folder / f"{name}.jpg")) for name in names])]
@@ -65,7 +67,9 @@ def make(folder: Path) -> None:
     for drawing in folder.glob("*-workshop/*[!r]-drawing.png"):  # of the sensor, not of its mirror
         drawing.rename(folder / drawing.name)
     for name, rows in PICTURES.items():
-        page = np.concatenate([_row([read_image(folder / part)[..., :3] for part in row]) for row in rows])
+        page = np.concatenate(
+            [_row([read_image(folder / part)[..., :3] for part in row]) for row in rows]
+        )
         write_image(IMAGES / name, page)
     figure = read_image(folder / "panorama-figures" / "fig5.png")[..., :3]
     write_image(IMAGES / "panorama-mapping.png", _scaled(figure, 900 / figure.shape[1]))
@@ -79,7 +83,9 @@ def _row(parts: list[np.ndarray]) -> np.ndarray:
     rows = min(part.shape[0] for part in scaled)
     gap = np.full((rows, GAP, 3), 255, np.uint8)
     row = np.concatenate([piece for part in scaled for piece in (part[:rows], gap)][:-1], axis=1)
-    row = cv2.copyMakeBorder(row, 0, GAP, 0, max(WIDTH - row.shape[1], 0), cv2.BORDER_CONSTANT, value=(255,) * 3)
+    row = cv2.copyMakeBorder(
+        row, 0, GAP, 0, max(WIDTH - row.shape[1], 0), cv2.BORDER_CONSTANT, value=(255,) * 3
+    )
     return row[:, :WIDTH]
 
 

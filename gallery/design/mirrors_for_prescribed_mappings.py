@@ -6,7 +6,12 @@ import numpy as np
 import omnimirror as om
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4))
-for mapping, omega_max in (("equidistant", 120), ("equiareal", 120), ("conformal", 120), ("ground-plane", 75)):
+for mapping, omega_max in (
+    ("equidistant", 120),
+    ("equiareal", 120),
+    ("conformal", 120),
+    ("ground-plane", 75),
+):
     floor_mm = 1500 if mapping == "ground-plane" else None
     needs = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=omega_max),

@@ -14,7 +14,9 @@ numbers = np.geomspace(1.4, 32, 25)
 worst = []
 for f_number in numbers:
     table = om.evaluate(
-        replace(sensor, lens=replace(sensor.lens, f_number=f_number)), np.arange(5, 131, 5), focus_mm="auto"
+        replace(sensor, lens=replace(sensor.lens, f_number=f_number)),
+        np.arange(5, 131, 5),
+        focus_mm="auto",
     )
     worst.append([np.abs([table.blur_t_px, table.blur_s_px]).max(), table.airy_px])
 ax.loglog(numbers, np.array(worst)[:, 0], label="maximum blur, px")

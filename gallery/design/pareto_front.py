@@ -6,7 +6,9 @@ import omnimirror as om
 
 needs = om.Requirements(
     field=om.FieldRequirements(omega_max_deg=135),
-    mirror=om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:4", rim_radius_mm=43.9),
+    mirror=om.MirrorRequirements(
+        optimise="worst_blur_deg", shape="polynomial:4", rim_radius_mm=43.9
+    ),
     lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12),
 )
 front = om.pareto(needs, ["worst_blur_deg", "inverse_area_ratio"], population=48, generations=30)

@@ -7,7 +7,9 @@ import omnimirror as om
 
 sensor = om.load_sensor("paper-equidistant")
 omega = np.arange(5, 131, 12.5)
-found = om.mtf(sensor, omega_deg=omega, cycles_per_px=[0.125, 0.25], focus_mm=om.best_focus(sensor).focus_mm)
+found = om.mtf(
+    sensor, omega_deg=omega, cycles_per_px=[0.125, 0.25], focus_mm=om.best_focus(sensor).focus_mm
+)
 figure, ax = plt.subplots(figsize=(7, 4))
 for i, frequency in enumerate(found.cycles_per_px):
     ax.plot(omega, found.tangential[:, i], f"C{i}", label=f"tangential, {frequency:g} cycles/px")

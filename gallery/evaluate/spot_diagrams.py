@@ -11,7 +11,9 @@ figure, axes = plt.subplots(3, 3, figsize=(6, 6), layout="constrained")
 for i, row in enumerate(axes):
     for j, ax in enumerate(row):
         ax.scatter(spots.t_px[i, j], spots.s_px[i, j], s=1)
-        ax.set_title(f"{spots.omega_deg[i]:g} deg, focused at {spots.focus_mm[j]:.0f} mm", fontsize=8)
+        ax.set_title(
+            f"{spots.omega_deg[i]:g} deg, focused at {spots.focus_mm[j]:.0f} mm", fontsize=8
+        )
         ax.set(aspect="equal", xlim=(-6, 6), ylim=(-6, 6))
 figure.supxlabel("tangential, px")
 figure.supylabel("sagittal, px")

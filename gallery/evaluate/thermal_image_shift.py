@@ -9,11 +9,18 @@ import omnimirror as om
 
 figure, ax = plt.subplots(figsize=(7, 4))
 degrees = np.arange(-20, 61, 10.0)
-for mirror, spacer in (("acrylic", "aluminium"), ("aluminium", "acrylic"), ("aluminium", "aluminium")):
+for mirror, spacer in (
+    ("acrylic", "aluminium"),
+    ("aluminium", "acrylic"),
+    ("aluminium", "aluminium"),
+):
     parts = om.Thermal(mirror_material=mirror, spacer_material=spacer, mount_material="aluminium")
     sensor = replace(om.load_sensor("paper-spherical"), thermal=parts)
     ax.plot(
-        degrees, [om.thermal_motion_px(sensor, t) for t in degrees], "o-", label=f"{mirror} mirror, {spacer} spacer"
+        degrees,
+        [om.thermal_motion_px(sensor, t) for t in degrees],
+        "o-",
+        label=f"{mirror} mirror, {spacer} spacer",
     )
 ax.set(xlabel="temperature, °C", ylabel="maximum image shift, px")
 ax.legend()

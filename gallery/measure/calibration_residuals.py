@@ -7,10 +7,17 @@ import omnimirror as om
 
 camera = om.Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
 board = om.Board("chessboard", 11, 7, 30.0)
-found = om.calibrate_camera(om.simulate_detections(camera, board, 7, noise_px=0.1), board, model="unified")
+found = om.calibrate_camera(
+    om.simulate_detections(camera, board, 7, noise_px=0.1), board, model="unified"
+)
 pixels = np.concatenate([sighting.pixels for sighting in found.adjustment.sightings])
 left = found.adjustment.residuals
 figure, ax = plt.subplots(figsize=(6, 4.5))
 ax.quiver(*pixels.T, *left.T, angles="xy", scale_units="xy", scale=1 / 100, width=0.002)
-ax.set(xlim=(0, 639), ylim=(479, 0), aspect="equal", title=f"RMS {found.rms_px:.2f} px at {found.corners} corners")
+ax.set(
+    xlim=(0, 639),
+    ylim=(479, 0),
+    aspect="equal",
+    title=f"RMS {found.rms_px:.2f} px at {found.corners} corners",
+)
 figure.savefig("calibration_residuals.png", bbox_inches="tight")

@@ -13,6 +13,10 @@ z = ball.sag(r) + 0.5e-3 * np.sqrt(6) * (x**2 - y**2) / 40**2 + 1e-4 * rng.norma
 found = om.form_error(ball, np.stack([x, y, z], axis=-1))
 terms = [term for term in found.terms if abs(term.um) > 0.005][:8]
 figure, ax = plt.subplots(figsize=(7, 3))
-ax.barh([term.name for term in terms], [term.um for term in terms], xerr=[3 * term.sigma_um for term in terms])
+ax.barh(
+    [term.name for term in terms],
+    [term.um for term in terms],
+    xerr=[3 * term.sigma_um for term in terms],
+)
 ax.set(xlabel="form error, um (bars: 3 sigma)")
 figure.savefig("form_error.png", bbox_inches="tight")

@@ -12,7 +12,9 @@ figure, ax = plt.subplots(figsize=(7, 4))
 limits = np.linspace(0.1, 4, 14)
 for merit in ("motion_px", "motion_px after principal-point", "motion_px after pose"):
     shares = [
-        om.tolerance(sensor, om.Tolerances(sensor, errors), limits={merit: limit}, trials=400).statistics.yields.value
+        om.tolerance(
+            sensor, om.Tolerances(sensor, errors), limits={merit: limit}, trials=400
+        ).statistics.yields.value
         for limit in limits
     ]
     ax.plot(limits, shares, label=merit)

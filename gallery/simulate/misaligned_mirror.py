@@ -10,7 +10,9 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 
 meant = om.load_sensor("paper-spherical")
 built = replace(meant, mirror_pose=MirrorPose(decentre_x_mm=1.0, tilt_x_deg=1.0))
-grid = np.stack(np.meshgrid(np.arange(32, 1024, 64), np.arange(32, 1024, 64)), axis=-1).reshape(-1, 2)
+grid = np.stack(np.meshgrid(np.arange(32, 1024, 64), np.arange(32, 1024, 64)), axis=-1).reshape(
+    -1, 2
+)
 rays = meant.backproject(grid)
 seen = built.project_directions(rays.directions)
 kept = rays.valid & seen.valid

@@ -47,7 +47,9 @@ def ends_of(sensor):
 
 def small(sensor):
     """Return the sensor with an aperture small enough for second-order optics."""
-    slower = {"working_f_number": 40.0} if isinstance(sensor.lens, Orthographic) else {"f_number": 40.0}
+    slower = (
+        {"working_f_number": 40.0} if isinstance(sensor.lens, Orthographic) else {"f_number": 40.0}
+    )
     return replace(sensor, lens=replace(sensor.lens, **slower))
 
 
@@ -61,7 +63,9 @@ def test_widths_of_spots_are_the_blur_of_coddingtons_chain(kind, distance):
     expected = om.evaluate(sensor, omega, object_distance_mm=distance)
     assert found.bundles.passes.all()
     np.testing.assert_allclose(found.chief_px[:, 0], expected.h_px, rtol=1e-12)
-    for width, blur in zip(found.extent_px(), (expected.blur_t_px, expected.blur_s_px), strict=True):
+    for width, blur in zip(
+        found.extent_px(), (expected.blur_t_px, expected.blur_s_px), strict=True
+    ):
         np.testing.assert_allclose(width[:, 0], np.abs(blur), atol=2e-3)
 
 
@@ -84,7 +88,9 @@ def test_rays_found_from_objects_are_those_traced_from_pixels(kind):
     assert passes.mean() > 0.9
     towards = np.repeat(bundles.chief.to_targets, 30, axis=0)
     np.testing.assert_allclose(traced.directions[passes], towards[passes], atol=1e-9)
-    np.testing.assert_allclose(traced.points[passes], bundles.points.reshape(-1, 3)[passes], atol=1e-7)
+    np.testing.assert_allclose(
+        traced.points[passes], bundles.points.reshape(-1, 3)[passes], atol=1e-7
+    )
 
 
 @pytest.mark.parametrize("kind", ["flat", "concave", "convex", "aspheric", "two-hyperboloids"])
@@ -104,11 +110,17 @@ def test_rays_through_the_aperture_are_reflected_twice(kind):
     assert valid.all()
     for pixel, at, origin, direction in zip(pixels, pupil, origins, directions, strict=True):
         start = np.array([*(sensor.lens.aperture_radius * at), 0.0])
-        in_focus = np.array([*((pixel - sensor.imager.centre) * sensor.imager.pitch_mm / b0 * L0), L0])
+        in_focus = np.array(
+            [*((pixel - sensor.imager.centre) * sensor.imager.pitch_mm / b0 * L0), L0]
+        )
         ray = (in_focus - start) / np.linalg.norm(in_focus - start)
-        hit = meet(lambda r: to_secondary + second.mirror.sag(r), start, ray, 1.1 * to_secondary / ray[2])
+        hit = meet(
+            lambda r: to_secondary + second.mirror.sag(r), start, ray, 1.1 * to_secondary / ray[2]
+        )
         ray = bounce(lambda r: to_secondary + second.mirror.sag(r), hit, ray)
-        hit = meet(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2])
+        hit = meet(
+            lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2]
+        )
         ray = bounce(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray)
         rotation = sensor.mount.rotation()
         np.testing.assert_allclose(rotation @ (hit - vertex), origin, atol=1e-8)
@@ -126,7 +138,9 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
     mirror = sensor.optical_train.posed_mirror
 
     def met(pupil):
-        return mirror.specular(sensor.optical_train.entrance_pupil_points(pupil), target).points[0, :2]
+        return mirror.specular(sensor.optical_train.entrance_pupil_points(pupil), target).points[
+            0, :2
+        ]
 
     columns = [(met(at + step * e) - met(at - step * e)) / (2 * step) for e in np.eye(2)]
     found = mirror.specular(sensor.optical_train.entrance_pupil_points(at), target)
@@ -135,7 +149,10 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
     if not distant:
         section /= float(np.sum((target.xyz - found.points) ** 2))
     beam = mirror.beam(
-        sensor.optical_train.entrance_pupil_points(at), target, found, sensor.lens.entrance_pupil_motion(at)
+        sensor.optical_train.entrance_pupil_points(at),
+        target,
+        found,
+        sensor.lens.entrance_pupil_motion(at),
     )
     assert float(beam[0]) == pytest.approx(section, rel=1e-6)
 
@@ -160,10 +177,17 @@ def test_the_wave_is_cut_where_rays_are():
 
 def test_a_blurred_picture_is_as_bright_as_a_sharp_one():
     room = om.Room(texel_mm=40.0)
-    small_picture = replace(FOLDED, imager=replace(FOLDED.imager, width_px=96, height_px=96, pixel_pitch_um=55.0))
-    sharp, blurred = (om.expose(small_picture, room, samples=16, blur=blur) for blur in (False, True))
+    small_picture = replace(
+        FOLDED, imager=replace(FOLDED.imager, width_px=96, height_px=96, pixel_pitch_um=55.0)
+    )
+    sharp, blurred = (
+        om.expose(small_picture, room, samples=16, blur=blur) for blur in (False, True)
+    )
     u, v = np.meshgrid(np.arange(96.0), np.arange(96.0))
-    inner, outer = (small_picture.image_height_px(small_picture.meridian.trace(x)) for x in ends_of(small_picture))
+    inner, outer = (
+        small_picture.image_height_px(small_picture.meridian.trace(x))
+        for x in ends_of(small_picture)
+    )
     radius = np.hypot(u - 47.5, v - 47.5)
     ring = (radius > inner + 4) & (radius < outer - 4)
     assert np.abs(blurred - sharp)[ring].max() > 0.01

@@ -26,7 +26,9 @@ class Asked:
         return np.zeros((len(directions), 3), np.float32)
 
 
-@pytest.mark.parametrize("shell", [Tube(110.0, 4.0), Dome(), Dome(medium="water")], ids=["tube", "dome", "water"])
+@pytest.mark.parametrize(
+    "shell", [Tube(110.0, 4.0), Dome(), Dome(medium="water")], ids=["tube", "dome", "water"]
+)
 def test_ghosts_come_from_where_pictures_take_them(shell):
     sensor = replace(SPH, housing=Housing(shell=shell))
     omega = np.arange(np.ceil(sensor.clear_field_deg[0]) + 1, 130.0, 3.0)
@@ -38,7 +40,9 @@ def test_ghosts_come_from_where_pictures_take_them(shell):
         inside = np.array([[np.sin(rays.reflected[0]), 0.0, -np.cos(rays.reflected[0])]])
         turn = sensor.mount.rotation()
         scene = Asked()
-        scene_through_shell(sensor, scene).radiance(np.array([[x[0], 0.0, rays.z[0]]]) @ turn.T, inside @ turn.T)
+        scene_through_shell(sensor, scene).radiance(
+            np.array([[x[0], 0.0, rays.z[0]]]) @ turn.T, inside @ turn.T
+        )
         direct, ghost = scene.directions[0] @ turn, scene.directions[1] @ turn
         assert np.degrees(np.arctan2(direct[0, 0], -direct[0, 2])) == pytest.approx(angle, abs=1e-6)
         assert len(ghost) == np.isfinite(found.ghost_omega_deg[i])
@@ -54,7 +58,10 @@ def test_a_tube_throws_back_by_fresnel_what_lies_across_it():
     n = 1.5
     side = ((n - 1) / (n + 1)) ** 2
     thrown = 1 - (1 - side) / (1 + side)
-    sensor = replace(om.load_sensor("paraboloid-telecentric"), housing=Housing(shell=Tube(90.0, refractive_index=n)))
+    sensor = replace(
+        om.load_sensor("paraboloid-telecentric"),
+        housing=Housing(shell=Tube(90.0, refractive_index=n)),
+    )
     found = om.ghosts(sensor, [89.99])
     assert found.passed_percent[0] == pytest.approx(100 * (1 - thrown), abs=1e-4)
     found = om.ghosts(replace(SPH, housing=Housing(shell=Tube(120.0, refractive_index=n))), [60.0])

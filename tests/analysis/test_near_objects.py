@@ -65,7 +65,9 @@ def test_lengths_per_pixel_are_those_of_points_moved_on_the_surfaces(case):
             return np.linalg.norm(ends[1] - ends[0]) / (2 * STEP * np.linalg.norm(step))
 
         turn = STEP / point[0]
-        around = np.linalg.norm(pixel_of(sensor, point, turn) - pixel_of(sensor, point, -turn)) / (2 * STEP)
+        around = np.linalg.norm(pixel_of(sensor, point, turn) - pixel_of(sensor, point, -turn)) / (
+            2 * STEP
+        )
         assert found.plane_t_mm_per_px[i] == pytest.approx(1 / px_per_mm([1.0, 0.0]), rel=1e-5)
         assert found.cylinder_t_mm_per_px[i] == pytest.approx(1 / px_per_mm([0.0, 1.0]), rel=1e-5)
         assert found.object_s_mm_per_px[i] == pytest.approx(1 / around, rel=1e-5)
@@ -80,7 +82,9 @@ def test_a_pipe_wall_is_resolved_as_its_points_are():
     rays = SMALL.meridian.trace(SMALL.meridian.x_from_omega(np.radians([90.0])))
     distance = 10.0 - float(rays.x[0])
     near, far = (om.evaluate(SMALL, [90.0], object_distance_mm=p) for p in (distance, np.inf))
-    assert near.width_px_per_deg[0] == pytest.approx(far.width_px_per_deg[0] * distance / 10.0, rel=1e-12)
+    assert near.width_px_per_deg[0] == pytest.approx(
+        far.width_px_per_deg[0] * distance / 10.0, rel=1e-12
+    )
     assert near.object_s_mm_per_px[0] == pytest.approx(10.0 / near.h_px[0], rel=1e-12)
 
 
@@ -97,7 +101,9 @@ def test_blur_in_angle_is_the_width_of_the_cone_at_the_object(case):
     target = chief.origins[0] + distance * chief.directions[0]
     for pupil, blur in (([1.0, 0.0], found.blur_t_deg[0]), ([0.0, 1.0], found.blur_s_deg[0])):
         rays = sensor.aperture_rays([pixel] * 2, [pupil, [-pupil[0], -pupil[1]]])
-        steps = (target - rays.origins) @ chief.directions[0] / (rays.directions @ chief.directions[0])
+        steps = (
+            (target - rays.origins) @ chief.directions[0] / (rays.directions @ chief.directions[0])
+        )
         ends = rays.origins + steps[:, None] * rays.directions
         width = np.degrees(np.linalg.norm(ends[0] - ends[1]) / distance)
         assert abs(blur) == pytest.approx(width, rel=0.01)

@@ -32,7 +32,9 @@ def reflect(mirror, point_from, direction, x, y):
     """Return the reflected ray (origin, direction) of light from an object (or direction) via
     mirror point (x, y)."""
     hit = np.array([x, y, float(mirror.sag(np.hypot(x, y)))])
-    travel = -direction if point_from is None else (hit - point_from) / np.linalg.norm(hit - point_from)
+    travel = (
+        -direction if point_from is None else (hit - point_from) / np.linalg.norm(hit - point_from)
+    )
     n = normal(mirror, x, y)
     return hit, travel - 2 * (travel @ n) * n
 
@@ -50,7 +52,9 @@ def tangential_q(mirror, x, obj, d, hit, back):
         for side in (-1, 1):
             p, r = reflect(mirror, obj, d, x + side * spacing * M / 10, 0.0)
             # hit + q back = p + s r in the meridian plane
-            q_s = np.linalg.solve(np.array([[back[0], -r[0]], [back[2], -r[2]]]), [(p - hit)[0], (p - hit)[2]])
+            q_s = np.linalg.solve(
+                np.array([[back[0], -r[0]], [back[2], -r[2]]]), [(p - hit)[0], (p - hit)[2]]
+            )
             found.append(q_s[0])
         return float(np.mean(found))
 
@@ -72,7 +76,9 @@ def sagittal_q(mirror, x, obj, d, hit, back):
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), *FEW_MIRRORS))
 def test_virtual_images_are_where_real_rays_cross(kind, distance, lens):
     if lens == "orthographic" and kind in ("equidistant", "cone"):
-        pytest.skip("made for a perspective lens; under an orthographic one a cone sees a single field angle")
+        pytest.skip(
+            "made for a perspective lens; under an orthographic one a cone sees a single field angle"
+        )
     sensor = sensor_of(kind, lens)
     low, high = sensor.field_deg
     omega = np.array([a for a in range(0, 136, 15) if low <= a <= high])
@@ -88,10 +94,14 @@ def test_virtual_images_are_where_real_rays_cross(kind, distance, lens):
         back = -to_lens
         # the chief ray itself passes through the lens, or along the axis
         expected = (
-            np.array([x, 0, sensor.mirror_distance_mm + hit[2]]) if lens == "perspective" else np.array([0, 0, 1.0])
+            np.array([x, 0, sensor.mirror_distance_mm + hit[2]])
+            if lens == "perspective"
+            else np.array([0, 0, 1.0])
         )
         np.testing.assert_allclose(back, expected / np.linalg.norm(expected), atol=1e-9)
-        if not (kind == "cone" and np.isinf(distance)):  # a straight meridian: image distance equals object distance
+        if not (
+            kind == "cone" and np.isinf(distance)
+        ):  # a straight meridian: image distance equals object distance
             q_t = tangential_q(sensor.mirror, x, obj, d, hit, back)
             assert result.q_t_mm[i] == pytest.approx(q_t, rel=1e-6), f"tangential at {omega[i]} deg"
             assert result.image_t_x_mm[i] == pytest.approx(x + q_t * back[0], rel=1e-6, abs=1e-9)

@@ -31,11 +31,15 @@ def monte_carlo(sensor, omega_deg, count=60_000):
     cos, phi = rng.uniform(np.cos(wide), 1.0, count), rng.uniform(0, 2 * np.pi, count)
     sin = np.sqrt(1 - cos**2)
     side = np.cross(axis, [0.0, 1.0, 0.0])
-    directions = cos[:, None] * axis + sin[:, None] * (np.cos(phi)[:, None] * side + np.sin(phi)[:, None] * [0, 1, 0])
+    directions = cos[:, None] * axis + sin[:, None] * (
+        np.cos(phi)[:, None] * side + np.sin(phi)[:, None] * [0, 1, 0]
+    )
     at = directions[:, :2] * (b0 / directions[:, 2:]) - [height, 0.0]
     open_ = np.hypot(*at.T) <= radius
     image = np.broadcast_to([height, 0.0], at.shape)
-    found = sensor.optical_train.posed_mirror.trace(*sensor.optical_train.rays_of_image(image, at / radius))
+    found = sensor.optical_train.posed_mirror.trace(
+        *sensor.optical_train.rays_of_image(image, at / radius)
+    )
     caught = open_ & found.valid
     return 2 * np.pi * (1 - np.cos(wide)) * np.mean(directions[:, 2] * caught), caught.sum()
 
@@ -54,7 +58,9 @@ def test_illumination_is_what_photons_bring(f_number, omega_deg):
 def test_illumination_on_the_axis_is_that_of_a_cone(F):
     sensor = replace(SPH, lens=replace(SPH.lens, f_number=F))
     u = np.arctan(1 / (2 * sensor.lens.image_f_number()))
-    assert om.illumination(sensor, [0.0]).irradiance_sr[0] == pytest.approx(np.pi * np.sin(u) ** 2, rel=1e-9)
+    assert om.illumination(sensor, [0.0]).irradiance_sr[0] == pytest.approx(
+        np.pi * np.sin(u) ** 2, rel=1e-9
+    )
     telecentric = sensor_of("sphere", "orthographic")
     telecentric = replace(telecentric, lens=Orthographic(telecentric.lens.magnification, F, 20.0))
     found = om.illumination(telecentric, [30.0]).irradiance_sr[0]
@@ -107,7 +113,9 @@ def test_what_cannot_be_traced_is_refused_in_one_short_sentence(ask):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("name", ["sampled", "slope-spline", "tabulated-mapping", "sphere", "equidistant"])
+@pytest.mark.parametrize(
+    "name", ["sampled", "slope-spline", "tabulated-mapping", "sphere", "equidistant"]
+)
 def test_columns_run_smoothly_into_the_axis(name):
     """Splines of slopes and angles round at 1e-18, which at 1e-12 deg was 1e-4 of the sagittal
     columns."""

@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from omnimirror.base.errors import (
+    InvalidParameter,
+    NotOneToOne,
+    OutsideField,
+    OutsideMirror,
+    SelfObstruction,
+)
 from omnimirror.optics.lenses import Orthographic
 from omnimirror.optics.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
 from omnimirror.optics.mirrors.as_built import MirrorPose
@@ -26,7 +32,12 @@ TWO_HYPERBOLOIDS = om.load_sensor("folded-hyperboloidal")
 
 
 def with_secondary(mirror, distance=80.0, bore=8.0, way=160.0):
-    return replace(UNFOLDED, secondary=Secondary(mirror, distance, bore), mirror_distance_mm=way, name=mirror.KIND)
+    return replace(
+        UNFOLDED,
+        secondary=Secondary(mirror, distance, bore),
+        mirror_distance_mm=way,
+        name=mirror.KIND,
+    )
 
 
 CONCAVE = with_secondary(EvenPolynomial((-1 / 600,), 30.0))
@@ -119,7 +130,11 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
     for i, angle in enumerate(np.radians(omega)):
         x = result.x_mm[i]
         d = np.array([np.sin(angle), 0.0, -np.cos(angle)])
-        obj = None if np.isinf(distance) else np.array([x, 0.0, float(sensor.mirror.sag(x))]) + distance * d
+        obj = (
+            None
+            if np.isinf(distance)
+            else np.array([x, 0.0, float(sensor.mirror.sag(x))]) + distance * d
+        )
         chief = to_lens(sensor, obj, d, x, 0.0)
         if np.isinf(lens_z):
             np.testing.assert_allclose(chief[1], [0, 0, 1], atol=1e-9)
@@ -127,7 +142,9 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
         else:  # the chief ray reaches the lens at the stated viewing angle
             at_lens = chief[0] + (lens_z - chief[0][2]) / chief[1][2] * chief[1]
             np.testing.assert_allclose(at_lens, [0, 0, lens_z], atol=1e-8)
-            assert np.degrees(np.arctan2(-chief[1][0], chief[1][2])) == pytest.approx(result.theta_deg[i], abs=1e-9)
+            assert np.degrees(np.arctan2(-chief[1][0], chief[1][2])) == pytest.approx(
+                result.theta_deg[i], abs=1e-9
+            )
 
         def tangential(spacing, chief=chief, obj=obj, d=d, x=x):
             rays = (to_lens(sensor, obj, d, x + side * spacing, 0.0) for side in (-1, 1))
@@ -138,8 +155,12 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
             p, r = to_lens(sensor, obj, d, x * np.cos(psi), x * np.sin(psi))
             return 1 / (reference - (p - p[1] / r[1] * r)[2])  # with its counterpart from -psi
 
-        assert 1 / result.distance_t_mm[i] == pytest.approx(extrapolated(tangential), rel=3e-6), omega[i]
-        assert 1 / result.distance_s_mm[i] == pytest.approx(extrapolated(sagittal), rel=3e-6), omega[i]
+        assert 1 / result.distance_t_mm[i] == pytest.approx(extrapolated(tangential), rel=3e-6), (
+            omega[i]
+        )
+        assert 1 / result.distance_s_mm[i] == pytest.approx(extrapolated(sagittal), rel=3e-6), (
+            omega[i]
+        )
 
 
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
@@ -147,7 +168,9 @@ def test_images_are_where_real_rays_cross_after_both_mirrors(kind, distance):
 def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
     """Trace from the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
     sensor = SENSORS[kind]
-    sensor = replace(sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0))
+    sensor = replace(
+        sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0)
+    )
     rng = np.random.default_rng(3)
     edges_px = np.array(sensor._edges_mm) / sensor.imager.pitch_mm
     radius, phi = rng.uniform(*edges_px, 8), rng.uniform(0, 2 * np.pi, 8)
@@ -162,16 +185,25 @@ def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
         on_imager = (pixel - sensor.imager.centre) * sensor.imager.pitch_mm
         ray = np.array([*on_imager, sensor.lens.image_distance])
         ray /= np.linalg.norm(ray)
-        hit = meet(lambda r: to_secondary + second.mirror.sag(r), np.zeros(3), ray, 1.1 * to_secondary / ray[2])
+        hit = meet(
+            lambda r: to_secondary + second.mirror.sag(r),
+            np.zeros(3),
+            ray,
+            1.1 * to_secondary / ray[2],
+        )
         ray = bounce(lambda r: to_secondary + second.mirror.sag(r), hit, ray)
-        hit = meet(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2])
+        hit = meet(
+            lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2]
+        )
         ray = bounce(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray)
         rotation = sensor.mount.rotation()
         np.testing.assert_allclose(rotation @ (hit - vertex), origin, atol=1e-8)
         np.testing.assert_allclose(rotation @ ray, direction, atol=1e-9)
 
 
-@given(share=st.floats(0.35, 0.6), fraction=st.floats(0, 1), distance=st.sampled_from([np.inf, 300.0]))
+@given(
+    share=st.floats(0.35, 0.6), fraction=st.floats(0, 1), distance=st.sampled_from([np.inf, 300.0])
+)
 @settings(max_examples=30)
 def test_a_flat_fold_changes_nothing_but_what_it_hides(share, fraction, distance):
     m = UNFOLDED.mirror_distance_mm
@@ -187,7 +219,9 @@ def test_two_confocal_hyperboloids_keep_a_single_viewpoint():
     """Each maps angles by tan(Omega/2) = K tan(theta/2), without astigmatism at any distance; so
     does their combination."""
     for distance in (np.inf, 200.0):
-        result = om.evaluate(TWO_HYPERBOLOIDS, np.linspace(25, 135, 50), object_distance_mm=distance)
+        result = om.evaluate(
+            TWO_HYPERBOLOIDS, np.linspace(25, 135, 50), object_distance_mm=distance
+        )
         assert np.ptp(result.viewpoint_z_mm) < 1e-11
         np.testing.assert_allclose(result.distance_t_mm, result.distance_s_mm, rtol=1e-12)
     ratio = np.tan(np.radians(result.omega_deg / 2)) / np.tan(np.radians(result.theta_deg / 2))
@@ -197,7 +231,9 @@ def test_two_confocal_hyperboloids_keep_a_single_viewpoint():
         e = np.hypot(mirror.a_mm, mirror.b_mm) / mirror.b_mm
         return (e + 1) / (e - 1)
 
-    np.testing.assert_allclose(ratio, factor(first) * factor(second), rtol=1e-7)  # a_mm of the file has 7 digits
+    np.testing.assert_allclose(
+        ratio, factor(first) * factor(second), rtol=1e-7
+    )  # a_mm of the file has 7 digits
 
 
 @pytest.mark.parametrize("kind", SENSORS)
@@ -226,11 +262,18 @@ def test_the_field_begins_where_rays_just_pass_the_secondary():
 def test_the_field_begins_at_the_bore_where_that_is_wider():
     assert FOLDED.meridian.x_min == pytest.approx(FOLDED.secondary.bore_radius_mm, abs=1e-9)
     low, _ = FOLDED.field_deg
-    with pytest.raises(OutsideField, match=f"omega = 5 deg is outside the field; it is valid from {low:.6g}"):
+    with pytest.raises(
+        OutsideField, match=f"omega = 5 deg is outside the field; it is valid from {low:.6g}"
+    ):
         om.evaluate(FOLDED, [5.0])
-    with pytest.raises(OutsideMirror, match="x = 2 mm is not on the mirror, which is seen from 5 to"):
+    with pytest.raises(
+        OutsideMirror, match="x = 2 mm is not on the mirror, which is seen from 5 to"
+    ):
         om.evaluate(FOLDED, x_mm=[2.0])
-    inside = [[511.5 + 60, 511.5], [511.5 + 70, 511.5]]  # the image of the bore has a radius of 65 px
+    inside = [
+        [511.5 + 60, 511.5],
+        [511.5 + 70, 511.5],
+    ]  # the image of the bore has a radius of 65 px
     assert FOLDED.backproject(inside).valid.tolist() == [False, True]
 
 
@@ -250,10 +293,22 @@ def test_a_camera_before_the_mirror_hides_what_lies_behind_it():
 @pytest.mark.parametrize(
     ("sensor", "error", "message"),
     [
-        (with_secondary(EvenPolynomial((-0.01,), 20.0)), NotOneToOne, "bends the lens's rays back across the axis"),
-        (with_secondary(Sphere(150.0, 10.0)), SelfObstruction, r"shows the mirror only to x = 3\d\.\d+ mm"),
+        (
+            with_secondary(EvenPolynomial((-0.01,), 20.0)),
+            NotOneToOne,
+            "bends the lens's rays back across the axis",
+        ),
+        (
+            with_secondary(Sphere(150.0, 10.0)),
+            SelfObstruction,
+            r"shows the mirror only to x = 3\d\.\d+ mm",
+        ),
         (with_secondary(Flat(25.0), bore=43.9), SelfObstruction, "hide the whole mirror"),
-        (with_secondary(Flat(25.0), 70.0, 1.0), SelfObstruction, r"cuts off the view .* it is valid above [34]\.\d+"),
+        (
+            with_secondary(Flat(25.0), 70.0, 1.0),
+            SelfObstruction,
+            r"cuts off the view .* it is valid above [34]\.\d+",
+        ),
         (
             with_secondary(Flat(25.0), 160.0),
             InvalidParameter,
@@ -264,9 +319,21 @@ def test_a_camera_before_the_mirror_hides_what_lies_behind_it():
             InvalidParameter,
             r"lets both mirrors touch; it is valid above \d+",
         ),
-        (replace(TELECENTRIC, secondary=Secondary(Flat(44.0), 90.0, 13.0)), NotOneToOne, "needs a convex secondary"),
-        (replace(TELECENTRIC, secondary=Secondary(Paraboloid(60.0, 13.0), 90.0, 8.0)), SelfObstruction, "cuts off"),
-        (with_secondary(Sphere(15.6, 15.55)), SelfObstruction, "as the secondary, the mirror hides itself"),
+        (
+            replace(TELECENTRIC, secondary=Secondary(Flat(44.0), 90.0, 13.0)),
+            NotOneToOne,
+            "needs a convex secondary",
+        ),
+        (
+            replace(TELECENTRIC, secondary=Secondary(Paraboloid(60.0, 13.0), 90.0, 8.0)),
+            SelfObstruction,
+            "cuts off",
+        ),
+        (
+            with_secondary(Sphere(15.6, 15.55)),
+            SelfObstruction,
+            "as the secondary, the mirror hides itself",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_refused(sensor, error, message):
@@ -279,8 +346,14 @@ def test_a_picture_of_two_mirrors_reads_the_right_way_round():
     of the fold."""
     room = om.Room(texel_mm=40.0)
     small = replace(UNFOLDED.imager, width_px=128, height_px=128, pixel_pitch_um=41.6)
-    assert (UNFOLDED.mount.camera_looks, FOLDED.mount.camera_looks) == ("up", "down")  # both mirrors face down
-    one, two = (om.take_picture(replace(s, imager=small), room, samples=1).astype(int) for s in (UNFOLDED, FOLDED))
+    assert (UNFOLDED.mount.camera_looks, FOLDED.mount.camera_looks) == (
+        "up",
+        "down",
+    )  # both mirrors face down
+    one, two = (
+        om.take_picture(replace(s, imager=small), room, samples=1).astype(int)
+        for s in (UNFOLDED, FOLDED)
+    )
     seen = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12
     assert np.mean(np.abs(one[:, ::-1] - two)[seen]) < 0.5
     assert np.mean(np.abs(one - two)[seen]) > 10

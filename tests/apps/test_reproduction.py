@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnimirror.apps.reproduction import ALL_FIGURES, _claims, all_claims, check, draw_figures, reproduce_paper
+from omnimirror.apps.reproduction import (
+    ALL_FIGURES,
+    _claims,
+    all_claims,
+    check,
+    draw_figures,
+    reproduce_paper,
+)
 from omnimirror.apps.reproduction._claims import (
     AS_INTERPRETED,
     ASSUMED,
@@ -34,14 +41,19 @@ def rows():
 
 
 def test_every_verdict_is_the_expected_one(rows):
-    assert [f"{r.title}: {r.verdict}, computed {r.computed}" for r in rows if not r.as_expected] == []
+    assert [
+        f"{r.title}: {r.verdict}, computed {r.computed}" for r in rows if not r.as_expected
+    ] == []
 
 
 def test_statements_that_are_right_are_not_errata(rows):
     """Erratum numbers are stable: 4, 6, 10, 14 to 16, 18 and 20 are remarks without a row."""
     errata = {r.claim.erratum for r in rows if r.verdict.startswith("erratum")}
     assert errata == {1, 2, 3, 5, 7, 8, 9, 11, 12, 13, 17, 19}
-    assert [r.claim.quantity for r in rows if r.verdict == NOT_REPRODUCED] == ["E-DI: best L0", "SVP: best L0"]
+    assert [r.claim.quantity for r in rows if r.verdict == NOT_REPRODUCED] == [
+        "E-DI: best L0",
+        "SVP: best L0",
+    ]
     assert [r.claim.quantity for r in rows if r.verdict == ASSUMED] == [
         "SVP: L0 that focuses the peripheral area",
         "hyperboloidal prototype: largest field angle at 60 mm diameter",
@@ -50,7 +62,13 @@ def test_statements_that_are_right_are_not_errata(rows):
 
 @pytest.mark.parametrize(
     ("text", "value", "tolerance"),
-    [("13.7", 13.7, 0.05), ("3.550", 3.55, 5e-4), ("6412", 6412, 0.5), ("180", 180, 5), ("-0.01", -0.01, 5e-3)],
+    [
+        ("13.7", 13.7, 0.05),
+        ("3.550", 3.55, 5e-4),
+        ("6412", 6412, 0.5),
+        ("180", 180, 5),
+        ("-0.01", -0.01, 5e-3),
+    ],
 )
 def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
     assert printed_number(text) == pytest.approx((value, tolerance), rel=1e-12)
@@ -60,7 +78,11 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
     ("claim", "agreeing", "differing"),
     [
         (_claims.Claim("", "", "", float, "1", 1.0), [1.0], [1.0 + 1e-9, 1.0 - 1e-9, np.inf]),
-        (_claims.printed("", "", "", "13.7", float), [13.65, 13.7, 13.75], [13.6499, 13.7501, -13.7]),
+        (
+            _claims.printed("", "", "", "13.7", float),
+            [13.65, 13.7, 13.75],
+            [13.6499, 13.7501, -13.7],
+        ),
         (_claims.worded("", "", "", "constant", 2.0, float), [1.95, 2.05], [1.949, 2.051]),
         (_claims.worded("", "", "", "proportional", 200.0, float), [195.0, 205.0], [194.9, 205.1]),
         (_claims.worded("", "", "", "almost", 10.0, float), [8.5, 11.5], [8.49, 11.51]),
@@ -68,7 +90,11 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
         (_claims.ordered("", "", "", ">=", 3.0, float), [3.0, 9.0], [3.0 - 1e-9, -3.0]),
         (_claims.identity("", "", "", float), [1.0, 1 + 9e-10], [1 + 2e-9, 0.0]),
         (_claims.zero("", "", "", float), [0.0, -9e-10], [2e-9, -2e-9]),
-        (_claims.formula("", "", "", -50.0, float), [-50.0, -50.0049, -49.9951], [-50.0051, -49.9949, 50.0]),
+        (
+            _claims.formula("", "", "", -50.0, float),
+            [-50.0, -50.0049, -49.9951],
+            [-50.0051, -49.9949, 50.0],
+        ),
         (_claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
     ],
 )
@@ -112,7 +138,9 @@ def test_every_row_has_place_quantity_and_method(rows):
 @pytest.mark.parametrize("claim", all_claims(), ids=lambda c: c.quantity)
 def test_a_wrong_value_loses_its_verdict(claim):
     value = claim.target if claim.target is not None else float(claim.correct)
-    wrong = {"<=": value + 10.0, ">=": value - 10.0, "=": value + 3 * claim.tolerance + 0.02}[claim.relation]
+    wrong = {"<=": value + 10.0, ">=": value - 10.0, "=": value + 3 * claim.tolerance + 0.02}[
+        claim.relation
+    ]
     if claim.correct is not None and claim.relation == "=":
         wrong = max(value, float(claim.correct)) + 3 * claim.tolerance + 0.02
     assert claim.verdict(wrong) != claim.expected
@@ -142,7 +170,9 @@ def test_files_hold_every_row(rows, tmp_path):
         table = list(csv.DictReader(file))
     assert tuple(table[0]) == HEADINGS
     assert [t["verdict"] for t in table] == [r.verdict for r in rows]
-    assert [float(t["computed"]) for t in table] == pytest.approx([r.computed for r in rows], rel=1e-11, abs=1e-12)
+    assert [float(t["computed"]) for t in table] == pytest.approx(
+        [r.computed for r in rows], rel=1e-11, abs=1e-12
+    )
     assert all(t["interpretation"] for t in table if t["verdict"] == AS_INTERPRETED)
     text = (tmp_path / "numbers.md").read_text(encoding="utf-8")
     assert len(re.findall(r"^\| \d", text, flags=re.M)) == len(rows)
@@ -194,9 +224,15 @@ def test_diagrams_are_drawn_to_scale(tmp_path):
         slope = float(sensor.mirror.slope(ray.x))
         normal = np.array([slope, -1.0]) / np.hypot(slope, 1.0)
         to_lens /= np.linalg.norm(to_lens)
-        np.testing.assert_allclose(2 * (to_lens @ normal) * normal - to_lens, ray.towards, atol=1e-9)
+        np.testing.assert_allclose(
+            2 * (to_lens @ normal) * normal - to_lens, ray.towards, atol=1e-9
+        )
     (file,) = draw_figures(tmp_path, ["fig18"], formats=["svg"])
     assert "image sensor" in file.read_text(encoding="utf-8")
-    spot = next(line for line in sensor_diagrams.blur_geometry().axes[0].lines if line.get_linewidth() == 3.5)
+    spot = next(
+        line
+        for line in sensor_diagrams.blur_geometry().axes[0].lines
+        if line.get_linewidth() == 3.5
+    )
     f, D, L0, L = 1.0, 1.1, 3.2, 6.0
     assert np.ptp(spot.get_ydata()) == pytest.approx(f * D * (L - L0) / ((L0 - f) * L))

@@ -148,7 +148,11 @@ def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
     for name, most, reason in [
         (tmp_path / "pipe", 5, "pipe or a device"),
         ("/dev/zero", 5, "pipe or a device"),
-        (tmp_path / "huge", LARGEST_TEXT, r"must not be larger than 64 MB; got 1048576 MB; reduce or split it"),
+        (
+            tmp_path / "huge",
+            LARGEST_TEXT,
+            r"must not be larger than 64 MB; got 1048576 MB; reduce or split it",
+        ),
         (tmp_path / "fits", 4, "larger"),
         (tmp_path, 5, "it is a folder"),
         ("a\0b", 5, "no file can have that name"),
@@ -161,7 +165,9 @@ def test_text_is_read_as_it_was_meant(tmp_path):
     (tmp_path / "dos.txt").write_bytes(b"\xef\xbb\xbfone\r\ntwo\r")
     assert read_text(tmp_path / "dos.txt", "table") == "one\ntwo\n"
     (tmp_path / "latin.txt").write_bytes(b"caf\xe9")
-    with pytest.raises(OmnimirrorError, match=r"cannot read the table .*latin\.txt: it is not a text file"):
+    with pytest.raises(
+        OmnimirrorError, match=r"cannot read the table .*latin\.txt: it is not a text file"
+    ):
         read_text(tmp_path / "latin.txt", "table")
     with pytest.raises(OmnimirrorError, match=r"cannot read the table .*none\.txt: No such file"):
         read_text(tmp_path / "none.txt", "table")
@@ -191,7 +197,9 @@ def test_the_declared_content_of_an_archive_is_limited(tmp_path):
         for name in ("one", "two"):
             archive.writestr(name, bytes(1 << 20))
     check_file(tmp_path / "a.x3p", 1 << 14, 2 << 20)
-    with pytest.raises(OSError, match="its content must not be larger than 1 MB; got 2 MB; reduce or split it"):
+    with pytest.raises(
+        OSError, match="its content must not be larger than 1 MB; got 2 MB; reduce or split it"
+    ):
         check_file(tmp_path / "a.x3p", 1 << 14, (2 << 20) - 1)
     data = bytearray((tmp_path / "a.x3p").read_bytes())
     data[data.index(b"PK\x01\x02")] = 0
@@ -242,9 +250,15 @@ def test_nesting_is_limited_to_32_levels(kind):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a: &x [1, 2]\nb: *x\n", r"a.yaml line 2: references \(\*x\) are not read; write the value out"),
+        (
+            "a: &x [1, 2]\nb: *x\n",
+            r"a.yaml line 2: references \(\*x\) are not read; write the value out",
+        ),
         ("[" + "1," * 100_000 + "1]", "a.yaml must not hold more than 100000 values; got more"),
-        ("a: " + "x" * (5 << 20), "a.yaml must not be larger than 4 MB; got 6 MB; reduce or split it"),
+        (
+            "a: " + "x" * (5 << 20),
+            "a.yaml must not be larger than 4 MB; got 6 MB; reduce or split it",
+        ),
         ("a: [1, 2\n", "a.yaml line 2 is not valid YAML"),
         ("a: \x01\n", "a.yaml is not valid YAML"),
     ],
@@ -276,7 +290,9 @@ def test_toml_has_limits(text, sentence):
 
 
 def test_toml_within_the_limits_is_read():
-    text = "a = [-9223372036854775808, 9223372036854775807]\nb = '" + "c." * 99 + "'\n# " + "d." * 99
+    text = (
+        "a = [-9223372036854775808, 9223372036854775807]\nb = '" + "c." * 99 + "'\n# " + "d." * 99
+    )
     assert parse_toml(text, "a.toml") == {"a": [-(2**63), 2**63 - 1], "b": "c." * 99}
 
 
@@ -299,7 +315,9 @@ def test_no_command_waits_for_a_pipe_or_reads_without_end(kind, tmp_path):
             link.symlink_to(endless)
         return str(link)
 
-    (tmp_path / "s.toml").write_text(f'[mirror]\nkind = "sampled"\nprofile_csv = "{endless}"\n[lens]\n[imager]\n')
+    (tmp_path / "s.toml").write_text(
+        f'[mirror]\nkind = "sampled"\nprofile_csv = "{endless}"\n[lens]\n[imager]\n'
+    )
     (tmp_path / "w.toml").write_text(
         f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{endless}"\nrim_radius_mm = 40\n'
         "[lens]\ntheta_max_deg = 12\n"
@@ -393,7 +411,8 @@ def test_pipes_and_devices_are_written_through(tmp_path):
 @pytest.mark.parametrize("name", ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
 def test_standard_output_goes_on_where_it_stands(name, tmp_path):
     script = (
-        f"from omnimirror.base.files import write_text; print('before'); write_text({name!r}, 'rows'); print('after')"
+        "from omnimirror.base.files import write_text; "
+        f"print('before'); write_text({name!r}, 'rows'); print('after')"
     )
     with (tmp_path / "log").open("w") as log:
         log.write("earlier ")
@@ -418,7 +437,12 @@ def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_pat
         assert run.returncode == -signal.SIGKILL
     left = {p.name for p in tmp_path.iterdir()}
     assert len(left) == 2
-    theirs = [".out-abcdefgh.mp4", ".out.omnimirror-abcdefgh.mp4.bak", ".out.omnimirror-abcdefgh.mov", "out.mov"]
+    theirs = [
+        ".out-abcdefgh.mp4",
+        ".out.omnimirror-abcdefgh.mp4.bak",
+        ".out.omnimirror-abcdefgh.mov",
+        "out.mov",
+    ]
     for name in theirs:
         (tmp_path / name).write_text("precious")
     with replacing(output) as living:
@@ -432,7 +456,10 @@ def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_pat
 
 def test_leftovers_of_other_owners_stay(tmp_path, monkeypatch):
     output = tmp_path / "out.mp4"
-    assert subprocess.run([sys.executable, "-c", KILLED, output], check=False).returncode == -signal.SIGKILL
+    assert (
+        subprocess.run([sys.executable, "-c", KILLED, output], check=False).returncode
+        == -signal.SIGKILL
+    )
     (left,) = tmp_path.iterdir()
     user = os.geteuid()
     with monkeypatch.context() as patch:

@@ -33,7 +33,9 @@ NAME = "from omnimirror.base.native import backend; print(backend.name)"
 
 def name_told(choice: str) -> tuple[str, str]:
     environment = {**os.environ, "OMNIMIRROR_NATIVE": choice}
-    run = subprocess.run([sys.executable, "-c", NAME], env=environment, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", NAME], env=environment, capture_output=True, text=True, check=True
+    )
     return run.stdout.strip(), run.stderr
 
 
@@ -67,7 +69,9 @@ def test_what_is_missing_is_said_once(monkeypatch, caplog):
 
 
 def test_kernels_of_another_version_are_left_alone(monkeypatch, caplog):
-    monkeypatch.setitem(sys.modules, "omnimirror.base._native", SimpleNamespace(INTERFACE=INTERFACE - 1))
+    monkeypatch.setitem(
+        sys.modules, "omnimirror.base._native", SimpleNamespace(INTERFACE=INTERFACE - 1)
+    )
     monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
     with caplog.at_level(logging.WARNING, "omnimirror"):
         assert not Backend().is_compiled
@@ -76,11 +80,15 @@ def test_kernels_of_another_version_are_left_alone(monkeypatch, caplog):
 
 def test_the_number_of_threads_is_checked():
     for count in (0, -1, 1025):
-        with pytest.raises(InvalidParameter, match=f"{count} threads are not valid; valid are 1 to 1024"):
+        with pytest.raises(
+            InvalidParameter, match=f"{count} threads are not valid; valid are 1 to 1024"
+        ):
             backend.set_threads(count)
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here")
+@pytest.mark.skipif(
+    not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here"
+)
 def test_as_many_threads_as_the_process_may_use_cores():
     """A process with affinity to one core, as by taskset, starts no second thread that would wait
     for the first."""
@@ -94,7 +102,13 @@ def test_as_many_threads_as_the_process_may_use_cores():
 
 @pytest.mark.parametrize(
     ("said", "least"),
-    [("max 100000\n", 10**6), ("150000 100000\n", 2), ("20000 100000\n", 1), ("", 10**6), ("0 0", 10**6)],
+    [
+        ("max 100000\n", 10**6),
+        ("150000 100000\n", 2),
+        ("20000 100000\n", 1),
+        ("", 10**6),
+        ("0 0", 10**6),
+    ],
 )
 def test_no_more_than_the_container_may_use(monkeypatch, tmp_path, said, least):
     monkeypatch.setattr(native, "QUOTA", tmp_path / "cpu.max")
@@ -112,14 +126,24 @@ needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is 
 @needs_compiled
 @pytest.mark.parametrize("seed", few(range(8), 0))
 def test_hostile_arguments_crash_nothing(seed):
-    command = [sys.executable, "-m", "tests.fuzz.native_arguments", "--calls", "1500", "--seed", str(seed)]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.fuzz.native_arguments",
+        "--calls",
+        "1500",
+        "--seed",
+        str(seed),
+    ]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
     assert run.returncode == 0, run.stdout + run.stderr
     assert all(" 0 answered" not in line for line in run.stdout.splitlines())  # passed the checks
 
 
 @needs_compiled
-@pytest.mark.parametrize("name", sorted(dict(functions_of(backend.module))) if backend.is_compiled else [])
+@pytest.mark.parametrize(
+    "name", sorted(dict(functions_of(backend.module))) if backend.is_compiled else []
+)
 def test_every_array_is_checked(name):
     """All bindings reject misaligned arrays and arrays with another number of axes."""
     function = dict(functions_of(backend.module))[name]
@@ -127,7 +151,11 @@ def test_every_array_is_checked(name):
 
     def made():
         bound_and_arguments = getattr(recipes, name.replace(".", "_"))()
-        return bound_and_arguments if isinstance(bound_and_arguments, tuple) else (None, bound_and_arguments)
+        return (
+            bound_and_arguments
+            if isinstance(bound_and_arguments, tuple)
+            else (None, bound_and_arguments)
+        )
 
     for argument, value in made()[1].items():
         places = range(len(value)) if isinstance(value, tuple) else (None,)
@@ -135,7 +163,10 @@ def test_every_array_is_checked(name):
             bound, arguments = made()
             value = arguments[argument]
             array = value if place is None else value[place]
-            is_unused = (name, argument) == ("PackedMap.sample", "coordinates") and "averages" not in arguments
+            is_unused = (name, argument) == (
+                "PackedMap.sample",
+                "coordinates",
+            ) and "averages" not in arguments
             is_unused |= argument == "walls" and arguments["wall"][0] == 0
             if not isinstance(array, np.ndarray) or array.size == 0 or is_unused:
                 continue
@@ -192,7 +223,9 @@ def test_tasks_without_memory_raise(first, threads):
     """Failure in running threads, in threads that cannot be started, and without threads; the state
     is restored afterwards."""
     script = SCARCE.replace("{first}", str(first)).replace("{threads}", str(threads))
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280)
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280
+    )
     assert (run.returncode, run.stdout.split()) == (0, ["5", "True"]), run.stderr
 
 
@@ -208,15 +241,19 @@ SHARED = {
         name: getattr(radial_table, name) for name in ("SLACK", "CLOSE", "GAP", "MOST_STEPS")
     },
     "designs/designs.hpp": {
-        "DESIGN_COLUMNS": len(evaluate.BATCH_COLUMNS), "DESIGN_NUMBERS": len(evaluate._NUMBERS),
+        "DESIGN_COLUMNS": len(evaluate.BATCH_COLUMNS),
+        "DESIGN_NUMBERS": len(evaluate._NUMBERS),
     },
     "designs/workspace.hpp": {"DEGREE": np.pi / 180},
     "designs/focus.hpp": {"HOPE": best_focus.HOPE},
     "exposure/packets.hpp": {"BESIDE": surfaces.BESIDE},
     "exposure/exposure.hpp": {
-        "LOST": pixel_rays.LOST, "REFLECTED": pixel_rays.REFLECTED, "DIRECT": pixel_rays.DIRECT, "HIDDEN": pixel_rays.HIDDEN,
+        "LOST": pixel_rays.LOST,
+        "REFLECTED": pixel_rays.REFLECTED,
+        "DIRECT": pixel_rays.DIRECT,
+        "HIDDEN": pixel_rays.HIDDEN,
     },
-}  # fmt: skip
+}
 
 
 def constants_of(text: str) -> dict[str, float]:

@@ -44,7 +44,8 @@ def test_a_curved_minimax_problem_of_the_textbooks():
     def values(y):
         a, b = y
         return ObjectiveValues(
-            np.array([a**2 + b**4, (2 - a) ** 2 + (2 - b) ** 2, 2 * np.exp(b - a)]), np.full(1, -1.0)
+            np.array([a**2 + b**4, (2 - a) ** 2 + (2 - b) ** 2, 2 * np.exp(b - a)]),
+            np.full(1, -1.0),
         )
 
     def rows(y):
@@ -63,7 +64,9 @@ def test_a_spread_counts_from_a_free_level():
     x = np.linspace(0, 1, 201)
     found = solve_minimax(
         lambda y: ObjectiveValues(np.exp(x) - y[0] * x, np.full(1, -1.0)),
-        lambda y: LinearisedValues(np.exp(x) - y[0] * x, np.full(1, -1.0), -x[:, None], np.zeros((1, 1))),
+        lambda y: LinearisedValues(
+            np.exp(x) - y[0] * x, np.full(1, -1.0), -x[:, None], np.zeros((1, 1))
+        ),
         np.zeros(1),
         bounds(1),
         is_spread=True,
@@ -92,11 +95,15 @@ def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
 
 def test_a_mean_is_the_least_where_its_derivative_vanishes():
     def values(y):
-        return ObjectiveValues(np.array([np.cosh(y[0] - 0.7) + (y[1] - y[0] ** 2) ** 2]), np.full(1, -1.0))
+        return ObjectiveValues(
+            np.array([np.cosh(y[0] - 0.7) + (y[1] - y[0] ** 2) ** 2]), np.full(1, -1.0)
+        )
 
     def rows(y):
         r = y[1] - y[0] ** 2
-        return LinearisedValues(*values(y), np.array([[np.sinh(y[0] - 0.7) - 4 * y[0] * r, 2 * r]]), np.zeros((1, 2)))
+        return LinearisedValues(
+            *values(y), np.array([[np.sinh(y[0] - 0.7) - 4 * y[0] * r, 2 * r]]), np.zeros((1, 2))
+        )
 
     found = minimise_mean(values, rows, np.array([2.0, -1.0]), bounds(2))
     np.testing.assert_allclose(found.y, [0.7, 0.49], atol=1e-4)
@@ -122,7 +129,9 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
         handed.clear()
         step, foretold = _trust_region_step(linear, np.zeros(dim), bounds(dim), trust, is_spread)
         assert max(handed) <= len(x) / 40
-        least, largest, broken = (np.tile(unknown, (len(x), 1)) for unknown in np.eye(3))  # inactive next to the step
+        least, largest, broken = (
+            np.tile(unknown, (len(x), 1)) for unknown in np.eye(3)
+        )  # inactive next to the step
         A = np.vstack([np.hstack([J, -largest]), np.hstack([-J, least]), np.hstack([K, -broken])])
         keep = np.ones(3 * len(x), dtype=bool)
         keep[len(x) : 2 * len(x)] = is_spread
@@ -145,10 +154,15 @@ def test_straight_functions_take_one_evaluation_a_step(most_steps):
 
     def rows(y):
         return LinearisedValues(
-            np.array([y[0] - 3, 3 - y[0]]), np.full(1, -1.0), np.array([[1.0], [-1.0]]), np.zeros((1, 1))
+            np.array([y[0] - 3, 3 - y[0]]),
+            np.full(1, -1.0),
+            np.array([[1.0], [-1.0]]),
+            np.zeros((1, 1)),
         )
 
-    found = solve_minimax(values, rows, np.zeros(1), bounds(1), most_steps=most_steps, on_step=told.append)
+    found = solve_minimax(
+        values, rows, np.zeros(1), bounds(1), most_steps=most_steps, on_step=told.append
+    )
     path = np.minimum(np.cumsum([0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]), 3.0)[: most_steps + 1]
     np.testing.assert_allclose(evaluated, path, atol=1e-9)
     np.testing.assert_allclose(found.history, 3 - path, atol=1e-9)

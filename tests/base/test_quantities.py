@@ -19,10 +19,19 @@ from tests.conftest import sensor_of
 
 DOCS = Path(__file__).parents[2] / "docs"
 UNITS = {
-    "cycles_per_px": "cycles/px", "lp_per_mm": "lp/mm", "px_per_deg": "px/deg", "mm_per_px": "mm/px",
-    "deg2": "deg²", "px2": "px²",
-    "deg": "deg", "px": "px", "mm": "mm", "percent": "%", "sr": "sr", "g": "g",
-}  # fmt: skip
+    "cycles_per_px": "cycles/px",
+    "lp_per_mm": "lp/mm",
+    "px_per_deg": "px/deg",
+    "mm_per_px": "mm/px",
+    "deg2": "deg²",
+    "px2": "px²",
+    "deg": "deg",
+    "px": "px",
+    "mm": "mm",
+    "percent": "%",
+    "sr": "sr",
+    "g": "g",
+}
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
@@ -37,7 +46,12 @@ def test_a_name_ends_with_its_unit(name):
 def test_no_two_quantities_are_explained_alike():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
-    per_angle = (quantities.PER_ANGLE, quantities.OF_BOTH_SIDES, quantities.OF_LENS, quantities.OF_A_CALIBRATION)
+    per_angle = (
+        quantities.PER_ANGLE,
+        quantities.OF_BOTH_SIDES,
+        quantities.OF_LENS,
+        quantities.OF_A_CALIBRATION,
+    )
     of_sensors = (quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OF_BUILT_SENSORS)
     groups = (*per_angle, *of_sensors, quantities.OVER_THE_FIELD)
     assert sum(map(len, groups)) == len(QUANTITIES)
@@ -47,14 +61,17 @@ def test_the_columns_are_those_of_an_evaluation():
     import omnimirror as om
 
     result = om.evaluate(sensor_of("hyperboloid"), [20.0, 60.0])
-    arrays = [name for name in Evaluation.__annotations__ if isinstance(getattr(result, name), np.ndarray)]
+    arrays = [
+        name for name in Evaluation.__annotations__ if isinstance(getattr(result, name), np.ndarray)
+    ]
     assert arrays == [q.name for q in quantities.PER_ANGLE]
     assert all(f"{name} : (n,)" in Evaluation.__doc__ for name in arrays)
 
 
 def test_a_head_is_the_short_one_where_there_is_one():
     assert all(
-        quantity.heading == (quantity.head if quantity.head else quantity.symbol) for quantity in QUANTITIES.values()
+        quantity.heading == (quantity.head if quantity.head else quantity.symbol)
+        for quantity in QUANTITIES.values()
     )
     assert {bool(quantity.head) for quantity in QUANTITIES.values()} == {True, False}
 
@@ -77,7 +94,9 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
     shared = set(DESIGN_MERITS) & set(COMPARED)
     assert len(shared) >= 5
     for name in shared:
-        assert DESIGN_MERITS[name].value(field) == pytest.approx(table[name].values[0], rel=1e-9), name
+        assert DESIGN_MERITS[name].value(field) == pytest.approx(table[name].values[0], rel=1e-9), (
+            name
+        )
     for name in set(LIMITABLE) & set(COMPARED):
         low, high = (LIMITABLE[name].extreme(field, largest)[0] for largest in (False, True))
         assert low == pytest.approx(high), name  # one number for the whole field
@@ -85,7 +104,9 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
     for name in set(FOCUS_MERITS) & set(DESIGN_MERITS) - {"mean_floored_area_deg2"}:
         best = om.best_focus(sensor, name, omega_deg=angles)
         there = om.evaluate(sensor, angles, focus_mm=best.focus_mm)
-        assert DESIGN_MERITS[name].value(values_of_evaluation(there)) == pytest.approx(best.value, rel=1e-9), name
+        assert DESIGN_MERITS[name].value(values_of_evaluation(there)) == pytest.approx(
+            best.value, rel=1e-9
+        ), name
 
 
 @pytest.mark.parametrize(
@@ -101,4 +122,8 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
 def test_the_pages_name_every_quantity(page, names):
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
     shortened = "`image_t_x_mm` .. `image_s_z_mm`"
-    assert [n for n in names if f"`{n}`" not in text and not (n.startswith("image_") and shortened in text)] == []
+    assert [
+        n
+        for n in names
+        if f"`{n}`" not in text and not (n.startswith("image_") and shortened in text)
+    ] == []

@@ -19,7 +19,9 @@ from tests.everyday import few
 SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"
 needs_sample = pytest.mark.skipif(not SAMPLE.exists(), reason=f"no sample files at {SAMPLE}")
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
-MIRROR = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5))
+MIRROR = OCam(
+    (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+)
 FISHEYE = OCam((-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9), (505.5, 381.8), SIZE, optics="fisheye")
 SENSOR = om.load_sensor("paper-spherical")
 FITTED = [
@@ -41,7 +43,9 @@ def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=4
     else:
         along = np.sum(origins * directions, axis=1)
         s = np.sqrt(distance_mm**2 - np.sum(origins**2, axis=1) + along**2) - along
-        found = other.project(origins + s[:, None] * directions - camera.mount.rotation() @ viewpoint_mm)
+        found = other.project(
+            origins + s[:, None] * directions - camera.mount.rotation() @ viewpoint_mm
+        )
     error = np.hypot(*(found.pixels - pixels[valid]).T)
     return error[found.valid], found.valid.mean()
 
@@ -51,7 +55,12 @@ def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=4
 def test_ocamcalibs_own_files_come_back_from_every_format_that_holds_them(tmp_path, name, optics):
     source = SAMPLE / f"calib_results_{name}.txt"
     camera = om.load_ocam(source, optics)
-    for to, file in (("ocamcalib", "a.txt"), ("py-ocamcalib", "a.json"), ("matlab", "a.m"), ("camera", "a.toml")):
+    for to, file in (
+        ("ocamcalib", "a.txt"),
+        ("py-ocamcalib", "a.json"),
+        ("matlab", "a.m"),
+        ("camera", "a.toml"),
+    ):
         made = om.convert(source, tmp_path / file, to=to, optics=optics)
         assert made.exact
         back = om.convert(tmp_path / file, tmp_path / "back.txt", to="ocamcalib", optics=optics)
@@ -88,7 +97,9 @@ def test_a_model_that_is_another_in_disguise_is_found(tmp_path):
     camera = Unified(1.0, (200.0, 200.0), (511.5, 383.5), SIZE)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
     assert made.largest_px < 1e-6
-    np.testing.assert_allclose(made.camera.polynomial[:3], [-100.0, 0.0, 1 / 400], rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        made.camera.polynomial[:3], [-100.0, 0.0, 1 / 400], rtol=1e-7, atol=1e-12
+    )
 
 
 def test_a_skewed_picture_keeps_its_directions(tmp_path):
@@ -101,7 +112,8 @@ def test_a_skewed_picture_keeps_its_directions(tmp_path):
 
 def test_without_a_tolerance_it_is_refused_and_says_what_it_would_cost(tmp_path):
     with pytest.raises(
-        InvalidParameter, match=r"opencv-omnidir holds .*, and this camera is ocam; .* px off \(rms\)"
+        InvalidParameter,
+        match=r"opencv-omnidir holds .*, and this camera is ocam; .* px off \(rms\)",
     ) as e:
         convert(MIRROR, tmp_path / "a.yaml", to="opencv-omnidir")
     largest = float(re.search(r"at most ([\d.]+) px", str(e.value))[1])
@@ -109,7 +121,9 @@ def test_without_a_tolerance_it_is_refused_and_says_what_it_would_cost(tmp_path)
     with pytest.raises(InvalidParameter, match=r"more than tolerance_px"):
         convert(MIRROR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=largest * 0.98)
     assert (
-        convert(MIRROR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=largest * 1.02).largest_px
+        convert(
+            MIRROR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=largest * 1.02
+        ).largest_px
         <= largest * 1.02
     )
 
@@ -117,15 +131,21 @@ def test_without_a_tolerance_it_is_refused_and_says_what_it_would_cost(tmp_path)
 def test_a_pinhole_holds_no_field_of_90_deg(tmp_path):
     with pytest.raises(InvalidParameter, match=r"plumb_bob.* 90 deg.*field_deg"):
         convert(MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=100.0)
-    made = convert(MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=1.0, field_deg=60.0)
+    made = convert(
+        MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=1.0, field_deg=60.0
+    )
     assert made.largest_px < 1.0
 
 
 def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
-    mirror = KannalaBrandt(F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0)
+    mirror = KannalaBrandt(
+        F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0
+    )
     best = convert(mirror, tmp_path / "camchain.yaml", tolerance_px=5.0)
-    costs = {to: convert(mirror, tmp_path / "b.yaml", to=f"kalibr-{to}", tolerance_px=50.0).largest_px
-             for to in ("omni", "eucm", "ds", "equi")}  # fmt: skip
+    costs = {
+        to: convert(mirror, tmp_path / "b.yaml", to=f"kalibr-{to}", tolerance_px=50.0).largest_px
+        for to in ("omni", "eucm", "ds", "equi")
+    }
     assert best.largest_px == min(cost for to, cost in costs.items() if to != "equi")
     assert costs["equi"] < best.largest_px  # more accurate, but limited to 90 deg
     exact = convert(KannalaBrandt(F, C, SIZE, 0.02, optics="fisheye"), tmp_path / "camchain.yaml")
@@ -133,7 +153,11 @@ def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "to", ["ocamcalib", *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds"))]
+    "to",
+    [
+        "ocamcalib",
+        *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds")),
+    ],
 )
 def test_a_sensor_without_a_viewpoint_costs_by_distance(tmp_path, to):
     """Real rays of the sensor at each distance, against the single viewpoint of the file."""
@@ -162,12 +186,18 @@ def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
 def test_a_panorama_is_of_a_sphere_of_ours_and_costs_by_distance(tmp_path):
     """COLMAP's formula for the pixels of the panorama; and real rays of a near point against those
     of the panorama."""
-    made = convert(SENSOR, tmp_path / "cameras.txt", to="colmap-equirectangular", distance_mm=(800.0, np.inf))
-    _, model, width, height, *numbers = (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
+    made = convert(
+        SENSOR, tmp_path / "cameras.txt", to="colmap-equirectangular", distance_mm=(800.0, np.inf)
+    )
+    _, model, width, height, *numbers = (
+        (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
+    )
     assert (model, float(width), float(height)) == ("EQUIRECTANGULAR", *map(float, numbers))
     sphere = om.views.sphere(SENSOR)
     assert sphere.size == (int(width), int(height))
-    u, v = np.random.default_rng(1).uniform(0, 1, (2, 200)) * np.array([[sphere.size[0] - 1], [sphere.size[1] - 1]])
+    u, v = np.random.default_rng(1).uniform(0, 1, (2, 200)) * np.array(
+        [[sphere.size[0] - 1], [sphere.size[1] - 1]]
+    )
     x, y, z = sphere.targets_at(u, v).T
     right, down, ahead = -y, -z, x
     theta, phi = np.arctan2(right, ahead), np.arctan2(-down, np.hypot(right, ahead))
@@ -192,9 +222,15 @@ def test_the_note_says_which_way_the_frame_is_handed(tmp_path):
     assert any("left-handed" in note for note in plain.notes)
     flipped = convert(MIRROR, tmp_path / "b.json", to="py-ocamcalib", flip=True)
     assert not any("left-handed; flip" in note for note in flipped.notes)
-    assert not any("left-handed" in n for n in convert(FISHEYE, tmp_path / "c.json", to="py-ocamcalib").notes)
+    assert not any(
+        "left-handed" in n for n in convert(FISHEYE, tmp_path / "c.json", to="py-ocamcalib").notes
+    )
     back = convert(
-        tmp_path / "b.json", tmp_path / "d.json", to="py-ocamcalib", flip=True, mount=Mount(image_flipped=True)
+        tmp_path / "b.json",
+        tmp_path / "d.json",
+        to="py-ocamcalib",
+        flip=True,
+        mount=Mount(image_flipped=True),
     )
     a, d = (om.convert(tmp_path / n, tmp_path / "x.toml").camera for n in ("a.json", "d.json"))
     assert back.camera.is_picture_reversed
@@ -202,7 +238,9 @@ def test_the_note_says_which_way_the_frame_is_handed(tmp_path):
 
 
 @pytest.mark.parametrize(("flip", "handed"), [(False, -1), (True, 1)])
-def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(tmp_path, flip, handed):
+def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(
+    tmp_path, flip, handed
+):
     """Three world directions, right-handed, as located in the image by a program without mirror
     models."""
     made = convert(MIRROR, tmp_path / "a.json", to="py-ocamcalib", flip=flip)
@@ -220,7 +258,10 @@ def test_a_rig_gives_the_camera_that_is_asked_for(tmp_path):
         convert(camera, tmp_path / f"{i}.yaml", to="kalibr")
     second = (tmp_path / "1.yaml").read_text().replace("cam0", "cam1")
     (tmp_path / "rig.yaml").write_text((tmp_path / "0.yaml").read_text() + second)
-    kinds = [convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=c).camera.KIND for c in (0, 1, "cam0", "cam1")]
+    kinds = [
+        convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=c).camera.KIND
+        for c in (0, 1, "cam0", "cam1")
+    ]
     assert kinds == ["kannala-brandt", "unified", "kannala-brandt", "unified"]
     with pytest.raises(InvalidParameter, match="has 2, from 0"):
         convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=2)
@@ -231,7 +272,11 @@ def test_a_rig_gives_the_camera_that_is_asked_for(tmp_path):
 CHAIN, OMNI, COLMAP, JSON = "camchain.yaml", "a.yaml", "cameras.txt", "a.json"
 MATRIX = "camera_matrix:\n  data: [9,0,2,0,9,2,0,0,1]\n"
 WRONG = [
-    (CHAIN, "cam0:\n  camera_model: fish\n", r"line 2: cam0.camera_model = 'fish' is not known; valid are omni"),
+    (
+        CHAIN,
+        "cam0:\n  camera_model: fish\n",
+        r"line 2: cam0.camera_model = 'fish' is not known; valid are omni",
+    ),
     (
         CHAIN,
         "cam0:\n  camera_model: ds\n  intrinsics: [1, 2]\n  resolution: [4, 4]\n",
@@ -244,19 +289,43 @@ WRONG = [
         "camera_matrix:\n  rows: 3\n  data: [1, 2]\nxi: 1\n",
         r"line 3: camera_matrix.data has 2 numbers; it is .* 9",
     ),
-    (OMNI, MATRIX + "xi: x\ndistortion_coefficients: [0,0,0,0]\n", r"line 3: xi = 'x' is not valid"),
-    (OMNI, MATRIX + "xi: 1\ndistortion_coefficients: [0,0,0,0]\n", r"does not say how large the picture is"),
-    (COLMAP, "# c\n1 EUCM 640 480 1 2\n", r"line 2: EUCM has 2 parameters; it is valid with 6: fx fy"),
+    (
+        OMNI,
+        MATRIX + "xi: x\ndistortion_coefficients: [0,0,0,0]\n",
+        r"line 3: xi = 'x' is not valid",
+    ),
+    (
+        OMNI,
+        MATRIX + "xi: 1\ndistortion_coefficients: [0,0,0,0]\n",
+        r"does not say how large the picture is",
+    ),
+    (
+        COLMAP,
+        "# c\n1 EUCM 640 480 1 2\n",
+        r"line 2: EUCM has 2 parameters; it is valid with 6: fx fy",
+    ),
     (COLMAP, "1 FISHY 640 480 1 2\n", r"not recognised"),
     (COLMAP, "1 EQUIRECTANGULAR 640 320 640 320\n", r"EQUIRECTANGULAR is a panorama"),
-    (JSON, '{"taylor_coefficient": [300, 0, -0.001],\n "distortion_center": [1, 2}', r"line 2 is not valid JSON"),
+    (
+        JSON,
+        '{"taylor_coefficient": [300, 0, -0.001],\n "distortion_center": [1, 2}',
+        r"line 2 is not valid JSON",
+    ),
     (
         JSON,
         '{"taylor_coefficient": [300, 0, -0.001], "distortion_centre": [1, 2]}',
         r"has no distortion_center, which is needed; did you mean distortion_centre",
     ),
-    ("a.m", "x = 1;\ni = fisheyeIntrinsics([1 2 3], [4 4]);", r"line 2: fisheyeIntrinsics has 2 arguments in brackets"),
-    (JSON, '{"rms_px": 0.1, "held_out_rms_px": 0.1}', r"holds the numbers of a calibration, and not its camera"),
+    (
+        "a.m",
+        "x = 1;\ni = fisheyeIntrinsics([1 2 3], [4 4]);",
+        r"line 2: fisheyeIntrinsics has 2 arguments in brackets",
+    ),
+    (
+        JSON,
+        '{"rms_px": 0.1, "held_out_rms_px": 0.1}',
+        r"holds the numbers of a calibration, and not its camera",
+    ),
     ("a.txt", "what is this", r"is not recognised as a camera file"),
 ]
 
@@ -282,8 +351,14 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
         ({"distance_mm": "far"}, "distance_mm"),
         ({"field_deg": 200.0}, "field_deg = 200"),
         ({"inner_deg": -1.0}, "inner_deg = -1"),
-        ({"inner_deg": 179.0, "tolerance_px": 1.0}, "inner_deg = 179 leaves nothing of the field, which is"),
-        ({"inner_deg": 50.0, "field_deg": 40.0}, "inner_deg = 50 with field_deg = 40 leaves nothing"),
+        (
+            {"inner_deg": 179.0, "tolerance_px": 1.0},
+            "inner_deg = 179 leaves nothing of the field, which is",
+        ),
+        (
+            {"inner_deg": 50.0, "field_deg": 40.0},
+            "inner_deg = 50 with field_deg = 40 leaves nothing",
+        ),
         ({"rim_radius_px": 0.0}, "rim_radius_px = 0"),
         ({"image_size": (3,)}, "image_size"),
     ],
@@ -336,13 +411,22 @@ def test_what_the_camera_does_not_see_in_the_middle_may_be_left_out(tmp_path):
 
 def test_a_near_distance_inside_the_sensor_is_refused(tmp_path):
     with pytest.raises(InvalidParameter, match="lies inside the camera"):
-        convert(SENSOR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=99.0, distance_mm=5.0)
+        convert(
+            SENSOR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=99.0, distance_mm=5.0
+        )
 
 
 def test_a_viewpoint_that_moves_is_told_by_distance(tmp_path):
-    camera = ViewpointSpline.like(Unified(0.95, (120.0, 120.0), (319.5, 239.5), (640, 480)), 6, 200.0)
-    values = [p.value + (3.0 if p.unit == "mm" and p.name.endswith(("5", "6")) else 0.0) for p in camera.parameters]
-    made = convert(camera.with_parameters(values), tmp_path / "a.txt", to="ocamcalib", tolerance_px=50.0)
+    camera = ViewpointSpline.like(
+        Unified(0.95, (120.0, 120.0), (319.5, 239.5), (640, 480)), 6, 200.0
+    )
+    values = [
+        p.value + (3.0 if p.unit == "mm" and p.name.endswith(("5", "6")) else 0.0)
+        for p in camera.parameters
+    ]
+    made = convert(
+        camera.with_parameters(values), tmp_path / "a.txt", to="ocamcalib", tolerance_px=50.0
+    )
     near, *_, far = made.costs
     assert (near.distance_mm, far.distance_mm) == (500.0, np.inf)
     assert near.largest_px > 0.05
@@ -354,7 +438,9 @@ def test_a_misaligned_sensor_is_converted_as_it_is(tmp_path):
     pose = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
     sensor = replace(SENSOR, mirror_pose=pose, mount=replace(SENSOR.mount, image_flipped=True))
     for camera in (sensor, om.SensorModel(sensor)):
-        made = convert(camera, tmp_path / "a.yaml", to="colmap-rad-tan-thin-prism-fisheye", tolerance_px=30.0)
+        made = convert(
+            camera, tmp_path / "a.yaml", to="colmap-rad-tan-thin-prism-fisheye", tolerance_px=30.0
+        )
         error, share = off(sensor, made.camera, 1000.0, made.viewpoint_mm, 4000)
         (told,) = (c for c in made.costs if c.distance_mm == 1000.0)
         assert error.max() <= told.largest_px * 1.1
@@ -363,7 +449,9 @@ def test_a_misaligned_sensor_is_converted_as_it_is(tmp_path):
     assert convert(om.SensorModel(sensor), tmp_path / "a.toml").target == "sensor"
 
 
-@pytest.mark.parametrize("name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"])
+@pytest.mark.parametrize(
+    "name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"]
+)
 def test_sensors_with_a_viewpoint_lose_nothing(tmp_path, name):
     made = convert(name, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.01)
     assert made.camera.looks_back == (name != "folded-hyperboloidal")

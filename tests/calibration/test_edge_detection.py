@@ -17,5 +17,8 @@ def test_a_strong_pattern_does_not_take_away_the_edges_of_a_fainter_circle():
     edges = edges_of(at_working_size(picture))
     assert len(edges.points) >= MAX_EDGES
     on_rim = np.abs(np.hypot(edges.points[:, 0] - 330.0, edges.points[:, 1] - 180.0) - 150) < 1.5
-    turn = np.degrees(np.arctan2(edges.points[on_rim, 1] - 180.0, edges.points[on_rim, 0] - 330.0)) % 360
+    turn = (
+        np.degrees(np.arctan2(edges.points[on_rim, 1] - 180.0, edges.points[on_rim, 0] - 330.0))
+        % 360
+    )
     assert len(np.unique(turn // 5)) > 65  # of 72

@@ -34,15 +34,23 @@ def test_an_unknown_mirror_is_found_that_shows_distant_things_as_the_central_mod
     assert 0 < model.viewpoint_mm[2] < 40
 
 
-@pytest.mark.parametrize("kind", few(["sphere", "hyperboloid", "even-polynomial", "slope-spline"], "hyperboloid"))
+@pytest.mark.parametrize(
+    "kind", few(["sphere", "hyperboloid", "even-polynomial", "slope-spline"], "hyperboloid")
+)
 def test_a_known_kind_of_mirror_gets_its_shape_back(kind):
     truth = sensor_of(kind)
-    change = {"slopes": tuple(0.9 * s for s in truth.mirror.slopes)} if kind == "slope-spline" else {}
-    change |= {"radius_mm": 60.0} if kind == "sphere" else {"a_mm": 45.0} if kind == "hyperboloid" else {}
+    change = (
+        {"slopes": tuple(0.9 * s for s in truth.mirror.slopes)} if kind == "slope-spline" else {}
+    )
+    change |= (
+        {"radius_mm": 60.0} if kind == "sphere" else {"a_mm": 45.0} if kind == "hyperboloid" else {}
+    )
     change |= {"coefficients": (0.5, 0.0, 0.0)} if kind == "even-polynomial" else {}
     drawn = replace(truth, mirror=replace(truth.mirror, **change))
     field = truth.field_deg[1]
-    model = om.SensorModel.start_from(om.SensorModel(truth), drawn, free=("shape", "tilt"), omega_max_deg=field - 0.1)
+    model = om.SensorModel.start_from(
+        om.SensorModel(truth), drawn, free=("shape", "tilt"), omega_max_deg=field - 0.1
+    )
     x = np.linspace(0, 0.99 * truth.mirror.rim_radius_mm, 50)
     np.testing.assert_allclose(model.sensor.mirror.slope(x), truth.mirror.slope(x), atol=2e-3)
     assert off_px(model, om.SensorModel(truth), field - 0.5) < 0.1
@@ -50,9 +58,14 @@ def test_a_known_kind_of_mirror_gets_its_shape_back(kind):
 
 def test_a_misaligned_mirror_of_known_shape_is_found():
     truth = replace(sensor_of("sphere"), mirror_pose=MirrorPose(0.7, -0.4, 0.0, 0.0, 0.0))
-    model = om.SensorModel.start_from(om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0)
+    model = om.SensorModel.start_from(
+        om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0
+    )
     found = model.sensor.mirror_pose
-    assert (found.decentre_x_mm, found.decentre_y_mm) == (pytest.approx(0.7, abs=1e-3), pytest.approx(-0.4, abs=1e-3))
+    assert (found.decentre_x_mm, found.decentre_y_mm) == (
+        pytest.approx(0.7, abs=1e-3),
+        pytest.approx(-0.4, abs=1e-3),
+    )
 
 
 def test_the_outline_of_a_ball_is_where_it_was_seen():
@@ -63,7 +76,9 @@ def test_the_outline_of_a_ball_is_where_it_was_seen():
     ring = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     assert model.backproject(centre + 0.99 * radius * ring).valid.all()
     assert not model.backproject(centre + 1.01 * radius * ring).valid.any()
-    ahead = model.backproject(centre[None]).directions @ model.mount.rotation()  # back to the camera
+    ahead = (
+        model.backproject(centre[None]).directions @ model.mount.rotation()
+    )  # back to the camera
     assert ahead[0, 2] < -0.99
 
 
@@ -71,7 +86,9 @@ def test_a_ball_from_afar_is_the_ball_of_parallel_rays():
     near = om.mirror_ball_model((1001, 1001), (500.0, 500.0), 400.0, focal_px=4e6)
     far = om.MirrorBall((500.0, 500.0), 400.0, 360.0, (1001, 1001), mount=near.mount)
     pixels = np.array([[600.0, 500.0], [500.0, 250.0], [350.0, 700.0]])
-    np.testing.assert_allclose(near.backproject(pixels).directions, far.backproject(pixels).directions, atol=2e-3)
+    np.testing.assert_allclose(
+        near.backproject(pixels).directions, far.backproject(pixels).directions, atol=2e-3
+    )
 
 
 def test_a_mirror_that_folds_past_its_boards_ends_before():

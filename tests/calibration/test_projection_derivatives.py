@@ -29,7 +29,9 @@ TUBE, DOME = Tube(110.0, 4.0), Dome(medium="water", tilt_x_deg=1.0)
     ],
 )
 def test_images_are_projections_and_derivatives_are_differences(shell, distant):
-    sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=shell), mirror_pose=POSE)
+    sensor = replace(
+        om.load_sensor("paper-spherical"), housing=Housing(shell=shell), mirror_pose=POSE
+    )
     model = om.SensorModel(sensor, free=FREE)
     points = 400 * np.random.default_rng(1).normal(size=(60, 3))
     image = model.image(points, distant=distant)
@@ -42,7 +44,9 @@ def test_images_are_projections_and_derivatives_are_differences(shell, distant):
     values = np.array([p.value for p in model.parameters])
     for k, parameter in enumerate(model.parameters):
         step = 1e-3 * parameter.scale * np.eye(len(values))[k]
-        up, down = (model.with_parameters(values + s * step).image(points, distant=distant) for s in (1, -1))
+        up, down = (
+            model.with_parameters(values + s * step).image(points, distant=distant) for s in (1, -1)
+        )
         rate = (up.pixels - down.pixels) / (2e-3 * parameter.scale)
         error = np.abs(rate - image.d_parameters[:, :, k]) * parameter.scale
         assert np.nanmax(error) < 1e-7, parameter.name

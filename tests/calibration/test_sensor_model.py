@@ -34,15 +34,29 @@ SENSORS = {
     **{f"{kind}-misaligned": replace(sensor_of(kind), mirror_pose=MISALIGNED) for kind in MIRRORS},
     "distorted": replace(distorted(sensor_of("conic-asphere")), mirror_pose=MISALIGNED),
     "flipped": replace(
-        distorted(sensor_of("sphere")), mirror_pose=MISALIGNED, mount=Mount("down", 20.0, True, 10.0, 5.0)
+        distorted(sensor_of("sphere")),
+        mirror_pose=MISALIGNED,
+        mount=Mount("down", 20.0, True, 10.0, 5.0),
     ),
     "telecentric": sensor_of("sphere", "orthographic"),
-    "telecentric-misaligned": replace(sensor_of("paraboloid", "orthographic"), mirror_pose=MISALIGNED),
+    "telecentric-misaligned": replace(
+        sensor_of("paraboloid", "orthographic"), mirror_pose=MISALIGNED
+    ),
 }
 
 
-FEW = ("cone-misaligned", "conic-asphere", "cylinder-misaligned", "distorted", "equidistant-misaligned", "flipped",
-       "sampled", "slope-spline-misaligned", "telecentric", "telecentric-misaligned")  # fmt: skip
+FEW = (
+    "cone-misaligned",
+    "conic-asphere",
+    "cylinder-misaligned",
+    "distorted",
+    "equidistant-misaligned",
+    "flipped",
+    "sampled",
+    "slope-spline-misaligned",
+    "telecentric",
+    "telecentric-misaligned",
+)
 
 
 @pytest.fixture(params=few(sorted(SENSORS), *FEW))
@@ -75,14 +89,18 @@ def test_it_shows_what_the_sensor_shows(sensor, distant):
     truth = (sensor.project_directions if distant else sensor.project)(world)
     assert truth.valid.any()
     assert image.valid[truth.valid].all()
-    np.testing.assert_allclose(image.pixels[truth.valid], truth.pixels[truth.valid], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        image.pixels[truth.valid], truth.pixels[truth.valid], rtol=0, atol=1e-9
+    )
 
 
 DERIVED = ["conic-asphere", "equidistant", "ellipsoid", "even-polynomial", "slope-spline", "cone"]
 
 
 @pytest.mark.parametrize("distant", [False, True])
-@pytest.mark.parametrize("name", [f"{kind}-misaligned" for kind in DERIVED] + ["distorted", "flipped", "telecentric"])
+@pytest.mark.parametrize(
+    "name", [f"{kind}-misaligned" for kind in DERIVED] + ["distorted", "flipped", "telecentric"]
+)
 def test_derivatives_by_parameters_are_differences(name, distant):
     model = all_free(SENSORS[name])
     points = shown(model, some_points(24), distant)
@@ -92,13 +110,16 @@ def test_derivatives_by_parameters_are_differences(name, distant):
         step = np.zeros(len(values))
         step[k] = h = 1e-6 * min(parameter.scale, max(1.0, abs(parameter.value)))
         moved = [model.with_parameters(values + sign * step).sensor for sign in (1, -1)]
-        after, before = (om.SensorModel(other, ("focal",)).image(points, distant=distant) for other in moved)
+        after, before = (
+            om.SensorModel(other, ("focal",)).image(points, distant=distant) for other in moved
+        )
         seen = image.valid & after.valid & before.valid
         assert seen.any()
         error = (after.pixels - before.pixels - 2 * h * image.d_parameters[:, :, k])[seen]
-        assert np.abs(error).max() < 1e-10 + 1e-5 * np.abs(2 * h * image.d_parameters[seen][:, :, k]).max(), (
-            parameter.name
-        )
+        assert (
+            np.abs(error).max()
+            < 1e-10 + 1e-5 * np.abs(2 * h * image.d_parameters[seen][:, :, k]).max()
+        ), parameter.name
 
 
 @pytest.mark.parametrize("distant", [False, True])
@@ -112,27 +133,35 @@ def test_derivatives_by_parameters_are_differences(name, distant):
 def test_derivatives_by_points_are_differences(name, distant):
     sensor = SENSORS[name]
     model = om.SensorModel(sensor)
-    points = shown(model, some_points(24) * (1e-3 if distant else 1.0), distant)  # directions of length about 1
+    points = shown(
+        model, some_points(24) * (1e-3 if distant else 1.0), distant
+    )  # directions of length about 1
     image, h = model.image(points, distant=distant), 1e-6 if distant else 1e-3
     for axis in np.eye(3):
         after, before = (model.image(points + s * h * axis, distant=distant) for s in (1, -1))
         seen = image.valid & after.valid & before.valid
         difference = (after.pixels - before.pixels)[seen] / (2 * h)
         scale = np.abs(image.d_points[seen]).max(initial=1.0)
-        np.testing.assert_allclose(difference, image.d_points[seen] @ axis, rtol=0, atol=1e-5 * scale)
+        np.testing.assert_allclose(
+            difference, image.d_points[seen] @ axis, rtol=0, atol=1e-5 * scale
+        )
 
 
 def test_points_past_the_rim_are_still_shown_and_smoothly():
     """An estimate with a slightly small mirror must keep the points that correct it."""
     sensor = sensor_of("hyperboloid")
     omega = np.radians(sensor.field_deg[1] + np.linspace(-2.0, 4.0, 121))
-    image = om.SensorModel(sensor).image(np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True)
+    image = om.SensorModel(sensor).image(
+        np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True
+    )
     assert image.valid.all()
     assert np.ptp(np.diff(image.pixels[:, 0], n=2)) < 0.01
 
 
 def test_what_it_cannot_see_is_not_valid_and_nan():
-    image = om.SensorModel(sensor_of("sphere")).image([[0.0, 0.0, 500.0], [np.nan, 0.0, 0.0], [400.0, 0.0, 0.0]])
+    image = om.SensorModel(sensor_of("sphere")).image(
+        [[0.0, 0.0, 500.0], [np.nan, 0.0, 0.0], [400.0, 0.0, 0.0]]
+    )
     assert image.valid.tolist() == [False, False, True]
     assert np.isnan(image.pixels[:2]).all()
     assert np.isnan(image.d_parameters[:2]).all()
@@ -157,7 +186,9 @@ def test_parameters_come_back_and_the_rest_stays():
 def test_a_change_by_its_scale_moves_the_picture_by_about_a_pixel():
     model, points = all_free(sensor_of("conic-asphere")), some_points()
     image = model.image(points)
-    moved = np.linalg.norm(image.d_parameters[image.valid], axis=1) * [p.scale for p in model.parameters]
+    moved = np.linalg.norm(image.d_parameters[image.valid], axis=1) * [
+        p.scale for p in model.parameters
+    ]
     assert ((np.median(moved, axis=0) > 0.3) & (np.median(moved, axis=0) < 3)).all()
 
 
@@ -177,7 +208,11 @@ def test_priors_are_tolerances_of_the_design():
     ("free", "priors", "words"),
     [
         (("focus",), None, "valid are the groups shape, focal"),
-        (("mirror.a_mm",), None, "'mirror.a_mm' is no parameter of 'sphere'; valid are mirror.radius_mm"),
+        (
+            ("mirror.a_mm",),
+            None,
+            "'mirror.a_mm' is no parameter of 'sphere'; valid are mirror.radius_mm",
+        ),
         ((), None, "nothing of 'sphere' is free"),
         (("focal",), (("mirror.radius_mm", 50.0, 1.0),), "needs it free"),
         (("focal",), (("lens.focal_length_mm", 11.0, 0.0),), "above 0"),

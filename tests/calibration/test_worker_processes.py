@@ -90,7 +90,9 @@ def test_what_is_broken_off_leaves_nothing_for_the_next():
         for number, _ in spread.each(where, [(i, 0.2) for i in range(6)]):
             assert number >= 0
             break
-        assert [number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])] == list(range(10, 16))
+        assert [
+            number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])
+        ] == list(range(10, 16))
 
 
 def test_without_other_processes_this_one_does_all(monkeypatch):
@@ -108,7 +110,9 @@ def chessboards(count: int) -> list[np.ndarray]:
     boards = [np.full((200, 240), 230, np.uint8) for _ in range(count - 1)]
     for side, picture in enumerate(boards, 24):
         v, u = np.mgrid[: 5 * side, : 6 * side]
-        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where((u // side + v // side) % 2, 200, 40)
+        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where(
+            (u // side + v // side) % 2, 200, 40
+        )
     return [*boards, np.full((200, 240), 99, np.uint8)]
 
 
@@ -119,10 +123,16 @@ def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_pat
     om.write_image(tmp_path / "a.png", pictures[0])
     told = []
     found = om.find_boards(
-        [*pictures, tmp_path / "a.png", tmp_path / "missing.png"], board, progress=lambda done, _: told.append(done)
+        [*pictures, tmp_path / "a.png", tmp_path / "missing.png"],
+        board,
+        progress=lambda done, _: told.append(done),
     )
     assert told == list(range(1, 9))
-    assert [one.name for one in found] == [*(f"picture {i}" for i in range(1, 7)), "a.png", "missing.png"]
+    assert [one.name for one in found] == [
+        *(f"picture {i}" for i in range(1, 7)),
+        "a.png",
+        "missing.png",
+    ]
     for one, picture in zip(found, pictures, strict=False):
         alone = om.find_board(picture, board)
         assert (one.corners_px == alone.corners_px).all()

@@ -36,18 +36,36 @@ MODELS = {
     "double-sphere-ahead": DoubleSphere(0.3, 0.4, (180.0, 181.0), C, S),
     "kannala-brandt": KannalaBrandt((170.0, 171.0), C, S, 0.05, -0.02, 0.003, -0.0002, 0.5),
     "thin-prism-fisheye": ThinPrismFisheye(
-        (170.0, 171.0), C, S, 0.05, -0.02, 0.003, -0.0002, 0.5, k5=1e-5, k6=-1e-6, p1=0.003, p2=-0.002,
-        s1=0.002, s2=-3e-4, s3=-0.001, s4=4e-4,
+        (170.0, 171.0),
+        C,
+        S,
+        0.05,
+        -0.02,
+        0.003,
+        -0.0002,
+        0.5,
+        k5=1e-5,
+        k6=-1e-6,
+        p1=0.003,
+        p2=-0.002,
+        s1=0.002,
+        s2=-3e-4,
+        s3=-0.001,
+        s4=4e-4,
     ),
-    "rational-pinhole": RationalPinhole((300.0, 303.0), C, S, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002, 0.4),
-    "ocam": OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, S, (0.999, 4e-3, -2e-3)),
+    "rational-pinhole": RationalPinhole(
+        (300.0, 303.0), C, S, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002, 0.4
+    ),
+    "ocam": OCam(
+        (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, S, (0.999, 4e-3, -2e-3)
+    ),
     "ocam-fisheye": OCam((-151.7655, 0.0, 8.37e-04, -6.4e-07, 1.2e-09), C, S, optics="fisheye"),
     "ball": MirrorBall(C, 230.0, 300.0, S),
     "radial-spline": RadialSpline(RADII, 230.0, C, S, 0.003, -0.002, 1e-5, -2e-5),
     "viewpoint-spline": ViewpointSpline(
         RADII, (-2.0, -1.5, 0.3, 2.5, 5.0), 230.0, C, S, 0.003, -0.002, 1e-5, -2e-5
     ),
-}  # fmt: skip
+}
 MOUNTS = [Mount(), Mount("forward", 20.0, image_flipped=True)]
 CASES = [
     pytest.param(replace(model, mount=mount), id=f"{name}{'-flipped' * mount.image_flipped}")
@@ -64,7 +82,9 @@ def points_of(model, count=300, seed=3, inside=0.98):
     omega = rng.uniform(0.0, inside * model.model_end, count)
     phi = rng.uniform(-np.pi, np.pi, count)
     ahead = -1.0 if model.optics == "mirror" else 1.0
-    directions = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), ahead * np.cos(omega)], axis=-1)
+    directions = np.stack(
+        [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), ahead * np.cos(omega)], axis=-1
+    )
     near = np.column_stack([50 * NEAR_AXIS, np.full(len(NEAR_AXIS), ahead * 50.0)])
     points = np.concatenate([directions * np.geomspace(30, 3000, count)[:, None], near])
     return points[(np.abs(model.image(points).pixels - C) < 500).all(axis=1)]
@@ -85,9 +105,16 @@ def test_derivatives_to_points_and_directions(model):
         assert found.valid.all()
         step = 1e-4
         for axis, unit in enumerate(np.eye(3)):
-            expected = differences(lambda h, u=unit, d=distant: model.image(points + h * u, distant=d).pixels, step)
-            size = 1e-6 * (1 + np.abs(expected)) + 1e-6 * np.linalg.norm(found.d_points, axis=(1, 2))[:, None]
-            assert (np.abs(found.d_points[:, :, axis] - expected) < size)[np.isfinite(expected)].all()
+            expected = differences(
+                lambda h, u=unit, d=distant: model.image(points + h * u, distant=d).pixels, step
+            )
+            size = (
+                1e-6 * (1 + np.abs(expected))
+                + 1e-6 * np.linalg.norm(found.d_points, axis=(1, 2))[:, None]
+            )
+            assert (np.abs(found.d_points[:, :, axis] - expected) < size)[
+                np.isfinite(expected)
+            ].all()
 
 
 @pytest.mark.parametrize("model", CASES)
@@ -99,7 +126,11 @@ def test_derivatives_to_parameters(model):
     for i, parameter in enumerate(model.parameters):
 
         def moved(h, i=i):
-            return model.with_parameters(values + h * (np.arange(len(values)) == i)).image(points).pixels
+            return (
+                model.with_parameters(values + h * (np.arange(len(values)) == i))
+                .image(points)
+                .pixels
+            )
 
         step = 1e-5 * parameter.scale
         if parameter.name == "xi" and values[i] == 0:  # a pinhole: one-sided only
@@ -121,7 +152,9 @@ def test_parameters_have_names_of_their_own_and_come_back(model):
     assert model.with_parameters([p.value for p in parameters]) == model
     other = model.with_parameters([p.value + 1e-3 * p.scale for p in parameters])
     assert type(other) is type(model)
-    np.testing.assert_array_equal([p.value for p in other.parameters], [p.value + 1e-3 * p.scale for p in parameters])
+    np.testing.assert_array_equal(
+        [p.value for p in other.parameters], [p.value + 1e-3 * p.scale for p in parameters]
+    )
     for wrong in ([1.0], np.full(len(parameters), np.nan)):
         with pytest.raises(InvalidParameter, match="values"):
             model.with_parameters(wrong)
@@ -135,7 +168,9 @@ def test_the_image_is_what_the_camera_projects(model):
     for distant, project in ((False, model.project), (True, model.project_directions)):
         pixels, valid = project(points @ turn.T)
         assert valid.sum() > 30
-        np.testing.assert_allclose(model.image(points, distant=distant).pixels[valid], pixels[valid], atol=1e-9, rtol=0)
+        np.testing.assert_allclose(
+            model.image(points, distant=distant).pixels[valid], pixels[valid], atol=1e-9, rtol=0
+        )
 
 
 @pytest.mark.parametrize("model", CASES)
@@ -172,7 +207,9 @@ def test_far_points_are_seen_like_their_directions(model):
     scaled = np.abs(distant.d_points).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(1e9 * far.d_points / scaled, distant.d_points / scaled, atol=1e-5)
     along = np.einsum("nij,nj->ni", distant.d_points, points)
-    np.testing.assert_allclose(along / scaled[:, :, 0], 0.0, atol=1e-6)  # independent of the length of a direction
+    np.testing.assert_allclose(
+        along / scaled[:, :, 0], 0.0, atol=1e-6
+    )  # independent of the length of a direction
 
 
 @pytest.mark.parametrize("model", CASES)

@@ -36,7 +36,9 @@ def _distorted(name: str, **terms: float) -> om.Sensor:
 
 MODELS = {
     **{name: om.load_sensor(name) for name in bundled_sensors()},
-    "misaligned": replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)),
+    "misaligned": replace(
+        om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
+    ),
     "distorted": _distorted("paper-equidistant", k1=-0.8, k2=2.0),
     "distorted-tangentially": _distorted("paper-hyperboloidal", k1=0.4, p1=0.004, p2=-0.003),
     "misaligned-telecentric": replace(
@@ -49,16 +51,35 @@ MODELS = {
     "unified-distorted": Unified(
         0.9, (220.0, 223.0), (322.0, 238.0), (640, 480), 0.4, -0.08, 0.02, -0.001, 0.003, -0.002
     ),
-    "unified-folding": Unified(1.4, (330.0, 330.0), (322.0, 238.0), (640, 480), k1=-0.5, rim_radius_px=200.0),
+    "unified-folding": Unified(
+        1.4, (330.0, 330.0), (322.0, 238.0), (640, 480), k1=-0.5, rim_radius_px=200.0
+    ),
     "enhanced-unified": EnhancedUnified(0.6, 1.1, (180.0, 180.0), (320.0, 238.0), (640, 480)),
-    "double-sphere": DoubleSphere(-0.2, 0.6, (180.0, 181.0), (320.0, 238.0), (640, 480), optics="fisheye"),
-    "kannala-brandt": KannalaBrandt((170.0, 170.0), (325.0, 235.0), (640, 480), 0.05, -0.02, 0.003, -0.0002),
-    "radial-spline": RadialSpline((44.0, 92.0, 143.0, 191.0, 230.0), 230.0, (320.0, 238.0), (640, 480)),
+    "double-sphere": DoubleSphere(
+        -0.2, 0.6, (180.0, 181.0), (320.0, 238.0), (640, 480), optics="fisheye"
+    ),
+    "kannala-brandt": KannalaBrandt(
+        (170.0, 170.0), (325.0, 235.0), (640, 480), 0.05, -0.02, 0.003, -0.0002
+    ),
+    "radial-spline": RadialSpline(
+        (44.0, 92.0, 143.0, 191.0, 230.0), 230.0, (320.0, 238.0), (640, 480)
+    ),
     "radial-spline-stretched": RadialSpline(
-        (44.0, 92.0, 143.0, 191.0, 230.0), 230.0, (320.0, 238.0), (640, 480), 0.003, -0.002, 1e-5, -2e-5
+        (44.0, 92.0, 143.0, 191.0, 230.0),
+        230.0,
+        (320.0, 238.0),
+        (640, 480),
+        0.003,
+        -0.002,
+        1e-5,
+        -2e-5,
     ),
     "viewpoint-spline": ViewpointSpline(
-        (44.0, 92.0, 143.0, 191.0, 230.0), (-2.0, -1.5, 0.0, 2.5, 5.0), 230.0, (320.0, 238.0), (640, 480)
+        (44.0, 92.0, 143.0, 191.0, 230.0),
+        (-2.0, -1.5, 0.0, 2.5, 5.0),
+        230.0,
+        (320.0, 238.0),
+        (640, 480),
     ),
     "ball-260": om.MirrorBall((1226.0, 1217.5), 1122.75, 260.0, (2464, 2464)),
     "ball-cut": om.MirrorBall((100.0, 400.0), 390.0, 350.0, (640, 480)),
@@ -76,7 +97,10 @@ MOUNTS = [
     Mount("forward", 120.0, image_flipped=True, pitch_deg=-12.0, roll_deg=35.0),
 ]
 CASES = [
-    pytest.param(replace(model, mount=mount), id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}-{i}")
+    pytest.param(
+        replace(model, mount=mount),
+        id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}-{i}",
+    )
     for name, model in MODELS.items()
     for i, mount in enumerate(MOUNTS)
 ]
@@ -89,7 +113,9 @@ def some_pixels(camera, count=400):
     edge = 0.5 - 1e-9  # at the border itself, rounding decides
     corners = [[u, v] for u in (-edge, width - 1 + edge) for v in (-edge, height - 1 + edge)]
     near = np.add([[0.0, 0.0], [1e-9, 0.0], [1e-3, -1e-3]], (width / 2, height / 2))
-    return np.concatenate([rng.uniform(-0.5, [width - 0.5, height - 0.5], (count, 2)), corners, near])
+    return np.concatenate(
+        [rng.uniform(-0.5, [width - 0.5, height - 0.5], (count, 2)), corners, near]
+    )
 
 
 def some_directions(count=400):
@@ -102,8 +128,27 @@ def test_it_is_a_camera(camera):
     assert isinstance(camera, Camera)
 
 
-NO_VECTORS = (None, "", "x", b"x", True, 1j, 7.0, [], {}, object(), [[]], ["a", "b"], [[1, 2], [3]], np.zeros((2, 5)),
-              [1.0, 2.0], [1.0, 2.0, 3.0], float("inf"), 10**400, np.zeros(3, "datetime64[s]"))  # fmt: skip
+NO_VECTORS = (
+    None,
+    "",
+    "x",
+    b"x",
+    True,
+    1j,
+    7.0,
+    [],
+    {},
+    object(),
+    [[]],
+    ["a", "b"],
+    [[1, 2], [3]],
+    np.zeros((2, 5)),
+    [1.0, 2.0],
+    [1.0, 2.0, 3.0],
+    float("inf"),
+    10**400,
+    np.zeros(3, "datetime64[s]"),
+)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -136,7 +181,9 @@ def test_directions_lead_back_to_their_pixels(camera):
 @pytest.mark.parametrize("camera", CASES)
 def test_rays_are_unit_vectors_or_nothing(camera):
     width, height = camera.image_size
-    pixels = np.concatenate([some_pixels(camera), [[-0.6, 3.0], [3.0, height], [width + 1e9, 0.0], [np.nan, 5.0]]])
+    pixels = np.concatenate(
+        [some_pixels(camera), [[-0.6, 3.0], [3.0, height], [width + 1e9, 0.0], [np.nan, 5.0]]]
+    )
     origins, directions, valid = camera.backproject(pixels)
     assert origins.shape == directions.shape == (len(pixels), 3)
     np.testing.assert_allclose(np.linalg.norm(directions[valid], axis=1), 1.0, atol=1e-12)
@@ -209,10 +256,18 @@ def test_right_and_down_are_where_it_says(camera):
         return
     omega = 0.7 * symmetry.omega_min + 0.3 * symmetry.omega_max
     radius = symmetry.radius_px(np.array([omega]))[0]
-    for across, in_picture in ((symmetry.right, [1, 0]), (symmetry.down, [0, 1]), (-symmetry.right, [-1, 0])):
-        pixels, valid = camera.project_directions([np.cos(omega) * symmetry.axis + np.sin(omega) * across])
+    for across, in_picture in (
+        (symmetry.right, [1, 0]),
+        (symmetry.down, [0, 1]),
+        (-symmetry.right, [-1, 0]),
+    ):
+        pixels, valid = camera.project_directions(
+            [np.cos(omega) * symmetry.axis + np.sin(omega) * across]
+        )
         if valid[0]:
-            np.testing.assert_allclose(pixels[0], symmetry.centre_px + radius * np.array(in_picture), atol=1e-8)
+            np.testing.assert_allclose(
+                pixels[0], symmetry.centre_px + radius * np.array(in_picture), atol=1e-8
+            )
 
 
 @pytest.mark.parametrize("camera", CASES)
@@ -223,8 +278,14 @@ def test_rays_start_where_the_symmetry_says(camera):
         return
     pixels = some_pixels(camera)
     origins, directions, valid = camera.backproject(pixels)
-    origins, directions, offsets = origins[valid], directions[valid], (pixels - symmetry.centre_px)[valid]
-    sideways = offsets @ [symmetry.right, symmetry.down] / np.linalg.norm(offsets, axis=1, keepdims=True)
+    origins, directions, offsets = (
+        origins[valid],
+        directions[valid],
+        (pixels - symmetry.centre_px)[valid],
+    )
+    sideways = (
+        offsets @ [symmetry.right, symmetry.down] / np.linalg.norm(offsets, axis=1, keepdims=True)
+    )
     across, along = np.zeros((2, len(origins)))
     if symmetry.origin_mm is not None:
         omega = np.arccos(np.clip(directions @ symmetry.axis, -1, 1))
@@ -244,7 +305,11 @@ def table_of(request, uncompiled):
 
 
 TABLES = [
-    pytest.param(*case.values, id=case.id, marks=() if (n + n // len(MOUNTS)) % len(MOUNTS) == 0 else pytest.mark.full)
+    pytest.param(
+        *case.values,
+        id=case.id,
+        marks=() if (n + n // len(MOUNTS)) % len(MOUNTS) == 0 else pytest.mark.full,
+    )
     for n, case in enumerate(CASES)
 ]
 """Daily cases: each model with one mount, another than that of the preceding model."""
@@ -256,7 +321,9 @@ def test_the_radial_table_is_the_projection(camera, table_of):
     if camera.symmetry is None:
         return
     axis, right, down = camera.symmetry.axis, camera.symmetry.right, camera.symmetry.down
-    near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (0.6 * right - 0.8 * down)  # near the axis
+    near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (
+        0.6 * right - 0.8 * down
+    )  # near the axis
     nothing = [[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]]
     directions = np.concatenate([some_directions() * 7.5, near, [axis], nothing])
     pixels, excess = table_of(camera).pixels_and_excess(directions)
@@ -276,7 +343,11 @@ def test_the_radial_table_is_the_projection_of_near_points(camera, table_of):
     s = camera.symmetry
     odd = np.outer([-300.0, -50.0, 0.1, 50.0, 300.0], s.axis) + 1e-6 * s.right
     points = np.concatenate(
-        [some_directions(3000) * distances, odd, [44.0 * s.right, 44.0 * s.down, [np.nan, 1.0, 0.0]]]
+        [
+            some_directions(3000) * distances,
+            odd,
+            [44.0 * s.right, 44.0 * s.down, [np.nan, 1.0, 0.0]],
+        ]
     )
     pixels, excess = table_of(camera).pixels_and_excess(points, are_points=True)
     exact = camera.project(points).pixels
@@ -302,7 +373,9 @@ def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens
     invalid sensor into a camera.
     """
     mirror, m = MIRRORS[kind]
-    aligned = om.Sensor(mirror, LENSES[lens], om.load_sensor("paper-spherical").imager, mirror_distance_mm=m)
+    aligned = om.Sensor(
+        mirror, LENSES[lens], om.load_sensor("paper-spherical").imager, mirror_distance_mm=m
+    )
     rng = np.random.default_rng(3)
     pixels = np.concatenate([rng.uniform(0, 1023, (150, 2)), 511.5 + rng.normal(0.0, 3.0, (20, 2))])
     try:
@@ -330,16 +403,24 @@ def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens
 def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(model, flipped):
     """Three directions, clockwise as seen by an observer, and their sense of rotation in the image."""
     model = replace(model, mount=replace(model.mount, image_flipped=flipped))
-    axis = model.symmetry.axis if model.symmetry else getattr(model, "axis", np.array([0.0, 0.0, -1.0]))
+    axis = (
+        model.symmetry.axis
+        if model.symmetry
+        else getattr(model, "axis", np.array([0.0, 0.0, -1.0]))
+    )
     e1 = np.cross(axis, [0.36, 0.48, 0.8])
     e2 = np.cross(axis, e1)  # looking along the axis, from e1 to e2 is clockwise
     around = [e1, e2 - e1 / 2, -e2 - e1 / 2]
-    aside = 0.3 + 2 * np.tan(model.symmetry.omega_min if model.symmetry else 0.0)  # outside the obscuration
+    aside = 0.3 + 2 * np.tan(
+        model.symmetry.omega_min if model.symmetry else 0.0
+    )  # outside the obscuration
     pixels, valid = model.project_directions([axis + aside * e for e in around])
     assert valid.all()
     (du1, dv1), (du2, dv2) = pixels[1] - pixels[0], pixels[2] - pixels[0]
     is_clockwise_in_picture = du1 * dv2 - dv1 * du2 > 0  # rows increase downwards
-    is_mirror = getattr(model, "optics", "mirror") == "mirror" and getattr(model, "secondary", None) is None
+    is_mirror = (
+        getattr(model, "optics", "mirror") == "mirror" and getattr(model, "secondary", None) is None
+    )
     assert is_clockwise_in_picture == (is_mirror == flipped)
     assert model.is_picture_reversed == (not is_clockwise_in_picture)
 
@@ -355,9 +436,18 @@ def test_a_flipped_picture_is_the_picture_reversed(model):
     if isinstance(model, om.OCam):
         c, d, e = model.affine
         flipped = replace(flipped, affine=(c, -d, -e))
-    reversing = {name for name in ("skew_px", "shear", "p2") if name in getattr(model, "__dataclass_fields__", {})}
+    reversing = {
+        name
+        for name in ("skew_px", "shear", "p2")
+        if name in getattr(model, "__dataclass_fields__", {})
+    }
     flipped = replace(flipped, **{name: -getattr(model, name) for name in reversing})
     directions = some_directions()
-    straight, reversed_ = model.project_directions(directions), flipped.project_directions(directions)
+    straight, reversed_ = (
+        model.project_directions(directions),
+        flipped.project_directions(directions),
+    )
     np.testing.assert_array_equal(straight.valid, reversed_.valid)
-    np.testing.assert_allclose(reversed_.pixels, [last_column, 0] + straight.pixels * [-1, 1], atol=1e-9, rtol=0)
+    np.testing.assert_allclose(
+        reversed_.pixels, [last_column, 0] + straight.pixels * [-1, 1], atol=1e-9, rtol=0
+    )

@@ -26,14 +26,16 @@ CAMERAS = {
 
 def exr(path):
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {name: np.array(c.pixels) for name, c in file.channels().items()}, dict(file.header())
+        return {name: np.array(c.pixels) for name, c in file.channels().items()}, dict(
+            file.header()
+        )
 
 
 def of_exr(paths):
     channels, _ = exr(paths[0])
-    return *(np.stack([channels[f"{layer}.{a}"] for a in "XYZ"], -1) for layer in ("origin", "direction")), channels[
-        "weight.Y"
-    ]
+    return *(
+        np.stack([channels[f"{layer}.{a}"] for a in "XYZ"], -1) for layer in ("origin", "direction")
+    ), channels["weight.Y"]
 
 
 def of_npz(paths):
@@ -63,7 +65,13 @@ def of_newton(paths):
     return 1000 * ours[:, :, 0], ours[:, :, 1], ours[:, :, 1].any(-1).astype(float)
 
 
-READERS = {"exr": of_exr, "npz": of_npz, "mitsuba": of_mitsuba, "blender": of_blender, "newton": of_newton}
+READERS = {
+    "exr": of_exr,
+    "npz": of_npz,
+    "mitsuba": of_mitsuba,
+    "blender": of_blender,
+    "newton": of_newton,
+}
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -80,7 +88,9 @@ def test_files_equal_the_traced_rays(kind, camera, tmp_path):
     on = true.valid.reshape(height, width)
     assert ((weights > 0) == on).all()
     assert np.abs(origins.reshape(-1, 3) - true.origins)[true.valid].max() < 1e-3
-    apart = np.linalg.norm(np.cross(directions.reshape(-1, 3), true.directions)[true.valid], axis=-1)
+    apart = np.linalg.norm(
+        np.cross(directions.reshape(-1, 3), true.directions)[true.valid], axis=-1
+    )
     assert np.degrees(apart.max()) < 1e-3
     assert (directions.reshape(-1, 3)[true.valid] * true.directions[true.valid]).sum(-1).min() > 0
 
@@ -133,5 +143,7 @@ def test_an_error_leaves_no_files(tmp_path, monkeypatch):
 
 def test_missing_package_raises_with_remedy(tmp_path):
     known = {"exr": replace(RAY_FORMATS["exr"], packages=("no_such_package",))}
-    with pytest.raises(OmnimirrorError, match=r"exr requires no_such_package: pip install 'omnimirror\[interop\]'"):
+    with pytest.raises(
+        OmnimirrorError, match=r"exr requires no_such_package: pip install 'omnimirror\[interop\]'"
+    ):
         write_formats(om.ray_table(SENSOR, 64), known, "a", tmp_path / "a.exr", None)

@@ -88,7 +88,11 @@ def exact_points(mirror: Mapped):
 def exact_finite_points(mirror: Mapped):
     """Return the same from the law of reflection z' = tan((Omega - theta)/2) in x and z, by Taylor
     series."""
-    unit, m, M = mp.tan(mp.radians(mirror.theta_max_deg)), mp.mpf(mirror.design_distance), mirror.rim_radius_mm
+    unit, m, M = (
+        mp.tan(mp.radians(mirror.theta_max_deg)),
+        mp.mpf(mirror.design_distance),
+        mirror.rim_radius_mm,
+    )
     top, rim_z = mp.radians(mirror.omega_max_deg), M / unit - m
 
     def omega(x, z):
@@ -110,7 +114,8 @@ def exact_finite_points(mirror: Mapped):
 
 
 @pytest.mark.parametrize(
-    "kind", few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind not in ("cylinder", "ground-plane")))
+    "kind",
+    few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind not in ("cylinder", "ground-plane"))),
 )
 def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
@@ -125,13 +130,19 @@ def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     # quintic splines: about 120 points of the sag or slope of a sphere, and 62 of a mapping, which
     # loses one derivative less
     of_points = (1e-9, 5e-8, 5e-6)
-    tolerances = {"sampled": of_points, "slope-spline": of_points, "tabulated-mapping": (1e-9, 2e-8, 1e-6)}
+    tolerances = {
+        "sampled": of_points,
+        "slope-spline": of_points,
+        "tabulated-mapping": (1e-9, 2e-8, 1e-6),
+    }
     tolerance = tolerances.get(kind, (1e-13, 1e-13, 1e-12))
     for x, *exact in points:
         for name, value, truth, rel in zip(
             ("sag", "slope", "curvature"), mirror.profile(float(x)), exact, tolerance, strict=True
         ):
-            assert float(value) == pytest.approx(float(truth), rel=rel, abs=1e-14), f"{name} at x = {x}"
+            assert float(value) == pytest.approx(float(truth), rel=rel, abs=1e-14), (
+                f"{name} at x = {x}"
+            )
 
 
 def test_every_kind_is_walked():
@@ -161,7 +172,11 @@ def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
         estimates = []
         for step in (0.02, 0.01):
             ends = [
-                (x + s * step, float(any_mirror.sag(x + s * step)), float(any_mirror.slope(x + s * step)))
+                (
+                    x + s * step,
+                    float(any_mirror.sag(x + s * step)),
+                    float(any_mirror.slope(x + s * step)),
+                )
                 for s in (-1, 1)
             ]
             (x1, z1, s1), (x2, z2, s2) = ends  # normals: x + s (z - z0) = x0
@@ -175,22 +190,30 @@ def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
 def test_at_a_smooth_apex_both_radii_agree(any_mirror):
     if any_mirror.is_pointed:
         pytest.skip("a cone has no smooth apex")
-    assert float(any_mirror.radius_s(0.0)) == pytest.approx(float(any_mirror.radius_t(0.0)), rel=1e-12)
+    assert float(any_mirror.radius_s(0.0)) == pytest.approx(
+        float(any_mirror.radius_t(0.0)), rel=1e-12
+    )
     near = 1e-4 * any_mirror.rim_radius_mm
-    assert float(any_mirror.radius_s(near)) == pytest.approx(float(any_mirror.radius_s(0.0)), rel=1e-6)
+    assert float(any_mirror.radius_s(near)) == pytest.approx(
+        float(any_mirror.radius_s(0.0)), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(
     ("kind", "name", "low", "high"),
     [
-        ("hyperboloid", "a_mm", 1e-3, 1e6), ("hyperboloid", "b_mm", 1e-3, 1e6), ("sphere", "radius_mm", 1e-3, 1e6),
-        ("ellipsoid", "a_mm", 1e-3, 1e6), ("ellipsoid", "b_mm", 1e-3, 1e6),
+        ("hyperboloid", "a_mm", 1e-3, 1e6),
+        ("hyperboloid", "b_mm", 1e-3, 1e6),
+        ("sphere", "radius_mm", 1e-3, 1e6),
+        ("ellipsoid", "a_mm", 1e-3, 1e6),
+        ("ellipsoid", "b_mm", 1e-3, 1e6),
         ("paraboloid", "vertex_radius_mm", 1e-3, 1e6),
     ],
-)  # fmt: skip
+)
 def test_conics_are_refused_outside_their_bounds(kind, name, low, high):
     for value in (0.9 * low, high + 0.5):
         with pytest.raises(
-            InvalidParameter, match=re.escape(f"{name} = {value:g} mm is outside {low:g} to {high:g} mm")
+            InvalidParameter,
+            match=re.escape(f"{name} = {value:g} mm is outside {low:g} to {high:g} mm"),
         ):
             replace(EXAMPLES[kind][0], **{name: value})

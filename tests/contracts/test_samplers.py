@@ -73,7 +73,9 @@ def bent(across: float, down: float) -> Formula:
 
     def at(x, y):
         u = 24.0137 + across * x - 0.21 * down * y + 1.2e-3 * down * y * y
-        return np.stack([u, 17.0171 + 0.15 * across * x + down * y + 0.9e-3 * across * x * x], axis=-1)
+        return np.stack(
+            [u, 17.0171 + 0.15 * across * x + down * y + 0.9e-3 * across * x * x], axis=-1
+        )
 
     return at
 
@@ -110,7 +112,9 @@ def lattice(at: Formula, size: tuple[int, int], step: int, shift=(0.0, 0.0), pat
         return Case(LatticeMap(nodes, size, SOURCE, step, cells, patches, shift), here)
     cells[1, 1], cells[0, 2] = 0, 1
     one = np.arange(float(step))
-    patches = np.stack([at(*np.meshgrid(one + step, one + step)), np.full((step, step, 2), np.nan)]).astype(np.float32)
+    patches = np.stack(
+        [at(*np.meshgrid(one + step, one + step)), np.full((step, step, 2), np.nan)]
+    ).astype(np.float32)
 
     def holed(x, y):
         pixels = here(x, y)
@@ -125,7 +129,9 @@ def polar(centre: tuple[float, float], radii: tuple[float, float], size: tuple[i
 
     def at(x, y):
         radius, angle = inner + per_row * y, -0.3 + per_column * x
-        return np.stack([centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)], axis=-1)
+        return np.stack(
+            [centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)], axis=-1
+        )
 
     rows, columns = np.arange(float(size[1])), np.arange(float(size[0]))
     return Case(PolarMap(centre, inner + per_row * rows, -0.3 + per_column * columns, SOURCE), at)
@@ -148,7 +154,11 @@ def two_views(size: tuple[int, int]) -> Case:
     middle = size[0] // 2
 
     def at(x, y):
-        return np.where((x < middle)[..., None], bent(1.3, 1.1)(x, y), [200.3, 150.2] - bent(1.1, 0.9)(x - middle, y))
+        return np.where(
+            (x < middle)[..., None],
+            bent(1.3, 1.1)(x, y),
+            [200.3, 150.2] - bent(1.1, 0.9)(x - middle, y),
+        )
 
     views = [Rectangle(0, 0, middle, size[1]), Rectangle(middle, 0, size[0] - middle, size[1])]
     return Case(pixel_map(at, size, views=views), at)
@@ -156,8 +166,12 @@ def two_views(size: tuple[int, int]) -> Case:
 
 MAKERS: dict[str, Callable[[], Case]] = {
     "pixels": lambda: Case(pixel_map(bent(2.2, 2.0), (121, 97)), bent(2.2, 2.0)),
-    "pixels in float64": lambda: Case(pixel_map(bent(0.7, 0.6), (66, 50), np.float64), bent(0.7, 0.6)),
-    "pixels with holes": lambda: Case(pixel_map(with_holes(bent(1.9, 3.4)), (60, 41)), with_holes(bent(1.9, 3.4))),
+    "pixels in float64": lambda: Case(
+        pixel_map(bent(0.7, 0.6), (66, 50), np.float64), bent(0.7, 0.6)
+    ),
+    "pixels with holes": lambda: Case(
+        pixel_map(with_holes(bent(1.9, 3.4)), (60, 41)), with_holes(bent(1.9, 3.4))
+    ),
     "two views": lambda: two_views((92, 63)),
     "lattice of 4": lambda: lattice(bent(1.2, 1.0), (101, 64), 4),
     "lattice of 8, shifted": lambda: lattice(bent(2.4, 1.9), (64, 65), 8, (0.25, 0.5)),
@@ -187,11 +201,18 @@ def case(request) -> Case:
 
 
 @cache
-def picture(depth: str, channels: int, size: tuple[int, int] = SOURCE, noise: float = 0.01) -> np.ndarray:
+def picture(
+    depth: str, channels: int, size: tuple[int, int] = SOURCE, noise: float = 0.01
+) -> np.ndarray:
     """Return an image with structure of many scales."""
     rng = np.random.default_rng(5)
-    levels = [cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC) for n in (3, 9, 31)]
-    values = sum(np.reshape(level, (size[1], size[0], channels)) / (k + 1) for k, level in enumerate(levels))
+    levels = [
+        cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC)
+        for n in (3, 9, 31)
+    ]
+    values = sum(
+        np.reshape(level, (size[1], size[0], channels)) / (k + 1) for k, level in enumerate(levels)
+    )
     values = (values - values.min()) / np.ptp(values) + rng.normal(0, 1, values.shape) * noise
     values = values.clip(0, 1) * FULL[depth]
     return (values if depth == "float32" else np.rint(values)).astype(depth)
@@ -235,14 +256,18 @@ def in_range(image: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def truth(image: np.ndarray, pixels: np.ndarray, kernel: str, border: object) -> np.ndarray:
     """Return one sample for each position (rows, columns, 2)."""
-    values = in_range(image, sampled(image, pixels.reshape(-1, 2), kernel)).reshape(*pixels.shape[:2], -1)
+    values = in_range(image, sampled(image, pixels.reshape(-1, 2), kernel)).reshape(
+        *pixels.shape[:2], -1
+    )
     return np.where(is_on(image, pixels)[..., None], values, border)
 
 
 def decided(image: np.ndarray, pixels: np.ndarray, kernel: str) -> np.ndarray:
     """Return the mask of positions whose visibility does not depend on rounding."""
     height, width = image.shape[:2]
-    ends = np.abs(pixels[..., None] - np.array([[-0.5, width - 0.5], [-0.5, height - 0.5]])).min(axis=(-2, -1))
+    ends = np.abs(pixels[..., None] - np.array([[-0.5, width - 0.5], [-0.5, height - 0.5]])).min(
+        axis=(-2, -1)
+    )
     near = ends < UNDECIDED_PX
     if kernel == "nearest":
         near |= (np.abs(pixels - np.floor(pixels) - 0.5) < UNDECIDED_PX).any(axis=-1)
@@ -256,7 +281,9 @@ TOLERANCE = {"uint8": 1.5, "uint16": 6.0, "float32": 9e-5}
 
 
 @cache
-def single_samples(name: str, depth: str, channels: int, interpolation: str) -> tuple[np.ndarray, np.ndarray]:
+def single_samples(
+    name: str, depth: str, channels: int, interpolation: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Return image values at the pixels of a map, and the mask independent of rounding."""
     image, pixels = picture(depth, channels), MAKERS[name]().pixels()
     expected = truth(image, pixels, interpolation, border_of(depth, channels))
@@ -289,10 +316,15 @@ def test_every_way_to_give_border_and_target(case, sampler):
     for interpolation in INTERPOLATIONS:
         plain = remap(grey, case.map, interpolation, border=9)
         assert plain.shape == case.map.size[::-1]
-        np.testing.assert_array_equal(plain, remap(grey[..., None], case.map, interpolation, border=(9,))[..., 0])
+        np.testing.assert_array_equal(
+            plain, remap(grey[..., None], case.map, interpolation, border=(9,))[..., 0]
+        )
         one = remap(colours, case.map, interpolation, border=(9, 9, 9))
         memory = np.full((*case.map.size[::-1], 5), 77, np.uint8)
-        assert remap(colours[::-1].copy()[::-1], case.map, interpolation, memory[..., 1:4], 9) is not memory
+        assert (
+            remap(colours[::-1].copy()[::-1], case.map, interpolation, memory[..., 1:4], 9)
+            is not memory
+        )
         np.testing.assert_array_equal(memory[..., 1:4], one)
         assert (memory[..., [0, 4]] == 77).all()
 
@@ -316,7 +348,9 @@ TAPS = 10  # reference taps per side, independent of the sampler
 LOOKED_AT = 400  # pixels of a view
 
 
-def footprint_means(image: np.ndarray, case: Case, x: np.ndarray, y: np.ndarray, interpolation: str) -> np.ndarray:
+def footprint_means(
+    image: np.ndarray, case: Case, x: np.ndarray, y: np.ndarray, interpolation: str
+) -> np.ndarray:
     """Return means (n, c) over pixel footprints (n,), from the midpoint to one neighbour to that of
     the opposite one.
 
@@ -360,7 +394,9 @@ def well_inside(image: np.ndarray, case: Case) -> np.ndarray:
 @cache
 def smooth(depth: str, channels: int) -> np.ndarray:
     """Return an image without fine structure, for which all dense taps have the same mean."""
-    values = cv2.GaussianBlur(picture("float32", channels, noise=0.15), (0, 0), 1.6).reshape(SOURCE[1], SOURCE[0], -1)
+    values = cv2.GaussianBlur(picture("float32", channels, noise=0.15), (0, 0), 1.6).reshape(
+        SOURCE[1], SOURCE[0], -1
+    )
     return values if depth == "float32" else np.rint(values * FULL[depth]).astype(depth)
 
 
@@ -371,7 +407,11 @@ def some_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, n
     rows, columns = np.nonzero(well_inside(image, case))
     some = np.random.default_rng(3).permutation(len(rows))[:LOOKED_AT]
     rows, columns = rows[some], columns[some]
-    return rows, columns, footprint_means(image, case, columns.astype(float), rows.astype(float), interpolation)
+    return (
+        rows,
+        columns,
+        footprint_means(image, case, columns.astype(float), rows.astype(float), interpolation),
+    )
 
 
 @pytest.mark.parametrize("depth", few(FULL, "uint8"))
@@ -418,7 +458,9 @@ def test_beyond_the_annulus_nothing_counts(sampler):
 # -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sitings", [("left", "left"), ("center", "center"), ("topleft", "left")], ids="-".join)
+@pytest.mark.parametrize(
+    "sitings", [("left", "left"), ("center", "center"), ("topleft", "left")], ids="-".join
+)
 @pytest.mark.parametrize("is_paired", [False, True], ids=["three planes", "NV12"])
 def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler):
     """A chroma sample at (x, y) between its four pixels has the value of the formula at that point."""
@@ -429,8 +471,14 @@ def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler
     columns, rows = (-(-n // 2) for n in case.map.size)
     kinds = ((rows, columns, 2),) if is_paired else ((rows, columns),) * 2
     out = tuple(np.empty(shape, np.uint8) for shape in (case.map.size[::-1], *kinds))
-    taken = remap_planes(parts, case.map, case.map.halved(SITINGS[sitings[0]], SITINGS[sitings[1]]), "linear", out,
-                         (16, 128, 129))  # fmt: skip
+    taken = remap_planes(
+        parts,
+        case.map,
+        case.map.halved(SITINGS[sitings[0]], SITINGS[sitings[1]]),
+        "linear",
+        out,
+        (16, 128, 129),
+    )
     chroma = taken[1] if is_paired else np.dstack(taken[1:])
     x, y = np.meshgrid(2.0 * np.arange(columns) + of_view[0], 2.0 * np.arange(rows) + of_view[1])
     pixels = (case.at(x, y) - site) / 2
@@ -471,7 +519,9 @@ def test_what_does_not_fit_is_refused(case, sampler):
     locked.flags.writeable = False
     for message, call in {
         "another size than the map": lambda: remap(image[1:], where),
-        "is not a picture of 1 to 4 channels": lambda: remap(np.empty((*SOURCE[::-1], 5), np.uint8), where),
+        "is not a picture of 1 to 4 channels": lambda: remap(
+            np.empty((*SOURCE[::-1], 5), np.uint8), where
+        ),
         "holds float64": lambda: remap(image.astype(float), where),
         "out is": lambda: remap(image, where, out=np.empty((3, 3, 3), np.uint8)),
         "cannot be written": lambda: remap(image, where, out=locked),
@@ -502,5 +552,7 @@ def test_a_real_photograph_is_the_same_by_all(interpolation, shared_data, uncomp
     taken = [om.Dewarper(ball, view, interpolation)(image) for view in views]
     uncompiled()
     for view, compiled in zip(views, taken, strict=True):
-        off = np.abs(compiled.astype(int) - om.Dewarper(ball, view, interpolation)(image)).max(axis=-1)
+        off = np.abs(compiled.astype(int) - om.Dewarper(ball, view, interpolation)(image)).max(
+            axis=-1
+        )
         assert (off > 1).mean() < (2e-3 if interpolation == "nearest" else 2e-4)

@@ -33,7 +33,9 @@ def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[st
         "inverse_area_ratio": r.area_px2.max() / r.area_px2.min(),
         "worst_aspect": np.exp(np.abs(np.log(r.aspect)).max()),
         "viewpoint_spread_mm": np.ptp(r.viewpoint_z_mm),
-        "total_track_mm": sensor.lens.image_distance + sensor.mirror_distance_mm + float(sensor.mirror.sag(43.9)),
+        "total_track_mm": sensor.lens.image_distance
+        + sensor.mirror_distance_mm
+        + float(sensor.mirror.sag(43.9)),
     }
 
 

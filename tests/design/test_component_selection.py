@@ -40,7 +40,10 @@ def at(sensor, side, F, focus, mode="exact"):
 @pytest.mark.parametrize("mode", ["exact", "paper"])
 @pytest.mark.parametrize(
     "name",
-    few(["paper-spherical", "paper-equidistant", "paper-hyperboloidal", "paraboloid-telecentric"], "paper-spherical"),
+    few(
+        ["paper-spherical", "paper-equidistant", "paper-hyperboloidal", "paraboloid-telecentric"],
+        "paper-spherical",
+    ),
 )
 def test_no_other_aperture_and_focus_is_better(name, mode):
     sensor = om.load_sensor(name)
@@ -87,7 +90,9 @@ def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
     sensor = om.load_sensor("paraboloid-telecentric")
     width = 2 * sensor.mirror.rim_radius_mm
     imager = ImagerComponent("imager", 2448, 2048, 3.45)
-    lenses = [TelecentricComponent(f"front {d:g}", 0.1, 8.0, 16.0, d) for d in (width * 0.99, width)]
+    lenses = [
+        TelecentricComponent(f"front {d:g}", 0.1, 8.0, 16.0, d) for d in (width * 0.99, width)
+    ]
     ordinary = LensComponent("12 mm", 12.0, 2.0, 8.0, 100.0)
     wide, narrow = choose_parts(sensor, Catalogue((*lenses, ordinary), (imager,)))[:2]
     assert wide.fits
@@ -111,7 +116,8 @@ def test_rings_reach_what_the_lens_equation_says():
 
 
 LENS_TABLE = (
-    "[[lens]]\nname = 'A'\nfocal_length_mm = 12\nf_number_min = 1.4\nf_number_max = 16\nminimum_focus_mm = 100\n"
+    "[[lens]]\nname = 'A'\nfocal_length_mm = 12\nf_number_min = 1.4\nf_number_max = 16\n"
+    "minimum_focus_mm = 100\n"
 )
 IMAGER_TABLE = "[[imager]]\nname = 'A'\nwidth_px = 640\nheight_px = 480\npixel_pitch_um = 3\n"
 BALL_TABLE = "[[ball]]\nname = 'A'\nball_diameter_mm = 60\n"
@@ -144,7 +150,17 @@ def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
     expected = Catalogue(
         (
             LensComponent(
-                "A", 12.0, 1.4, 16.0, 100.0, None, (5.0, 0.5), "C CS", price=120.0, mass_g=63.5, source="data sheet"
+                "A",
+                12.0,
+                1.4,
+                16.0,
+                100.0,
+                None,
+                (5.0, 0.5),
+                "C CS",
+                price=120.0,
+                mass_g=63.5,
+                source="data sheet",
             ),
             TelecentricComponent("T", 0.1, 8.0, 8.0, 90.0),
         ),
@@ -158,7 +174,10 @@ def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
         assert read == expected
         assert isinstance(read.imagers[0].width_px, int)
     (tmp_path / "more.toml").write_text(BALL_TABLE.replace("'A'", "'B'"))
-    assert [b.name for b in read_catalogue(tmp_path / "more.toml", "typical", tmp_path / "parts.toml").balls][-1] == "A"
+    assert [
+        b.name
+        for b in read_catalogue(tmp_path / "more.toml", "typical", tmp_path / "parts.toml").balls
+    ][-1] == "A"
 
 
 @pytest.mark.parametrize(
@@ -224,10 +243,22 @@ def test_ranges_of_a_catalogue_include_their_ends(part, name, low, high):
         ),
         ("name,use,mass_g,use\nA,arm\n", r"parts\.csv line 1: the column use is there twice"),
         ("name,use\nA,arm\nB,arm,3\n", r"parts\.csv line 3 has 3 cells, and the header 2 columns"),
-        ("name,use\nA,arm\n\nA,heater\n", r"parts\.csv line 4: the extra 'A' is in .*parts\.csv line 2 already"),
-        ("name,use,mass_g\nA,arm,heavy\n", r"parts\.csv line 2: column mass_g = 'heavy' is not a number"),
-        ("name,use,mass_g\nA,arm,3 4\n", r"parts\.csv line 2: column mass_g = '3 4' is not a number"),
-        ("name,ball_diameter_mm,use\nA,60,arm\n", r"parts\.csv line 2: column use is not known; valid are name"),
+        (
+            "name,use\nA,arm\n\nA,heater\n",
+            r"parts\.csv line 4: the extra 'A' is in .*parts\.csv line 2 already",
+        ),
+        (
+            "name,use,mass_g\nA,arm,heavy\n",
+            r"parts\.csv line 2: column mass_g = 'heavy' is not a number",
+        ),
+        (
+            "name,use,mass_g\nA,arm,3 4\n",
+            r"parts\.csv line 2: column mass_g = '3 4' is not a number",
+        ),
+        (
+            "name,ball_diameter_mm,use\nA,60,arm\n",
+            r"parts\.csv line 2: column use is not known; valid are name",
+        ),
         ("name,mass_g\nA,3\n", r"parts\.csv line 2: column focal_length_mm is missing"),
         ("", "there is no lens"),
     ],
@@ -256,7 +287,9 @@ def test_a_lens_of_a_catalogue_takes_its_numbers_from_its_file(tmp_path):
         return read_catalogue(tmp_path / "parts.toml").lenses[0]
 
     part = lens()
-    assert (part.focal_length_mm, part.f_number_min, part.f_number_max) == pytest.approx((f, stop, stop), rel=1e-9)
+    assert (part.focal_length_mm, part.f_number_min, part.f_number_max) == pytest.approx(
+        (f, stop, stop), rel=1e-9
+    )
     assert part.optics.focal_length_mm == pytest.approx(f, rel=1e-9)
     assert LENS.optics is None
     assert lens(f_number_max=22.0).f_number_max == 22.0
@@ -264,7 +297,8 @@ def test_a_lens_of_a_catalogue_takes_its_numbers_from_its_file(tmp_path):
         assert lens(focal_length_mm=share * f).focal_length_mm == pytest.approx(f, rel=1e-9)
     for share in (0.989, 1.011, -1.0):
         with pytest.raises(
-            OmnimirrorError, match=r"lens 1: focal_length_mm = .* is not that of own\.zmx, 11\..*; leave"
+            OmnimirrorError,
+            match=r"lens 1: focal_length_mm = .* is not that of own\.zmx, 11\..*; leave",
         ):
             lens(focal_length_mm=share * f)
     with pytest.raises(OmnimirrorError, match=r"lens 1: .*other\.zmx"):
@@ -279,7 +313,9 @@ def test_catalogues_as_csv(tmp_path):
         "name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,extension_rings_mm,image_circle_mm\n"
         "A,12,1.4,16,250,0.5 1,\nB,16,1.4,16,300,,11\n"
     )
-    (tmp_path / "imagers.csv").write_text("name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n")
+    (tmp_path / "imagers.csv").write_text(
+        "name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n"
+    )
     read = read_catalogue(tmp_path / "lenses.csv", tmp_path / "imagers.csv")
     assert read.lenses == (
         LensComponent("A", 12.0, 1.4, 16.0, 250.0, None, (0.5, 1.0)),
@@ -295,35 +331,77 @@ def test_catalogues_as_csv(tmp_path):
         ("[[lens]]\nname = 'A'\nfocal = 3\n", "focal is not known"),
         ("[[camera]]\nname = 'A'\n", "camera is not known"),
         ("lens = 3\n", "lens is not known"),
-        ("[[imager]]\nname = 'A'\nwidth_px = 'wide'\nheight_px = 3\npixel_pitch_um = 3\n", "'wide' is not a number"),
-        ("[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = -3\n", "outside 0.01 to 10000 um"),
-        ("[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = 3\n", "there is no lens"),
+        (
+            "[[imager]]\nname = 'A'\nwidth_px = 'wide'\nheight_px = 3\npixel_pitch_um = 3\n",
+            "'wide' is not a number",
+        ),
+        (
+            "[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = -3\n",
+            "outside 0.01 to 10000 um",
+        ),
+        (
+            "[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = 3\n",
+            "there is no lens",
+        ),
         ("[[lens", "not valid TOML"),
-        ("[lens]\nname = 'A'\n", r"lens is not known; a catalogue has tables \[\[lens\]\], \[\[imager\]\], \[\[ball"),
+        (
+            "[lens]\nname = 'A'\n",
+            r"lens is not known; a catalogue has tables \[\[lens\]\], \[\[imager\]\], \[\[ball",
+        ),
         ("lens = [3]\n", r"parts\.toml: lens 1 is no table; a catalogue has tables \[\[lens\]\]"),
-        (BALL_TABLE + "[[ball]]\nname = 'B'\nwall_mm = 2\n", r"parts\.toml, ball 2: wall_mm is not known; valid are"),
-        (BALL_TABLE + BALL_TABLE, r"parts\.toml, ball 2: the ball 'A' is in .*parts\.toml, ball 1 already"),
-        (BALL_TABLE.replace("ball]", "dome]"), r"parts\.toml, dome 1 is a ball by its entries; put it .* \[\[ball\]\]"),
-        ("[[extra]]\nname = 'A'\n", r"extra 1: use is missing; needed are name and the part's own numbers"),
+        (
+            BALL_TABLE + "[[ball]]\nname = 'B'\nwall_mm = 2\n",
+            r"parts\.toml, ball 2: wall_mm is not known; valid are",
+        ),
+        (
+            BALL_TABLE + BALL_TABLE,
+            r"parts\.toml, ball 2: the ball 'A' is in .*parts\.toml, ball 1 already",
+        ),
+        (
+            BALL_TABLE.replace("ball]", "dome]"),
+            r"parts\.toml, dome 1 is a ball by its entries; put it .* \[\[ball\]\]",
+        ),
+        (
+            "[[extra]]\nname = 'A'\n",
+            r"extra 1: use is missing; needed are name and the part's own numbers",
+        ),
         ("[[extra]]\nname = ''\nuse = 'arm'\n", r"extra 1: name = '' is not a name"),
         ("[[extra]]\nname = 3\nuse = 'arm'\n", r"extra 1: name = 3 is not a name"),
-        (IMAGER_TABLE.replace("= 640", "= 640.5"), r"imager 1: width_px = 640\.5 is not a whole number of pixels"),
-        (IMAGER_TABLE.replace("= 480", "= 480.5"), r"imager 1: height_px = 480\.5 is not a whole number of pixels"),
+        (
+            IMAGER_TABLE.replace("= 640", "= 640.5"),
+            r"imager 1: width_px = 640\.5 is not a whole number of pixels",
+        ),
+        (
+            IMAGER_TABLE.replace("= 480", "= 480.5"),
+            r"imager 1: height_px = 480\.5 is not a whole number of pixels",
+        ),
         (IMAGER_TABLE.replace("= 480", "= true"), r"imager 1: height_px = True is not a number"),
         (IMAGER_TABLE.replace("= 480", "= inf"), r"imager 1: height_px = inf is not a number"),
         (IMAGER_TABLE.replace("= 480", "= [480]"), "there is no lens"),
-        (IMAGER_TABLE.replace("= 480", "= [480, 2]"), r"imager 1: height_px = \[480, 2\] is not a number"),
+        (
+            IMAGER_TABLE.replace("= 480", "= [480, 2]"),
+            r"imager 1: height_px = \[480, 2\] is not a number",
+        ),
         (IMAGER_TABLE.replace("= 480", "= []"), r"imager 1: height_px = \[\] is not a number"),
         (LENS_TABLE + "file = 3\n", "lens 1: file = 3 is not a name"),
         (LENS_TABLE + "file = ''\n", "lens 1: file = '' is not a name"),
         (LENS_TABLE, "there is no imager in .*; at least one is needed"),
-        (LENS_TABLE + "extension_rings_mm = [1, 'b']\n", r"lens 1: extension_rings_mm = \[1, 'b'\] is not a number"),
+        (
+            LENS_TABLE + "extension_rings_mm = [1, 'b']\n",
+            r"lens 1: extension_rings_mm = \[1, 'b'\] is not a number",
+        ),
         (
             LENS_TABLE + "extension_rings_mm = [1.0, 0.0]\n",
             r"A: extension_rings_mm\[1\] = 0 mm is outside 0\.001 to 1000 mm",
         ),
-        (LENS_TABLE.replace("100", "12"), "A: minimum_focus_mm = 12 is not beyond the focal length 12"),
-        (LENS_TABLE.replace("= 16", "= 1.3"), r"A: f_number_max = 1\.3 is below f_number_min = 1\.4"),
+        (
+            LENS_TABLE.replace("100", "12"),
+            "A: minimum_focus_mm = 12 is not beyond the focal length 12",
+        ),
+        (
+            LENS_TABLE.replace("= 16", "= 1.3"),
+            r"A: f_number_max = 1\.3 is below f_number_min = 1\.4",
+        ),
     ],
 )
 def test_wrong_catalogues_are_refused_with_the_entry(tmp_path, text, sentence):
@@ -346,5 +424,8 @@ def test_an_object_nowhere_is_refused(distance):
         lambda **at: choose_parts(SPHERE, read_catalogue(), **at),
         lambda **at: best_apertures(SPHERE, **at),
     ):
-        with pytest.raises(InvalidParameter, match=r"object_distance_mm = .* is not a distance; it is valid above 0"):
+        with pytest.raises(
+            InvalidParameter,
+            match=r"object_distance_mm = .* is not a distance; it is valid above 0",
+        ):
             ask(object_distance_mm=distance)

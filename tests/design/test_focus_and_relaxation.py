@@ -68,7 +68,9 @@ omega_deg = [85, 95]
 
 def worst_blur_px(sensor, focus_mm, omega, distances=(600.0, np.inf)):
     """Return the larger blur with the Airy disk at the worst angle, by the evaluation."""
-    results = [om.evaluate(sensor, omega, object_distance_mm=d, focus_mm=focus_mm) for d in distances]
+    results = [
+        om.evaluate(sensor, omega, object_distance_mm=d, focus_mm=focus_mm) for d in distances
+    ]
     worst = max(np.abs([r.blur_t_px, r.blur_s_px]).max() for r in results)
     return np.hypot(worst, results[0].airy_px)
 
@@ -105,16 +107,20 @@ def test_a_limit_in_the_middle_of_the_field_is_focused_for_there():
     assert max(np.abs(part.blur_t_deg).max(), np.abs(part.blur_s_deg).max()) < 0.12
     for focus in np.linspace(60, 100, 41):
         r = om.evaluate(sensor, omega, focus_mm=focus)
-        t, s = (np.hypot(b, r.airy_px / d).max() for b, d in
-                ((r.blur_t_deg, r.dh_domega_px_per_deg), (r.blur_s_deg, r.width_px_per_deg)))  # fmt: skip
+        t, s = (
+            np.hypot(b, r.airy_px / d).max()
+            for b, d in ((r.blur_t_deg, r.dh_domega_px_per_deg), (r.blur_s_deg, r.width_px_per_deg))
+        )
         assert reached <= max(t, s) * (1 + 1e-4)
 
 
 def test_two_limits_of_blur_are_weighed_by_their_shares():
     other = 'quantity = "total_blur_deg"\nat_most = 1.4\nomega_deg = [90, 130]'
-    text = PANORAMA.replace("at_most = 6.0", "at_most = 6.0\nomega_deg = [15, 60]").replace(
-        'quantity = "viewpoint_spread_mm"\nat_most = 25.0', other
-    ).replace("focal_length_mm = 12.0", "focal_length_mm = 12.0\ntheta_max_deg = 10.9")  # fmt: skip
+    text = (
+        PANORAMA.replace("at_most = 6.0", "at_most = 6.0\nomega_deg = [15, 60]")
+        .replace('quantity = "viewpoint_spread_mm"\nat_most = 25.0', other)
+        .replace("focal_length_mm = 12.0", "focal_length_mm = 12.0\ntheta_max_deg = 10.9")
+    )
     design = best(parse_requirements(text))
     sensor, shares = design.sensor, {}
     for focus in np.linspace(210, 250, 41):
@@ -131,22 +137,38 @@ def test_two_limits_of_blur_are_weighed_by_their_shares():
         shares[focus] = max(px / 6.0, deg / 1.4) - 1
     least = min(shares, key=shares.get)
     assert sensor.lens.focus_distance_mm == pytest.approx(least, abs=1.1)
-    assert shares[least] - 0.03 <= max(r.shortfall for r in design.rows if r.is_limit) <= shares[least] + 1e-4
+    assert (
+        shares[least] - 0.03
+        <= max(r.shortfall for r in design.rows if r.is_limit)
+        <= shares[least] + 1e-4
+    )
 
 
-@pytest.mark.parametrize(("asked", "reached"), [("[150, 200]", 200.0), ("[300, 400.0]", 300.0), ("222", 222.0)])
+@pytest.mark.parametrize(
+    ("asked", "reached"), [("[150, 200]", 200.0), ("[300, 400.0]", 300.0), ("222", 222.0)]
+)
 def test_the_focus_stays_where_it_is_asked_for(asked, reached):
-    found = best(parse_requirements(PANORAMA.replace("f_number = 4.0", f"f_number = 4.0\nfocus_mm = {asked}")))
+    found = best(
+        parse_requirements(
+            PANORAMA.replace("f_number = 4.0", f"f_number = 4.0\nfocus_mm = {asked}")
+        )
+    )
     assert found.sensor.lens.focus_distance_mm == pytest.approx(reached, rel=1e-9)
-    free = best(parse_requirements(PANORAMA.replace("f_number = 4.0", "f_number = 4.0\nfocus_mm = [200, 300]")))
+    free = best(
+        parse_requirements(
+            PANORAMA.replace("f_number = 4.0", "f_number = 4.0\nfocus_mm = [200, 300]")
+        )
+    )
     anywhere = best(parse_requirements(PANORAMA))
-    assert free.sensor.lens.focus_distance_mm == pytest.approx(anywhere.sensor.lens.focus_distance_mm, rel=1e-4)
+    assert free.sensor.lens.focus_distance_mm == pytest.approx(
+        anywhere.sensor.lens.focus_distance_mm, rel=1e-4
+    )
 
 
 def test_an_optimised_mirror_is_focused_within_its_range():
-    text = PANORAMA.replace('mapping = "equidistant"', 'optimise = "worst_blur_deg"\nshape = "polynomial:3"').replace(
-        "focal_length_mm = 12.0", "focal_length_mm = 12.0\nfocus_mm = [180, 205]"
-    )
+    text = PANORAMA.replace(
+        'mapping = "equidistant"', 'optimise = "worst_blur_deg"\nshape = "polynomial:3"'
+    ).replace("focal_length_mm = 12.0", "focal_length_mm = 12.0\nfocus_mm = [180, 205]")
     text = text[: text.index("[[limit]]")]
     narrow = design_sensor(parse_requirements(text), search=om.design.SearchOptions(starts=1))
     assert 180 <= narrow.sensor.lens.focus_distance_mm <= 205 * (1 + 1e-9)
@@ -163,11 +185,15 @@ def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_
     text = PANORAMA.replace("omega_min_deg = 15.0", "omega_min_deg = 40.0").replace(
         "[housing.camera]\ndiameter_mm = 30.0\n", ""
     )
-    design = design_sensor(parse_requirements(text.replace("at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]")))
+    design = design_sensor(
+        parse_requirements(text.replace("at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]"))
+    )
     found, omega = row(design, "total_blur_px"), np.linspace(0, 20, 401)
     assert found.reached == pytest.approx(worst_blur_px(design.sensor, None, omega), rel=1e-6)
     assert found.remarks == ()
-    assert row(design, "viewpoint_spread_mm").remarks == ("0 to 40 deg is not judged: it is inside omega_min_deg",)
+    assert row(design, "viewpoint_spread_mm").remarks == (
+        "0 to 40 deg is not judged: it is inside omega_min_deg",
+    )
 
 
 def test_what_the_camera_hides_is_not_judged_and_that_is_said():
@@ -178,13 +204,17 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
     (remark,) = found.remarks
     assert remark.endswith("is not judged: the camera hides it")
     assert remark.startswith("0 to 4.4")
-    with pytest.raises(InvalidParameter, match="nothing from 0 to 3 deg can be judged: the camera hides it"):
+    with pytest.raises(
+        InvalidParameter, match="nothing from 0 to 3 deg can be judged: the camera hides it"
+    ):
         design_sensor(parse_requirements(text.replace("[0, 20]", "[0, 3]")))
 
 
 def test_what_is_not_asked_for_is_not_said_to_be_left_out():
     whole = SURVEY.replace("omega_deg = [85, 95]", "")
-    (remark,) = (r for r in row(best(parse_requirements(whole)), "total_blur_deg").remarks if "judged" in r)
+    (remark,) = (
+        r for r in row(best(parse_requirements(whole)), "total_blur_deg").remarks if "judged" in r
+    )
     assert remark.startswith("40 to 4")
     assert "pointed" in remark
 
@@ -192,7 +222,9 @@ def test_what_is_not_asked_for_is_not_said_to_be_left_out():
 def test_diffraction_that_is_too_much_by_itself_is_named():
     found = row(best(parse_requirements(SURVEY.replace("0.65", "0.1"))), "total_blur_deg")
     assert not found.is_met
-    assert any("the Airy disk alone is 0.64" in remark and "F/11" in remark for remark in found.remarks)
+    assert any(
+        "the Airy disk alone is 0.64" in remark and "F/11" in remark for remark in found.remarks
+    )
 
 
 def test_a_limit_at_one_angle_is_judged_there():
@@ -220,7 +252,9 @@ omega_deg = [90, 90]
         .replace('apex = "pointed"', "")
         .replace("omega_min_deg = 40.0", "[housing.camera]\ndiameter_mm = 30.0")
     )
-    with pytest.raises(InvalidParameter, match="nothing from 2 to 2 deg can be judged: the camera hides it"):
+    with pytest.raises(
+        InvalidParameter, match="nothing from 2 to 2 deg can be judged: the camera hides it"
+    ):
         best(parse_requirements(hidden))
 
 
@@ -243,7 +277,9 @@ def test_advice_is_rounded_to_the_side_of_caution():
 
 CONFLICTS = [
     SURVEY.replace("0.65", "0.1"),
-    SURVEY.replace('apex = "pointed"\n', "").replace("rim_radius_mm = 30.0", "rim_radius_mm = 15.0"),
+    SURVEY.replace('apex = "pointed"\n', "").replace(
+        "rim_radius_mm = 30.0", "rim_radius_mm = 15.0"
+    ),
     PANORAMA.replace("at_most = 25.0", "at_most = 15.0"),
 ]
 
@@ -255,7 +291,9 @@ def test_advice_can_be_taken(text):
     and met."""
     wanted = parse_requirements(text)
     conflict = design_sensor(wanted).conflict
-    told = [[r] for r in conflict.alone if r.needed is not None] + ([list(conflict.joint)] if conflict.joint else [])
+    told = [[r] for r in conflict.alone if r.needed is not None] + (
+        [list(conflict.joint)] if conflict.joint else []
+    )
     assert told
     for given in told:
         changed = relaxed(wanted, given)
@@ -356,7 +394,9 @@ def test_numbers_that_would_not_do_alone_help_where_all_give():
     size.
     """
     eased = WALL.replace("at_most = 3.0", "at_most = 3.9").replace("at_most = 4.0", "at_most = 5.2")
-    eased = eased.replace("at_most = 14.0", "at_most = 17.2").replace("f_number = 4.0", "f_number = 5.2")
+    eased = eased.replace("at_most = 14.0", "at_most = 17.2").replace(
+        "f_number = 4.0", "f_number = 5.2"
+    )
     assert best(parse_requirements(eased)).is_met
     conflict = conflict_in(WALL)
     assert not [r for r in conflict.alone if r.needed is not None]
@@ -448,15 +488,27 @@ def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
 
 
 @pytest.mark.full
-def test_a_design_with_three_ranges_its_relaxations_and_alternatives_evaluate_a_limited_number_of_mirrors(monkeypatch):
+def test_a_design_with_three_ranges_its_relaxations_and_alternatives_evaluate_a_limited_number_of_mirrors(
+    monkeypatch,
+):
     """Most of the time is spent on these evaluations, 19,859 at the time of writing, most of them
     for alternatives."""
     import omnimirror.design._candidates as making
 
     made, real = [], making._before_lens
-    monkeypatch.setattr(making, "_before_lens", lambda *given, **words: made.append(1) or real(*given, **words))
-    text = SURVEY.replace('apex = "pointed"', "").replace("omega_min_deg = 40.0\n", "").replace("0.65", "0.1")
-    for name, span in (("rim_radius_mm", "[15, 30]"), ("focal_length_mm", "[4, 16]"), ("f_number", "[4, 11]")):
+    monkeypatch.setattr(
+        making, "_before_lens", lambda *given, **words: made.append(1) or real(*given, **words)
+    )
+    text = (
+        SURVEY.replace('apex = "pointed"', "")
+        .replace("omega_min_deg = 40.0\n", "")
+        .replace("0.65", "0.1")
+    )
+    for name, span in (
+        ("rim_radius_mm", "[15, 30]"),
+        ("focal_length_mm", "[4, 16]"),
+        ("f_number", "[4, 11]"),
+    ):
         text = re.sub(f"{name} = .*", f"{name} = {span}", text)
     design = design_sensor(parse_requirements(text))
     assert design.conflict is not None

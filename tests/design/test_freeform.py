@@ -77,11 +77,15 @@ def test_what_is_asked_is_kept_as_the_evaluation_sees_it(kept):
 
 def test_the_merit_is_that_of_the_field_past_the_camera_at_both_distances(kept):
     areas = [
-        om.evaluate(kept.sensor, np.linspace(20, 130, 2001), object_distance_mm=d).floored_area_deg2.max()
+        om.evaluate(
+            kept.sensor, np.linspace(20, 130, 2001), object_distance_mm=d
+        ).floored_area_deg2.max()
         for d in (600.0, np.inf)
     ]
     assert kept.optimum.value == pytest.approx(max(areas), rel=2e-3)
-    looser = design_sensor(parse_requirements(TEXT.replace("at_most = 4.0", "at_most = 40.0")), search=ONE)
+    looser = design_sensor(
+        parse_requirements(TEXT.replace("at_most = 4.0", "at_most = 40.0")), search=ONE
+    )
     assert looser.optimum.value <= kept.optimum.value * (1 + 1e-6)
 
 
@@ -133,7 +137,9 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
     assert len(helpful) >= 3
     for r in helpful:
         for share, keeps in ((1.01, True), (0.97, False)):
-            changed = with_change(missed.requirements, r.name, r.asked + share * (r.needed - r.asked))
+            changed = with_change(
+                missed.requirements, r.name, r.asked + share * (r.needed - r.asked)
+            )
             assert keeps_all(changed) == keeps, (r, share)
 
 
@@ -167,15 +173,23 @@ def test_what_cannot_be_met_is_missed_by_as_little_as_what_is_met_leaves(missed)
         changed = missed.requirements
         for row in rows:
             way = 1 if row.at_most is not None else -1
-            changed = with_change(changed, row.label, row.scale * (1 + way * factor * row.shortfall))
+            changed = with_change(
+                changed, row.label, row.scale * (1 + way * factor * row.shortfall)
+            )
         assert keeps_all(changed) == keeps
 
 
 def test_under_a_telecentric_lens_the_known_mirrors_come_out():
     """The sphere is equal-area, the paraboloid has one viewpoint and aspect ratio 1, both exactly."""
-    problem = DesignProblem(lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1)
+    problem = DesignProblem(
+        lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1
+    )
     R = 20.0 / np.tan(np.radians(60.0))
-    known = (("inverse_area_ratio", 1.0, 0.0), ("worst_aspect", 1.0, -1.0), ("viewpoint_spread_mm", 0.0, -1.0))
+    known = (
+        ("inverse_area_ratio", 1.0, 0.0),
+        ("worst_aspect", 1.0, -1.0),
+        ("viewpoint_spread_mm", 0.0, -1.0),
+    )
     for merit, value, conic in known:
         best = optimise(problem, merit, starts=1)
         assert best.value == pytest.approx(value, abs=1e-6)
@@ -204,7 +218,9 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
     assert design.optimum.value == pytest.approx(worst, rel=1e-4)
     again = om.best_focus(design.sensor, "worst_blur_deg")
     assert again.value >= worst * (1 - 1e-5)
-    by_rays = om.check_blur(design.sensor, [4.0, 8.0], omega_deg=np.linspace(5, 105, 11))  # through the full aperture
+    by_rays = om.check_blur(
+        design.sensor, [4.0, 8.0], omega_deg=np.linspace(5, 105, 11)
+    )  # through the full aperture
     for edge in ("edge_t_px", "edge_s_px"):
         wide, narrow = by_rays.worst(edge)
         assert narrow < wide / 6 < 0.2 / 6  # the error of second-order optics is of third order
@@ -222,7 +238,9 @@ def test_every_quantity_can_be_a_limit_from_either_side(quantity):
     """Rows are positive exactly when the value of the table violates the limit."""
     sensor = om.load_sensor("paper-equidistant")
     distance = 1000.0 if quantity.endswith("mm_per_px") else np.inf
-    result = om.evaluate(sensor, np.linspace(1, 134, 200), focus_mm="auto", object_distance_mm=distance)
+    result = om.evaluate(
+        sensor, np.linspace(1, 134, 200), focus_mm="auto", object_distance_mm=distance
+    )
     field = values_of_evaluation(result)
     frequency = {"cycles_per_px": 0.1} if quantity.startswith("mtf") else {}
     for largest in (True, False):
@@ -239,11 +257,15 @@ def test_every_quantity_can_be_a_limit_from_either_side(quantity):
 def test_known_mirrors_are_the_papers_for_its_field_and_solved_for_others():
     paper = known_sensors(DesignProblem())
     assert {"SPH", "E-DI", "SVP", "exactly equiareal"} <= set(paper)
-    area, uniformity = merit_values(paper["SPH"], ("worst_floored_area_deg2", "inverse_area_ratio"), DesignProblem())
+    area, uniformity = merit_values(
+        paper["SPH"], ("worst_floored_area_deg2", "inverse_area_ratio"), DesignProblem()
+    )
     r = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 135, 2001), focus_mm="auto")
     assert area == pytest.approx(r.floored_area_deg2.max(), rel=1e-3)
     assert uniformity == pytest.approx(r.area_px2.max() / r.area_px2.min(), rel=1e-3)
     other = DesignProblem(omega_max_deg=100, rim_radius_mm=20.0)
     for sensor in known_sensors(other).values():
         assert sensor.field_deg[1] == pytest.approx(100.0, abs=1e-6)
-    assert merit_values(known_sensors(other)["exactly equiareal"], ("inverse_area_ratio",), other) == pytest.approx(1.0)
+    assert merit_values(
+        known_sensors(other)["exactly equiareal"], ("inverse_area_ratio",), other
+    ) == pytest.approx(1.0)

@@ -120,7 +120,9 @@ def test_limits_are_judged_at_the_ends_of_the_range():
 
 def test_a_design_says_how_temperature_moves_it():
     found = om.design_sensor(parse_requirements(WARM))
-    assert found.sensor.thermal == om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
+    assert found.sensor.thermal == om.Thermal(
+        mirror_material="acrylic", spacer_material="aluminium"
+    )
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,12 @@ EQUIDISTANT = generated_mirror("equidistant", RimRay(135.0, 12.0, M))
 def linearity(placed: MountedMirror) -> np.ndarray:
     """Return deviations of evaluated heights from the line between the centre and 135 deg at the
     rim."""
-    sensor = om.Sensor(placed.mirror, Perspective(11.6, 4.0, 206.0), Imager(1024, 1024, 5.2),
-                       mirror_distance_mm=placed.distance_mm)  # fmt: skip
+    sensor = om.Sensor(
+        placed.mirror,
+        Perspective(11.6, 4.0, 206.0),
+        Imager(1024, 1024, 5.2),
+        mirror_distance_mm=placed.distance_mm,
+    )
     omega = np.linspace(0.5, 135.0, 2000)
     assert sensor.field_deg[1] >= 135.0 - 1e-9
     return om.evaluate(sensor, omega).h_px / sensor.rim_radius_px - omega / 135.0
@@ -51,25 +55,33 @@ def test_the_largest_deviation_alternates_as_a_best_fit_must():
     peak = np.abs(off).max()
     signs = np.sign(off[np.abs(off) > 0.97 * peak])
     assert np.count_nonzero(np.diff(signs)) >= 2
-    extremes = [np.abs(part).max() for part in np.split(off, np.flatnonzero(np.diff(np.sign(off))) + 1)]
+    extremes = [
+        np.abs(part).max() for part in np.split(off, np.flatnonzero(np.diff(np.sign(off))) + 1)
+    ]
     assert len(extremes) >= 4
     assert sorted(extremes)[-3:] == pytest.approx([peak] * 3, rel=0.03)
 
 
 @pytest.mark.parametrize(
     ("form", "theta"),
-    few(product(["polynomial:4", "asphere:3"], [12.0, 0.0]), ("polynomial:4", 12.0), ("asphere:3", 0.0)),
+    few(
+        product(["polynomial:4", "asphere:3"], [12.0, 0.0]),
+        ("polynomial:4", 12.0),
+        ("asphere:3", 0.0),
+    ),
 )
 def test_each_aim_is_best_at_what_it_aims_for(form, theta):
     target = generated_mirror("equidistant", RimRay(120.0, theta, M))
-    worst, mean, sag = (fit_mirror(target, form, aim) for aim in ("worst-mapping", "mean-mapping", "sag"))
+    worst, mean, sag = (
+        fit_mirror(target, form, aim) for aim in ("worst-mapping", "mean-mapping", "sag")
+    )
     assert worst.mapping < sag.mapping
     assert sag.sag_um < min(worst.sag_um, mean.sag_um)
     for fit in (worst, mean, sag):
         x = np.linspace(0, M, 3000)
-        assert np.abs(fit.mounted.mirror.sag(x) - target.mirror.sag(x)).max() * 1e3 == pytest.approx(
-            fit.sag_um, rel=1e-2
-        )
+        assert np.abs(
+            fit.mounted.mirror.sag(x) - target.mirror.sag(x)
+        ).max() * 1e3 == pytest.approx(fit.sag_um, rel=1e-2)
         turn = np.arctan(fit.mounted.mirror.slope(x)) - np.arctan(target.mirror.slope(x))
         assert np.abs(turn).max() * 1e3 == pytest.approx(fit.slope_mrad, rel=1e-2)
 
@@ -89,7 +101,9 @@ def test_a_form_that_holds_the_target_finds_it():
     target = MountedMirror(paraboloid, 170.0)
     fit = fit_mirror(target, "polynomial:2")
     assert fit.mapping < 1e-12
-    assert fit.mounted.mirror.coefficients == pytest.approx(np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9)
+    assert fit.mounted.mirror.coefficients == pytest.approx(
+        np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9
+    )
     sphere = MountedMirror(Sphere(50.0, M), 180.0)
     found = fit_mirror(sphere, "asphere:0").mounted
     assert found.mirror.vertex_radius_mm == pytest.approx(50.0, rel=1e-9)
@@ -106,7 +120,9 @@ def test_under_an_orthographic_lens_the_field_is_kept():
     assert np.abs(h - omega / 100).max() == pytest.approx(fit.mapping, rel=2e-2)
 
 
-@pytest.mark.parametrize("form", ["polynomial", "polynomial:0", "asphere:13", "spline:4", "polynomial:-1"])
+@pytest.mark.parametrize(
+    "form", ["polynomial", "polynomial:0", "asphere:13", "spline:4", "polynomial:-1"]
+)
 def test_a_form_that_is_not_known_is_refused(form):
     with pytest.raises(InvalidParameter, match="is not a form to fit; valid are polynomial:N"):
         fit_mirror(EQUIDISTANT, form)

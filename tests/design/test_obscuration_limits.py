@@ -84,7 +84,16 @@ def test_a_part_of_the_field_does_not_apply():
 def test_a_design_without_limits_says_what_its_camera_hides():
     """The disc around the lens obscures light from a field angle on: by rays of the designed
     sphere."""
-    words = ("--mirror", "sphere", "--omega-max-deg", 110, "--rim-radius-mm", 30, "--focal-length-mm", 8)
+    words = (
+        "--mirror",
+        "sphere",
+        "--omega-max-deg",
+        110,
+        "--rim-radius-mm",
+        30,
+        "--focal-length-mm",
+        8,
+    )
     said = omnimirror("design", *words, "--f-number", 4, "--camera-diameter-mm", 120).stdout
     assert "hidden: camera 0 to " in said
     told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])

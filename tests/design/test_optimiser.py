@@ -40,20 +40,31 @@ def test_the_sphere_is_beaten_by_what_was_promised(merit, target, sphere):
     assert again == pytest.approx(best.value, rel=2e-5)
     focus = om.best_focus(SPHERE, merit, omega_deg=np.linspace(0, 135, 1001), **as_paper)
     assert focus.value == pytest.approx(sphere, abs=1e-3)
-    assert om.best_focus(best.sensor, merit, **as_paper).value >= again * (1 - 1e-5)  # no other focus is better
+    assert om.best_focus(best.sensor, merit, **as_paper).value >= again * (
+        1 - 1e-5
+    )  # no other focus is better
 
 
 @pytest.mark.parametrize(
     ("family", "terms", "merit"),
     few(
         [("slope-spline", 8, merit) for merit in DESIGN_MERITS],
-        *(("slope-spline", 8, merit) for merit in (AREAS[0], "worst_blur_deg", "inverse_area_ratio")),
+        *(
+            ("slope-spline", 8, merit)
+            for merit in (AREAS[0], "worst_blur_deg", "inverse_area_ratio")
+        ),
     )
     + [("even-polynomial", 5, "mean_floored_area_deg2")]
     + [
         pytest.param(*case, marks=pytest.mark.full)
-        for case in [("even-polynomial", 5, merit) for merit in (AREAS[0], "worst_blur_rss_deg", "total_track_mm")]
-        + [("conic-asphere", 3, merit) for merit in (AREAS[0], "worst_blur_rss_deg", "worst_aspect")]
+        for case in [
+            ("even-polynomial", 5, merit)
+            for merit in (AREAS[0], "worst_blur_rss_deg", "total_track_mm")
+        ]
+        + [
+            ("conic-asphere", 3, merit)
+            for merit in (AREAS[0], "worst_blur_rss_deg", "worst_aspect")
+        ]
     ],
 )
 def test_every_merit_is_what_the_evaluation_says_and_no_worse_than_the_start(family, terms, merit):
@@ -83,30 +94,51 @@ def test_field_rim_and_viewing_angle_are_met_exactly(family, terms):
 
 
 LIMITS = (
-    Limit("aspect", 0.3, None, (20.0, 100.0)), Limit("length_mm", 400.0), Limit("total_blur_px", 2.0),
-    Limit("resolution_px_per_deg", None, 2.0), Limit("area_ratio", None, 0.7), Limit("viewpoint_spread_mm", 30.0),
-)  # fmt: skip
+    Limit("aspect", 0.3, None, (20.0, 100.0)),
+    Limit("length_mm", 400.0),
+    Limit("total_blur_px", 2.0),
+    Limit("resolution_px_per_deg", None, 2.0),
+    Limit("area_ratio", None, 0.7),
+    Limit("viewpoint_spread_mm", 30.0),
+)
 PROBLEMS = {
     "ranges": DesignProblem(
-        theta_max_deg=(10.0, 14.0), f_number=(2.0, 8.0), family="conic-asphere", terms=4, limits=LIMITS
+        theta_max_deg=(10.0, 14.0),
+        f_number=(2.0, 8.0),
+        family="conic-asphere",
+        terms=4,
+        limits=LIMITS,
     ),
     "lens follows": DesignProblem(
-        focal_length_mm=None, rim_radius_mm=(30.0, 50.0), terms=5, object_distance_mm=(400.0, np.inf),
-        housing=Housing(CameraBody(40.0)), omega_min_deg=15.0, limits=LIMITS,
+        focal_length_mm=None,
+        rim_radius_mm=(30.0, 50.0),
+        terms=5,
+        object_distance_mm=(400.0, np.inf),
+        housing=Housing(CameraBody(40.0)),
+        omega_min_deg=15.0,
+        limits=LIMITS,
     ),
     "theta follows": DesignProblem(
-        theta_max_deg=None, omega_max_deg=(120.0, 140.0), family="conic-asphere", terms=0, limits=LIMITS
+        theta_max_deg=None,
+        omega_max_deg=(120.0, 140.0),
+        family="conic-asphere",
+        terms=0,
+        limits=LIMITS,
     ),
     "telecentric": DesignProblem(
         lens="orthographic", omega_max_deg=120.0, rim_radius_mm=(30.0, 50.0), terms=5, limits=LIMITS
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("problem", PROBLEMS.values(), ids=list(PROBLEMS))
 @pytest.mark.parametrize(
     "merit",
-    few([*AREAS, "worst_blur_rss_deg", "viewpoint_spread_mm", "inverse_area_ratio"], AREAS[0], "viewpoint_spread_mm"),
+    few(
+        [*AREAS, "worst_blur_rss_deg", "viewpoint_spread_mm", "inverse_area_ratio"],
+        AREAS[0],
+        "viewpoint_spread_mm",
+    ),
 )
 def test_derivatives_are_those_of_differences(merit, problem):
     space = DesignSpace(problem)
@@ -125,7 +157,10 @@ def test_derivatives_are_those_of_differences(merit, problem):
 
 @pytest.mark.parametrize(
     "merit",
-    ["worst_blur_deg", *(pytest.param(m, marks=pytest.mark.full) for m in (AREAS[0], "worst_blur_rss_deg"))],
+    [
+        "worst_blur_deg",
+        *(pytest.param(m, marks=pytest.mark.full) for m in (AREAS[0], "worst_blur_rss_deg")),
+    ],
 )
 def test_no_mirror_nearby_is_better(merit):
     """Random steps of many sizes in all coordinates, each evaluated separately."""
@@ -146,7 +181,9 @@ def test_distance_and_f_number_are_chosen_within_their_ranges():
     """Stopping down reduces blur until diffraction dominates; the length decreases to the limit of
     theta."""
     narrow = optimise(DesignProblem(terms=8), starts=1)
-    free = optimise(DesignProblem(terms=8, f_number=(2.0, 22.0), theta_max_deg=(10.0, 14.0)), starts=1)
+    free = optimise(
+        DesignProblem(terms=8, f_number=(2.0, 22.0), theta_max_deg=(10.0, 14.0)), starts=1
+    )
     assert free.value < narrow.value
     assert 4.0 < free.sensor.lens.f_number < 22.0
     assert 10.0 - 1e-9 <= np.degrees(free.sensor.meridian.theta_max) <= 14.0 + 1e-9
@@ -176,7 +213,9 @@ def test_the_camera_in_the_middle_need_not_be_sharp():
     problems = [DesignProblem(terms=8, omega_min_deg=low) for low in (0.0, 30.0)]
     whole, ring = (optimise(problem, "worst_blur_deg", starts=1) for problem in problems)
     r = om.evaluate(ring.sensor, np.linspace(30.0, ring.sensor.field_deg[1], 2001))
-    assert max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()) == pytest.approx(ring.value, rel=5e-3)
+    assert max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()) == pytest.approx(
+        ring.value, rel=5e-3
+    )
     assert ring.value < whole.value
 
 
@@ -242,7 +281,9 @@ def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float)
         x, y = p
         r = np.hypot(x, y)
         slope = float(mirror.slope(min(r, mirror.rim_radius_mm)))
-        z = float(mirror.sag(min(r, mirror.rim_radius_mm))) + slope * max(r - mirror.rim_radius_mm, 0.0)
+        z = float(mirror.sag(min(r, mirror.rim_radius_mm))) + slope * max(
+            r - mirror.rim_radius_mm, 0.0
+        )
         n = np.array([slope * x / r, slope * y / r, -1.0])
         n /= np.linalg.norm(n)
         d = travel - 2 * (travel @ n) * n
@@ -254,7 +295,9 @@ def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float)
         p = np.array([guess, 1e-9])
         for _ in range(20):
             here, _d = at_lens(p)
-            J = np.column_stack([(at_lens(p + e)[0] - at_lens(p - e)[0]) / 2e-5 for e in np.eye(2) * 1e-5])
+            J = np.column_stack(
+                [(at_lens(p + e)[0] - at_lens(p - e)[0]) / 2e-5 for e in np.eye(2) * 1e-5]
+            )
             p = p - np.linalg.solve(J, here - target)
         here, d = at_lens(p)
         assert np.abs(here - target).max() < 1e-7
@@ -263,7 +306,9 @@ def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float)
     return np.array(out) / sensor.imager.pitch_mm
 
 
-@pytest.mark.parametrize("merit", [pytest.param(AREAS[0], marks=pytest.mark.full), "worst_blur_deg"])
+@pytest.mark.parametrize(
+    "merit", [pytest.param(AREAS[0], marks=pytest.mark.full), "worst_blur_deg"]
+)
 def test_real_rays_through_the_full_aperture_make_the_blur(merit):
     """The whole aperture, edge to edge along and across the meridian, over the real mirror in 3-D."""
     sensor = optimise(DesignProblem(terms=10), merit, starts=1).sensor
@@ -283,7 +328,10 @@ def test_splines_of_more_knots_converge():
     """The residual decreases as 1/N^2, to 0.2830 deg2 and to the proven bound of the single blur."""
     counts = np.array([24, 36, 48, 60])
     problem = DesignProblem(family="slope-spline", mode="paper", image_radius_px=500.0)
-    area = [optimise(replace(problem, terms=int(n)), "worst_floored_area_deg2", starts=1).value for n in counts]
+    area = [
+        optimise(replace(problem, terms=int(n)), "worst_floored_area_deg2", starts=1).value
+        for n in counts
+    ]
     limit, slope = np.polynomial.polynomial.polyfit(1 / counts**2.0, area, 1)
     assert slope > 0
     assert limit == pytest.approx(0.2830, abs=2e-4)

@@ -20,7 +20,9 @@ from tests.design.answers import looked_at_again
 
 REQUIREMENTS = om.Requirements(
     field=om.FieldRequirements(omega_max_deg=135),
-    mirror=om.MirrorRequirements(optimise="worst_floored_area_deg2", shape="polynomial:5", rim_radius_mm=43.9),
+    mirror=om.MirrorRequirements(
+        optimise="worst_floored_area_deg2", shape="polynomial:5", rim_radius_mm=43.9
+    ),
     lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12),
 )
 PROBLEM = problem_of(REQUIREMENTS)
@@ -55,7 +57,9 @@ def test_designs_of_a_front_are_what_they_say(front):
         again = looked_at_again(sensor)
         np.testing.assert_allclose([again[merit] for merit in MERITS], front.values[i], rtol=2e-3)
         assert sensor.field_deg[1] == pytest.approx(135.0, abs=1e-9)
-        np.testing.assert_allclose(merit_values(sensor, front.merits, PROBLEM), front.values[i], rtol=2e-3)
+        np.testing.assert_allclose(
+            merit_values(sensor, front.merits, PROBLEM), front.values[i], rtol=2e-3
+        )
     with pytest.raises(InvalidParameter, match="no design"):
         front.sensor(len(front))
 
@@ -74,7 +78,9 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
     straight = pareto(REQUIREMENTS, merits, **SMALL)
     pareto(REQUIREMENTS, merits, **{**SMALL, "generations": EPOCH}, resume=file)
     told = []
-    resumed = pareto(REQUIREMENTS, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done))
+    resumed = pareto(
+        REQUIREMENTS, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done)
+    )
     np.testing.assert_array_equal(resumed.y, straight.y)
     np.testing.assert_array_equal(resumed.values, straight.values)
     assert told == [(2 * EPOCH, 2 * EPOCH)]
@@ -101,7 +107,9 @@ def test_a_design_of_a_front_is_judged_like_any_other(front):
     design = front.design(1)
     assert design.rows == om.judge(REQUIREMENTS, front.sensor(1)).rows
     assert design.is_met
-    named = replace(front, space=replace(front.space, requirements=replace(REQUIREMENTS, name="mine")))
+    named = replace(
+        front, space=replace(front.space, requirements=replace(REQUIREMENTS, name="mine"))
+    )
     assert (named.design(1).sensor.name, design.sensor.name[:6]) == ("mine", "front-")
     with pytest.raises(InvalidParameter, match="no design"):
         front.design(len(front))

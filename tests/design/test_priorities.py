@@ -29,7 +29,10 @@ def blurs_by_hand(sensor: om.Sensor) -> np.ndarray:
     focus settings."""
     found = []
     for focus in FOCUS_MM:
-        at = [om.evaluate(sensor, np.linspace(*part, 60), focus_mm=focus) for part in ((110, 130), (0, 30))]
+        at = [
+            om.evaluate(sensor, np.linspace(*part, 60), focus_mm=focus)
+            for part in ((110, 130), (0, 30))
+        ]
         found.append([np.hypot(np.abs([r.blur_t_px, r.blur_s_px]).max(), r.airy_px) for r in at])
     return np.array(found)
 
@@ -53,14 +56,18 @@ def test_what_can_be_met_is_met_beside_what_cannot():
 @pytest.mark.full
 def test_what_could_be_met_in_turn_is_missed_by_equal_shares():
     """Each of the two is feasible alone: the design balances them."""
-    bare = _parameter_search.solve(parse_requirements(SPHERE.format(rim=90.0, middle=90.0)))[1].sensor
+    bare = _parameter_search.solve(parse_requirements(SPHERE.format(rim=90.0, middle=90.0)))[
+        1
+    ].sensor
     rim, middle = blurs_by_hand(bare).T
     asked = {"rim": rim.min() * 1.05, "middle": middle.min() * 1.5}
     assert not ((rim <= asked["rim"]) & (middle <= asked["middle"])).any()
     design = _parameter_search.solve(parse_requirements(SPHERE.format(**asked)))[1]
     at_rim, in_middle = (row.shortfall for row in design.verdict.limits)
     assert at_rim == pytest.approx(in_middle, rel=1e-3)
-    assert at_rim == pytest.approx(np.maximum(rim / asked["rim"], middle / asked["middle"]).min() - 1, abs=0.02)
+    assert at_rim == pytest.approx(
+        np.maximum(rim / asked["rim"], middle / asked["middle"]).min() - 1, abs=0.02
+    )
 
 
 def test_a_mirror_of_free_form_meets_what_can_be_met():

@@ -20,7 +20,11 @@ from tests.samplers import remap_at
 
 BALL = om.MirrorBall((511.0, 509.5), 480.0, 270.0, (1024, 1020))
 FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (320.0, 240.0), (640, 480), optics="fisheye")
-CAMERAS = {**{name: om.load_sensor(name) for name in bundled_sensors()}, "ball": BALL, "fisheye": FISHEYE}
+CAMERAS = {
+    **{name: om.load_sensor(name) for name in bundled_sensors()},
+    "ball": BALL,
+    "fisheye": FISHEYE,
+}
 MOUNTS = [Mount("up"), Mount("down", 17.0), Mount("up", -90.0, True), Mount("down", 200.0, True)]
 
 
@@ -37,7 +41,9 @@ def test_separable_panoramas_are_the_general_ones(camera, mount):
 
 
 @pytest.mark.parametrize("viewpoint", few(["exact", "single", 15.0], "exact"))
-@pytest.mark.parametrize("mount", few([Mount("up"), Mount("down", 200.0, True)], Mount("down", 200.0, True)), ids=str)
+@pytest.mark.parametrize(
+    "mount", few([Mount("up"), Mount("down", 200.0, True)], Mount("down", 200.0, True)), ids=str
+)
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoint):
     camera = replace(camera, mount=mount)
@@ -59,7 +65,9 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
 def test_panoramas_are_sampled_without_a_map(camera):
     """Equal to sampling at their coordinates up to one grey level, and with a map on request."""
     width, height = camera.image_size
-    picture = cv2.resize(np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height))
+    picture = cv2.resize(
+        np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height)
+    )
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
     straight = dewarp(picture)
     assert "_pixel_map" not in dewarp.__dict__
@@ -89,9 +97,13 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
     np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
+@pytest.mark.parametrize(
+    "view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)]
+)
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
-    monkeypatch.setattr(_source_coordinates, "STRIP_PX", 1000)  # several strips, the last one incomplete
+    monkeypatch.setattr(
+        _source_coordinates, "STRIP_PX", 1000
+    )  # several strips, the last one incomplete
     targets = view.targets(0, view.size[1])
     pixels = om.Dewarper(BALL, view).coordinates(exact=True)
     expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(pixels.shape)
@@ -114,7 +126,9 @@ def test_screens_at_a_finite_distance_use_the_true_reflection():
     sensor = om.load_sensor("paper-spherical")
     pixels = om.Dewarper(sensor, Wall()).coordinates()
     points = Wall().targets_at(np.arange(12.0), np.arange(8.0)[:, None]).reshape(-1, 3)
-    np.testing.assert_allclose(pixels.reshape(-1, 2), sensor.project(points).pixels, atol=1e-4, rtol=0)
+    np.testing.assert_allclose(
+        pixels.reshape(-1, 2), sensor.project(points).pixels, atol=1e-4, rtol=0
+    )
     assert np.abs(pixels.reshape(-1, 2) - sensor.project_directions(points).pixels).max() > 1
 
 
@@ -137,7 +151,9 @@ def test_sampling_is_at_the_coordinates():
         np.testing.assert_allclose(straight[..., 2], x + y, atol=2 * tolerance)
 
 
-@pytest.mark.parametrize("view", [om.screens.Cylinder((60, 90), -90.0, 90.0), om.screens.Plane((60, 90))], ids=str)
+@pytest.mark.parametrize(
+    "view", [om.screens.Cylinder((60, 90), -90.0, 90.0), om.screens.Plane((60, 90))], ids=str
+)
 def test_a_picture_can_be_filled(view):
     picture = np.random.default_rng(5).integers(0, 255, (1020, 1024, 3), np.uint8)
     dewarp = om.Dewarper(BALL, view)
@@ -147,11 +163,15 @@ def test_a_picture_can_be_filled(view):
         assert dewarp(picture, out=out) is out
         np.testing.assert_allclose(out, straight, atol=1)
     assert dewarp(picture, transparent=True, out=kept) is kept
-    with pytest.raises(InvalidParameter, match=r"out is \(90, 60\) of uint8, not \(90, 60, 3\) of uint8"):
+    with pytest.raises(
+        InvalidParameter, match=r"out is \(90, 60\) of uint8, not \(90, 60, 3\) of uint8"
+    ):
         dewarp(picture, out=np.empty((90, 60), np.uint8))
 
 
-@pytest.mark.parametrize("interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "nearest"))
+@pytest.mark.parametrize(
+    "interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "nearest")
+)
 @pytest.mark.parametrize("channels", [(), (1,), (3,), (4,)])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_every_kind_of_picture_keeps_its_kind(dtype, channels, interpolation):
@@ -175,9 +195,13 @@ def test_transparent_keeps_the_colours():
     picture = np.zeros((1020, 1024, 3), np.uint8)
     picture[:] = (10, 20, 30)
     view = om.screens.Plane((20, 10), tilt_deg=-30.0)
-    np.testing.assert_array_equal(om.Dewarper(BALL, view)(picture, transparent=True)[5, 5], [10, 20, 30, 255])
+    np.testing.assert_array_equal(
+        om.Dewarper(BALL, view)(picture, transparent=True)[5, 5], [10, 20, 30, 255]
+    )
     grey = np.full((1020, 1024), 77, np.uint8)
-    np.testing.assert_array_equal(om.Dewarper(BALL, view)(grey, transparent=True)[5, 5], [77, 77, 77, 255])
+    np.testing.assert_array_equal(
+        om.Dewarper(BALL, view)(grey, transparent=True)[5, 5], [77, 77, 77, 255]
+    )
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
@@ -185,7 +209,9 @@ def test_the_edge_of_the_picture_is_not_smeared(interpolation):
     """A fisheye field extends beyond the image: its white border remains white up to the end."""
     picture = np.full((480, 640), 200, np.uint8)
     dewarp = om.Dewarper(
-        replace(FISHEYE, mount=Mount("forward")), om.screens.Plane((400, 300), hfov_deg=150.0), interpolation
+        replace(FISHEYE, mount=Mount("forward")),
+        om.screens.Plane((400, 300), hfov_deg=150.0),
+        interpolation,
     )
     straight = dewarp(picture)
     u, v = np.moveaxis(dewarp.coordinates(), -1, 0)
@@ -203,7 +229,9 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
     monkeypatch.undo()
     uncompiled()
-    np.testing.assert_array_equal(long, om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture))
+    np.testing.assert_array_equal(
+        long, om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
+    )
     assert whole.any()
     longest = om.Dewarper(BALL, om.screens.Cylinder((40_000, 2), -50.0, 0.0))(picture)
     assert longest.shape == (2, 40_000, 3)
@@ -213,10 +241,16 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
 @pytest.mark.parametrize(
     ("picture", "message"),
     [
-        (np.zeros((510, 512, 3), np.uint8), r"512 x 510 px and the camera's 1024 x 1020 px; both have the same shape"),
+        (
+            np.zeros((510, 512, 3), np.uint8),
+            r"512 x 510 px and the camera's 1024 x 1020 px; both have the same shape",
+        ),
         (np.zeros((480, 640), np.uint8), r"640 x 480 px and the camera's 1024 x 1020 px$"),
         (np.zeros((1020, 1024), float), "float64 values; valid are uint8, uint16, float32"),
-        (np.zeros((1020, 1024, 2), np.uint8), r"shape \(1020, 1024, 2\) is not a picture of 1, 3 or 4 channels"),
+        (
+            np.zeros((1020, 1024, 2), np.uint8),
+            r"shape \(1020, 1024, 2\) is not a picture of 1, 3 or 4 channels",
+        ),
         (np.zeros(1020, np.uint8), r"shape \(1020,\) is not a picture"),
     ],
 )
@@ -229,14 +263,22 @@ def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
     uncompiled()
     camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
     with pytest.raises(InvalidParameter, match="40000 x 3 px is too large"):
-        om.Dewarper(camera, om.screens.Plane((21, 11), tilt_deg=-90.0))(np.zeros((3, 40_000), np.uint8))
+        om.Dewarper(camera, om.screens.Plane((21, 11), tilt_deg=-90.0))(
+            np.zeros((3, 40_000), np.uint8)
+        )
 
 
 @pytest.mark.parametrize(
     ("view", "message"),
     [
-        (om.screens.Cylinder((20, 10), 50.0, 80.0), r"panorama \(elevation 50 to 80 deg\) sees nothing"),
-        (om.screens.Plane((20, 10), tilt_deg=80.0, hfov_deg=30.0), r"perspective view \(pan 0, tilt 80, hfov 30 deg\)"),
+        (
+            om.screens.Cylinder((20, 10), 50.0, 80.0),
+            r"panorama \(elevation 50 to 80 deg\) sees nothing",
+        ),
+        (
+            om.screens.Plane((20, 10), tilt_deg=80.0, hfov_deg=30.0),
+            r"perspective view \(pan 0, tilt 80, hfov 30 deg\)",
+        ),
         (om.screens.Dome((20, 10), 30.0, "zenith"), r"dome \(0 to 30 deg from the zenith\)"),
     ],
 )
@@ -250,7 +292,9 @@ def test_a_view_of_nothing_is_refused(view, message):
 ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is visible above 45 deg
 
 
-@pytest.mark.parametrize("interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "nearest"))
+@pytest.mark.parametrize(
+    "interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "nearest")
+)
 @pytest.mark.parametrize(
     ("dtype", "channels", "border", "expected"),
     [
@@ -267,14 +311,20 @@ ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is vi
 )
 def test_the_border_is_the_colour_outside(dtype, channels, border, expected, interpolation):
     picture = np.full((1020, 1024, *channels), 100, dtype)
-    for view in (ALL_OF_IT, om.screens.Dome((90, 90), 170.0, "nadir"), om.screens.CubeMap((80, 60))):
+    for view in (
+        ALL_OF_IT,
+        om.screens.Dome((90, 90), 170.0, "nadir"),
+        om.screens.CubeMap((80, 60)),
+    ):
         dewarp = om.Dewarper(BALL, view, interpolation, border=border)
         for _ in range(2):
             straight = dewarp(picture)
             np.testing.assert_allclose(straight[dewarp.valid], 100, rtol=1e-6)
             outside = straight[~dewarp.valid]
             assert len(outside)
-            np.testing.assert_array_equal(outside, np.broadcast_to(np.array(expected, dtype), outside.shape))
+            np.testing.assert_array_equal(
+                outside, np.broadcast_to(np.array(expected, dtype), outside.shape)
+            )
 
 
 def test_the_border_of_a_picture_that_gets_an_alpha_is_clear():
@@ -291,7 +341,12 @@ def test_the_border_of_a_picture_that_gets_an_alpha_is_clear():
 @pytest.mark.parametrize(
     ("dtype", "channels", "border", "message"),
     [
-        ("uint8", (3,), 256, "border = 256 is no value of a picture of uint8; valid are whole numbers from 0 to 255"),
+        (
+            "uint8",
+            (3,),
+            256,
+            "border = 256 is no value of a picture of uint8; valid are whole numbers from 0 to 255",
+        ),
         ("uint8", (3,), -1, "border = -1 is no value"),
         ("uint16", (3,), 0.5, "border = 0.5 is no value of a picture of uint16"),
         ("uint8", (3,), (1, 2), r"border = \(1, 2\) has 2 values, and the picture 3 channels"),
@@ -310,7 +365,9 @@ def test_a_border_that_is_no_colour_is_refused(border):
 
 
 def test_an_unknown_interpolation_is_refused():
-    with pytest.raises(InvalidParameter, match="'lanczos' is not one of auto, nearest, linear, cubic, area"):
+    with pytest.raises(
+        InvalidParameter, match="'lanczos' is not one of auto, nearest, linear, cubic, area"
+    ):
         om.Dewarper(BALL, om.screens.Plane((20, 10)), "lanczos")
 
 
@@ -318,7 +375,9 @@ def test_an_unknown_interpolation_is_refused():
 
 
 @pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, lambda d: pickle.loads(pickle.dumps(d))])
-@pytest.mark.parametrize("camera", [om.load_sensor("paper-spherical"), BALL], ids=["sensor", "ball"])
+@pytest.mark.parametrize(
+    "camera", [om.load_sensor("paper-spherical"), BALL], ids=["sensor", "ball"]
+)
 def test_a_dewarper_that_was_used_can_be_copied_and_pickled(camera, way):
     width, height = camera.image_size
     picture = np.random.default_rng(7).integers(0, 256, (height, width, 3), np.uint8)
@@ -332,7 +391,9 @@ def test_a_dewarper_that_was_used_can_be_copied_and_pickled(camera, way):
 
 @pytest.mark.full
 def test_a_dewarper_serves_processes_that_were_spawned():
-    dewarp = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Cylinder((60, 20), -60.0, -10.0))
+    dewarp = om.Dewarper(
+        om.load_sensor("paper-spherical"), om.screens.Cylinder((60, 20), -60.0, -10.0)
+    )
     picture = np.random.default_rng(8).integers(0, 256, (1024, 1024, 3), np.uint8)
     straight = dewarp(picture)
     with multiprocessing.get_context("spawn").Pool(1) as pool:

@@ -80,7 +80,9 @@ def count(way, interpolation):
     length = np.hypot(*way)
     if interpolation == "area":
         return 1 if length <= 0.5 else max(2, math.ceil(length - 1e-6))
-    return 1 if length <= 1.2 else max(2, math.ceil(length * (1 - (1.2 / length) ** 8) / 1.5 - 1e-6))
+    return (
+        1 if length <= 1.2 else max(2, math.ceil(length * (1 - (1.2 / length) ** 8) / 1.5 - 1e-6))
+    )
 
 
 def truth(picture, places, matrix, interpolation, border):
@@ -117,7 +119,9 @@ def texture(depth, channels, size=(150, 130), seed=5):
     """Return structure of all scales, down to single-pixel noise."""
     width, height = size
     rng = np.random.default_rng(seed)
-    levels = [cv2.resize(rng.random((n, n)), size, interpolation=cv2.INTER_CUBIC) for n in (4, 15, 60)]
+    levels = [
+        cv2.resize(rng.random((n, n)), size, interpolation=cv2.INTER_CUBIC) for n in (4, 15, 60)
+    ]
     picture = np.dstack([np.roll(sum(levels), 17 * c, axis=1) for c in range(channels)])
     picture = picture / 3 + rng.normal(0, 0.12, (height, width, channels))
     picture = picture.clip(0, 1) * FULL[depth]
@@ -139,7 +143,9 @@ AFFINE = ((FINE, (9, 11)), (SHRINKING, (60, 43)), (SLANTED, (33, 20)), (STRONG, 
 
 
 @pytest.mark.parametrize("interpolation", few(["auto", "area"], "auto"))
-@pytest.mark.parametrize(("depth", "channels"), few(KINDS, ("uint8", 1), ("uint16", 4), ("float32", 3)))
+@pytest.mark.parametrize(
+    ("depth", "channels"), few(KINDS, ("uint8", 1), ("uint16", 4), ("float32", 3))
+)
 def test_values_are_the_definition(depth, channels, interpolation, sampler):
     picture = texture(depth, channels)
     for places, means in expected(depth, channels, interpolation):
@@ -157,7 +163,10 @@ def grid_of(matrix, size, step, bend=0.0):
     width, height = size
 
     def places(x, y):
-        at = np.stack([x - width / 2, y - height / 2], axis=-1) @ np.array(matrix).T + (74.37, 63.23)
+        at = np.stack([x - width / 2, y - height / 2], axis=-1) @ np.array(matrix).T + (
+            74.37,
+            63.23,
+        )
         return at + bend * np.stack([(y - height / 2) ** 2, (x - width / 2) ** 2], axis=-1)
 
     down, across = -(-height // step), -(-width // step)
@@ -172,11 +181,17 @@ def grid_of(matrix, size, step, bend=0.0):
 @pytest.mark.parametrize("step", [4, 8, 16, 32, 64])
 def test_lattices_average_as_maps_do(step, interpolation, sampler):
     picture = texture("uint8", 3)
-    for size, matrix in (((47, 61), SHRINKING), ((130, 70), [[0.9, 0.1], [0.0, 1.6]]), ((1, 1), STRONG)):
+    for size, matrix in (
+        ((47, 61), SHRINKING),
+        ((130, 70), [[0.9, 0.1], [0.0, 1.6]]),
+        ((1, 1), STRONG),
+    ):
         grid, places = grid_of(matrix, size, step, 1e-3)
         taken = remap(picture, grid, interpolation, border=9)
         fixed = PixelMap.of(grid)
-        for again in (remap(picture, fixed, interpolation, border=9) for _ in range(2 * (step > 4))):
+        for again in (
+            remap(picture, fixed, interpolation, border=9) for _ in range(2 * (step > 4))
+        ):
             assert (np.abs(again.astype(int) - taken) > 1).mean() < 1e-3  # at the image border
         # cells may use one sample more or less than those of a map, which have other origins
         other = remap_at(picture, places, interpolation, border=9)
@@ -184,7 +199,9 @@ def test_lattices_average_as_maps_do(step, interpolation, sampler):
 
 
 @pytest.mark.parametrize("keep_map", [False, True])
-@pytest.mark.parametrize("interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "cubic"))
+@pytest.mark.parametrize(
+    "interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "cubic")
+)
 @pytest.mark.parametrize("dtype", few(["uint8", "float32"], "uint8"))
 def test_the_first_picture_is_the_others_to_the_bit(dtype, interpolation, keep_map, sampler):
     ball = om.MirrorBall((127.5, 126.5), 120.0, 270.0, (256, 254))
@@ -203,8 +220,14 @@ def test_the_first_picture_is_the_others_to_the_bit(dtype, interpolation, keep_m
 
 
 def test_the_first_frame_is_the_others_to_the_bit():
-    luma, chroma = (np.random.default_rng(6).integers(0, 256, s, np.uint8) for s in ((1020, 1024), (510, 512, 2)))
-    for view in (om.screens.Plane((160, 100), 10.0, -40.0), om.screens.Cylinder((200, 60), -60.0, 20.0)):
+    luma, chroma = (
+        np.random.default_rng(6).integers(0, 256, s, np.uint8)
+        for s in ((1020, 1024), (510, 512, 2))
+    )
+    for view in (
+        om.screens.Plane((160, 100), 10.0, -40.0),
+        om.screens.Cylinder((200, 60), -60.0, 20.0),
+    ):
         dewarp = om.Dewarper(BALL, view)
         first = dewarp.planes((luma, chroma))
         _ = dewarp.valid
@@ -235,7 +258,10 @@ def test_the_mean_over_a_footprint_is_that_of_very_many_samples(seed):
     picture = cv2.GaussianBlur(texture("float32", 1, (260, 260), seed % 1000), (0, 0), 1.0)
     turn, shear = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5)
     across, down = rng.uniform(0.2, 12, 2)
-    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [[across, shear], [0.0, down]]
+    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [
+        [across, shear],
+        [0.0, down],
+    ]
     places = affine(matrix, (129.5, 129.5), (7, 9))
     many = affine(matrix / 31, (129.5, 129.5), (7 * 31, 9 * 31))
     mean = remap_at(picture, many, "linear").reshape(7, 31, 9, 31).mean(axis=(1, 3))
@@ -263,11 +289,15 @@ def test_regions_join_without_a_seam():
     taken, taps = dewarp(picture), dewarp._map.averages("auto").taps
     assert len(np.unique(taps.reshape(-1, 2), axis=0)) >= 4
     step = dewarp._map.step
-    differs = (np.diff(taps.astype(int), axis=1) != 0).any(axis=-1).repeat(step, axis=0)[: view.size[1]]
+    differs = (
+        (np.diff(taps.astype(int), axis=1) != 0).any(axis=-1).repeat(step, axis=0)[: view.size[1]]
+    )
     bend = np.abs(np.diff(taken, 3, axis=1))  # of four consecutive pixels
     rows, cells = np.nonzero(differs)
     columns = (cells + 1) * step  # the first pixel of the next cell
-    inside = (columns + 10 < view.size[0]) & dewarp.valid[rows, np.minimum(columns + 10, view.size[0] - 1)]
+    inside = (columns + 10 < view.size[0]) & dewarp.valid[
+        rows, np.minimum(columns + 10, view.size[0] - 1)
+    ]
     rows, columns = rows[inside], columns[inside]
     assert len(rows) > 500
     across_border = bend[rows, columns - 2].mean()  # two pixels on each side
@@ -285,7 +315,9 @@ def test_nothing_outside_the_field_gets_into_the_picture(camera, sampler):
     v, u = np.mgrid[:510, :512]
     picture = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
     view = om.screens.Dome((90, 90), 150.0, "nadir")
-    dewarp = om.Dewarper(ball if camera == "symmetric" else _Unsymmetric(ball), view, "area", border=7)
+    dewarp = om.Dewarper(
+        ball if camera == "symmetric" else _Unsymmetric(ball), view, "area", border=7
+    )
     for _ in range(2):
         taken = dewarp(picture)
         assert 0.6 < dewarp.valid.mean() < 0.9
@@ -319,7 +351,10 @@ def test_the_end_of_a_picture_is_averaged_over_what_is_inside(sampler):
 def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
     """Each view equals the single view up to its last pixel, for any direction of its neighbour."""
     picture = texture("uint8", 3, (1024, 1020))
-    down, ahead = om.screens.Dome((80, 80), 100.0, "nadir"), om.screens.Plane((79, 50), 0.0, -10.0, 0.0, 120.0)
+    down, ahead = (
+        om.screens.Dome((80, 80), 100.0, "nadir"),
+        om.screens.Plane((79, 50), 0.0, -10.0, 0.0, 120.0),
+    )
     mosaic = om.screens.Mosaic((159, 80), ((0, 0, down), (80, 0, ahead)))
     together = om.Dewarper(BALL, mosaic)
     for _ in range(2):
@@ -336,7 +371,9 @@ def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
 
 
 def test_cells_of_neighbours_far_apart_do_not_count_as_large():
-    places = np.concatenate([affine(FINE, (40, 40), (32, 24)), affine(FINE, (900, 700), (32, 24))], axis=1)
+    places = np.concatenate(
+        [affine(FINE, (40, 40), (32, 24)), affine(FINE, (900, 700), (32, 24))], axis=1
+    )
     assert squared_sides_of_pixels(places).max() < 0.3
 
 
@@ -418,9 +455,13 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.Averages(taps, 12, 1.2, None),
         lambda: MODULE.Averages(taps[..., :1].copy(), 16, 1.2, None),
         lambda: MODULE.remap(picture, places, out, 1, 0, good),
-        lambda: MODULE.remap(picture, places, out, 2, 0, MODULE.Averages(taps[:2].copy(), 16, 1.2, None)),
+        lambda: MODULE.remap(
+            picture, places, out, 2, 0, MODULE.Averages(taps[:2].copy(), 16, 1.2, None)
+        ),
         lambda: MODULE.PackedMap(places, 150, 130, 3, False, 2).sample(picture, out, 0, None, good),
-        lambda: MODULE.PackedMap(places, 150, 130, 3, False, 2).sample(picture, out, 0, places[1:], good),
+        lambda: MODULE.PackedMap(places, 150, 130, 3, False, 2).sample(
+            picture, out, 0, places[1:], good
+        ),
         lambda: MODULE.remap(picture, places, out, 2, (1, 2)),
         lambda: MODULE.remap(picture, places, out, 2, (1, 2, 256)),
         lambda: MODULE.squared_sides_of_nodes(
@@ -431,7 +472,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         ),
     ):
         with pytest.raises(
-            (ValueError, TypeError), match=r"taps|border|step|coordinates|averaged|cell|out|arguments|interpolation"
+            (ValueError, TypeError),
+            match=r"taps|border|step|coordinates|averaged|cell|out|arguments|interpolation",
         ):
             call()
 

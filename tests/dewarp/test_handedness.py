@@ -43,7 +43,10 @@ def shortest_path_pixel(point_mm, axes):
 
     towards = point_mm / np.linalg.norm(point_mm)
     best = minimize(
-        length, [towards @ right, towards @ down], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 0}
+        length,
+        [towards @ right, towards @ down],
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 0},
     )
     ray = on_sphere(best.x) - lens
     scale = IMAGE_DISTANCE_MM / PITCH_MM / (ray @ ahead)
@@ -53,7 +56,9 @@ def shortest_path_pixel(point_mm, axes):
 def sensor_with(looks, forward_azimuth_deg, flipped=False):
     from dataclasses import replace
 
-    return replace(om.load_sensor("paper-spherical"), mount=Mount(looks, forward_azimuth_deg, flipped))
+    return replace(
+        om.load_sensor("paper-spherical"), mount=Mount(looks, forward_azimuth_deg, flipped)
+    )
 
 
 def azimuth_deg(pixel):
@@ -88,7 +93,11 @@ def test_points_project_where_the_shortest_path_puts_them(looks):
 # -- a readable sign: an L of three lamps on a wall, forward and right of the centre
 # ----------------
 
-LAMPS = {"corner": (3000.0, -400.0, -300.0), "top": (3000.0, -400.0, 500.0), "right": (3000.0, -900.0, -300.0)}
+LAMPS = {
+    "corner": (3000.0, -400.0, -300.0),
+    "top": (3000.0, -400.0, 500.0),
+    "right": (3000.0, -900.0, -300.0),
+}
 VALUES = {"corner": 250, "top": 180, "right": 110}
 
 

@@ -78,7 +78,9 @@ def truth(picture, coordinates, interpolation, border=0.0):
         values = np.zeros((len(u), picture.shape[2]))
         for j, down in enumerate(wy):
             for k, across in enumerate(wx):
-                tap = picture[(y + j + first).clip(0, height - 1), (x + k + first).clip(0, width - 1)]
+                tap = picture[
+                    (y + j + first).clip(0, height - 1), (x + k + first).clip(0, width - 1)
+                ]
                 values += (down * across)[:, None] * tap
         if picture.dtype != np.float32:
             values = values.clip(0, FULL[picture.dtype.name])
@@ -90,8 +92,13 @@ def photograph(depth="uint8", channels=3, size=(230, 170)):
     """Return smooth structure of many scales with noise."""
     width, height = size
     rng = np.random.default_rng(5)
-    levels = [cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC) for n in (3, 9, 31, 90)]
-    picture = sum(np.reshape(level, (height, width, channels)) / (k + 1) for k, level in enumerate(levels))
+    levels = [
+        cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC)
+        for n in (3, 9, 31, 90)
+    ]
+    picture = sum(
+        np.reshape(level, (height, width, channels)) / (k + 1) for k, level in enumerate(levels)
+    )
     picture = (picture - picture.min()) / np.ptp(picture) + rng.normal(0, 0.01, picture.shape)
     picture = picture.clip(0, 1) * FULL[depth]
     return (picture if depth == "float32" else np.rint(picture)).astype(depth)
@@ -104,7 +111,10 @@ def spiral(size, shape=(61, 133), reach=1.1):
     radius = np.linspace(0, reach, rows * columns).reshape(shape)
     width, height = size
     pixels = np.stack(
-        [(width - 1) / 2 + width / 2 * radius * np.cos(angle), (height - 1) / 2 + height / 2 * radius * np.sin(angle)],
+        [
+            (width - 1) / 2 + width / 2 * radius * np.cos(angle),
+            (height - 1) / 2 + height / 2 * radius * np.sin(angle),
+        ],
         axis=-1,
     )
     odd = [np.nan, np.inf, -np.inf, 1e30, -1e30, 2.0**31, -(2.0**31), 2.0**32]
@@ -138,14 +148,21 @@ def test_instructions_agree_within_one_grey_level():
             for name in INSTRUCTIONS:
                 MODULE.use_instructions(name)
                 packed = MODULE.PackedMap(
-                    coordinates, 230, 170, channels, False, COMPILED_INTERPOLATIONS.index(interpolation)
+                    coordinates,
+                    230,
+                    170,
+                    channels,
+                    False,
+                    COMPILED_INTERPOLATIONS.index(interpolation),
                 )
                 out = np.empty((*coordinates.shape[:2], channels), np.uint8)
                 packed.sample(picture, out, 0)
                 taken.append(out)
             for other in taken[1:]:
                 assert np.abs(other.astype(int) - taken[0]).max() <= 1
-                assert (other != taken[0]).mean() < 1e-3  # fractions of 0.5 may be rounded either way
+                assert (
+                    other != taken[0]
+                ).mean() < 1e-3  # fractions of 0.5 may be rounded either way
     MODULE.use_instructions(before)
 
 
@@ -158,7 +175,10 @@ def guarded(shape, dtype, padding=97):
     memory = np.full(size + 2 * padding, 0xA5, np.uint8)
     offset = padding - (memory.ctypes.data + padding) % np.dtype(dtype).itemsize
     array = memory[offset : offset + size].view(dtype).reshape(shape)
-    return array, lambda: (memory[:offset] == 0xA5).all() and (memory[offset + size :] == 0xA5).all()
+    return (
+        array,
+        lambda: (memory[:offset] == 0xA5).all() and (memory[offset + size :] == 0xA5).all(),
+    )
 
 
 SIZES = st.one_of(st.integers(1, 40), st.sampled_from([63, 64, 65, 127, 128, 129, 200]))
@@ -190,13 +210,18 @@ def test_any_size_stays_within_its_memory(data):
     try:
         for taken in (
             remap_at(picture, coordinates, interpolation, target[:, :columns]),
-            remap(picture, PixelMap(coordinates, (width, height)), interpolation, target[:, :columns]),
+            remap(
+                picture, PixelMap(coordinates, (width, height)), interpolation, target[:, :columns]
+            ),
         ):
             if interpolation == "nearest":
                 np.testing.assert_array_equal(taken, expected)
             else:
                 np.testing.assert_allclose(
-                    taken, expected, rtol=0, atol={"uint8": 1.6, "uint16": 4.0, "float32": 6e-5}[depth]
+                    taken,
+                    expected,
+                    rtol=0,
+                    atol={"uint8": 1.6, "uint16": 4.0, "float32": 6e-5}[depth],
                 )
     finally:
         MODULE.use_instructions(before)
@@ -212,7 +237,9 @@ def test_any_strides_give_the_same_picture(interpolation, instructions):
     expected = remap_at(picture, coordinates, interpolation)
     wide = np.zeros((50, 130, 5), np.uint8)
     wide[:, 3:123:2, 1:4] = picture
-    apart = np.frombuffer(bytes(1) + np.pad(picture, ((0, 0), (0, 7), (0, 0))).tobytes(), np.uint8, offset=1)
+    apart = np.frombuffer(
+        bytes(1) + np.pad(picture, ((0, 0), (0, 7), (0, 0))).tobytes(), np.uint8, offset=1
+    )
     views = [
         np.asfortranarray(picture),
         wide[:, 3:123:2, 1:4],
@@ -233,7 +260,9 @@ def test_any_strides_give_the_same_picture(interpolation, instructions):
     ):
         assert remap_at(picture, coordinates, interpolation, out) is out
         np.testing.assert_array_equal(out, expected)
-    np.testing.assert_array_equal(remap_at(picture, np.asfortranarray(coordinates), interpolation), expected)
+    np.testing.assert_array_equal(
+        remap_at(picture, np.asfortranarray(coordinates), interpolation), expected
+    )
     doubled = np.repeat(coordinates, 2, axis=0)[::2]
     np.testing.assert_array_equal(remap_at(picture, doubled, interpolation), expected)
 
@@ -245,7 +274,9 @@ def test_sixteen_bits_that_are_not_aligned(instructions):
     odd[:] = picture
     coordinates = spiral((60, 50))
     np.testing.assert_array_equal(remap_at(odd, coordinates), remap_at(picture, coordinates))
-    also_odd = np.ndarray(coordinates.shape, np.float32, bytearray(coordinates.nbytes + 1), offset=1)
+    also_odd = np.ndarray(
+        coordinates.shape, np.float32, bytearray(coordinates.nbytes + 1), offset=1
+    )
     also_odd[:] = coordinates
     np.testing.assert_array_equal(remap_at(picture, also_odd), remap_at(picture, coordinates))
     with pytest.raises(ValueError, match="aligned"):
@@ -273,7 +304,9 @@ def test_pictures_wider_than_16_bits_count(interpolation, instructions):
         expected = truth(picture, coordinates, interpolation)
         taken = remap_at(picture, coordinates, interpolation)
         assert (np.abs(taken - expected) > 1.5).mean() < 1e-3
-        wide = remap_at(picture, np.repeat(coordinates, 40, axis=1), interpolation)  # and an output of the same width
+        wide = remap_at(
+            picture, np.repeat(coordinates, 40, axis=1), interpolation
+        )  # and an output of the same width
         np.testing.assert_array_equal(wide[:, ::40], taken)
 
 
@@ -306,7 +339,9 @@ def test_the_module_itself_refuses_what_would_leave_memory():
     cells, patches = np.full((4, 4), -1, np.int32), np.empty((0, 16, 16, 2), np.float32)
     far = np.zeros((4, 4), np.int32)
     weights, whole = [node_weights(16)] * 2, np.empty((50, 60, 3), np.uint8)
-    MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole, 1, 0)  # valid arguments are accepted
+    MODULE.remap_lattice(
+        picture, x, y, *weights, cells, patches, whole, 1, 0
+    )  # valid arguments are accepted
     for call in (
         lambda: MODULE.remap(picture, coordinates[1:], out, 1, 0),
         lambda: MODULE.remap(picture[:, ::2], coordinates, out, 1, 0),
@@ -320,7 +355,9 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.PackedMap(coordinates, 1 << 29, 50, 3, False, 1),
         lambda: MODULE.remap_lattice(picture, x, y, *weights, far, patches, whole, 1, 0),
         lambda: MODULE.remap_lattice(picture, x[1:], y, *weights, cells, patches, whole, 1, 0),
-        lambda: MODULE.remap_lattice(picture, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0),
+        lambda: MODULE.remap_lattice(
+            picture, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0
+        ),
         lambda: MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
     ):
         with pytest.raises(
@@ -338,11 +375,15 @@ def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
     width = 2**24 + 5
     picture = np.zeros((16, width, 1), dtype)  # few pages are touched
     beyond = width + 1, width + 3, 2.0**30
-    places = np.array([[2**23 - 0.5, 2**23 + 1, 2**23 + 3, 2**24 - 1, width - 1, *beyond]], np.float32)
+    places = np.array(
+        [[2**23 - 0.5, 2**23 + 1, 2**23 + 3, 2**24 - 1, width - 1, *beyond]], np.float32
+    )
     last = [int(x) for x in places[0, 1:5]]
     picture[0, last, 0] = [11, 12, 13, 14]
     out = np.empty((1, 8, 1), dtype)
-    MODULE.remap(picture, np.stack([places, np.zeros_like(places)], axis=-1), out, interpolation, 99)
+    MODULE.remap(
+        picture, np.stack([places, np.zeros_like(places)], axis=-1), out, interpolation, 99
+    )
     assert out[0, 1:5, 0].tolist() == [11, 12, 13, 14]
     assert out[0, 5:, 0].tolist() == [99] * 3
 
@@ -354,7 +395,9 @@ def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
     """Cells with such a node are undefined, others are unchanged."""
     picture, step = photograph(size=(400, 300)), 16
     shape = 4 + 3, 8 + 3
-    x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
+    x, y = np.meshgrid(
+        *(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7)))
+    )
     cells, patches = np.full((4, 8), -1, np.int32), np.empty((0, step, step, 2), np.float32)
     weights = node_weights(step)
     whole, odd = np.empty((2, 64, 128, 3), np.uint8)
@@ -373,15 +416,30 @@ def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
 def test_weights_that_interpolate_nothing_are_refused():
     picture, step = photograph(size=(400, 300)), 16
     x, y = np.full((2, 7, 11), 150, np.float32)
-    cells, patches, good = np.full((4, 8), -1, np.int32), np.empty((0, step, step, 2), np.float32), node_weights(step)
+    cells, patches, good = (
+        np.full((4, 8), -1, np.int32),
+        np.empty((0, step, step, 2), np.float32),
+        node_weights(step),
+    )
     out = np.empty((64, 128, 3), np.uint8)
-    for value, where in ((1e6, good > 2), (0.01, good > 0.5), (np.nan, good > 0.5), (-np.inf, good < 0)):
-        wrong = np.where(where, np.float32(value), good) if where.any() else good * np.float32(value)
+    for value, where in (
+        (1e6, good > 2),
+        (0.01, good > 0.5),
+        (np.nan, good > 0.5),
+        (-np.inf, good < 0),
+    ):
+        wrong = (
+            np.where(where, np.float32(value), good) if where.any() else good * np.float32(value)
+        )
         for weights in ((wrong, good), (good, wrong)):
             with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
                 MODULE.remap_lattice(picture, x, y, *weights, cells, patches, out, 1, 0)
-    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(step, axis=1)  # sum 1, far from Lagrange weights
-    x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
+    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
+        step, axis=1
+    )  # sum 1, far from Lagrange weights
+    x, y = np.meshgrid(
+        *(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7)))
+    )
     MODULE.remap_lattice(picture, x, y, far, far, cells, patches, out, 1, 7)
     assert (out == 7).all()
 
@@ -392,11 +450,16 @@ def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructi
     """All in one call, against one call each."""
     q = np.linspace(0.0, 0.9, 50)
     origins = np.stack([40 * q, -20 * q**2], axis=-1)  # approximately a paraboloid
-    camera = MODULE.AxialCamera(np.eye(3), 499.5, 499.5, 1000, 1000, 0.0, 0.9, 500 * q / 0.9, origins, 3.0)
+    camera = MODULE.AxialCamera(
+        np.eye(3), 499.5, 499.5, 1000, 1000, 0.0, 0.9, 500 * q / 0.9, origins, 3.0
+    )
     given, _ = guarded((count, 3), "float64")
     given[:] = np.random.default_rng(count).normal(size=(count, 3)) * 100
     given[::5] = (np.nan, 1.0, 2.0)
-    (pixels, intact), (excess, unharmed) = guarded((count, 2), "float64"), guarded((count,), "float64")
+    (pixels, intact), (excess, unharmed) = (
+        guarded((count, 2), "float64"),
+        guarded((count,), "float64"),
+    )
     camera.project(given, is_near, pixels, excess)
     assert intact()
     assert unharmed()
@@ -526,7 +589,8 @@ def decibels(room, picture):
         pictures = {kind: om.Dewarper(CAMERA, screen, kind)(picture) for kind in INTERPOLATIONS}
         pictures["cv2 lanczos"] = cv2.remap(picture, *maps, cv2.INTER_LANCZOS4)
         table[name] = {
-            kind: 10 * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2))
+            kind: 10
+            * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2))
             for kind, taken in pictures.items()
         }
     return table

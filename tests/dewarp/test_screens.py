@@ -13,7 +13,9 @@ from omnimirror.dewarp.screens import Cylinder, Dome, Plane, Screen, Sphere
 
 def world(pan, tilt):
     """x forward, y left, z up; pan to the right."""
-    return np.array([math.cos(tilt) * math.cos(pan), -math.cos(tilt) * math.sin(pan), math.sin(tilt)])
+    return np.array(
+        [math.cos(tilt) * math.cos(pan), -math.cos(tilt) * math.sin(pan), math.sin(tilt)]
+    )
 
 
 def whole(screen):
@@ -45,7 +47,9 @@ def test_panorama_columns_and_rows():
         for v in range(H):
             pan = centre + ((u + 0.5) / W - 0.5) * span
             tilt = high - (v + 0.5) / H * (high - low)
-            np.testing.assert_allclose(targets[v, u], world(math.radians(pan), math.radians(tilt)), atol=1e-14)
+            np.testing.assert_allclose(
+                targets[v, u], world(math.radians(pan), math.radians(tilt)), atol=1e-14
+            )
 
 
 def test_right_in_a_panorama_is_right_of_forward():
@@ -55,7 +59,14 @@ def test_right_in_a_panorama_is_right_of_forward():
 
 
 def test_perspective_pixels():
-    W, H, pan, tilt, roll, hfov = 8, 5, math.radians(35), math.radians(-20), math.radians(15), math.radians(80)
+    W, H, pan, tilt, roll, hfov = (
+        8,
+        5,
+        math.radians(35),
+        math.radians(-20),
+        math.radians(15),
+        math.radians(80),
+    )
     targets = whole(Plane((W, H), 35.0, -20.0, 15.0, 80.0))
     f = world(pan, tilt)
     right = np.array([-math.sin(pan), -math.cos(pan), 0.0])
@@ -85,8 +96,12 @@ def test_a_dome_shows_forward_at_the_top(pole, side):
     up = -1.0 if pole == "nadir" else 1.0
     np.testing.assert_allclose(targets[50, 50], [0, 0, up], atol=1e-15)
     omega = math.radians(40 * 120.0 / 50.5)
-    np.testing.assert_allclose(targets[10, 50], [math.sin(omega), 0, up * math.cos(omega)], atol=1e-14)
-    np.testing.assert_allclose(targets[50, 90], [0, -side * math.sin(omega), up * math.cos(omega)], atol=1e-14)
+    np.testing.assert_allclose(
+        targets[10, 50], [math.sin(omega), 0, up * math.cos(omega)], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        targets[50, 90], [0, -side * math.sin(omega), up * math.cos(omega)], atol=1e-14
+    )
 
 
 def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
@@ -124,7 +139,9 @@ def test_a_screen_that_cannot_be_is_refused(make, message):
         make()
 
 
-@pytest.mark.parametrize(("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))])
+@pytest.mark.parametrize(
+    ("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))]
+)
 def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
     """The v360 filter of FFmpeg converts a cube map to the correct sphere and not to its mirror
     image."""
@@ -161,5 +178,7 @@ def test_panoramas_zoom_to_the_whole_circle_and_the_poles_at_most_and_say_their_
     assert (whole.tilt_min_deg, whole.tilt_max_deg, whole.span_deg) == (-90.0, 90.0, 360.0)
     assert str(whole) == f"{name} (elevation -90 to 90 deg)"
     for upper in (-20.0 + 1e-7, -20.0 + 1e-12):
-        with pytest.raises(InvalidParameter, match="elevations from -20 to -20 deg leave nothing to see"):
+        with pytest.raises(
+            InvalidParameter, match="elevations from -20 to -20 deg leave nothing to see"
+        ):
             kind((90, 40), -20.0, upper)

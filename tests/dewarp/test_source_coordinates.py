@@ -10,8 +10,22 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras.frames import Mount
-from omnimirror.dewarp._source_coordinates import exact_pixels, lattice_map, lattice_map_of, screen_pixels
-from omnimirror.dewarp.screens import CubeMap, Cylinder, Dome, Ground, LittlePlanet, Plane, Sphere, parts_of
+from omnimirror.dewarp._source_coordinates import (
+    exact_pixels,
+    lattice_map,
+    lattice_map_of,
+    screen_pixels,
+)
+from omnimirror.dewarp.screens import (
+    CubeMap,
+    Cylinder,
+    Dome,
+    Ground,
+    LittlePlanet,
+    Plane,
+    Sphere,
+    parts_of,
+)
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Perspective
 from tests.conftest import MIRRORS
@@ -23,14 +37,22 @@ BUNDLED = ("paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric")
 def random_camera(rng: np.random.Generator) -> Any:
     """Return a mirror sensor of any kind, or a ball, with 1000 or 4096 pixels and a random mount."""
     pixels = int(rng.choice([1000, 4096]))
-    mount = Mount(str(rng.choice(["up", "down", "forward"])), rng.uniform(-180, 180), bool(rng.integers(2)))
+    mount = Mount(
+        str(rng.choice(["up", "down", "forward"])), rng.uniform(-180, 180), bool(rng.integers(2))
+    )
     kind = str(rng.choice([*MIRRORS, *BUNDLED, "ball"]))
     if kind == "ball":
-        return om.MirrorBall((pixels / 2, pixels / 2), pixels * 0.48, rng.uniform(180, 340), (pixels, pixels), mount)
+        return om.MirrorBall(
+            (pixels / 2, pixels / 2), pixels * 0.48, rng.uniform(180, 340), (pixels, pixels), mount
+        )
     if kind in BUNDLED:
-        return replace(om.load_sensor(kind), imager=Imager(pixels, pixels, 5.2 * 1024 / pixels), mount=mount)
+        return replace(
+            om.load_sensor(kind), imager=Imager(pixels, pixels, 5.2 * 1024 / pixels), mount=mount
+        )
     mirror, m = MIRRORS[kind]
-    return om.Sensor(mirror, Perspective(11.6, 4.0, 210.0), Imager(pixels, pixels, 5400 / pixels), mount, m)
+    return om.Sensor(
+        mirror, Perspective(11.6, 4.0, 210.0), Imager(pixels, pixels, 5400 / pixels), mount, m
+    )
 
 
 def random_screen(rng: np.random.Generator) -> Any:
@@ -46,11 +68,15 @@ def random_screen(rng: np.random.Generator) -> Any:
         case 1:
             return Plane(size, pan, tilt, roll, rng.uniform(120, 170), **place)
         case 2:
-            return Cylinder(size, rng.uniform(-90, -10), rng.uniform(0, 60), pan, rng.uniform(20, 360), **place)
+            return Cylinder(
+                size, rng.uniform(-90, -10), rng.uniform(0, 60), pan, rng.uniform(20, 360), **place
+            )
         case 3:
             return Sphere(size, pan_deg=pan, **place)
         case 4:
-            return Dome(size, rng.uniform(60, 180), str(rng.choice(["nadir", "zenith"])), pan, **place)
+            return Dome(
+                size, rng.uniform(60, 180), str(rng.choice(["nadir", "zenith"])), pan, **place
+            )
         case 5:
             return LittlePlanet(size, rng.uniform(100, 300), "nadir", pan, **place)
         case _:
@@ -63,7 +89,9 @@ def test_ten_random_views_each(seed):
         rng = np.random.default_rng(s)
         camera, screen = random_camera(rng), random_screen(rng)
         exact, quick = exact_pixels(camera, screen), screen_pixels(camera, screen)
-        np.testing.assert_array_equal(np.isnan(quick), np.isnan(exact), err_msg=f"seed {s}: {screen}")
+        np.testing.assert_array_equal(
+            np.isnan(quick), np.isnan(exact), err_msg=f"seed {s}: {screen}"
+        )
         if np.isnan(exact).all():
             continue
         limit = 0.005 if camera.image_size[0] <= 1000 else 0.01
@@ -77,7 +105,9 @@ def error_of_parts(camera, view) -> float:
     for part in parts_of(view):
         width, height = part.screen.size
         u, v = np.arange(0, width, 7), np.arange(0, height)
-        exact = camera.project(part.screen.targets_at(u.astype(float), v[:, None].astype(float)).reshape(-1, 3)).pixels
+        exact = camera.project(
+            part.screen.targets_at(u.astype(float), v[:, None].astype(float)).reshape(-1, 3)
+        ).pixels
         quick = screen_pixels(camera, part.screen)[:, u].reshape(-1, 2)
         worst = max(worst, np.nanmax(np.linalg.norm(quick - exact, axis=1), initial=0.0))
     return worst
@@ -107,7 +137,9 @@ def test_few_pixels_are_projected():
     def counted(u, v):
         nonlocal asked
         asked += np.broadcast(u, v).size
-        return sensor.project_directions(Plane((640, 400), tilt_deg=-10, hfov_deg=70).targets_at(u, v)).pixels
+        return sensor.project_directions(
+            Plane((640, 400), tilt_deg=-10, hfov_deg=70).targets_at(u, v)
+        ).pixels
 
     lattice_map(counted, (640, 400), sensor.image_size)
     assert asked < 0.015 * 640 * 400

@@ -57,9 +57,16 @@ def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour
     assert np.abs(taken[:, ::-1] - expected).mean() > 8
 
 
-@pytest.mark.parametrize(("pixel_format", "colour_range", "luma"), [
-    ("yuv420p", LIMITED, 16), ("yuv420p", FULL, 0), ("yuvj420p", 0, 0), ("yuv420p", 0, 16), ("nv12", FULL, 0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("pixel_format", "colour_range", "luma"),
+    [
+        ("yuv420p", LIMITED, 16),
+        ("yuv420p", FULL, 0),
+        ("yuvj420p", 0, 0),
+        ("yuv420p", 0, 16),
+        ("nv12", FULL, 0),
+    ],
+)
 def test_outside_the_field_a_frame_is_black_in_its_own_range(pixel_format, colour_range, luma):
     frame = av.VideoFrame(SIDE, SIDE, pixel_format)
     for plane in planes(frame):
@@ -85,7 +92,9 @@ def test_time_and_colour_coding_are_carried_on():
 def test_a_view_that_moves_and_one_that_stays_show_the_same():
     frame = frame_of("yuv420p", LIMITED)
     stays = om.Dewarper(BALL, VIEW)
-    shown = [dewarp_frame(stays, frame) for _ in range(3)] + [dewarp_frame(om.Dewarper(BALL, VIEW), frame)]
+    shown = [dewarp_frame(stays, frame) for _ in range(3)] + [
+        dewarp_frame(om.Dewarper(BALL, VIEW), frame)
+    ]
     for made in shown[1:]:
         for one, other in zip(planes(made), planes(shown[0]), strict=True):
             assert np.abs(one.astype(int) - other).max() <= 1
@@ -111,7 +120,9 @@ def edge(colours, side=SIDE):
     half."""
     across, down = {"422": (side // 2, side), "444": (side, side)}[colours]
     frame = av.VideoFrame(side, side, f"yuva{colours}p12le")
-    for plane, (width, height) in zip(planes(frame), [(side, side), *[(across, down)] * 2, (side, side)], strict=True):
+    for plane, (width, height) in zip(
+        planes(frame), [(side, side), *[(across, down)] * 2, (side, side)], strict=True
+    ):
         plane[:] = np.where(np.arange(width) < width // 2, 1000, 3000)[None]
         assert plane.shape == (height, width)
     return frame

@@ -57,7 +57,9 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
     assert -single.min() == pytest.approx(real_px, abs=0.005)
     assert single.max() == pytest.approx(real_px, abs=0.005)
     true = om.best_viewpoint(SPHERE, n * M, image_radius_px=500)
-    assert (true.z_mm, true.worst_px) == pytest.approx((single_viewpoint(SPHERE, n * M), real_px), rel=3e-3)
+    assert (true.z_mm, true.worst_px) == pytest.approx(
+        (single_viewpoint(SPHERE, n * M), real_px), rel=3e-3
+    )
     best = om.best_viewpoint(SPHERE, n * M, image_radius_px=500, linearised=True)
     assert (best.z_mm / M, best.worst_px) == pytest.approx((paper_v0, linear_px), abs=6e-3)
     of_the_paper = error_px(screen, best.z_mm)
@@ -66,16 +68,22 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
     assert single_viewpoint(SPHERE, n * M) == pytest.approx(best.z_mm, abs=0.01 * M)
 
 
-@pytest.mark.parametrize("mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)])
+@pytest.mark.parametrize(
+    "mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)]
+)
 def test_the_viewpoint_stands_on_the_axis(mount):
     """A point is observed in its direction from V0, written out with the rotation of the mount."""
     sensor = replace(SPHERE, mount=mount)
     view = om.screens.Sphere((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
     eye = mount.rotation() @ [0.0, 0.0, 12.5]
     np.testing.assert_allclose(place_on_axis(sensor, 12.5), eye, atol=1e-12)
-    expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(20, 40, 2)
+    expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(
+        20, 40, 2
+    )
     np.testing.assert_array_equal(source_pixels(sensor, view, 12.5, exact=True), expected)
-    assert single_viewpoint(sensor, 300.0) == pytest.approx(single_viewpoint(SPHERE, 300.0), abs=1e-3)
+    assert single_viewpoint(sensor, 300.0) == pytest.approx(
+        single_viewpoint(SPHERE, 300.0), abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("distance", [200.0, 1000.0])
@@ -134,10 +142,13 @@ def test_a_viewpoint_that_is_none_is_refused(viewpoint, said):
 def test_viewpoints_that_cannot_be_are_refused():
     stretched = om.OCam((-200.0, 0.0, 1e-3), (320.0, 240.0), (640, 480), (1.001, 0.0, 0.0))
     view = om.screens.Plane((3, 2), tilt_deg=-40.0, distance_mm=500.0)
-    with pytest.raises(InvalidParameter, match="viewpoint = 5 mm is nowhere: the camera is not symmetric"):
+    with pytest.raises(
+        InvalidParameter, match="viewpoint = 5 mm is nowhere: the camera is not symmetric"
+    ):
         om.Dewarper(stretched, view, viewpoint=5.0).coordinates()
     np.testing.assert_array_equal(
-        source_pixels(stretched, view, "single", exact=True), source_pixels(stretched, view, exact=True)
+        source_pixels(stretched, view, "single", exact=True),
+        source_pixels(stretched, view, exact=True),
     )
     sky = om.screens.Plane((3, 2), tilt_deg=90.0, hfov_deg=20.0, distance_mm=500.0)
     blind = om.MirrorBall((9999.0, 50.0), 50.0, 300.0, (101, 101))

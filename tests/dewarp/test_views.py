@@ -18,7 +18,9 @@ BALL = om.MirrorBall((499.5, 499.5), 480.0, 260.0, (1000, 1000))
 FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (319.5, 239.5), (640, 480), optics="fisheye")
 
 
-@pytest.mark.parametrize(("looks", "field"), [("up", (-90, 40)), ("down", (-40, 90)), ("forward", (-90, 90))])
+@pytest.mark.parametrize(
+    ("looks", "field"), [("up", (-90, 40)), ("down", (-40, 90)), ("forward", (-90, 90))]
+)
 def test_elevations_of_a_ball(looks, field):
     seen = field_of(replace(BALL, mount=Mount(looks)))
     np.testing.assert_allclose((seen.tilt_min_deg, seen.tilt_max_deg), field, atol=1e-9)
@@ -55,13 +57,17 @@ class Unsymmetric:
         self.backproject = camera.backproject
 
 
-@pytest.mark.parametrize("kind", ["sphere", "cone", "paraboloid", "slope-spline", "equidistant", "tabulated-mapping"])
+@pytest.mark.parametrize(
+    "kind", ["sphere", "cone", "paraboloid", "slope-spline", "equidistant", "tabulated-mapping"]
+)
 @pytest.mark.parametrize("looks", ["up", "down"])
 def test_a_field_that_the_picture_holds_is_counted_as_rays_would(kind, looks):
     sensor = replace(sensor_of(kind), mount=Mount(looks))
     counted, traced = field_of(sensor), field_of(Unsymmetric(sensor))
     assert counted.pixels_per_degree == traced.pixels_per_degree
-    assert counted.tilt_min_deg == pytest.approx(traced.tilt_min_deg, abs=1.5)  # to the distance of its samples
+    assert counted.tilt_min_deg == pytest.approx(
+        traced.tilt_min_deg, abs=1.5
+    )  # to the distance of its samples
     assert counted.tilt_max_deg == pytest.approx(traced.tilt_max_deg, abs=1.5)
     assert (counted.pole, traced.pole) == (pole_of(sensor), pole_of(Unsymmetric(sensor)))
 
@@ -70,7 +76,9 @@ def test_resolution_is_the_mean_one():
     """A ball is exactly equal-area: pi 480^2 pixels for 2 pi (1 - cos 130 deg)."""
     expected = np.sqrt(480**2 / (2 * (1 - np.cos(np.radians(130))))) * np.pi / 180
     for mount in (Mount("up"), Mount("forward")):
-        assert field_of(replace(BALL, mount=mount)).pixels_per_degree == pytest.approx(expected, rel=0.01)
+        assert field_of(replace(BALL, mount=mount)).pixels_per_degree == pytest.approx(
+            expected, rel=0.01
+        )
 
 
 def test_sizes_are_chosen_or_completed():
@@ -80,14 +88,18 @@ def test_sizes_are_chosen_or_completed():
     assert om.views.panorama(BALL, (1440, None)).size == (1440, 520)
     assert om.views.panorama(BALL, (None, 520)).size == (1440, 520)
     assert om.views.panorama(BALL, (7, 9)).size == (7, 9)
-    assert om.views.panorama(BALL, (600, None), span_deg=60, elevation_deg=(-10.0, 20.0)).size == (600, 300)
+    assert om.views.panorama(BALL, (600, None), span_deg=60, elevation_deg=(-10.0, 20.0)).size == (
+        600,
+        300,
+    )
     assert om.views.perspective().size == (1280, 720)
     assert om.views.perspective((640, None)).size == (640, 360)
     assert om.views.dome(BALL, (None, 300)).size == (300, 300)
 
 
 @pytest.mark.parametrize(
-    ("looks", "pole", "end"), [("up", "nadir", 130), ("down", "zenith", 130), ("forward", "nadir", 180)]
+    ("looks", "pole", "end"),
+    [("up", "nadir", 130), ("down", "zenith", 130), ("forward", "nadir", 180)],
 )
 def test_a_dome_is_drawn_about_the_pole_that_is_seen(looks, pole, end):
     camera = replace(BALL, mount=Mount(looks))
@@ -101,7 +113,10 @@ def test_a_dome_is_drawn_about_the_pole_that_is_seen(looks, pole, end):
 
 def test_a_dome_of_a_fisheye_looking_up_is_about_the_zenith():
     assert om.views.dome(FISHEYE).pole == "zenith"
-    assert om.views.dome(replace(FISHEYE, affine=(1.0001, 0.0, 0.0), mount=Mount("down"))).pole == "nadir"
+    assert (
+        om.views.dome(replace(FISHEYE, affine=(1.0001, 0.0, 0.0), mount=Mount("down"))).pole
+        == "nadir"
+    )
 
 
 SPHERE = om.load_sensor("paper-spherical")
@@ -112,7 +127,10 @@ def test_every_view_has_a_sensible_size():
     assert views.sphere(BALL).size == (2 * views.sphere(BALL).size[1], views.sphere(BALL).size[1])
     assert views.sphere(BALL).size[1] == pytest.approx(180 * scale, abs=2)
     assert views.sphere(BALL, (200, None)).size == (200, 100)
-    assert views.sphere(BALL, (200, None), span_deg=90, elevation_deg=(-20.0, 10.0)).size == (200, 67)
+    assert views.sphere(BALL, (200, None), span_deg=90, elevation_deg=(-20.0, 10.0)).size == (
+        200,
+        67,
+    )
     assert views.planet(BALL, (None, 300)).size == (300, 300)
     assert views.planet(BALL).hfov_deg == pytest.approx(260)
     assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == WIDEST_PLANET_DEG
@@ -126,7 +144,9 @@ def test_every_view_has_a_sensible_size():
         assert cube.face_px == pytest.approx(90 * scale, abs=2)
         assert cube.size == (columns * cube.face_px, rows * cube.face_px)
         assert views.cube(BALL, (columns * 50, None), layout=layout).face_px == 50
-    wall = views.panorama(BALL, rows="height", elevation_deg=(-45.0, 45.0), size=(None, 200), span_deg=180.0)
+    wall = views.panorama(
+        BALL, rows="height", elevation_deg=(-45.0, 45.0), size=(None, 200), span_deg=180.0
+    )
     assert wall.size[0] == pytest.approx(200 * np.pi / 2, abs=1)  # square at the horizon
 
 
@@ -136,7 +156,11 @@ def test_a_mosaic_is_a_panorama_over_the_views_of_its_quarters():
     assert mosaic.size == (1600, over.view.size[1] + 300)
     assert isinstance(over.view, om.screens.Cylinder)
     for part in under:
-        assert (part.view.size, part.view.tilt_deg, part.view.distance_mm) == ((400, 300), -15.0, 900.0)
+        assert (part.view.size, part.view.tilt_deg, part.view.distance_mm) == (
+            (400, 300),
+            -15.0,
+            900.0,
+        )
         middle = over.view.pans()[part.left + 199 : part.left + 201].mean()
         assert np.cos(middle - np.radians(part.view.pan_deg)) == pytest.approx(1)
     assert [part.view.pan_deg for part in under] == [-80, 10, 100, 190]
@@ -148,17 +172,26 @@ def test_presets_are_one_screen_in_three_places():
     """Edges of the screen from the projector, in screen widths."""
     for name, away in (("distant", 2.0), ("wide", 0.5)):
         plane = views.preset(
-            name, (640, 360), pan_deg=30.0, tilt_deg=-10.0, distance_mm=700.0, offset_mm=(1.0, 2.0, 3.0)
+            name,
+            (640, 360),
+            pan_deg=30.0,
+            tilt_deg=-10.0,
+            distance_mm=700.0,
+            offset_mm=(1.0, 2.0, 3.0),
         )
         assert np.tan(np.radians(plane.hfov_deg / 2)) == pytest.approx(0.5 / away)
         assert (plane.pan_deg, plane.tilt_deg, plane.distance_mm) == (30.0, -10.0, 700.0)
     bent = views.preset("super-wide", (640, 360), pan_deg=30.0)
     assert bent.span_deg == pytest.approx(180)
-    assert np.ptp(np.tan(np.radians([bent.tilt_min_deg, bent.tilt_max_deg]))) == pytest.approx(np.pi * 360 / 640)
+    assert np.ptp(np.tan(np.radians([bent.tilt_min_deg, bent.tilt_max_deg]))) == pytest.approx(
+        np.pi * 360 / 640
+    )
     raised = views.preset("super-wide", (640, 360), tilt_deg=20.0)
     middle = np.tan(np.radians([raised.tilt_min_deg, raised.tilt_max_deg])).mean()
     assert middle == pytest.approx(np.tan(np.radians(20)))
-    with pytest.raises(InvalidParameter, match="no preset 'tele'; there are distant, wide, super-wide"):
+    with pytest.raises(
+        InvalidParameter, match="no preset 'tele'; there are distant, wide, super-wide"
+    ):
         views.preset("tele")
 
 
@@ -170,14 +203,20 @@ def test_resolution_is_that_of_the_picture(factor):
     assert views.resolution(BALL, plan) == pytest.approx(ball_px / 2 / 1000 / factor, rel=1e-3)
     view = om.screens.Plane((101, 101), hfov_deg=20.0).zoomed(factor)
     assert views.resolution(BALL, view) == pytest.approx(ball_px / 2 / view.focal_px, rel=1e-2)
-    both = om.screens.Mosaic.stacked([[plan, view, om.screens.Plane((9, 9), tilt_deg=90.0, hfov_deg=20.0)]])
+    both = om.screens.Mosaic.stacked(
+        [[plan, view, om.screens.Plane((9, 9), tilt_deg=90.0, hfov_deg=20.0)]]
+    )
     assert views.resolution(BALL, both) == min(views.resolution(BALL, v) for v in (plan, view))
 
 
 def test_resolution_is_taken_where_the_view_is_seen():
-    half_seen = om.screens.Plane((101, 201), tilt_deg=60.0, hfov_deg=60.0)  # the field ends at 40 deg
+    half_seen = om.screens.Plane(
+        (101, 201), tilt_deg=60.0, hfov_deg=60.0
+    )  # the field ends at 40 deg
     assert 0 < views.resolution(BALL, half_seen) < 20
-    assert np.isnan(views.resolution(BALL, om.screens.Plane((101, 101), tilt_deg=90.0, hfov_deg=30.0)))
+    assert np.isnan(
+        views.resolution(BALL, om.screens.Plane((101, 101), tilt_deg=90.0, hfov_deg=30.0))
+    )
     assert np.isnan(views.resolution(BALL, om.screens.Plane((1, 9))))
 
 
@@ -185,7 +224,9 @@ def test_zoom_ends_where_nothing_is_resolved():
     view = om.screens.Plane((640, 480), hfov_deg=90.0)
     most = views.largest_zoom(SPHERE, view)
     assert most > 1
-    assert 1 / views.resolution(SPHERE, view.zoomed(most)) == pytest.approx(views.LARGEST_MAGNIFICATION, rel=1e-3)
+    assert 1 / views.resolution(SPHERE, view.zoomed(most)) == pytest.approx(
+        views.LARGEST_MAGNIFICATION, rel=1e-3
+    )
     assert views.largest_zoom(SPHERE, view.zoomed(50.0)) == 1.0
     assert views.largest_zoom(SPHERE, om.screens.Plane((1, 1))) == np.inf
 
@@ -201,5 +242,7 @@ def test_a_whole_sphere_is_exactly_twice_as_wide_as_high(radius):
     width, height = om.views.sphere(ball).size
     assert width == 2 * height
     assert om.views.sphere(ball, (1441, 720)).size == (1441, 720), "as asked"
-    with pytest.raises(InvalidParameter, match=r"1441 px of an equirectangular picture .* have no half"):
+    with pytest.raises(
+        InvalidParameter, match=r"1441 px of an equirectangular picture .* have no half"
+    ):
         om.views.sphere(ball, (1441, None))

@@ -35,9 +35,15 @@ def omnidir(folder, points):
         pytest.skip(f"OpenCV with omnidir is put into {CONTRIB} by `make test-full` only")
     np.save(folder / "points.npy", points)
     subprocess.run(
-        [sys.executable, "-c", OMNIDIR, *(str(folder / n) for n in ("a.yaml", "points.npy", "pixels.npy"))],
-        env={**os.environ, "PYTHONPATH": str(CONTRIB)}, check=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-c",
+            OMNIDIR,
+            *(str(folder / n) for n in ("a.yaml", "points.npy", "pixels.npy")),
+        ],
+        env={**os.environ, "PYTHONPATH": str(CONTRIB)},
+        check=True,
+    )
     return np.load(folder / "pixels.npy")
 
 
@@ -72,7 +78,9 @@ COLMAP = {
 @pytest.mark.parametrize("to", COLMAP)
 @pytest.mark.parametrize("name", ["cameras.txt", "cameras.bin"])
 def test_colmap_reads_our_cameras_and_projects_the_same_points(tmp_path, to, name, beside):
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
+    pycolmap = pytest.importorskip(
+        "pycolmap", reason="pycolmap is installed by `make test-full` only"
+    )
     to = to.replace("colmap", "colmap-bin") if name.endswith("bin") else to
     camera = COLMAP[to.replace("-bin", "")]
     om.convert(camera, tmp_path / name, to=to)
@@ -81,7 +89,13 @@ def test_colmap_reads_our_cameras_and_projects_the_same_points(tmp_path, to, nam
     pixels, points = seen(camera, 85.0)
     projected = np.array([theirs.img_from_cam(point) for point in points])
     off = np.abs(projected - pixels - 0.5).max()
-    beside("COLMAP", "points projected with exported cameras, three models, text and binary", off, 1e-6, "px")
+    beside(
+        "COLMAP",
+        "points projected with exported cameras, three models, text and binary",
+        off,
+        1e-6,
+        "px",
+    )
 
 
 def colmap_camera(pycolmap, folder, name):
@@ -98,36 +112,64 @@ def colmap_camera(pycolmap, folder, name):
 
 def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path, beside):
     """All COLMAP models with a formula in omnimirror."""
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
+    pycolmap = pytest.importorskip(
+        "pycolmap", reason="pycolmap is installed by `make test-full` only"
+    )
     rng = np.random.default_rng(2)
     points = rng.uniform(-1, 1, (200, 3)) * [900, 700, 0] + [0, 0, 1500]
-    for model in ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE",
-                  "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE", "EUCM",
-                  "FULL_OPENCV", "RAD_TAN_THIN_PRISM_FISHEYE"):  # fmt: skip
+    for model in (
+        "SIMPLE_PINHOLE",
+        "PINHOLE",
+        "SIMPLE_RADIAL",
+        "RADIAL",
+        "OPENCV",
+        "OPENCV_FISHEYE",
+        "SIMPLE_RADIAL_FISHEYE",
+        "RADIAL_FISHEYE",
+        "SIMPLE_FISHEYE",
+        "FISHEYE",
+        "EUCM",
+        "FULL_OPENCV",
+        "RAD_TAN_THIN_PRISM_FISHEYE",
+    ):
         theirs = pycolmap.Camera.create_from_model_name(1, model, 500.0, 1024, 768)
         values = np.array(theirs.params)
-        values[-4:] = values[-4:] + (np.array([0.02, -0.01, 0.003, 0.002]) if len(values) > 5 else 0.0)
+        values[-4:] = values[-4:] + (
+            np.array([0.02, -0.01, 0.003, 0.002]) if len(values) > 5 else 0.0
+        )
         if model == "EUCM":
             values[-2:] = (0.55, 1.2)
         theirs.params = values
-        (tmp_path / "cameras.txt").write_text(f"1 {model} 1024 768 {' '.join(map(repr, map(float, values)))}\n")
+        (tmp_path / "cameras.txt").write_text(
+            f"1 {model} 1024 768 {' '.join(map(repr, map(float, values)))}\n"
+        )
         ours = om.convert(tmp_path / "cameras.txt", tmp_path / "a.toml", optics="fisheye").camera
         world = points @ ours.mount.rotation().T
         found = replace(ours, rim_radius_px=None).project(world)
         expected = np.array([theirs.img_from_cam(point) for point in points]) - 0.5
         assert found.valid.mean() > 0.5
         off = np.abs(found.pixels[found.valid] - expected[found.valid]).max()
-        beside("COLMAP", "points projected with imported COLMAP cameras, thirteen models", off, 1e-6, "px")
+        beside(
+            "COLMAP",
+            "points projected with imported COLMAP cameras, thirteen models",
+            off,
+            1e-6,
+            "px",
+        )
 
 
 def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
     camera = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE)
-    made = om.convert(camera, tmp_path / "cameras.txt", to="colmap-eucm", tolerance_px=20.0, field_deg=85.0)
+    made = om.convert(
+        camera, tmp_path / "cameras.txt", to="colmap-eucm", tolerance_px=20.0, field_deg=85.0
+    )
     assert any("less than 90 deg" in note for note in made.notes)
 
 
 def test_colmaps_panorama_is_our_sphere(tmp_path, beside):
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
+    pycolmap = pytest.importorskip(
+        "pycolmap", reason="pycolmap is installed by `make test-full` only"
+    )
     sensor = om.load_sensor("paper-spherical")
     om.convert(sensor, tmp_path / "cameras.txt", to="colmap-equirectangular")
     theirs = colmap_camera(pycolmap, tmp_path, "cameras.txt")

@@ -9,7 +9,9 @@ import pytest
 import omnimirror as om
 
 pytestmark = pytest.mark.full
-SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
+SPH, EDI, SVP = (
+    om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal")
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,9 @@ def test_rays_from_the_lens_leave_the_mirror_at_the_field_angle(sensor, optiland
     optic, rays = optiland
     system = optic.Optic()
     system.add_surface(index=0, thickness=np.inf)
-    system.add_surface(index=1, thickness=-100.0, material="mirror", is_stop=True, **surface_of(sensor))
+    system.add_surface(
+        index=1, thickness=-100.0, material="mirror", is_stop=True, **surface_of(sensor)
+    )
     system.add_surface(index=2)
     system.set_aperture("EPD", 1.0)
     system.set_field_type("angle")
@@ -52,7 +56,15 @@ def test_rays_from_the_lens_leave_the_mirror_at_the_field_angle(sensor, optiland
     fan = rays.RealRays(zero, zero, z, zero, np.sin(theta), np.cos(theta), one, one * 0.55)
     system.surface_group.surfaces[1].trace(fan)
     np.testing.assert_allclose(fan.y, result.x_mm, rtol=1e-7)
-    np.testing.assert_allclose(fan.z, result.z_mm, atol=1e-6)  # its iteration ends at 1e-6 mm for aspheres
+    np.testing.assert_allclose(
+        fan.z, result.z_mm, atol=1e-6
+    )  # its iteration ends at 1e-6 mm for aspheres
     omega = np.degrees(np.arctan2(np.asarray(fan.M), -np.asarray(fan.N)))
     off = np.abs(omega - result.omega_deg).max()
-    beside("Optiland", "field angles at which rays from the lens leave the mirror, 15 to 135 deg", off, 1e-6, "deg")
+    beside(
+        "Optiland",
+        "field angles at which rays from the lens leave the mirror, 15 to 135 deg",
+        off,
+        1e-6,
+        "deg",
+    )

@@ -36,7 +36,9 @@ def load():
             _, N, *a = (float(line.split()[2]) for line in lines if line.startswith("  XDAT"))
             step = 2 if "XASPHERE" in text else 1
             for surface in system.surfaces.surfaces[2:4]:
-                surface.geometry.coefficients = [v / N ** (step * i) for i, v in enumerate(a, start=1)]
+                surface.geometry.coefficients = [
+                    v / N ** (step * i) for i, v in enumerate(a, start=1)
+                ]
         return system
 
     return read
@@ -49,7 +51,9 @@ def test_the_surface_is_the_mirror(kind, load, tmp_path):
     geometry = load(tmp_path / "s.zmx").surfaces.surfaces[2].geometry
     x = np.linspace(0, sensor.mirror.rim_radius_mm, 301)
     off = 1e3 * np.abs(np.asarray(geometry.sag(0 * x, x)) - sensor.mirror.sag(x))
-    assert off.max() <= 3 * max(stated, EXACT_UM)  # heights, whereas the file states distances along the normal
+    assert off.max() <= 3 * max(
+        stated, EXACT_UM
+    )  # heights, whereas the file states distances along the normal
     assert stated < 0.005
     assert float(geometry.radius) > 0
 
@@ -63,13 +67,23 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, b
     heights = np.array([float(f.y) for f in system.fields.fields])
     omega = []
     for height in heights:
-        ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55)
+        ray = system.trace_generic(
+            Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55
+        )
         omega.append(np.degrees(np.arctan2(float(ray.M[0]), -float(ray.N[0]))))
-    tolerance = 1e-6 if kind in SURFACES_OF_LENS_FILES else fit_asphere(sensor.mirror).ray_deg + 1e-5
+    tolerance = (
+        1e-6 if kind in SURFACES_OF_LENS_FILES else fit_asphere(sensor.mirror).ray_deg + 1e-5
+    )
     assert tolerance < 1e-3
     off = np.abs(np.sort(omega) - field_angles(sensor)).max()
     kinds = "of their own form" if kind in SURFACES_OF_LENS_FILES else "as aspheres of a lens file"
-    beside("Optiland", f"field angles of chief rays in exported .zmx files, mirrors {kinds}", off, tolerance, "deg")
+    beside(
+        "Optiland",
+        f"field angles of chief rays in exported .zmx files, mirrors {kinds}",
+        off,
+        tolerance,
+        "deg",
+    )
 
 
 def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(load, tmp_path):
@@ -82,7 +96,9 @@ def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(l
     for height in heights:
         edges = []
         for pupil in (0.01, -0.01):
-            ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=pupil, wavelength=0.55)
+            ray = system.trace_generic(
+                Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=pupil, wavelength=0.55
+            )
             at_mirror = [float(np.asarray(getattr(system.surfaces, axis))[2, 0]) for axis in "yz"]
             edges.append((np.array(at_mirror), np.array([float(ray.M[0]), float(ray.N[0])])))
         (a, u), (b, v) = edges
@@ -101,6 +117,8 @@ def test_chief_rays_leave_both_mirrors_of_a_folded_sensor_at_the_field_angles(ki
     heights = np.array([float(f.y) for f in system.fields.fields])
     omega = []
     for height in heights:
-        ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55)
+        ray = system.trace_generic(
+            Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55
+        )
         omega.append(np.degrees(np.arctan2(np.abs(float(ray.M[0])), float(ray.N[0]))))
     np.testing.assert_allclose(sorted(omega), field_angles(sensor), atol=1e-6)

@@ -17,7 +17,9 @@ PITCH = 5.2e-3
 OMEGA = np.array([0.5, 20.0, 45.0, 70.0, 90.0, 110.0, 125.0, 133.0])
 WAVE = 0.5875618
 
-ASPHERE = {1: ["  TYPE EVENASPH", "  CONI -0.4", "  PARM 1 0.0", "  PARM 2 -2e-4", "  PARM 3 -1e-6"]}
+ASPHERE = {
+    1: ["  TYPE EVENASPH", "  CONI -0.4", "  PARM 1 0.0", "  PARM 2 -2e-4", "  PARM 3 -1e-6"]
+}
 LENSES = {
     "triplet": own.zmx(),
     "other stop": own.zmx(stop=3),
@@ -71,7 +73,9 @@ def aimed(traced, omega, stop, theta):
     at = np.stack([0 * omega, A * np.sin((omega - theta) / 2)], axis=-1)
     for _ in range(12):
         found, image = traced(*off_the_ball(omega, at))
-        slopes = [(next(traced(*off_the_ball(omega, at + 1e-5 * e))) - found) / 1e-5 for e in np.eye(2)]
+        slopes = [
+            (next(traced(*off_the_ball(omega, at + 1e-5 * e))) - found) / 1e-5 for e in np.eye(2)
+        ]
         at = at - np.linalg.solve(np.stack(slopes, axis=-1), (found - stop)[..., None])[..., 0]
     assert np.abs(found - stop).max() < 1e-9
     return -image
@@ -83,7 +87,9 @@ def pair(request, optiland, tmp_path_factory):
     path.write_text(LENSES[request.param])
     lens = SurfaceLens.from_file(path, focus_distance_mm=own.FOCUS)
     imager = om.load_sensor("paper-spherical").imager
-    return om.Sensor(Sphere(A, RIM), lens, imager, mirror_distance_mm=M), Traced(optiland, path, own.FOCUS)
+    return om.Sensor(Sphere(A, RIM), lens, imager, mirror_distance_mm=M), Traced(
+        optiland, path, own.FOCUS
+    )
 
 
 def test_gaussian_numbers(pair):
@@ -110,12 +116,17 @@ def test_spots(pair, beside):
     ray = towards / np.linalg.norm(towards)
     radius = float(next(traced(np.array([[0.0, 0.0, -own.FOCUS]]), ray))[0, 1])
     rings, turns = np.meshgrid(np.sqrt((np.arange(14) + 0.5) / 14), np.arange(24) * np.pi / 12)
-    stop = abs(radius) * np.stack([rings * np.cos(turns), rings * np.sin(turns)], axis=-1).reshape(-1, 2)
+    stop = abs(radius) * np.stack([rings * np.cos(turns), rings * np.sin(turns)], axis=-1).reshape(
+        -1, 2
+    )
     angles = np.array([30.0, 70.0, 100.0, 120.0])
     t, s = om.spots(sensor, angles).rms_px()
     theta = np.radians(om.evaluate(sensor, angles).theta_deg)
     for k, omega in enumerate(angles):
-        image = aimed(traced, np.full(len(stop), np.radians(omega)), stop, np.full(len(stop), theta[k])) / PITCH
+        image = (
+            aimed(traced, np.full(len(stop), np.radians(omega)), stop, np.full(len(stop), theta[k]))
+            / PITCH
+        )
         for name, ours, theirs in (("tangential", t, image[:, 1]), ("sagittal", s, image[:, 0])):
             off = abs(100 * (ours[k, 0] / theirs.std() - 1))
             beside("Optiland", f"{name} RMS spot size of a mirror with real lenses", off, 5.0, "%")

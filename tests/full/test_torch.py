@@ -31,7 +31,9 @@ PAIRS = [
     if lens == "perspective" or kind in ("sphere", "paraboloid", "even-polynomial")
 ]
 LENS = replace(SPH.lens, k1=-0.8, k2=3.0, p1=0.004, p2=-0.003)
-needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU is available to PyTorch")
+needs_gpu = pytest.mark.skipif(
+    not torch.cuda.is_available(), reason="no GPU is available to PyTorch"
+)
 DEVICES = ["cpu", pytest.param("cuda", marks=needs_gpu)]
 FREE = {
     "sphere": "shape",
@@ -63,7 +65,9 @@ def compare(camera: Camera, expected: Camera, px: float = 1e-6) -> None:
         np.testing.assert_array_equal(result.valid.numpy(), truth.valid)
         assert truth.valid.sum() > 100
         for tensor, array in zip(result[:-1], truth[:-1], strict=True):
-            np.testing.assert_allclose(tensor.detach().numpy()[truth.valid], array[truth.valid], rtol=0, atol=px)
+            np.testing.assert_allclose(
+                tensor.detach().numpy()[truth.valid], array[truth.valid], rtol=0, atol=px
+            )
             assert not tensor[~result.valid].any()
 
 
@@ -75,9 +79,13 @@ def test_results_equal_numpy(sensor, pose):
 
 def test_distorted_lens_tilted_mount_and_flipped_image():
     mount = Mount("down", 20.0, image_flipped=True, pitch_deg=4.0)
-    sensor = replace(SPH, lens=LENS, mount=mount, imager=replace(SPH.imager, centre_px=(500.0, 520.0)))
+    sensor = replace(
+        SPH, lens=LENS, mount=mount, imager=replace(SPH.imager, centre_px=(500.0, 520.0))
+    )
     for pose in (MirrorPose(), POSE):
-        compare(differentiable(replace(sensor, mirror_pose=pose)), replace(sensor, mirror_pose=pose))
+        compare(
+            differentiable(replace(sensor, mirror_pose=pose)), replace(sensor, mirror_pose=pose)
+        )
 
 
 @pytest.mark.parametrize("pose", [MirrorPose(), POSE], ids=["aligned", "misaligned"])
@@ -97,7 +105,12 @@ def test_kernels_and_tensors_have_equal_values_and_gradients(pose, monkeypatch):
                     plain = getattr(camera, name)(leaf)[:-1]
                 recorded = getattr(camera, name)(leaf)[:-1]
                 sum(part.sum() for part in recorded).backward()
-                values = [*plain, *recorded, leaf.grad, *(number.grad for number in camera.parameters.values())]
+                values = [
+                    *plain,
+                    *recorded,
+                    leaf.grad,
+                    *(number.grad for number in camera.parameters.values()),
+                ]
                 results[method, dtype, name] = [value.detach().double().clone() for value in values]
                 for number in camera.parameters.values():
                     number.grad = None
@@ -105,7 +118,11 @@ def test_kernels_and_tensors_have_equal_values_and_gradients(pose, monkeypatch):
         for ours, theirs in zip(values, results["tensors", dtype, name], strict=True):
             limit = 1e-8 if dtype is torch.float64 else 1e-3
             np.testing.assert_allclose(
-                ours, theirs, rtol=limit, atol=limit * float(theirs.abs().max()), err_msg=f"{method} {name}"
+                ours,
+                theirs,
+                rtol=limit,
+                atol=limit * float(theirs.abs().max()),
+                err_msg=f"{method} {name}",
             )
 
 
@@ -127,7 +144,9 @@ def test_numerical_cameras_have_gradients(index):
     for name, inputs in sample_inputs(camera, 30).items():
         valid = getattr(camera, name)(inputs).valid
         leaf = torch.from_numpy(inputs[valid][:8]).requires_grad_()
-        assert torch.autograd.gradcheck(lambda x, name=name: getattr(torch_camera, name)(x)[:-1], leaf, atol=1e-4)
+        assert torch.autograd.gradcheck(
+            lambda x, name=name: getattr(torch_camera, name)(x)[:-1], leaf, atol=1e-4
+        )
 
 
 @pytest.mark.parametrize("sensor", PAIRS)
@@ -139,7 +158,11 @@ def test_gradients_by_inputs(sensor):
             valid = getattr(posed, name)(inputs).valid
             leaf = torch.from_numpy(inputs[valid][:8]).requires_grad_()
             assert torch.autograd.gradcheck(
-                lambda x, name=name, camera=camera: getattr(camera, name)(x)[:-1], leaf, eps=1e-5, atol=1e-5, rtol=1e-4
+                lambda x, name=name, camera=camera: getattr(camera, name)(x)[:-1],
+                leaf,
+                eps=1e-5,
+                atol=1e-5,
+                rtol=1e-4,
             )
 
 
@@ -148,14 +171,25 @@ def test_gradients_by_every_parameter(kind):
     sensor = replace(sensor_of(kind), mirror_pose=POSE)
     if kind == "sphere":
         sensor = replace(sensor, lens=LENS)
-    free = (FREE[kind], "focal", "centre", "distortion", "distance", "decentre", "tilt", "imager.pixel_pitch_um")
+    free = (
+        FREE[kind],
+        "focal",
+        "centre",
+        "distortion",
+        "distance",
+        "decentre",
+        "tilt",
+        "imager.pixel_pitch_um",
+    )
     camera = differentiable(sensor, free)
     assert_gradients_are_differences(camera, sensor)
 
 
 def test_gradients_by_the_parameters_of_a_telecentric_sensor():
     sensor = replace(sensor_of("paraboloid", "orthographic"), mirror_pose=POSE)
-    assert_gradients_are_differences(differentiable(sensor, ("shape", "focal", "centre", "decentre", "tilt")), sensor)
+    assert_gradients_are_differences(
+        differentiable(sensor, ("shape", "focal", "centre", "decentre", "tilt")), sensor
+    )
 
 
 def assert_gradients_are_differences(camera, sensor) -> None:
@@ -170,20 +204,26 @@ def assert_gradients_are_differences(camera, sensor) -> None:
         weights = rng.normal(size=values.shape)
         names = list(camera.parameters)
         gradients = torch.autograd.grad(
-            (values * torch.from_numpy(weights)).sum(), list(camera.parameters.values()), allow_unused=True
+            (values * torch.from_numpy(weights)).sum(),
+            list(camera.parameters.values()),
+            allow_unused=True,
         )
         for name, gradient in zip(names, gradients, strict=True):
             place = parameter_location(sensor, name)
             value = value_of(sensor, place)
             step = 1e-5 * max(abs(value), 1.0)
 
-            def total(at: float, place=place, method=method, inputs=inputs, weights=weights) -> float:
+            def total(
+                at: float, place=place, method=method, inputs=inputs, weights=weights
+            ) -> float:
                 result = getattr(with_values(sensor, [place], [at]), method)(inputs)
                 return float((np.concatenate(result[:-1], axis=-1) * weights).sum())
 
             difference = (total(value + step) - total(value - step)) / (2 * step)
             scale = np.abs(weights).sum() * 1e-3
-            assert float(gradient if gradient is not None else 0.0) == pytest.approx(difference, rel=2e-5, abs=scale)
+            assert float(gradient if gradient is not None else 0.0) == pytest.approx(
+                difference, rel=2e-5, abs=scale
+            )
 
 
 def test_grid_sample_equals_the_dewarper():
@@ -192,8 +232,12 @@ def test_grid_sample_equals_the_dewarper():
     expected = om.Dewarper(SPH, ahead, "linear")(image)
     tensor = torch.from_numpy(image.copy()).permute(2, 0, 1).double()[None]
     camera = differentiable(SPH)
-    view = torch.nn.functional.grid_sample(tensor, camera.view_grid(ahead)[None], align_corners=False)
-    samples = camera.sample(tensor, camera.project_directions(torch.from_numpy(ahead_targets(ahead))).pixels[None])
+    view = torch.nn.functional.grid_sample(
+        tensor, camera.view_grid(ahead)[None], align_corners=False
+    )
+    samples = camera.sample(
+        tensor, camera.project_directions(torch.from_numpy(ahead_targets(ahead))).pixels[None]
+    )
     np.testing.assert_allclose(view, samples, atol=1e-9)
     assert np.abs(view[0].permute(1, 2, 0).numpy() - expected).max() <= 1.01
 
@@ -201,7 +245,9 @@ def test_grid_sample_equals_the_dewarper():
 @pytest.mark.parametrize("device", DEVICES)
 def test_grid_sample_and_sample_at_the_border_of_the_image(device):
     """Views that reach the border of a cropped image equal the Dewarper at all valid pixels."""
-    sensor = replace(SPH, imager=replace(SPH.imager, width_px=512, height_px=300, pixel_pitch_um=10.4))
+    sensor = replace(
+        SPH, imager=replace(SPH.imager, width_px=512, height_px=300, pixel_pitch_um=10.4)
+    )
     view = om.screens.Plane((320, 240), tilt_deg=-10.0, hfov_deg=100.0)
     image = np.random.default_rng(0).integers(150, 200, (300, 512), dtype=np.uint8)
     expected = om.Dewarper(sensor, view, "linear")(image).astype(float)
@@ -211,20 +257,32 @@ def test_grid_sample_and_sample_at_the_border_of_the_image(device):
         assert ((sources < 0) | (sources > [511, 299])).any(-1).sum() > 50
     tensor = torch.from_numpy(image)[None, None].double().to(device)
     camera = differentiable(sensor, device=device)
-    grid = torch.nn.functional.grid_sample(tensor, camera.view_grid(view)[None], align_corners=False)[0, 0]
+    grid = torch.nn.functional.grid_sample(
+        tensor, camera.view_grid(view)[None], align_corners=False
+    )[0, 0]
     pixels, _ = camera.project_directions(torch.from_numpy(ahead_targets(view)).to(device))
     samples = camera.sample(tensor, pixels[None])[0, 0]
     for result in (grid.cpu().numpy(), samples.cpu().numpy()):
         assert np.abs(result - expected)[valid].max() <= 1.01
     assert (grid.cpu().numpy()[~valid] == 0).all()
-    flat = camera.sample(torch.full_like(tensor, 7.0), pixels[None], mode="bicubic")[0, 0].cpu().numpy()
-    np.testing.assert_allclose(flat[valid], 7.0, atol=1e-9)  # border pixels are replicated under the kernel
-    outside = torch.tensor([[[-0.51, 10.0], [511.51, 10.0], [3.0, 299.6]]], dtype=torch.float64, device=device)
+    flat = (
+        camera.sample(torch.full_like(tensor, 7.0), pixels[None], mode="bicubic")[0, 0]
+        .cpu()
+        .numpy()
+    )
+    np.testing.assert_allclose(
+        flat[valid], 7.0, atol=1e-9
+    )  # border pixels are replicated under the kernel
+    outside = torch.tensor(
+        [[[-0.51, 10.0], [511.51, 10.0], [3.0, 299.6]]], dtype=torch.float64, device=device
+    )
     assert (camera.sample(tensor, outside) == 0).all()
 
 
 def ahead_targets(screen) -> np.ndarray:
-    return screen.targets_at(*np.meshgrid(np.arange(screen.size[0], dtype=float), np.arange(float(screen.size[1]))))
+    return screen.targets_at(
+        *np.meshgrid(np.arange(screen.size[0], dtype=float), np.arange(float(screen.size[1])))
+    )
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -238,7 +296,9 @@ def test_parameters_are_estimated_from_projections(device):
     truth = as_built.project(points)
     inside = truth.valid & (np.linalg.norm(truth.pixels - 511.5, axis=1) < 470)
     points, pixels = (torch.from_numpy(rows[inside]).to(device) for rows in (points, truth.pixels))
-    search = torch.optim.LBFGS(camera.parameters.values(), max_iter=200, line_search_fn="strong_wolfe", history_size=30)
+    search = torch.optim.LBFGS(
+        camera.parameters.values(), max_iter=200, line_search_fn="strong_wolfe", history_size=30
+    )
 
     def loss_function():
         search.zero_grad()
@@ -258,14 +318,24 @@ def test_parameters_are_estimated_from_projections(device):
 def test_invalid_inputs_have_zero_gradients(device):
     camera = differentiable(replace(SPH, lens=LENS), ("shape", "tilt", "distortion"), device=device)
     points = torch.tensor(
-        [[1e3, 0, 0], [0, 0, 500.0], [0, 0, 20.0], [np.nan, 0, 0], [np.inf, 1, 1], [0, 0, 1], [0, 0, -1e3]],
+        [
+            [1e3, 0, 0],
+            [0, 0, 500.0],
+            [0, 0, 20.0],
+            [np.nan, 0, 0],
+            [np.inf, 1, 1],
+            [0, 0, 1],
+            [0, 0, -1e3],
+        ],
         dtype=torch.float64,
         device=device,
         requires_grad=True,
     )
     projection = camera.project(points)
     assert projection.valid.tolist() == [True, False, False, False, False, False, True]
-    pixels = torch.tensor([[0.0, 0.0], [300.0, 500.0], [np.nan, 1.0], [5e6, 0.0]], dtype=torch.float64, device=device)
+    pixels = torch.tensor(
+        [[0.0, 0.0], [300.0, 500.0], [np.nan, 1.0], [5e6, 0.0]], dtype=torch.float64, device=device
+    )
     rays = camera.backproject(pixels.requires_grad_())
     assert rays.valid.tolist() == [False, True, False, False]
     (projection.pixels.sum() + rays.origins.sum() + rays.directions.sum()).backward()
@@ -290,15 +360,24 @@ def test_batch_dimensions_in_single_precision():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: differentiable(SPH, device="quark"), "device must be available to PyTorch.*; got 'quark'"),
+        (
+            lambda: differentiable(SPH, device="quark"),
+            "device must be available to PyTorch.*; got 'quark'",
+        ),
         (lambda: differentiable(SPH, device="meta"), "device must be available.*; got 'meta'"),
         (
             lambda: differentiable(SPH, dtype=torch.float16),
             "dtype must be torch.float64 or torch.float32; got torch.float16",
         ),
         (lambda: differentiable(SPH, dtype="float"), "; got 'float'"),
-        (lambda: differentiable(SPH).project([1.0, 2.0, 3.0]), r"points_mm must be a tensor .*; got \[1.0, 2.0, 3.0\]"),
-        (lambda: differentiable(SPH).project(torch.zeros(4, 2)), r"points_mm must be .*; got torch.float32 \(4, 2\)"),
+        (
+            lambda: differentiable(SPH).project([1.0, 2.0, 3.0]),
+            r"points_mm must be a tensor .*; got \[1.0, 2.0, 3.0\]",
+        ),
+        (
+            lambda: differentiable(SPH).project(torch.zeros(4, 2)),
+            r"points_mm must be .*; got torch.float32 \(4, 2\)",
+        ),
         (
             lambda: differentiable(SPH).project_directions(torch.tensor(1.0)),
             r"directions must be .*; got torch.float32 \(\)",
@@ -316,12 +395,20 @@ def test_batch_dimensions_in_single_precision():
             "must be on the device of the camera, cpu; got meta",
         ),
         (lambda: differentiable(SPH).view_grid(3), "screen = 3 is not a screen"),
-        (lambda: differentiable(SPH).grid([3.0, 4.0]), r"pixels must be a tensor .*; got \[3.0, 4.0\]"),
         (
-            lambda: differentiable(SPH).sample(torch.zeros(3, 8, 8, dtype=torch.uint8), torch.zeros(5, 2)),
+            lambda: differentiable(SPH).grid([3.0, 4.0]),
+            r"pixels must be a tensor .*; got \[3.0, 4.0\]",
+        ),
+        (
+            lambda: differentiable(SPH).sample(
+                torch.zeros(3, 8, 8, dtype=torch.uint8), torch.zeros(5, 2)
+            ),
             "got torch.uint8",
         ),
-        (lambda: differentiable(SPH).sample(torch.zeros(8), torch.zeros(5, 2)), "must have the shapes"),
+        (
+            lambda: differentiable(SPH).sample(torch.zeros(8), torch.zeros(5, 2)),
+            "must have the shapes",
+        ),
     ],
 )
 def test_invalid_arguments_raise(call, message):

@@ -31,7 +31,9 @@ def compare(sensor, px: float = 1e-6, dtype=torch.float64, share: float = 1.0) -
         both = result.valid.cpu().numpy() & truth.valid
         assert both.sum() >= share * max(truth.valid.sum(), result.valid.sum().item()) > 100
         for tensor, array in zip(result[:-1], truth[:-1], strict=True):
-            np.testing.assert_allclose(tensor.detach().cpu().numpy()[both], array[both], rtol=0, atol=px)
+            np.testing.assert_allclose(
+                tensor.detach().cpu().numpy()[both], array[both], rtol=0, atol=px
+            )
             assert not tensor[~result.valid].any()
 
 
@@ -67,24 +69,37 @@ def test_gradients_equal_those_of_the_cpu(kind):
             camera = differentiable(sensor, free, device=device)
             leaf = torch.from_numpy(points).to(device).requires_grad_()
             values = torch.cat(getattr(camera, name)(leaf)[:-1], dim=-1)
-            weights = torch.linspace(0.5, 1.5, values.numel(), dtype=torch.float64).reshape(values.shape).to(device)
+            weights = (
+                torch.linspace(0.5, 1.5, values.numel(), dtype=torch.float64)
+                .reshape(values.shape)
+                .to(device)
+            )
             (values * weights).sum().backward()
             numbers = [leaf.grad, *(number.grad for number in camera.parameters.values())]
-            gradients.append([0.0 if number is None else number.cpu().numpy() for number in numbers])
+            gradients.append(
+                [0.0 if number is None else number.cpu().numpy() for number in numbers]
+            )
         for ours, theirs in zip(*gradients, strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-8 * max(np.abs(theirs).max(), 1.0))
+            np.testing.assert_allclose(
+                ours, theirs, rtol=1e-6, atol=1e-8 * max(np.abs(theirs).max(), 1.0)
+            )
 
 
 @needs_gpu
 def test_gradients_of_numerical_cameras_on_a_gpu():
-    camera, sensor = (differentiable(others()[1], ("focal",), device=device) for device in ("cpu", GPU)), others()[1]
+    camera, sensor = (
+        (differentiable(others()[1], ("focal",), device=device) for device in ("cpu", GPU)),
+        others()[1],
+    )
     inputs = sample_inputs(sensor, 60)["project"]
     points = inputs[sensor.project(inputs).valid][:8]
     rates = []
     for one in camera:
         leaf = torch.from_numpy(points).to(one.device).requires_grad_()
         one.project(leaf).pixels.sum().backward()
-        rates.append([leaf.grad.cpu().numpy(), *(float(number.grad) for number in one.parameters.values())])
+        rates.append(
+            [leaf.grad.cpu().numpy(), *(float(number.grad) for number in one.parameters.values())]
+        )
     for ours, theirs in zip(*rates, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-12)
 
@@ -95,17 +110,30 @@ def test_grid_sample_on_a_gpu_equals_the_dewarper():
     ahead = om.screens.Plane((160, 120), hfov_deg=70.0, tilt_deg=-10.0)
     tensor = torch.from_numpy(image.copy()).permute(2, 0, 1).to(GPU, torch.float64)[None]
     camera = differentiable(SPH, device=GPU)
-    view = torch.nn.functional.grid_sample(tensor, camera.view_grid(ahead)[None], align_corners=False)
-    assert np.abs(view[0].permute(1, 2, 0).cpu().numpy() - om.Dewarper(SPH, ahead, "linear")(image)).max() <= 1.01
+    view = torch.nn.functional.grid_sample(
+        tensor, camera.view_grid(ahead)[None], align_corners=False
+    )
+    assert (
+        np.abs(
+            view[0].permute(1, 2, 0).cpu().numpy() - om.Dewarper(SPH, ahead, "linear")(image)
+        ).max()
+        <= 1.01
+    )
 
 
 @needs_gpu
 def test_inputs_on_another_device_raise():
     points = torch.ones(3, 3, dtype=torch.float64)
-    for inputs, camera in ((points.to(GPU), differentiable(SPH)), (points, differentiable(SPH, device=GPU))):
+    for inputs, camera in (
+        (points.to(GPU), differentiable(SPH)),
+        (points, differentiable(SPH, device=GPU)),
+    ):
         with pytest.raises(
-            InvalidParameter, match=r"must be on the device of the camera.*differentiable\(\.\.\., device="
+            InvalidParameter,
+            match=r"must be on the device of the camera.*differentiable\(\.\.\., device=",
         ):
             camera.project(inputs)
-    with pytest.raises(InvalidParameter, match=r"device must be available to PyTorch.*; got 'cuda:99'"):
+    with pytest.raises(
+        InvalidParameter, match=r"device must be available to PyTorch.*; got 'cuda:99'"
+    ):
         differentiable(SPH, device="cuda:99")

@@ -45,7 +45,11 @@ class Buffers:
         count = int(np.prod(shape, dtype=object)) * np.dtype(dtype).itemsize
         memory = np.full(count + odd + 2 * GUARD, FILL, np.uint8)
         self._memory.append(memory)
-        array = np.ndarray(shape, dtype, memory.data, offset=GUARD + odd) if count else np.empty(shape, dtype)
+        array = (
+            np.ndarray(shape, dtype, memory.data, offset=GUARD + odd)
+            if count
+            else np.empty(shape, dtype)
+        )
         return array
 
     def copy(self, values: Any, dtype: Any = None, odd: int = 0) -> np.ndarray:
@@ -57,7 +61,9 @@ class Buffers:
     def check(self) -> None:
         for memory in self._memory:
             assert not GUARD or (memory[:GUARD] == FILL).all(), "memory before an array was written"
-            assert not GUARD or (memory[-GUARD:] == FILL).all(), "memory behind an array was written"
+            assert not GUARD or (memory[-GUARD:] == FILL).all(), (
+                "memory behind an array was written"
+            )
 
 
 # -- valid arguments -------------------------------------------------------------------------------
@@ -70,7 +76,9 @@ class Recipes:
         self.b, self.module = buffers, module
         self.random = buffers.random
 
-    def floats(self, *shape: int, low: float = -1.0, high: float = 1.0, dtype: str = "float64") -> np.ndarray:
+    def floats(
+        self, *shape: int, low: float = -1.0, high: float = 1.0, dtype: str = "float64"
+    ) -> np.ndarray:
         return self.b.copy(self.random.uniform(low, high, shape), dtype)
 
     def side(self, most: int = 40) -> int:
@@ -79,7 +87,10 @@ class Recipes:
     # -- dewarp
 
     def picture(self, height: int, width: int) -> np.ndarray:
-        dtype, channels = self.random.choice(["uint8", "uint16", "float32"]), int(self.random.integers(1, 5))
+        dtype, channels = (
+            self.random.choice(["uint8", "uint16", "float32"]),
+            int(self.random.integers(1, 5)),
+        )
         gap = int(self.random.integers(0, 3))
         memory = self.b.copy(self.random.integers(0, 255, (height, width + gap, channels)), dtype)
         return memory[:, :width]
@@ -111,28 +122,47 @@ class Recipes:
         height, width = made["dst"].shape[:2]
         angle = self.random.uniform(0, 6, width)
         return {
-            **made, "radii": self.floats(height, high=20, dtype="float32"), "x": 20.0, "y": 20.0,
-            "cosines": self.b.copy(np.cos(angle), "float32"), "sines": self.b.copy(np.sin(angle), "float32"),
-        }  # fmt: skip
+            **made,
+            "radii": self.floats(height, high=20, dtype="float32"),
+            "x": 20.0,
+            "y": 20.0,
+            "cosines": self.b.copy(np.cos(angle), "float32"),
+            "sines": self.b.copy(np.sin(angle), "float32"),
+        }
 
     def lattice(self, height: int, width: int, step: int) -> Arguments:
         down, across = -(-height // step), -(-width // step)
         cells = self.b.copy(self.random.integers(-1, 2, (down, across)), "int32")
         x, y = (self.floats(down + 3, across + 3, low=-1, high=50, dtype="float32") for _ in "xy")
-        return {"x": x, "y": y, "cells": cells, "patches": self.floats(2, step, step, 2, high=40, dtype="float32")}
+        return {
+            "x": x,
+            "y": y,
+            "cells": cells,
+            "patches": self.floats(2, step, step, 2, high=40, dtype="float32"),
+        }
 
     def remap_lattice(self) -> Arguments:
-        height, width, step = self.side(), self.side(200), int(self.random.choice([4, 8, 16, 32, 64]))
+        height, width, step = (
+            self.side(),
+            self.side(200),
+            int(self.random.choice([4, 8, 16, 32, 64])),
+        )
         made = self._remap(height, width) | self.lattice(height, width, step)
         made.pop("averages", None)
         if made["interpolation"] == 2:
             made["averages"] = self.averages(height, width, step)
         if self.random.random() < 0.5:  # all cells are interpolated within the image
-            made["cells"][...], made["src"] = -1, self.b.copy(self.random.integers(0, 255, (70, 80, 3)), "uint8")
+            made["cells"][...], made["src"] = (
+                -1,
+                self.b.copy(self.random.integers(0, 255, (70, 80, 3)), "uint8"),
+            )
             made["dst"] = self.b.empty((height, width, 3), "uint8")
             for name in "xy":
                 made[name][...] = self.random.uniform(30, 40, made[name].shape)
-        return {**made, **{name: self.b.copy(node_weights(step)) for name in ("weights", "row_weights")}}
+        return {
+            **made,
+            **{name: self.b.copy(node_weights(step)) for name in ("weights", "row_weights")},
+        }
 
     def squared_sides_of_nodes(self) -> Arguments:
         made = self.lattice(self.side(), self.side(), 8)
@@ -147,9 +177,13 @@ class Recipes:
         height, width, channels = src.shape
         coordinates = self.places(self.side(), self.side(), src)
         return {
-            "coordinates": coordinates, "width": width, "height": height, "channels": channels,
-            "deep": src.dtype != np.uint8, "interpolation": int(self.random.integers(0, 3)),
-        }  # fmt: skip
+            "coordinates": coordinates,
+            "width": width,
+            "height": height,
+            "channels": channels,
+            "deep": src.dtype != np.uint8,
+            "interpolation": int(self.random.integers(0, 3)),
+        }
 
     def PackedMap_sample(self) -> tuple[Any, Arguments]:
         made = self._remap(self.side(), self.side())
@@ -157,20 +191,37 @@ class Recipes:
         places = self.places(*dst.shape[:2], src)
         interpolation = made.pop("interpolation")
         packed = self.module.PackedMap(
-            places, src.shape[1], src.shape[0], src.shape[2], bool(src.dtype != np.uint8), interpolation
+            places,
+            src.shape[1],
+            src.shape[0],
+            src.shape[2],
+            bool(src.dtype != np.uint8),
+            interpolation,
         )
         return packed, {**made, "coordinates": places}
 
     def AxialCamera(self) -> Arguments:
         return {
-            "frame": self.b.copy(np.eye(3)), "x": 20.0, "y": 20.0, "width": 40, "height": 40, "first": 0.0,
-            "last": 0.9, "radii": self.floats(9, low=0, high=20), "origins": self.floats(5, 2), "viewpoint": 0.0,
-        }  # fmt: skip
+            "frame": self.b.copy(np.eye(3)),
+            "x": 20.0,
+            "y": 20.0,
+            "width": 40,
+            "height": 40,
+            "first": 0.0,
+            "last": 0.9,
+            "radii": self.floats(9, low=0, high=20),
+            "origins": self.floats(5, 2),
+            "viewpoint": 0.0,
+        }
 
     def AxialCamera_project(self) -> tuple[Any, Arguments]:
         count = self.side(600)
         out = {"pixels": self.b.empty((count, 2), float), "excess": self.b.empty((count,), float)}
-        return self.module.AxialCamera(**self.AxialCamera()), {"targets": self.floats(count, 3), "is_near": True, **out}
+        return self.module.AxialCamera(**self.AxialCamera()), {
+            "targets": self.floats(count, 3),
+            "is_near": True,
+            **out,
+        }
 
     # -- batch
 
@@ -179,15 +230,25 @@ class Recipes:
         numbers = self.b.copy(np.tile([185.0, 44.0, 11.6, 4.0, 50.0, 0.0, 0.0], (designs, 1)))
         is_lens, kind = bool(self.random.integers(0, 2)), int(self.random.integers(0, 4))
         return {
-            "coefficients": self.floats(designs, terms, high=0.1), "numbers": numbers,
-            "basis": self.floats(3, terms, angles), "fractions": self.floats(angles, low=0), "has_conic": True,
-            "paper": bool(self.random.integers(0, 2)), "pitch": 0.08, "image_radius": 0.0, "wavelength": 550.0,
-            "inverse_distance": self.b.copy(np.zeros(angles)), "least_omega": 0.0, "search": FOCUS_SEARCH,
+            "coefficients": self.floats(designs, terms, high=0.1),
+            "numbers": numbers,
+            "basis": self.floats(3, terms, angles),
+            "fractions": self.floats(angles, low=0),
+            "has_conic": True,
+            "paper": bool(self.random.integers(0, 2)),
+            "pitch": 0.08,
+            "image_radius": 0.0,
+            "wavelength": 550.0,
+            "inverse_distance": self.b.copy(np.zeros(angles)),
+            "least_omega": 0.0,
+            "search": FOCUS_SEARCH,
             "lens": self.floats(cells + 1, 2, 27) if is_lens else self.b.empty((0, 2, 1), float),
-            "lens_numbers": (0.5, 11.6, 4.0, 0.0, 0.0, -0.01, 0.01), "walls": self.floats(designs, 7, low=0.1),
-            "wall": (kind, 1.5, 1.0), "columns": self.b.empty((10, designs, angles), float),
+            "lens_numbers": (0.5, 11.6, 4.0, 0.0, 0.0, -0.01, 0.01),
+            "walls": self.floats(designs, 7, low=0.1),
+            "wall": (kind, 1.5, 1.0),
+            "columns": self.b.empty((10, designs, angles), float),
             "results": self.b.empty((3, designs), float),
-        }  # fmt: skip
+        }
 
     # -- simulate
 
@@ -195,14 +256,35 @@ class Recipes:
         nodes = self.floats(int(self.random.choice([0, 2, 30])), 3, high=0.1, dtype="float32")
         some = bool(self.random.integers(0, 2))
         return {
-            "telecentric": False, "centre": (8.0, 8.0), "scale": (0.02, 0.02),
-            "distortion": (0.1 * some, 0.0, 0.0, 0.0, 0.0), "fold": 100.0, "focus": 200.0, "stop": 1.0,
-            "vertex": (0.0, 0.0, 180.0), "axes": tuple(np.eye(3).ravel()), "aligned": not some, "curvature": -0.02,
-            "conic": 0.0, "rim": 40.0, "nodes": nodes, "reflectance": (1.0,) * 8, "natural_vignetting": 1.0,
-            "body_z": 0.0, "body_radius": 20.0, "lens_radius": 10.0, "edge_z": 0.0, "edge_radius": 50.0 * some,
-            "rod_z": (0.0, 100.0 * some), "rod_radius": (1.0, 1.0), "housing_light": (0.1,) * 3,
-            "sees_past": True, "rotation": tuple(np.eye(3).ravel()), "shift": (0.0,) * 3, "distant": some,
-        }  # fmt: skip
+            "telecentric": False,
+            "centre": (8.0, 8.0),
+            "scale": (0.02, 0.02),
+            "distortion": (0.1 * some, 0.0, 0.0, 0.0, 0.0),
+            "fold": 100.0,
+            "focus": 200.0,
+            "stop": 1.0,
+            "vertex": (0.0, 0.0, 180.0),
+            "axes": tuple(np.eye(3).ravel()),
+            "aligned": not some,
+            "curvature": -0.02,
+            "conic": 0.0,
+            "rim": 40.0,
+            "nodes": nodes,
+            "reflectance": (1.0,) * 8,
+            "natural_vignetting": 1.0,
+            "body_z": 0.0,
+            "body_radius": 20.0,
+            "lens_radius": 10.0,
+            "edge_z": 0.0,
+            "edge_radius": 50.0 * some,
+            "rod_z": (0.0, 100.0 * some),
+            "rod_radius": (1.0, 1.0),
+            "housing_light": (0.1,) * 3,
+            "sees_past": True,
+            "rotation": tuple(np.eye(3).ravel()),
+            "shift": (0.0,) * 3,
+            "distant": some,
+        }
 
     def optics(self) -> Any:
         return self.module.Optics(**self.Optics())
@@ -216,17 +298,31 @@ class Recipes:
         records[:, 9:15] = self.random.uniform(-3, 3, (count, 6))
         records.view(np.int32)[:, 15] = self.random.integers(-2, 2, count)
         sizes = np.array([(3, 4, 1), (5, 1, 0)])
-        return {"records": records, "sizes": self.b.copy(sizes, "int32"), "texels": self.floats(17, 4, dtype="float32")}
+        return {
+            "records": records,
+            "sizes": self.b.copy(sizes, "int32"),
+            "texels": self.floats(17, 4, dtype="float32"),
+        }
 
     def Surfaces_radiance(self) -> tuple[Any, Arguments]:
         count = self.side(99)
         rays = {name: self.floats(count, 3, dtype="float32") for name in ("origins", "directions")}
-        out = {"light": self.b.empty((count, 4), "float32"), "distances": self.b.empty((count,), "float32")}
+        out = {
+            "light": self.b.empty((count, 4), "float32"),
+            "distances": self.b.empty((count,), "float32"),
+        }
         return self.module.Surfaces(**self.Surfaces()), {**rays, **out}
 
     def exposure(self) -> Arguments:
         points = self.floats(self.side(20), 4, low=0, dtype="float32")
-        return {"optics": self.optics(), "points": points, "shifted": True, "seed": 1, "left": 0, "top": 0}
+        return {
+            "optics": self.optics(),
+            "points": points,
+            "shifted": True,
+            "seed": 1,
+            "left": 0,
+            "top": 0,
+        }
 
     def expose_environment(self) -> Arguments:
         world = self.module.Environment(**self.Environment())
@@ -245,9 +341,12 @@ class Recipes:
         shape = self.side(9), self.side(20)
         most = int(np.prod(shape)) * len(made["points"]) if self.random.random() < 0.7 else 0
         return {
-            **made, "surfaces": self.module.Surfaces(**self.Surfaces()), "light": self.b.empty((*shape, 3), "float32"),
-            "open_pixels": self.b.empty((most,), "int32"), "open_rays": self.b.empty((most, 7), "float32"),
-        }  # fmt: skip
+            **made,
+            "surfaces": self.module.Surfaces(**self.Surfaces()),
+            "light": self.b.empty((*shape, 3), "float32"),
+            "open_pixels": self.b.empty((most,), "int32"),
+            "open_rays": self.b.empty((most, 7), "float32"),
+        }
 
     def meet_boxes(self) -> Arguments:
         count = self.side(99)
@@ -268,14 +367,18 @@ class Recipes:
         tiles = [[(0, height, 0, width), (0, height, left, width)]]
         kernels = self.random.integers(0, 2, (height, blocks))
         return {
-            "width": width, "height": height, "fineness": int(self.random.integers(1, 5)),
+            "width": width,
+            "height": height,
+            "fineness": int(self.random.integers(1, 5)),
             "firsts": self.b.copy([0, 2, 5], "int32"),
             "offsets": self.b.copy(self.random.integers(-9, 9, (5, 2)), "int32"),
             "weights": self.floats(5, low=0, dtype="float32"),
-            "pixels": self.b.copy(np.arange(width * height), "int32"), "block": block,
-            "kernels": self.b.copy(kernels, "int32"), "tiles": self.b.copy(tiles, "int32"),
+            "pixels": self.b.copy(np.arange(width * height), "int32"),
+            "block": block,
+            "kernels": self.b.copy(kernels, "int32"),
+            "tiles": self.b.copy(tiles, "int32"),
             "concentration": self.b.copy(np.ones((height, width)), "float32"),
-        }  # fmt: skip
+        }
 
     def Sharpening(self) -> Arguments:
         made = self.BlurKernels()
@@ -305,20 +408,45 @@ class Recipes:
     # -- tolerancing
 
     def judge_trials(self) -> Arguments:
-        trials, n, terms, powers = self.side(99), self.side(20), 4, int(self.random.choice([1, 15, 28, 91]))
+        trials, n, terms, powers = (
+            self.side(99),
+            self.side(20),
+            4,
+            int(self.random.choice([1, 15, 28, 91])),
+        )
         numbers = self.floats(trials, 35 + terms + powers)
-        pose, basis, pieces = int(self.random.integers(1, 6)), int(self.random.integers(1, 21)), self.side(5) - 1
-        objects = *(self.floats(n, k) for k in (3, 2, 2, 4)), self.floats(n, low=0.1), bool(self.random.integers(0, 2))
+        pose, basis, pieces = (
+            int(self.random.integers(1, 6)),
+            int(self.random.integers(1, 21)),
+            self.side(5) - 1,
+        )
+        objects = (
+            *(self.floats(n, k) for k in (3, 2, 2, 4)),
+            self.floats(n, low=0.1),
+            bool(self.random.integers(0, 2)),
+        )
         rows = (
-            self.floats(int(self.random.integers(2, 17)), 2 * n), self.floats(basis, 2 * n), self.floats(basis, pose),
-            self.floats(basis, pose * (pose + 1) // 2), self.floats(int(self.random.integers(0, 17)), 2 * n), 3,
-        )  # fmt: skip
+            self.floats(int(self.random.integers(2, 17)), 2 * n),
+            self.floats(basis, 2 * n),
+            self.floats(basis, pose),
+            self.floats(basis, pose * (pose + 1) // 2),
+            self.floats(int(self.random.integers(0, 17)), 2 * n),
+            3,
+        )
         return {
-            "numbers": numbers, "terms": terms, "is_conic": True, "rim": 40.0,
-            "table": (self.floats(pieces, 6), 1.0), "objects": objects, "rows": rows,
-            "search": (20, 1e-9, 1e9, 1.0, 20), "refocus": int(self.random.integers(0, 3)), "floor": 1.0,
-            "merits": self.b.empty((trials, 24), float), "moved": self.b.empty((trials, 2 * n), float),
-        }  # fmt: skip
+            "numbers": numbers,
+            "terms": terms,
+            "is_conic": True,
+            "rim": 40.0,
+            "table": (self.floats(pieces, 6), 1.0),
+            "objects": objects,
+            "rows": rows,
+            "search": (20, 1e-9, 1e9, 1.0, 20),
+            "refocus": int(self.random.integers(0, 3)),
+            "floor": 1.0,
+            "merits": self.b.empty((trials, 24), float),
+            "moved": self.b.empty((trials, 2 * n), float),
+        }
 
     # -- tracing
 
@@ -328,19 +456,28 @@ class Recipes:
     def find_reflections(self) -> Arguments:
         count = self.side(200)
         return {
-            "surface": self.surface(), "search": (20, 5, 1e-9, 1e-3, 0.3, 1.2, 1e-9),
-            "by_omega": self.floats(self.side(20), 4, high=20), "omegas": (0.0, 2.0), "middle": 0.0,
-            "distant": bool(self.random.integers(0, 2)), "targets": self.floats(3, count, high=300),
-            "rows": self.b.empty((8, count), float), "states": self.b.empty((count,), "uint8"),
-        }  # fmt: skip
+            "surface": self.surface(),
+            "search": (20, 5, 1e-9, 1e-3, 0.3, 1.2, 1e-9),
+            "by_omega": self.floats(self.side(20), 4, high=20),
+            "omegas": (0.0, 2.0),
+            "middle": 0.0,
+            "distant": bool(self.random.integers(0, 2)),
+            "targets": self.floats(3, count, high=300),
+            "rows": self.b.empty((8, count), float),
+            "states": self.b.empty((count,), "uint8"),
+        }
 
     def meet_mirror(self) -> Arguments:
         count = self.side(200)
         return {
-            "surface": self.surface(), "search": (20, 5, 1e-9, 1e-3, 0.3, 1.2, 1e-9),
-            "depth": self.floats(self.side(20), 4, high=200), "most_tangent": 0.3, "ways": self.floats(3, count),
-            "rows": self.b.empty((6, count), float), "states": self.b.empty((count,), "uint8"),
-        }  # fmt: skip
+            "surface": self.surface(),
+            "search": (20, 5, 1e-9, 1e-3, 0.3, 1.2, 1e-9),
+            "depth": self.floats(self.side(20), 4, high=200),
+            "most_tangent": 0.3,
+            "ways": self.floats(3, count),
+            "rows": self.b.empty((6, count), float),
+            "states": self.b.empty((count,), "uint8"),
+        }
 
     def wall(self) -> tuple[Any, ...]:
         return int(self.random.integers(0, 3)), (-10.0, -12.0), (60.0, 63.0), 1.49, 1.0
@@ -348,20 +485,27 @@ class Recipes:
     def leave_wall(self) -> Arguments:
         count = self.side(99)
         return {
-            "wall": self.wall(), "points": self.floats(count, 3), "directions": self.floats(count, 3),
-            "vectors": self.b.empty((5, count, 3), float), "numbers": self.b.empty((4, count), float),
+            "wall": self.wall(),
+            "points": self.floats(count, 3),
+            "directions": self.floats(count, 3),
+            "vectors": self.b.empty((5, count, 3), float),
+            "numbers": self.b.empty((4, count), float),
             "flags": self.b.empty((2, count), "uint8"),
-        }  # fmt: skip
+        }
 
     def find_covered(self) -> Arguments:
         count = self.side(99)
         meridian = self.floats(self.side(30), 8)
         return {
-            "mirror": (meridian, 1.0, 20.0, self.b.copy(np.eye(3)), self.floats(3)), "wall": self.wall(),
-            "ends": (-100.0, 100.0), "search": (20, 0.3, 1e-9), "pupils": (self.floats(count, 3), False),
+            "mirror": (meridian, 1.0, 20.0, self.b.copy(np.eye(3)), self.floats(3)),
+            "wall": self.wall(),
+            "ends": (-100.0, 100.0),
+            "search": (20, 0.3, 1e-9),
+            "pupils": (self.floats(count, 3), False),
             "targets": (self.floats(count, 3, high=300), bool(self.random.integers(0, 2))),
-            "xy": self.floats(count, 2, high=20), "settled": self.b.empty((count,), "uint8"),
-        }  # fmt: skip
+            "xy": self.floats(count, 2, high=20),
+            "settled": self.b.empty((count,), "uint8"),
+        }
 
     # -- all
 
@@ -375,7 +519,11 @@ class Recipes:
         return {}
 
     def use_instructions(self) -> Arguments:
-        return {"name": str(self.random.choice(["plain", "avx2", "avx512", "avx512-gather", "neon", "mmx"]))}
+        return {
+            "name": str(
+                self.random.choice(["plain", "avx2", "avx512", "avx512-gather", "neon", "mmx"])
+            )
+        }
 
 
 def functions_of(module: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -405,10 +553,14 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
             real = [value for value in ODD_NUMBERS if isinstance(value, float)]
             odd = real if array.dtype.kind == "f" else [-1, -2, 2**31 - 1, 9]
             with np.errstate(all="ignore"):
-                changed.reshape(-1)[at] = np.asarray(random.choice(odd, len(at))).astype(array.dtype)
+                changed.reshape(-1)[at] = np.asarray(random.choice(odd, len(at))).astype(
+                    array.dtype
+                )
         return changed
     if way == 1:
-        return b.copy(np.full(array.shape, np.nan) if array.dtype.kind == "f" else np.full_like(array, 127))
+        return b.copy(
+            np.full(array.shape, np.nan) if array.dtype.kind == "f" else np.full_like(array, 127)
+        )
     if way == 2:  # another length along an axis
         shape = list(array.shape) or [1]
         shape[int(random.integers(0, len(shape)))] = int(random.choice([0, 1, 2, 3, 5, 17]))
@@ -425,7 +577,12 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
     if way == 7:  # memory of another argument
         other = others[int(random.integers(0, len(others)))]
         if other.flags.c_contiguous and other.nbytes >= array.nbytes and array.nbytes:
-            return other.reshape(-1).view(np.uint8)[: array.nbytes].view(array.dtype).reshape(array.shape)
+            return (
+                other.reshape(-1)
+                .view(np.uint8)[: array.nbytes]
+                .view(array.dtype)
+                .reshape(array.shape)
+            )
         return other
     if way == 8:
         return b.copy(array[0] if array.ndim and len(array) else array.reshape(-1))
@@ -433,7 +590,9 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
         changed = b.copy(array)
         changed.flags.writeable = False
         return changed
-    return b.copy(array)[np.newaxis] if random.random() < 0.5 else np.broadcast_to(array, array.shape)
+    return (
+        b.copy(array)[np.newaxis] if random.random() < 0.5 else np.broadcast_to(array, array.shape)
+    )
 
 
 def hostile(value: Any, others: list[np.ndarray], b: Buffers) -> Any:
@@ -469,7 +628,9 @@ def run(calls: int, seed: int) -> dict[str, tuple[int, int]]:
         for _ in range(int(b.random.integers(0, 4))):
             if arguments:
                 which = str(b.random.choice(sorted(arguments)))
-                arguments[which] = hostile(arguments[which], arrays_in(tuple(arguments.values())) or [np.zeros(3)], b)
+                arguments[which] = hostile(
+                    arguments[which], arrays_in(tuple(arguments.values())) or [np.zeros(3)], b
+                )
         function = functions[name]
         answered, refused = counts[name]
         try:

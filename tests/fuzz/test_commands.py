@@ -146,7 +146,17 @@ ODD_WORDS = (
     "paper-spherical",
     "1,2,3,4",
 )
-EXTREMES = ("1e308", "-1e308", "1e160", "1e20", "5e-324", "1e-160", "0.0", "nan", "9223372036854775807")
+EXTREMES = (
+    "1e308",
+    "-1e308",
+    "1e160",
+    "1e20",
+    "5e-324",
+    "1e-160",
+    "0.0",
+    "nan",
+    "9223372036854775807",
+)
 NUMBER = re.compile(r"(?<=[ \[])-?\d+(?:\.\d+)?(?:e-?\d+)?(?=[\s,\]])")
 COMMANDS = (
     "evaluate paper-spherical --omega-deg {}",
@@ -252,7 +262,9 @@ COMMANDS = (
 
 ANGLES = np.linspace(0, 50, 200)
 """Radians: a spiral of points about the vertex of the paper's spherical mirror."""
-POINTS = np.column_stack([ANGLES * np.cos(ANGLES) / 2, ANGLES * np.sin(ANGLES) / 2, 50 - np.sqrt(2500 - ANGLES**2 / 4)])
+POINTS = np.column_stack(
+    [ANGLES * np.cos(ANGLES) / 2, ANGLES * np.sin(ANGLES) / 2, 50 - np.sqrt(2500 - ANGLES**2 / 4)]
+)
 CLOUDS = {
     "on a slanted line": POINTS[:, :1] * [1.0, 2.0, 3.0],
     "all one": np.tile(POINTS[50], (300, 1)),
@@ -279,8 +291,12 @@ def _folder(tmp_path, monkeypatch):
     Path("loop").symlink_to("loop")
     om.convert(om.OCam((-131.5, 0.0, 1.8e-3), (515.3, 380.3), (1024, 768)), "calib_results.txt")
     for name, form in {"parts": PARTS, "small": SENSOR, "wanted": JUDGED, "errors": ERRORS}.items():
-        Path(f"{name}.toml").write_text(form.format(**dict(zip("abcd", USUAL[form], strict=True)), e=""))
-    Path("edges.csv").write_text("line,u_px,v_px\n" + "".join(f"1,{400 + 9 * i},{300 + i}\n" for i in range(9)))
+        Path(f"{name}.toml").write_text(
+            form.format(**dict(zip("abcd", USUAL[form], strict=True)), e="")
+        )
+    Path("edges.csv").write_text(
+        "line,u_px,v_px\n" + "".join(f"1,{400 + 9 * i},{300 + i}\n" for i in range(9))
+    )
     np.savetxt("points.csv", POINTS, delimiter=",")
 
 
@@ -328,12 +344,19 @@ def test_odd_values_in_files(command, capsysbinary):
 @pytest.mark.parametrize("sensor", few(om.bundled_sensors(), "paper-hyperboloidal"))
 def test_extreme_numbers_in_every_entry(sensor, capsysbinary):
     text = (SENSOR_FOLDER / f"{sensor}.toml").read_text()
-    numbers = [n for n in NUMBER.finditer(text) if "=" in text[text.rfind("\n", 0, n.start()) + 1 : n.start()]]
+    numbers = [
+        n
+        for n in NUMBER.finditer(text)
+        if "=" in text[text.rfind("\n", 0, n.start()) + 1 : n.start()]
+    ]
     assert len(numbers) > 8
     for number in numbers[1:]:  # the first is that of the format
         for value in EXTREMES:
             Path("file.toml").write_text(text[: number.start()] + value + text[number.end() :])
-            for command in ("evaluate file.toml --omega-deg 0:60:30", "rays file.toml -o rays.npz --step 99"):
+            for command in (
+                "evaluate file.toml --omega-deg 0:60:30",
+                "rays file.toml -o rays.npz --step 99",
+            ):
                 answer(command.split(), capsysbinary)
 
 
@@ -357,7 +380,11 @@ def test_points_that_are_no_mirror(cloud, option, capsysbinary):
 @pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(word=st.one_of(st.sampled_from(ODD_WORDS), st.text(st.characters(exclude_characters="\0/"), max_size=12)))
+@given(
+    word=st.one_of(
+        st.sampled_from(ODD_WORDS), st.text(st.characters(exclude_characters="\0/"), max_size=12)
+    )
+)
 def test_any_words(command, word, capsysbinary):
     answer([part.replace("{}", word) for part in command.split()], capsysbinary)
 
@@ -366,8 +393,11 @@ def test_files_of_other_commands_that_are_none(capsysbinary):
     """Coincident points, nested brackets, and an empty name."""
     Path("one.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "1,1,1,1,1\n" * 9)
     Path("deep.json").write_text('{"a":' * 3000)
-    for command in ("calibrate --points one.csv --image-size 64x64 --model unified", "rim {}",
-                    "export paper-spherical --tolerances deep.json -o a.pdf"):  # fmt: skip
+    for command in (
+        "calibrate --points one.csv --image-size 64x64 --model unified",
+        "rim {}",
+        "export paper-spherical --tolerances deep.json -o a.pdf",
+    ):
         assert answer([word.replace("{}", "") for word in command.split()], capsysbinary) in (1, 2)
 
 
@@ -375,8 +405,9 @@ def test_files_of_other_commands_that_are_none(capsysbinary):
 def test_terminals_of_few_characters(encoding):
     run = subprocess.run(
         [sys.executable, "-m", "omnimirror", "evaluate", "paper-spherical", "--omega-deg", "0"],
-        capture_output=True, env={**os.environ, "PYTHONIOENCODING": encoding},
-    )  # fmt: skip
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+    )
     assert run.returncode == 0
     assert run.stderr == b""
     assert b"deg" in run.stdout
@@ -408,4 +439,9 @@ def test_numbers_are_read_in_one_way():
     context = app.make_context("omnimirror", ["evaluate"])
     for name in NAMES:
         for parameter in app.get_command(context, name).params:
-            assert type(parameter.type) not in (type(click.FLOAT), type(click.INT), click.IntRange, click.FloatRange)
+            assert type(parameter.type) not in (
+                type(click.FLOAT),
+                type(click.INT),
+                click.IntRange,
+                click.FloatRange,
+            )

@@ -51,19 +51,52 @@ THINGS: dict[str, Any] = {
     "telecentric lens": om.load_sensor("paraboloid-telecentric").lens,
 } | {f"{kind} mirror": mirror for kind, (mirror, _) in MIRRORS.items()}
 USUAL: dict[str, Any] = {  # by argument name
-    "pixels": [[3.0, 4.0]], "pupil": [[0.5, 0.0]], "points_mm": [[1.0, 2.0, -3.0]], "directions": [[1.0, 0.0, -0.2]],
-    "origins_mm": [[0.0, 0.0, 0.0]], "low_mm": [-1.0] * 3, "high_mm": [1.0] * 3, "u": [3.0], "v": [2.0],
-    "omega": [0.5], "radius_px": [5.0], "h_px": [2.0], "pan_deg": 5.0, "tilt_deg": 0.0, "factor": 2.0,
-    "first_row": 0, "last_row": 2, "size": (8, 6), "height_mm": (100.0, 900.0), "distance_mm": 2000.0,
-    "elevation_deg": (-20.0, 10.0), "omega_deg": (20.0, 60.0), "names": ["h_px"], "path": "table.csv",
-    "word": "EXIT", "name": "A1", "parts": (np.zeros((32, 32), np.uint8), np.zeros((16, 16, 2), np.uint8)),
-    "rays": SENSOR.meridian.trace(np.array([5.0])), "lens": SENSOR.lens,
-    "image": np.zeros((32, 32, 3), np.uint8), "camera": SENSOR,
+    "pixels": [[3.0, 4.0]],
+    "pupil": [[0.5, 0.0]],
+    "points_mm": [[1.0, 2.0, -3.0]],
+    "directions": [[1.0, 0.0, -0.2]],
+    "origins_mm": [[0.0, 0.0, 0.0]],
+    "low_mm": [-1.0] * 3,
+    "high_mm": [1.0] * 3,
+    "u": [3.0],
+    "v": [2.0],
+    "omega": [0.5],
+    "radius_px": [5.0],
+    "h_px": [2.0],
+    "pan_deg": 5.0,
+    "tilt_deg": 0.0,
+    "factor": 2.0,
+    "first_row": 0,
+    "last_row": 2,
+    "size": (8, 6),
+    "height_mm": (100.0, 900.0),
+    "distance_mm": 2000.0,
+    "elevation_deg": (-20.0, 10.0),
+    "omega_deg": (20.0, 60.0),
+    "names": ["h_px"],
+    "path": "table.csv",
+    "word": "EXIT",
+    "name": "A1",
+    "parts": (np.zeros((32, 32), np.uint8), np.zeros((16, 16, 2), np.uint8)),
+    "rays": SENSOR.meridian.trace(np.array([5.0])),
+    "lens": SENSOR.lens,
+    "image": np.zeros((32, 32, 3), np.uint8),
+    "camera": SENSOR,
     "what": "a test",
-    "x_mm": [5.0], "tau": [0.5], "height": np.sin, "omega_max_deg": 80.0, "theta_max_deg": 10.0,
-    "mirror_distance_mm": 90.0, "share": 0.5, "rim_radius_mm": 20.0, "L": [100.0], "coordinate": [0.01],
-    "tolerance": 0.005, "focus_distance_mm": 100.0, "wavelength_nm": 600.0,
-}  # fmt: skip
+    "x_mm": [5.0],
+    "tau": [0.5],
+    "height": np.sin,
+    "omega_max_deg": 80.0,
+    "theta_max_deg": 10.0,
+    "mirror_distance_mm": 90.0,
+    "share": 0.5,
+    "rim_radius_mm": 20.0,
+    "L": [100.0],
+    "coordinate": [0.01],
+    "tolerance": 0.005,
+    "focus_distance_mm": 100.0,
+    "wavelength_nm": 600.0,
+}
 CANNOT = {
     ("tilted sensor", "x_from_height_px"),
     ("environment", "load"),
@@ -72,16 +105,24 @@ CANNOT = {
     ("sampled mirror", "from_csv"),
 }
 OF_LENSES = {  # the others are steps of a trace, with arrays created by it
-    "blur", "focus_coordinate", "distance_of", "depth_of_field", "hyperfocal_distance", "focused_at", "at_wavelength",
+    "blur",
+    "focus_coordinate",
+    "distance_of",
+    "depth_of_field",
+    "hyperfocal_distance",
+    "focused_at",
+    "at_wavelength",
     "airy_diameter",
-}  # fmt: skip
+}
 INSIDE = {"from_spec", "sketched"}  # readers of checked files, and methods that skip the checks
 
 
 def methods_of(thing: Any) -> dict[str, Callable[..., Any]]:
     """Return the public methods of an object that have arguments."""
     names = [n for n in dir(thing) if not n.startswith("_") and n not in INSIDE]
-    found = {name: getattr(thing, name) for name in names if callable(getattr(type(thing), name, None))}
+    found = {
+        name: getattr(thing, name) for name in names if callable(getattr(type(thing), name, None))
+    }
     return {
         name: method
         for name, method in found.items()
@@ -109,7 +150,11 @@ def _here(tmp_path, monkeypatch):
 )
 def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
     called = methods_of(THINGS[thing])[method]
-    told = [p for p in inspect.signature(called).parameters.values() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    told = [
+        p
+        for p in inspect.signature(called).parameters.values()
+        if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    ]
     usual = {p.name: USUAL[p.name] for p in told if p.default is p.empty and p.name in USUAL}
     if "values" in {p.name for p in told}:
         usual["values"] = [p.value for p in THINGS[thing].parameters]
@@ -120,7 +165,9 @@ def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
     for name in (p.name for p in told):
         for odd in ODD:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # values far outside the field may overflow to NaN
+                warnings.simplefilter(
+                    "ignore", RuntimeWarning
+                )  # values far outside the field may overflow to NaN
                 try:
                     called(**usual | {name: odd})
                 except OmnimirrorError as e:

@@ -21,7 +21,10 @@ from omnimirror.optics.housing import CameraBody, Housing
 from tests.commands import omnimirror
 
 SPH = om.load_sensor("paper-spherical")
-POSES = [om.Pose(400.0, -200.0, 50.0, pan_deg=30.0, tilt_deg=5.0), om.Pose(700.0, 0.0, 0.0, roll_deg=3.0)]
+POSES = [
+    om.Pose(400.0, -200.0, 50.0, pan_deg=30.0, tilt_deg=5.0),
+    om.Pose(700.0, 0.0, 0.0, roll_deg=3.0),
+]
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +39,15 @@ def images(tmp_path_factory):
 def project(images, tmp_path_factory):
     sensor = replace(SPH, housing=Housing(CameraBody(60.0)))
     return write_colmap(
-        sensor, images, tmp_path_factory.mktemp("colmap") / "project", views_around=5, tilt_deg=-45.0, hfov_deg=90.0,
-        size=120, poses=POSES,
-    )  # fmt: skip
+        sensor,
+        images,
+        tmp_path_factory.mktemp("colmap") / "project",
+        views_around=5,
+        tilt_deg=-45.0,
+        hfov_deg=90.0,
+        size=120,
+        poses=POSES,
+    )
 
 
 def rows(project, table):
@@ -55,7 +64,9 @@ def test_database_lists_images_cameras_and_frames(project):
     assert [name for _, name, _ in rows(project, "images")] == names
     assert all((project.folder / "images" / name).is_file() for name in names)
     assert all((project.folder / "masks" / f"{name}.png").is_file() for name in names)
-    cameras = {number: (*size, np.frombuffer(p)) for number, _, *size, p, _ in rows(project, "cameras")}
+    cameras = {
+        number: (*size, np.frombuffer(p)) for number, _, *size, p, _ in rows(project, "cameras")
+    }
     width, height, (fx, fy, cx, cy) = cameras[3]
     assert (width, height, cx, cy) == (120, 120, 60.0, 60.0)
     assert fx == fy == pytest.approx(60.0)  # hfov 90 deg
@@ -68,7 +79,9 @@ def test_rig_poses_transform_points_between_cameras(project):
     rig, point = project.rig, np.array([900.0, 1300.0, -400.0])
     in_first = rig[0].rotation.T @ (point - rig[0].position_mm) / 1000
     (config,) = json.loads((project.folder / "rig_config.json").read_text())
-    assert [entry["image_prefix"] for entry in config["cameras"]] == [f"{view.name}/" for view in rig]
+    assert [entry["image_prefix"] for entry in config["cameras"]] == [
+        f"{view.name}/" for view in rig
+    ]
     assert [entry.get("ref_sensor", False) for entry in config["cameras"]] == [True] + 4 * [False]
     stored = [np.frombuffer(blob) for *_, blob in rows(project, "rig_sensors")]
     for view, entry, pose in zip(rig[1:], config["cameras"][1:], stored, strict=True):
@@ -96,11 +109,19 @@ def test_transforms_project_scene_points_within_the_reported_error(project, dist
     frames = json.loads((project.folder / "transforms.json").read_text())["frames"]
     assert len(frames) == 10
     checked = 0
-    for frame, (pose, view) in zip(frames, [(p, v) for p in POSES for v in project.rig], strict=True):
+    for frame, (pose, view) in zip(
+        frames, [(p, v) for p in POSES for v in project.rig], strict=True
+    ):
         pose_matrix, rng = np.array(frame["transform_matrix"]), np.random.default_rng(3)
-        ahead = np.concatenate([rng.uniform(-0.8, 0.8, (60, 2)), np.full((60, 1), -1.0)], axis=1) * distance / 1000
+        ahead = (
+            np.concatenate([rng.uniform(-0.8, 0.8, (60, 2)), np.full((60, 1), -1.0)], axis=1)
+            * distance
+            / 1000
+        )
         scene = (pose_matrix[:3, :3] @ ahead.T).T + pose_matrix[:3, 3]
-        by_file = np.array([frame["fl_x"] * ahead[:, 0], -frame["fl_y"] * ahead[:, 1]]).T / -ahead[:, 2:]
+        by_file = (
+            np.array([frame["fl_x"] * ahead[:, 0], -frame["fl_y"] * ahead[:, 1]]).T / -ahead[:, 2:]
+        )
         by_file += [frame["cx"] - 0.5, frame["cy"] - 0.5]
         pixels, valid = SPH.project(pose.to_sensor(1000 * scene))
         rays = SPH.backproject(pixels[valid])  # pixel of the view for the direction of this ray
@@ -130,29 +151,44 @@ def test_view_at_a_distance_is_exact_there():
 def test_every_second_frame_of_a_video(tmp_path):
     av = pytest.importorskip("av")
     film, moves = tmp_path / "ride.mp4", Keyframes({"x_mm": ((0.0, 0.0), (1.0, 400.0))}, "linear")
-    small = replace(SPH, imager=replace(SPH.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8))
-    om.write_video(small, om.Room(texel_mm=40.0), path=moves, output=film, frame_rate=4.0, samples=1)
+    small = replace(
+        SPH, imager=replace(SPH.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8)
+    )
+    om.write_video(
+        small, om.Room(texel_mm=40.0), path=moves, output=film, frame_rate=4.0, samples=1
+    )
     poses = [om.Pose(**moves.at(k / 4)) for k in range(5)]
-    project = write_colmap(small, film, tmp_path / "a", views_around=2, size=48, every=2, poses=poses)
+    project = write_colmap(
+        small, film, tmp_path / "a", views_around=2, size=48, every=2, poses=poses
+    )
     names = [f"{view.name}/frame-{k:06d}.png" for k in (0, 2, 4) for view in project.rig]
     assert [name for _, name, _ in rows(project, "images")] == names
     frames = json.loads((project.folder / "transforms.json").read_text())["frames"]
     assert [frame["file_path"] for frame in frames] == [f"images/{name}" for name in names]
-    positions_m = [frame["transform_matrix"][0][3] for frame in frames if "view-000" in frame["file_path"]]
+    positions_m = [
+        frame["transform_matrix"][0][3] for frame in frames if "view-000" in frame["file_path"]
+    ]
     np.testing.assert_allclose(np.diff(positions_m), [0.2, 0.2])
     whole = write_colmap(small, film, tmp_path / "b", views_around=2, size=48)
     assert whole.images == 5
     one, same = (
-        om.read_image(at / "images" / "view-000" / "frame-000004.png") for at in (project.folder, whole.folder)
+        om.read_image(at / "images" / "view-000" / "frame-000004.png")
+        for at in (project.folder, whole.folder)
     )
     np.testing.assert_array_equal(one, same)
     with av.open(str(film)) as container:
         last = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)][4]
     straight = om.Dewarper(small, whole.rig[0].screen, "cubic")(last)
-    assert np.abs(one.astype(int) - straight).max() <= 3  # rounding of the colour conversion by FFmpeg
-    with pytest.raises(InvalidParameter, match="poses must have one entry per image; got 2 poses for 5 images"):
+    assert (
+        np.abs(one.astype(int) - straight).max() <= 3
+    )  # rounding of the colour conversion by FFmpeg
+    with pytest.raises(
+        InvalidParameter, match="poses must have one entry per image; got 2 poses for 5 images"
+    ):
         write_colmap(small, film, tmp_path / "c", poses=POSES)
-    with pytest.raises(InvalidParameter, match="image files or a single video; got 2 entries with a video"):
+    with pytest.raises(
+        InvalidParameter, match="image files or a single video; got 2 entries with a video"
+    ):
         write_colmap(small, [film, film], tmp_path / "c")
 
 
@@ -171,16 +207,39 @@ def test_invalid_arguments_raise(images, project, tmp_path):
 def test_command_with_poses(images, tmp_path):
     (tmp_path / "poses.csv").write_text("time_s,x_mm\n0,0\n0.04,100\n")
     run = omnimirror(
-        "colmap", "paper-spherical", str(images), "--size", "64", "--views", "4", "--poses", "poses.csv", "--gsplat",
-        "-o", "project", cwd=tmp_path,
-    )  # fmt: skip
+        "colmap",
+        "paper-spherical",
+        str(images),
+        "--size",
+        "64",
+        "--views",
+        "4",
+        "--poses",
+        "poses.csv",
+        "--gsplat",
+        "-o",
+        "project",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert "view-270  64 x 64" in run.stdout
     frames = json.loads((tmp_path / "project" / "transforms.json").read_text())["frames"]
     translation = np.array(frames[4]["transform_matrix"]) - frames[0]["transform_matrix"]
     np.testing.assert_allclose(translation[:3, 3], [0.1, 0, 0], atol=1e-12)
-    run = omnimirror("colmap", "paper-spherical", str(images), "--gsplat", "-o", "other", cwd=tmp_path)
+    run = omnimirror(
+        "colmap", "paper-spherical", str(images), "--gsplat", "-o", "other", cwd=tmp_path
+    )
     assert run.returncode != 0
     assert "--gsplat and --poses must be given together" in run.stderr
-    run = omnimirror("colmap", "paper-spherical", str(images), "--panorama", "--hfov-deg", 60, "-o", "o", cwd=tmp_path)
+    run = omnimirror(
+        "colmap",
+        "paper-spherical",
+        str(images),
+        "--panorama",
+        "--hfov-deg",
+        60,
+        "-o",
+        "o",
+        cwd=tmp_path,
+    )
     assert "--hfov-deg must not be given with --panorama" in run.stderr

@@ -29,10 +29,16 @@ mm_per_px = 10
 offset_mm = [100, 0, 0]
 """
     views = load(tmp_path, text)
-    assert {name: view.steerable for name, view in views.items()} == {"front": True, "around": False, "floor": False}
+    assert {name: view.steerable for name, view in views.items()} == {
+        "front": True,
+        "around": False,
+        "floor": False,
+    }
     assert views["front"](sensor) == om.screens.Plane((320, 240), 10.0, hfov_deg=60.0)
     assert views["around"](sensor) == om.views.panorama(sensor, elevation_deg=(-40.0, 20.0))
-    assert views["floor"](sensor) == om.views.ground(sensor, 1200.0, mm_per_px=10.0, offset_mm=(100.0, 0.0, 0.0))
+    assert views["floor"](sensor) == om.views.ground(
+        sensor, 1200.0, mm_per_px=10.0, offset_mm=(100.0, 0.0, 0.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -40,12 +46,21 @@ offset_mm = [100, 0, 0]
     [
         ("", "holds 0 views; it is valid with 1 to 64"),
         ("front = 3", "front = 3 is no view; valid are tables such as \\[front\\]"),
-        ("['a b']", "must consist of letters, digits and underscores and begin with a letter; got 'a b'"),
+        (
+            "['a b']",
+            "must consist of letters, digits and underscores and begin with a letter; got 'a b'",
+        ),
         ("[a]\nview = 'fan'", "\\[a\\]: view must be one of panorama, perspective.*; got 'fan'"),
         ("[a]\nview = 7", "view must be a string; got 7"),
         ("[a]\nsteerable = 1", "steerable must be true or false; got 1"),
-        ("[a]\nheight_mm = 7", "options of a perspective view must be from size, pan_deg.*; got 'height_mm'"),
-        ("[a]\nview = 'panorama'\nsteerable = true", "a steerable view must be perspective; 'a' is a panorama view"),
+        (
+            "[a]\nheight_mm = 7",
+            "options of a perspective view must be from size, pan_deg.*; got 'height_mm'",
+        ),
+        (
+            "[a]\nview = 'panorama'\nsteerable = true",
+            "a steerable view must be perspective; 'a' is a panorama view",
+        ),
     ],
 )
 def test_invalid_files_raise_with_name_and_condition(tmp_path, text, sentence):

@@ -16,7 +16,9 @@ WIDTH = 1024
 
 
 def test_warped_panorama_equals_the_image_of_the_sensor(tmp_path):
-    oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is installed by `make test-full` only")
+    oiio = pytest.importorskip(
+        "OpenImageIO", reason="OpenImageIO is installed by `make test-full` only"
+    )
     sensor = small("paper-spherical", 192, MISALIGNED)
     view = om.views.sphere(sensor, (WIDTH, None))
     (virtual_camera,) = camera_rig(sensor, size=WIDTH, panorama=True)
@@ -24,7 +26,11 @@ def test_warped_panorama_equals_the_image_of_the_sensor(tmp_path):
     rendered = colours(first_hits(virtual_camera.position_mm, view.targets_at(columns, rows)))
     (exported,) = om.write_maps(sensor, view, tmp_path / "room.exr", formats="stmap")
     warped_image = warped(oiio, rendered, exported.paths[1])
-    decibels, shift = compared(sensor, expose(sensor, Box(), samples=4), warped_image.astype(np.float32))
+    decibels, shift = compared(
+        sensor, expose(sensor, Box(), samples=4), warped_image.astype(np.float32)
+    )
     assert decibels > 38
-    assert shift < 0.2  # 192 px image of a room of 3 m by 2 m; the reported error of the panorama is 3 of 1024 px
+    assert (
+        shift < 0.2
+    )  # 192 px image of a room of 3 m by 2 m; the reported error of the panorama is 3 of 1024 px
     assert 2.5 < virtual_camera.errors_px[1000.0] < 4

@@ -10,7 +10,9 @@ from omnimirror.interop.pinholes import equivalent_pinhole
 VIEWS = [
     om.screens.Plane((320, 240)),
     om.screens.Plane((321, 200), pan_deg=130.0, tilt_deg=-35.0, roll_deg=20.0, hfov_deg=50.0),
-    om.screens.Plane((320, 240), pan_deg=-60.0, hfov_deg=60.0, distance_mm=700.0, offset_mm=(20.0, -10.0, 15.0)),
+    om.screens.Plane(
+        (320, 240), pan_deg=-60.0, hfov_deg=60.0, distance_mm=700.0, offset_mm=(20.0, -10.0, 15.0)
+    ),
 ]
 
 
@@ -28,8 +30,13 @@ def test_reprojection_error_is_at_most_the_reported_error(name, view):
         points = np.linalg.solve(pinhole.matrix, [u, v, np.ones(40)]).T * depth_mm
         projected = sensor.project(points @ pinhole.rotation.T + pinhole.position_mm).pixels
         reported_px = pinhole.error_px(depth_mm)
-        error = np.linalg.norm(np.linalg.solve(rates[v, u], (projected - sources[v, u])[..., None]), axis=1)
-        assert np.nanmax(error) < 1.2 * reported_px + 0.01, (depth_mm, reported_px)  # the Jacobian varies
+        error = np.linalg.norm(
+            np.linalg.solve(rates[v, u], (projected - sources[v, u])[..., None]), axis=1
+        )
+        assert np.nanmax(error) < 1.2 * reported_px + 0.01, (
+            depth_mm,
+            reported_px,
+        )  # the Jacobian varies
 
 
 def test_error_vanishes_for_a_single_viewpoint_and_at_the_view_distance():
@@ -46,7 +53,9 @@ def test_pinhole_of_a_hyperboloid_is_at_its_focus():
     sag = sensor.mirror.sag(np.array([x]))[0]
     conic = (2 * radius_mm * sag - x**2) / sag**2 - 1  # of x^2 = 2 R s - (1 + k) s^2
     focus_mm = radius_mm / (1 + np.sqrt(-conic))
-    assert np.allclose(equivalent_pinhole(sensor, VIEWS[0]).position_mm, [0, 0, focus_mm], atol=1e-6)
+    assert np.allclose(
+        equivalent_pinhole(sensor, VIEWS[0]).position_mm, [0, 0, focus_mm], atol=1e-6
+    )
 
 
 def test_position_minimises_the_distance_to_the_rays():
@@ -66,13 +75,23 @@ def test_position_minimises_the_distance_to_the_rays():
 
 def test_view_outside_the_field_raises():
     with pytest.raises(OutsideField, match="is outside the field of the camera"):
-        equivalent_pinhole(om.load_sensor("paper-spherical"), om.screens.Plane((64, 48), tilt_deg=90.0, hfov_deg=30.0))
+        equivalent_pinhole(
+            om.load_sensor("paper-spherical"),
+            om.screens.Plane((64, 48), tilt_deg=90.0, hfov_deg=30.0),
+        )
 
 
 def test_error_of_a_near_view_with_a_single_viewpoint():
     """The reported error equals the difference between the maps of both viewpoint modes."""
-    sensor, view = om.load_sensor("paper-spherical"), om.screens.Plane((640, 480), distance_mm=300.0)
-    exact, single = (om.Dewarper(sensor, view, viewpoint=v).coordinates(exact=True) for v in ("exact", "single"))
+    sensor, view = (
+        om.load_sensor("paper-spherical"),
+        om.screens.Plane((640, 480), distance_mm=300.0),
+    )
+    exact, single = (
+        om.Dewarper(sensor, view, viewpoint=v).coordinates(exact=True) for v in ("exact", "single")
+    )
     rates = np.stack(np.gradient(exact, axis=(1, 0)), axis=-1)
     error = np.linalg.norm(np.linalg.solve(rates, (single - exact)[..., None]), axis=(-1, -2))
-    assert equivalent_pinhole(sensor, view, "single").error_px(300.0) == pytest.approx(np.nanmax(error), rel=0.1)
+    assert equivalent_pinhole(sensor, view, "single").error_px(300.0) == pytest.approx(
+        np.nanmax(error), rel=0.1
+    )

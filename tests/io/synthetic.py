@@ -32,7 +32,9 @@ def make_video(
     """Write H.264 at 25 frames/s (or ``times`` in 1/25 s), BT.709, with a 440 Hz sine in AAC."""
     with av.open(str(path), "w") as container:
         container.metadata.update(metadata)
-        video = container.add_stream("libx264", rate=RATE, options={"g": str(gop), "preset": "ultrafast"})
+        video = container.add_stream(
+            "libx264", rate=RATE, options={"g": str(gop), "preset": "ultrafast"}
+        )
         video.width, video.height, video.pix_fmt = *SIZE, "yuv420p"
         context = video.codec_context
         context.color_range, context.colorspace = colour_range, colour_space

@@ -99,7 +99,9 @@ def test_one_that_fails_leaves_the_others_alone():
 
         return Job(f"{n}.jpg", run)
 
-    results = run_parallel([job(n) for n in range(20)], 4, lambda count, total: told.append((count, total)))
+    results = run_parallel(
+        [job(n) for n in range(20)], 4, lambda count, total: told.append((count, total))
+    )
     assert sorted(done) == [n for n in range(20) if n not in (3, 5, 6)]
     assert results.done == [f"{n}.jpg" for n in sorted(done)]
     assert results.failed == {

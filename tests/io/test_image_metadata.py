@@ -24,18 +24,26 @@ def notes() -> Image.Exif:
     exif[0x010F], exif[0x0112], exif[0x011A] = "Maker", 6, IFDRational(300, 1)
     exif[0x8298] = "someone"
     exposure = exif.get_ifd(0x8769)
-    exposure[0x829A], exposure[0x8827], exposure[0x9003] = IFDRational(1, 250), 400, "2024:05:06 07:08:09"
+    exposure[0x829A], exposure[0x8827], exposure[0x9003] = (
+        IFDRational(1, 250),
+        400,
+        "2024:05:06 07:08:09",
+    )
     exposure[0xA002], exposure[0xA003], exposure[0x927C] = 64, 64, b"offsets of the maker's own"
     exif.get_ifd(0x8825)[2] = (IFDRational(51, 1), IFDRational(29, 1), IFDRational(123, 10))
     return exif
 
 
 def theirs(path, mode="RGB", profile=PROFILE):
-    if path.suffix == ".tif":  # Pillow writes no exposure to TIFF, and reads the written one (see below)
+    if (
+        path.suffix == ".tif"
+    ):  # Pillow writes no exposure to TIFF, and reads the written one (see below)
         image, carried = read_image_and_metadata(theirs(path.with_suffix(".png")))
         om.write_image(path, image, carried=carried)
         return path
-    Image.new(mode, (64, 64), 128 if mode == "L" else (200, 100, 50)).save(path, exif=notes(), icc_profile=profile)
+    Image.new(mode, (64, 64), 128 if mode == "L" else (200, 100, 50)).save(
+        path, exif=notes(), icc_profile=profile
+    )
     return path
 
 
@@ -46,22 +54,33 @@ def assert_what_holds(path):
         exposure, place = exif.get_ifd(0x8769), exif.get_ifd(0x8825)
     assert (exif[0x010F], exif[0x8298]) == ("Maker", "someone")
     assert exif.get(0x0112, 1) == 1, "a view is drawn upright"
-    assert (exposure[0x829A], exposure[0x8827], exposure[0x9003]) == (1 / 250, 400, "2024:05:06 07:08:09")
+    assert (exposure[0x829A], exposure[0x8827], exposure[0x9003]) == (
+        1 / 250,
+        400,
+        "2024:05:06 07:08:09",
+    )
     assert not {0xA002, 0xA003, 0x927C} & set(exposure), "of the stored pixels"
     assert [float(x) for x in place[2]] == [51, 29, 12.3]
 
 
 @pytest.mark.parametrize("target", SUFFIXES)
 @pytest.mark.parametrize("source", SUFFIXES)
-def test_straightened_pictures_keep_profile_and_what_holds_of_exif(tmp_path, source, target, capsys):
+def test_straightened_pictures_keep_profile_and_what_holds_of_exif(
+    tmp_path, source, target, capsys
+):
     theirs(tmp_path / f"in{source}")
     main(["dewarp", str(tmp_path / f"in{source}"), *BALL, "-o", str(tmp_path / f"out{target}")])
     assert "without" not in capsys.readouterr().out
     assert_what_holds(tmp_path / f"out{target}")
-    with Image.open(tmp_path / f"out{target}") as picture:  # panorama metadata and pixels are still written
+    with Image.open(
+        tmp_path / f"out{target}"
+    ) as picture:  # panorama metadata and pixels are still written
         packet = picture.tag_v2[700] if target == ".tif" else picture.info["xmp"]
         assert b"GPano" in bytes(packet)
-        assert np.abs(np.asarray(picture.convert("RGB"))[20, 32].astype(int) - [200, 100, 50]).max() < 8
+        assert (
+            np.abs(np.asarray(picture.convert("RGB"))[20, 32].astype(int) - [200, 100, 50]).max()
+            < 8
+        )
 
 
 def test_notes_in_the_other_byte_order(tmp_path):
@@ -89,7 +108,10 @@ def test_what_a_file_cannot_hold_is_said(tmp_path, capsys):
     assert "without the colour profile and EXIF, which .bmp cannot hold" in capsys.readouterr().out
     theirs(tmp_path / "b.png", "L")  # grey, with a colour profile
     main(["dewarp", str(tmp_path / "b.png"), *BALL, "-o", str(tmp_path / "b.jpg")])
-    assert "without the colour profile, which is of RGB and not of these colours" in capsys.readouterr().out
+    assert (
+        "without the colour profile, which is of RGB and not of these colours"
+        in capsys.readouterr().out
+    )
     image, carried = read_image_and_metadata(tmp_path / "a.png")
     with pytest.raises(om.base.errors.MediaError, match="cannot hold a colour profile or EXIF"):
         om.write_image(tmp_path / "c.bmp", image, carried=carried)
@@ -101,7 +123,9 @@ def test_damaged_notes_are_none(tmp_path):
     whole = {}
     for suffix in SUFFIXES:
         data = io.BytesIO()
-        Image.new("RGB", (8, 8)).save(data, suffix[1:].replace("jpg", "jpeg").replace("tif", "tiff"), exif=notes())
+        Image.new("RGB", (8, 8)).save(
+            data, suffix[1:].replace("jpg", "jpeg").replace("tif", "tiff"), exif=notes()
+        )
         whole[suffix] = data.getvalue()
     rng = np.random.default_rng(2)
     for data in whole.values():

@@ -17,8 +17,19 @@ from omnimirror.io.video_writer import ImageSequenceWriter, VideoWriter
 from tests.commands import fails, omnimirror
 from tests.io.synthetic import pictures_of
 
-BALL = ["--ball", "31.5,31.5,30,260", "--view", "perspective", "--tilt-deg", "-30", "--size", "32x24"]
-DEWARP = om.Dewarper(om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64)), om.screens.Plane((32, 24), tilt_deg=-30.0))
+BALL = [
+    "--ball",
+    "31.5,31.5,30,260",
+    "--view",
+    "perspective",
+    "--tilt-deg",
+    "-30",
+    "--size",
+    "32x24",
+]
+DEWARP = om.Dewarper(
+    om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64)), om.screens.Plane((32, 24), tilt_deg=-30.0)
+)
 
 
 def picture(number: int) -> np.ndarray:
@@ -80,7 +91,18 @@ def test_what_is_there_is_skipped_and_the_rest_made(film, tmp_path):
 
 def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
     out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
-    words = ["dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "512x256", "-o", out / "%d.png", "-o", "-"]
+    words = [
+        "dewarp",
+        film,
+        "--ball",
+        "31.5,31.5,30,260",
+        "--size",
+        "512x256",
+        "-o",
+        out / "%d.png",
+        "-o",
+        "-",
+    ]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
         assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
         run.send_signal(signal.SIGTERM)
@@ -122,7 +144,9 @@ def test_what_belongs_to_films_alone(film, tmp_path):
 # -- depth -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")])
+@pytest.mark.parametrize(
+    ("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")]
+)
 def test_more_than_8_bits_become_16(tmp_path, bits, pixel_format):
     """Luma of n bits is black at 16/256 and white at 235/256 (ITU-R BT.2100)."""
     scale = 1 << (bits - 8)
@@ -134,7 +158,9 @@ def test_more_than_8_bits_become_16(tmp_path, bits, pixel_format):
     made = om.read_image(tmp_path / "1.png")
     assert made.dtype == np.uint16
     expected = (y[0] / scale - 16) / 219
-    np.testing.assert_allclose(made / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4)
+    np.testing.assert_allclose(
+        made / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4
+    )
 
 
 def test_transparency_is_kept(tmp_path):
@@ -170,7 +196,9 @@ def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
 
 
 def test_panoramas_say_what_they_show(film, tmp_path):
-    run = omnimirror("dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "128x64", "-o", tmp_path / "%d.jpg")
+    run = omnimirror(
+        "dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "128x64", "-o", tmp_path / "%d.jpg"
+    )
     assert run.returncode == 0, run.stderr
     assert b"GPano" in (tmp_path / "1.jpg").read_bytes()
     assert av.open(str(tmp_path / "1.jpg")).streams.video[0].width == 128

@@ -19,7 +19,16 @@ from omnimirror.io.video_writer import VideoWriter
 from tests.commands import fails, omnimirror
 from tests.io.synthetic import SIZE, make_video, pictures_of
 
-BALL = ["--ball", "31.5,31.5,30,260", "--view", "perspective", "--tilt-deg", "-30", "--size", "32x24"]
+BALL = [
+    "--ball",
+    "31.5,31.5,30,260",
+    "--view",
+    "perspective",
+    "--tilt-deg",
+    "-30",
+    "--size",
+    "32x24",
+]
 CAMERA = om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64))
 VIEW = om.screens.Plane((32, 24), tilt_deg=-30.0)
 
@@ -38,19 +47,36 @@ def shots(tmp_path):
 
 
 def test_numbered_pictures_are_a_video(shots):
-    run = omnimirror("dewarp", shots / "f%03d.png", *BALL, "--frame-rate", "10", "--crf", "1", "-o", shots / "o.mp4")
+    run = omnimirror(
+        "dewarp",
+        shots / "f%03d.png",
+        *BALL,
+        "--frame-rate",
+        "10",
+        "--crf",
+        "1",
+        "-o",
+        shots / "o.mp4",
+    )
     assert run.returncode == 0, run.stderr
     frames = pictures_of(shots / "o.mp4")
     assert [frame.time for frame in frames] == pytest.approx([i / 10 for i in range(6)])
     dewarp = om.Dewarper(CAMERA, VIEW)
     for i, frame in enumerate(frames, 3):
-        assert (int(frame.colorspace), int(frame.color_range)) == (1, 1)  # explicit, to avoid guesses by readers
-        assert np.abs(frame.to_ndarray(format="rgb24") - dewarp(picture(i)).astype(float)).mean() < 3
+        assert (int(frame.colorspace), int(frame.color_range)) == (
+            1,
+            1,
+        )  # explicit, to avoid guesses by readers
+        assert (
+            np.abs(frame.to_ndarray(format="rgb24") - dewarp(picture(i)).astype(float)).mean() < 3
+        )
 
 
 def test_a_picture_that_is_missing_is_named(shots):
     (shots / "f010.png").unlink()
-    assert f"{shots / 'f010.png'} is missing" in fails("dewarp", shots / "f%03d.png", *BALL, "-o", shots / "o.mp4")
+    assert f"{shots / 'f010.png'} is missing" in fails(
+        "dewarp", shots / "f%03d.png", *BALL, "-o", shots / "o.mp4"
+    )
     with pytest.raises(MediaError, match=r"there is no picture .*g%d"):
         VideoReader(shots / "g%d.png")
     with pytest.raises(InvalidParameter, match="frame rate of 0 is not valid"):
@@ -63,7 +89,9 @@ def test_a_video_on_standard_input_with_its_index_at_the_end(tmp_path):
             writer.write(frame_of_image(picture(i)))
     program = Path(sys.executable).with_name("omnimirror")
     command = [program, "dewarp", "-", *BALL, "-o", "o.mkv"]
-    done = run_program(command, input=(tmp_path / "in.mp4").read_bytes(), capture_output=True, cwd=tmp_path)
+    done = run_program(
+        command, input=(tmp_path / "in.mp4").read_bytes(), capture_output=True, cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert len(pictures_of(tmp_path / "o.mkv")) == 5
     empty = run_program(command, input=b"", capture_output=True, cwd=tmp_path)

@@ -46,7 +46,8 @@ def test_what_is_written_is_read_back(tmp_path, suffix, dtype, channels):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "dtype", "tolerance"), [(".jpg", "uint8", 8), (".JPEG", "uint8", 8), (".hdr", "float32", 0.01)]
+    ("suffix", "dtype", "tolerance"),
+    [(".jpg", "uint8", 8), (".JPEG", "uint8", 8), (".hdr", "float32", 0.01)],
 )
 def test_lossy_formats_come_close(tmp_path, suffix, dtype, tolerance):
     smooth = cv2.GaussianBlur(picture(dtype, 3, (60, 80)), (15, 15), 5)
@@ -115,7 +116,9 @@ def test_a_last_axis_of_one_is_grey(tmp_path):
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp", ".hdr", ".exr"])
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
 def test_a_picture_cut_short_is_refused(tmp_path, suffix, share, capfd):
-    image = cv2.GaussianBlur(picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2)
+    image = cv2.GaussianBlur(
+        picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2
+    )
     om.write_image(tmp_path / f"whole{suffix}", image)
     data = (tmp_path / f"whole{suffix}").read_bytes()
     path = tmp_path / f"part{suffix}"
@@ -134,14 +137,18 @@ def _with_header(data: bytes, **changed) -> bytes:
     return data[:12] + chunk + zlib.crc32(chunk).to_bytes(4, "big") + data[33:]
 
 
-def test_a_png_whose_header_asks_for_more_than_it_can_hold_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+def test_a_png_whose_header_asks_for_more_than_it_can_hold_is_refused_before_it_is_unpacked(
+    tmp_path, monkeypatch
+):
     path = tmp_path / "a.png"
     om.write_image(path, picture("uint16", 4, (40, 50)))
     data = path.read_bytes()
     assert _with_header(data) == data
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
     path.write_bytes(_with_header(data, width=20_000, height=17_000))
-    with pytest.raises(MediaError, match=rf"20000 x 17000 px, and {len(data)} bytes cannot hold so many"):
+    with pytest.raises(
+        MediaError, match=rf"20000 x 17000 px, and {len(data)} bytes cannot hold so many"
+    ):
         om.read_image(path)
     for damaged in (data[:18] + b"\x40" + data[19:], data[:20] + data[21:]):
         path.write_bytes(damaged)
@@ -176,7 +183,9 @@ def test_the_size_in_memory_is_that_of_the_decoded_picture(name, tmp_path, monke
     assert om.read_image(path).shape == decoded.shape
     monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes - 1)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
-    with pytest.raises(MediaError, match=rf"{name} must not take more than 0 MB once it is decoded; got 1 MB"):
+    with pytest.raises(
+        MediaError, match=rf"{name} must not take more than 0 MB once it is decoded; got 1 MB"
+    ):
         om.read_image(path)
 
 
@@ -187,16 +196,22 @@ def test_the_size_in_memory_of_an_exr_counts_every_channel(tmp_path):
     assert images.decoded_bytes(data) == 4 * 4 * 20 * 30
     wide = data.replace(struct.pack("<4i", 0, 0, 29, 19), struct.pack("<4i", 0, 0, 29_999, 29_999))
     (tmp_path / "a.exr").write_bytes(wide)
-    with pytest.raises(MediaError, match="must not take more than 2048 MB once it is decoded; got 13733 MB"):
+    with pytest.raises(
+        MediaError, match="must not take more than 2048 MB once it is decoded; got 13733 MB"
+    ):
         om.read_image(tmp_path / "a.exr")
 
 
 def test_a_jpeg_that_declares_gigabytes_is_rejected_before_it_is_decoded(tmp_path, monkeypatch):
     data = images.encoded(picture(size=(16, 16)), ".jpg")
     at = data.index(b"\xff\xc0") + 5
-    (tmp_path / "a.jpg").write_bytes(data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :])
+    (tmp_path / "a.jpg").write_bytes(
+        data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :]
+    )
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
-    with pytest.raises(MediaError, match=r"a\.jpg must not take more than 2048 MB once it is decoded; got 2575 MB"):
+    with pytest.raises(
+        MediaError, match=r"a\.jpg must not take more than 2048 MB once it is decoded; got 2575 MB"
+    ):
         om.read_image(tmp_path / "a.jpg")
 
 
@@ -205,7 +220,12 @@ def test_the_most_that_a_png_can_hold_is_read(tmp_path):
     _, data = cv2.imencode(".png", np.zeros((4000, 8000), np.uint8), [cv2.IMWRITE_PNG_BILEVEL, 1])
     packed = zlib.compress(bytes(4000 * 1001), 9)
     chunk = b"IDAT" + packed
-    small = data.tobytes()[:33] + len(packed).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    small = (
+        data.tobytes()[:33]
+        + len(packed).to_bytes(4, "big")
+        + chunk
+        + zlib.crc32(chunk).to_bytes(4, "big")
+    )
     path = tmp_path / "a.png"
     path.write_bytes(small + b"\0\0\0\0IEND\xaeB`\x82")
     assert 4000 * 1000 / path.stat().st_size > 950
@@ -232,7 +252,10 @@ def test_a_jpeg_that_only_ends_its_thumbnail_is_cut_short(tmp_path):
         (b"", "is empty"),
         (b"hello, world" * 50, "not a picture"),
         (b"\xff\xd8\xff", "cut short"),
-        (b"\0\0\0\x24ftypheic\0\0\0\0mif1MiHBheic" + b"\0" * 90, "is an HEIC picture.*save it as JPEG"),
+        (
+            b"\0\0\0\x24ftypheic\0\0\0\0mif1MiHBheic" + b"\0" * 90,
+            "is an HEIC picture.*save it as JPEG",
+        ),
         (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic" + b"\0" * 90, "is an HEIC picture"),
     ],
 )
@@ -262,7 +285,11 @@ def test_a_folder_is_no_picture(tmp_path):
     [
         ("a.gif", picture(), r"kind '.gif' are not known; valid are .png, .jpg"),
         ("a", picture(), "a picture without a suffix"),
-        ("a.jpg", picture("uint16"), "jpg holds uint8 pictures of 1 or 3 channels, and this one is uint16 of 3"),
+        (
+            "a.jpg",
+            picture("uint16"),
+            "jpg holds uint8 pictures of 1 or 3 channels, and this one is uint16 of 3",
+        ),
         ("a.jpg", picture(channels=4), "this one is uint8 of 4"),
         ("a.png", picture("float32"), "this one is float32"),
         ("a.png", np.zeros((0, 5), np.uint8), "is not a picture"),
@@ -278,7 +305,9 @@ def test_what_a_file_cannot_hold_is_refused(tmp_path, name, image, message):
 @pytest.mark.parametrize("shape", [(1, 65501, 3), (65501, 1, 3)])
 def test_a_picture_too_wide_or_too_high_for_its_file_is_refused(shape, tmp_path):
     size = f"{shape[1]} x {shape[0]}"
-    with pytest.raises(MediaError, match=f"holds pictures of up to 65500 px a side, and this one has {size} px"):
+    with pytest.raises(
+        MediaError, match=f"holds pictures of up to 65500 px a side, and this one has {size} px"
+    ):
         om.write_image(tmp_path / "a.jpg", np.zeros(shape, np.uint8))
     assert list(tmp_path.iterdir()) == []
 
@@ -316,9 +345,14 @@ def test_exr_of_other_programs(tmp_path, compression, capfd):
     """Half precision, additional channels, and all compression types."""
     library = pytest.importorskip("OpenEXR")
     red, green, blue = (RNG.random((70, 50)).astype(np.float16) for _ in range(3))
-    header = {"compression": getattr(library, f"{compression}_COMPRESSION"), "type": library.scanlineimage}
+    header = {
+        "compression": getattr(library, f"{compression}_COMPRESSION"),
+        "type": library.scanlineimage,
+    }
     path = tmp_path / "a.exr"
-    with library.File(header, {"R": red, "G": green, "B": blue, "Z": RNG.random((70, 50), np.float32)}) as file:
+    with library.File(
+        header, {"R": red, "G": green, "B": blue, "Z": RNG.random((70, 50), np.float32)}
+    ) as file:
         file.write(str(path))
     image = om.read_image(path)
     assert image.dtype == np.float32
@@ -342,7 +376,9 @@ def test_exr_without_colours_is_refused(tmp_path):
 
 def test_exr_without_its_package_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    with pytest.raises(MediaError, match=r"needs one more package: pip install 'omnimirror\[exr\]'"):
+    with pytest.raises(
+        MediaError, match=r"needs one more package: pip install 'omnimirror\[exr\]'"
+    ):
         om.write_image(tmp_path / "a.exr", picture("float32"))
     assert not list(tmp_path.iterdir())
 

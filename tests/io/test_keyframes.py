@@ -43,7 +43,10 @@ def test_csv_with_empty_cells(tmp_path):
 def test_toml_linear(tmp_path):
     (tmp_path / "a.toml").write_text(TOML)
     moves = Keyframes.load(tmp_path / "a.toml")
-    assert moves.at(1) == {"pan_deg": 180, "tilt_deg": -5.25}  # 0 in the first keyframe, which does not contain it
+    assert moves.at(1) == {
+        "pan_deg": 180,
+        "tilt_deg": -5.25,
+    }  # 0 in the first keyframe, which does not contain it
     assert moves.at(0.5)["pan_deg"] == pytest.approx(175)
     assert moves.at(1.5)["pan_deg"] == pytest.approx(-175)
 
@@ -60,7 +63,9 @@ MISSING_AT_FIRST = {
 def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
     moves = parse(MISSING_AT_FIRST[parse], names=POSES)
     assert moves.at(0) == moves.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
-    assert moves.at(1.5)["y_mm"] == pytest.approx(450)  # halfway, where smooth and linear interpolation agree
+    assert moves.at(1.5)["y_mm"] == pytest.approx(
+        450
+    )  # halfway, where smooth and linear interpolation agree
     assert 900 == moves.at(2)["y_mm"] == moves.at(3)["y_mm"]
     assert 0 < moves.at(2)["pan_deg"] < 40 == moves.at(3)["pan_deg"]
 
@@ -74,7 +79,10 @@ def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
 )
 @pytest.mark.parametrize("name", ["hfov_deg", "distance_mm"])
 def test_a_value_that_cannot_be_zero_must_be_in_the_first_keyframe(parse, text, name):
-    with pytest.raises(MediaError, match=f"{name} must be in the first keyframe of keyframes; got it first in .*line"):
+    with pytest.raises(
+        MediaError,
+        match=f"{name} must be in the first keyframe of keyframes; got it first in .*line",
+    ):
         parse(text.format(name))
 
 
@@ -96,7 +104,9 @@ def test_smooth_is_pchip_between_the_ends():
     for t in np.linspace(1, 7.5, 50):
         assert moves.at(t)["tilt_deg"] == pytest.approx(reference(t), abs=1e-9)
     for end in (0, 9):
-        assert moves.at(end + np.sign(4 - end) * 1e-4)["tilt_deg"] == pytest.approx(moves.at(end)["tilt_deg"], abs=1e-6)
+        assert moves.at(end + np.sign(4 - end) * 1e-4)["tilt_deg"] == pytest.approx(
+            moves.at(end)["tilt_deg"], abs=1e-6
+        )
 
 
 @given(st.lists(st.floats(-720, 720), min_size=2, max_size=6), st.floats(0, 1))
@@ -106,7 +116,9 @@ def test_pan_turns_the_short_way(pans, share):
         turn = (b - a + 180) % 360 - 180
         pan = moves.at(i + share)["pan_deg"]
         assert -180 <= pan <= 180
-        assert abs((pan - (a + share * turn) + 180) % 360 - 180) < 1e-6 or abs(abs(turn) - 180) < 1e-6
+        assert (
+            abs((pan - (a + share * turn) + 180) % 360 - 180) < 1e-6 or abs(abs(turn) - 180) < 1e-6
+        )
 
 
 @pytest.mark.parametrize(
@@ -115,20 +127,44 @@ def test_pan_turns_the_short_way(pans, share):
         (parse_csv, "", "holds no keyframes; its first line"),
         (parse_csv, "time_s,pan_deg\n", "holds no keyframes"),
         (parse_csv, "pan_deg\n1", "line 1 of keyframes has no time_s"),
-        (parse_csv, "time_s,pan\n1,1", "line 1 of keyframes has 'pan'; valid are time_s, pan_deg, tilt_deg"),
-        (parse_csv, "time_s,pan_deg\n0,1\n1,x", "line 3 of keyframes has pan_deg = 'x', which is not a number"),
+        (
+            parse_csv,
+            "time_s,pan\n1,1",
+            "line 1 of keyframes has 'pan'; valid are time_s, pan_deg, tilt_deg",
+        ),
+        (
+            parse_csv,
+            "time_s,pan_deg\n0,1\n1,x",
+            "line 3 of keyframes has pan_deg = 'x', which is not a number",
+        ),
         (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes has no time_s"),
         (parse_csv, "time_s,pan_deg\n0,1,2", "line 2 of keyframes has 3 values"),
-        (parse_csv, "time_s,pan_deg\n1,1\n1,2", "line 3 of keyframes is at 1 s, and the one before at 1 s"),
+        (
+            parse_csv,
+            "time_s,pan_deg\n1,1\n1,2",
+            "line 3 of keyframes is at 1 s, and the one before at 1 s",
+        ),
         (parse_csv, "time_s,pan_deg\n0,inf", "not a number"),
         (parse_toml, "x = ", "is not valid TOML"),
         (parse_toml, "", "holds no keyframes"),
         (parse_toml, "interpolation = 'cubic'", "not one of smooth, linear"),
         (parse_toml, "keyframe = 3", "should hold"),
         (parse_toml, "other = 3", "should hold"),
-        (parse_toml, TOML + "[[keyframe]]\npan_deg = 1", "keyframe in line 12 of keyframes has no time_s"),
-        (parse_toml, TOML + "[[keyframe]]\ntime_s = 3\nzoom = 1", "in line 12 of keyframes has 'zoom'"),
-        (parse_toml, TOML + "[[keyframe]]\ntime_s = true", "in line 12 of keyframes has time_s = True"),
+        (
+            parse_toml,
+            TOML + "[[keyframe]]\npan_deg = 1",
+            "keyframe in line 12 of keyframes has no time_s",
+        ),
+        (
+            parse_toml,
+            TOML + "[[keyframe]]\ntime_s = 3\nzoom = 1",
+            "in line 12 of keyframes has 'zoom'",
+        ),
+        (
+            parse_toml,
+            TOML + "[[keyframe]]\ntime_s = true",
+            "in line 12 of keyframes has time_s = True",
+        ),
     ],
 )
 def test_errors_name_the_line(parse, text, message):
@@ -151,4 +187,6 @@ def test_keyframes_without_lines_are_counted_from_1():
     with pytest.raises(MediaError, match=r"^keyframe 2 of moves has no time_s"):
         keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves")
     with pytest.raises(MediaError, match=r"^the keyframe in line 7 of moves has no time_s"):
-        keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves", lines=[3, 7])
+        keyframes_of(
+            {"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves", lines=[3, 7]
+        )

@@ -46,7 +46,9 @@ def y4m_of(data):
 def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
     pipe = io.BytesIO()
     with VideoReader(clip) as reader:
-        process(reader.items(), PipeSink("y4m", reader.frame_rate, stream=pipe), lambda p, t: p, pixels)
+        process(
+            reader.items(), PipeSink("y4m", reader.frame_rate, stream=pipe), lambda p, t: p, pixels
+        )
     head, frames = y4m_of(pipe.getvalue())
     before = pictures_of(clip)
     told = "FULL" if before[0].color_range == 2 else "LIMITED"
@@ -62,7 +64,9 @@ def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
     after = pictures_of(tmp_path / "a.y4m")
     assert [round(frame.time * 25) for frame in after] == list(range(10))
     assert after[0].color_range == before[0].color_range
-    np.testing.assert_array_equal(planes(after[5])[1].ravel(), np.frombuffer(frames[5], np.uint8)[3072:3840])
+    np.testing.assert_array_equal(
+        planes(after[5])[1].ravel(), np.frombuffer(frames[5], np.uint8)[3072:3840]
+    )
 
 
 def test_y4m_of_odd_sides():
@@ -83,7 +87,9 @@ def test_rawvideo_is_nothing_but_pixels(clip):
             return picture
 
         process(reader.items(), PipeSink("rawvideo", 25, stream=pipe), keep)
-    np.testing.assert_array_equal(np.frombuffer(pipe.getvalue(), np.uint8).reshape(-1, 48, 64, 3), pictures)
+    np.testing.assert_array_equal(
+        np.frombuffer(pipe.getvalue(), np.uint8).reshape(-1, 48, 64, 3), pictures
+    )
     with pytest.raises(MediaError, match="cannot write frames of pixel format nonsense"):
         PipeSink("rawvideo", 25, "nonsense", io.BytesIO()).write(av.VideoFrame(8, 8, "yuv420p"))
     with pytest.raises(InvalidParameter, match="valid are y4m and rawvideo"):
@@ -106,7 +112,9 @@ except BrokenPipeError:
     import os
     os._exit(3)
 """
-    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    run = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     assert run.stdout.read(9) == b"YUV4MPEG2"
     run.stdout.close()
     assert run.stderr.read() == b"enough"
@@ -119,14 +127,21 @@ def test_two_sinks_take_the_same_frames(clip, tmp_path):
     with VideoReader(clip) as reader:
         sink = Tee(VideoWriter.like(reader, tmp_path / "a.mp4"), PipeSink("y4m", 25, stream=pipe))
         outcome = process(reader.items(), sink, lambda p, t: p)
-    assert outcome.frames == 10 == len(y4m_of(pipe.getvalue())[1]) == len(pictures_of(tmp_path / "a.mp4"))
+    assert (
+        outcome.frames
+        == 10
+        == len(y4m_of(pipe.getvalue())[1])
+        == len(pictures_of(tmp_path / "a.mp4"))
+    )
 
 
 def test_two_files_have_the_sound_both(tmp_path):
     clip = make_video(tmp_path / "in.mp4", 30)
     names = [tmp_path / "a.mp4", tmp_path / "b.mkv"]
     with VideoReader(clip) as reader:
-        process(reader.items(), Tee(*(VideoWriter.like(reader, name) for name in names)), lambda p, t: p)
+        process(
+            reader.items(), Tee(*(VideoWriter.like(reader, name) for name in names)), lambda p, t: p
+        )
     expected = [data for _, data in sound_of(clip)]
     for name in names:
         assert [data for _, data in sound_of(name)] == expected
@@ -141,7 +156,9 @@ def test_frames_of_a_file_can_be_held_back_until_their_time(clip):
 
 
 def test_no_virtual_camera_is_one_sentence():
-    with pytest.raises(MediaError, match=r"/dev/video77 is no virtual camera; here .* 'sudo modprobe v4l2loopback'"):
+    with pytest.raises(
+        MediaError, match=r"/dev/video77 is no virtual camera; here .* 'sudo modprobe v4l2loopback'"
+    ):
         VirtualCamera("/dev/video77", (64, 48), 25)
 
 
@@ -154,10 +171,14 @@ def test_no_window_is_one_sentence(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4711")
     with monkeypatch.context() as patch:
         patch.setattr(live_outputs, "find_spec", lambda name: None)
-        with pytest.raises(MediaError, match=r"needs Tk, which this Python lacks; .* 'apt install python3-tk'"):
+        with pytest.raises(
+            MediaError, match=r"needs Tk, which this Python lacks; .* 'apt install python3-tk'"
+        ):
             Preview(SIZE)
     if find_spec("_tkinter"):
-        with pytest.raises(MediaError, match="cannot open a preview window: couldn't connect to display"):
+        with pytest.raises(
+            MediaError, match="cannot open a preview window: couldn't connect to display"
+        ):
             Preview(SIZE)
 
 
@@ -176,7 +197,10 @@ line = int.from_bytes(dump[48:52], "big"); start = head + 12 * colours
 at = start + 24 * line + 32 * 4
 print(*dump[at:at + 3])
 """
-    return [int(v) for v in subprocess.run([sys.executable, "-c", code], capture_output=True).stdout.split()]
+    return [
+        int(v)
+        for v in subprocess.run([sys.executable, "-c", code], capture_output=True).stdout.split()
+    ]
 
 
 @pytest.mark.skipif(shutil.which("xwd") is None, reason="there is no xwd to look at the screen")

@@ -20,7 +20,11 @@ from tests.everyday import few
 from tests.io.synthetic import SIZE, make_video, pictures_of
 
 HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
-PATIENCE = {"timeout_s": 30.0, "patience_s": 300.0, "first_wait_s": 0.05}  # sufficient for slow machines
+PATIENCE = {
+    "timeout_s": 30.0,
+    "patience_s": 300.0,
+    "first_wait_s": 0.05,
+}  # sufficient for slow machines
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +60,9 @@ def server(*plans):
             while True:
                 connection, _ = listener.accept()
                 served.append(
-                    threading.Thread(target=serve, args=(connection, plans[min(len(served), len(plans) - 1)]))
+                    threading.Thread(
+                        target=serve, args=(connection, plans[min(len(served), len(plans) - 1)])
+                    )
                 )
                 served[-1].start()
 
@@ -76,7 +82,9 @@ def server(*plans):
 def paced(data, seconds):
     """Return the data as a plan in real time."""
     size = -(-len(data) // 50)
-    return [part for at in range(0, len(data), size) for part in (data[at : at + size], seconds / 50)]
+    return [
+        part for at in range(0, len(data), size) for part in (data[at : at + size], seconds / 50)
+    ]
 
 
 def free_port(kind=socket.SOCK_STREAM):
@@ -113,7 +121,9 @@ def test_a_stream_that_falls_silent_is_lost(transport):
     told = []
     with (
         server([HEAD, transport, 30.0], [HEAD, *paced(transport, 1.0), 5.0]) as url,
-        LiveSource(url, timeout_s=1.5, patience_s=300, first_wait_s=0.05, report=told.append) as source,
+        LiveSource(
+            url, timeout_s=1.5, patience_s=300, first_wait_s=0.05, report=told.append
+        ) as source,
     ):
         for _ in source.frames():
             if source.reconnects:
@@ -138,7 +148,10 @@ def test_a_slow_consumer_gets_the_newest_frame(transport):
 def test_frames_come_in_order_and_every_one_is_counted(transport):
     """The number of frames missed by a consumer depends on the load, but all missed frames are
     counted."""
-    with server([HEAD, *paced(transport, 2.5)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
+    with (
+        server([HEAD, *paced(transport, 2.5)]) as url,
+        LiveSource(url, **PATIENCE, reconnect=False) as source,
+    ):
         first = source.first()
         times = [frame.time for frame in source.frames()]
         assert (first.width, first.height) == SIZE
@@ -148,7 +161,10 @@ def test_frames_come_in_order_and_every_one_is_counted(transport):
 
 
 def test_a_live_stream_is_recorded(transport, tmp_path):
-    with server([HEAD, *paced(transport, 2.0)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
+    with (
+        server([HEAD, *paced(transport, 2.0)]) as url,
+        LiveSource(url, **PATIENCE, reconnect=False) as source,
+    ):
         source.first()
         sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
         outcome = process(source.frames(), sink, lambda picture, time_s: picture, ahead=0)
@@ -160,7 +176,9 @@ def test_a_live_stream_is_recorded(transport, tmp_path):
 def test_nobody_there_is_one_sentence():
     url = f"http://127.0.0.1:{free_port()}/live.ts"
     with LiveSource(url, timeout_s=1, patience_s=0.6, first_wait_s=0.05) as source:
-        with pytest.raises(MediaError, match=r"nothing has come from http.* for .* s: Connection refused") as e:
+        with pytest.raises(
+            MediaError, match=r"nothing has come from http.* for .* s: Connection refused"
+        ) as e:
             next(source.frames())
         with pytest.raises(MediaError, match="nothing has come"):
             source.first()
@@ -174,7 +192,9 @@ def test_closing_is_clean_and_ends_the_frames(transport):
         threading.Timer(0.5, source.close).start()
         assert sum(1 for _ in source.frames()) >= 1
         source.close()
-        assert source._thread.is_alive()  # the stream is silent, which FFmpeg detects after ten minutes
+        assert (
+            source._thread.is_alive()
+        )  # the stream is silent, which FFmpeg detects after ten minutes
     source._thread.join()  # or when it is closed
 
 
@@ -203,7 +223,9 @@ def test_what_is_no_source_is_refused(url, message):
         LiveSource(url)
 
 
-@pytest.mark.parametrize("url", ["udp://@:1234", "tcp://:1234?listen", "http://[::1]:80/x", "rtsp://me:p@ss@door/1"])
+@pytest.mark.parametrize(
+    "url", ["udp://@:1234", "tcp://:1234?listen", "http://[::1]:80/x", "rtsp://me:p@ss@door/1"]
+)
 def test_what_may_be_a_source_is_taken(url):
     assert checked(url) == (url, None)
 
@@ -217,7 +239,13 @@ def test_what_never_answers_is_given_up(opening_s):
     told: list[str] = []
     with (
         LiveSource(
-            url, 1.0, patience_s, opening_s=opening_s, first_wait_s=0.02, longest_wait_s=0.02, report=told.append
+            url,
+            1.0,
+            patience_s,
+            opening_s=opening_s,
+            first_wait_s=0.02,
+            longest_wait_s=0.02,
+            report=told.append,
         ) as source,
         pytest.raises(MediaError, match="nothing has come from http://127"),
     ):
@@ -269,7 +297,9 @@ except ValueError:
 
 def push(url, frames):
     """Send from another process: FFmpeg holds Python's lock while it opens a stream for writing."""
-    return subprocess.Popen([sys.executable, "-c", PUSH, url, str(frames)], stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        [sys.executable, "-c", PUSH, url, str(frames)], stderr=subprocess.DEVNULL
+    )
 
 
 @pytest.mark.parametrize("scheme", few(["udp", "rtsp"], "rtsp"))
@@ -285,7 +315,9 @@ def test_what_we_send_is_received(scheme):
         try:
             for frame in source.frames():
                 assert (frame.width, frame.height) == SIZE
-                if source.received >= 3:  # several have arrived; the sender would continue for an hour
+                if (
+                    source.received >= 3
+                ):  # several have arrived; the sender would continue for an hour
                     break
         finally:
             sender.terminate()

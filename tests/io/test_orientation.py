@@ -50,7 +50,9 @@ def test_images_are_read_as_pillow_and_opencv_display_them(tmp_path, orientation
     assert np.abs(image.astype(int) - shown).max() <= 2
     assert carried.orientation == orientation
     if suffix != ".avif":  # whose rotation OpenCV ignores
-        theirs = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        theirs = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)[
+            ..., ::-1
+        ]
         np.testing.assert_array_equal(image, theirs)
     stored = om.read_image(path, stored_orientation=True)
     assert stored.shape == FIELD.shape
@@ -86,7 +88,9 @@ def test_values_that_are_no_orientation_are_ignored(tmp_path, value):
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tif"])
 def test_written_images_carry_no_orientation(tmp_path, suffix):
     image, carried = read_image_and_metadata(tagged(tmp_path / "a.jpg", FIELD, 6))
-    om.write_image(tmp_path / f"b{suffix}", image, carried=carried.that_fits(f"b{suffix}", image)[0])
+    om.write_image(
+        tmp_path / f"b{suffix}", image, carried=carried.that_fits(f"b{suffix}", image)[0]
+    )
     with Image.open(tmp_path / f"b{suffix}") as written:
         assert written.size == (48, 72)
         assert written.getexif().get(0x0112, 1) == 1
@@ -95,14 +99,18 @@ def test_written_images_carry_no_orientation(tmp_path, suffix):
 # -- all readers ----------------------------------------------------------------------------------
 
 SPHERE = om.load_sensor("paper-spherical")
-WIDE = om.MirrorBall(centre_px=(70.0, 50.0), rim_radius_px=40.0, field_deg=280.0, image_size=(140, 96))
+WIDE = om.MirrorBall(
+    centre_px=(70.0, 50.0), rim_radius_px=40.0, field_deg=280.0, image_size=(140, 96)
+)
 BOARD = om.Board("chessboard", 7, 5, 20.0)
 
 
 @pytest.fixture
 def turned(tmp_path):
     """A landscape image, and the file of a camera that was rotated by 90 deg."""
-    image = cv2.resize(np.random.default_rng(6).integers(0, 255, (12, 18, 3), np.uint8), WIDE.image_size)
+    image = cv2.resize(
+        np.random.default_rng(6).integers(0, 255, (12, 18, 3), np.uint8), WIDE.image_size
+    )
     om.write_image(tmp_path / "upright.png", image)
     return image, tagged(tmp_path / "turned.png", np.rot90(image).copy(), 6)
 
@@ -113,24 +121,38 @@ def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
     told = straight(turned[1], tmp_path / "b.png")
     assert "orient" not in expected
     assert "turned by 90 deg clockwise, as their EXIF data requires; --stored-orientation" in told
-    np.testing.assert_array_equal(om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png"))
-    with pytest.raises(InvalidParameter, match="96 x 140 px, as stored; leave out --stored-orientation"):
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
+    )
+    with pytest.raises(
+        InvalidParameter, match="96 x 140 px, as stored; leave out --stored-orientation"
+    ):
         ImageDewarper(DewarpRequest(WIDE, stored_orientation=True))(turned[1], tmp_path / "c.png")
     found = om.dewarp_pictures(tmp_path / "turned.png", tmp_path / "many", camera=WIDE)
     assert sum(found.oriented.values()) == 1
-    np.testing.assert_array_equal(om.read_image(tmp_path / "many" / "turned.png"), om.read_image(tmp_path / "a.png"))
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "many" / "turned.png"), om.read_image(tmp_path / "a.png")
+    )
 
 
 def test_dewarping_stored_pixels_names_the_option(tmp_path, turned):
     """A camera calibrated with stored pixels."""
-    tall = om.MirrorBall(centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140))
-    with pytest.raises(InvalidParameter, match=r"must have the 96 x 140 px .* clockwise; --stored-orientation"):
+    tall = om.MirrorBall(
+        centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140)
+    )
+    with pytest.raises(
+        InvalidParameter, match=r"must have the 96 x 140 px .* clockwise; --stored-orientation"
+    ):
         ImageDewarper(DewarpRequest(tall))(turned[1], tmp_path / "b.png")
     om.write_image(tmp_path / "stored.png", np.rot90(turned[0]).copy())
     ImageDewarper(DewarpRequest(tall))(tmp_path / "stored.png", tmp_path / "a.png")
-    told = ImageDewarper(DewarpRequest(tall, stored_orientation=True))(turned[1], tmp_path / "b.png")
+    told = ImageDewarper(DewarpRequest(tall, stored_orientation=True))(
+        turned[1], tmp_path / "b.png"
+    )
     assert "as stored; their EXIF data requires" in told
-    np.testing.assert_array_equal(om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png"))
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
+    )
 
 
 def test_the_studio_and_its_pages_take_what_browsers_show(tmp_path, turned):
@@ -151,7 +173,10 @@ def test_boards_lie_where_they_are_displayed(tmp_path):
     path = tagged(tmp_path / "a.png", np.rot90(image).copy(), 6)
     upright, applied, stored = (
         om.find_boards([image], BOARD),
-        *(om.find_boards([path], BOARD, stored_orientation=is_stored) for is_stored in (False, True)),
+        *(
+            om.find_boards([path], BOARD, stored_orientation=is_stored)
+            for is_stored in (False, True)
+        ),
     )
     assert upright[0].used
     assert applied[0].image_size == image.shape[::-1]
@@ -169,13 +194,18 @@ def test_commands_report_it(tmp_path, turned, command, capsys):
         "calibrate": ["calibrate", path, "--board", "7x5", "--square-mm", "20"],
         "lines": ["lines", path, "--rim", "70", "50", "40"],
     }[command]
-    for option, told in ([], "turned by 90 deg clockwise, as their EXIF"), ([STORED], "as stored; their EXIF"):
+    for option, told in (
+        ([], "turned by 90 deg clockwise, as their EXIF"),
+        ([STORED], "as stored; their EXIF"),
+    ):
         run = CliRunner().invoke(app, [*map(str, words), *option])
         assert f"1 of 1 images {told}" in run.stderr, run.output
 
 
 def test_auto_looks_for_the_rim_in_the_image_as_displayed(tmp_path, capsys):
-    ball = om.MirrorBall(centre_px=(190.0, 150.0), rim_radius_px=120.0, field_deg=300.0, image_size=(400, 300))
+    ball = om.MirrorBall(
+        centre_px=(190.0, 150.0), rim_radius_px=120.0, field_deg=300.0, image_size=(400, 300)
+    )
     image = take_picture(ball, om.Room(texel_mm=20.0), samples=2)
     path = tagged(tmp_path / "a.png", np.rot90(image).copy(), 6)
     main(["rim", str(path), "--json", str(tmp_path / "rim.json")])

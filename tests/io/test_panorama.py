@@ -21,7 +21,9 @@ from tests.io.synthetic import pictures_of
 RNG = np.random.default_rng(5)
 GPANO = "{http://ns.google.com/photos/1.0/panorama/}"
 GSPHERICAL = "{http://ns.google.com/videos/1.0/spherical/}"
-PART = GPano.of_view((60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, lean_deg=(12.5, -3.25))
+PART = GPano.of_view(
+    (60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, lean_deg=(12.5, -3.25)
+)
 
 # -- geometry
 # ----------------------------------------------------------------------------------------
@@ -54,7 +56,9 @@ def test_the_crop_never_leaves_the_full_panorama():
         assert abs(bounds.bottom - (90 + low) / 180) <= 2 / panorama.full_size[1]
 
 
-@pytest.mark.parametrize(("elevation", "span"), [((10, 10), 360), ((-91, 0), 360), ((0, 10), 0), ((0, 10), 361)])
+@pytest.mark.parametrize(
+    ("elevation", "span"), [((10, 10), 360), ((-91, 0), 360), ((0, 10), 0), ((0, 10), 361)]
+)
 def test_what_is_no_panorama_is_refused(elevation, span):
     with pytest.raises(InvalidParameter, match="is no panorama"):
         GPano.of_view((10, 10), elevation, span)
@@ -74,8 +78,14 @@ def xmp_of(path):
     if isinstance(packet, tuple):
         packet = bytes(packet)
     start, end = packet.index(b"<x:xmpmeta"), packet.index(b"</x:xmpmeta>") + 12
-    (description,) = ET.fromstring(packet[start:end]).iter("{http://www.w3.org/1999/02/22-rdf-syntax-ns#}Description")
-    return {key.removeprefix(GPANO): value for key, value in description.items() if key.startswith(GPANO)}
+    (description,) = ET.fromstring(packet[start:end]).iter(
+        "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}Description"
+    )
+    return {
+        key.removeprefix(GPANO): value
+        for key, value in description.items()
+        if key.startswith(GPANO)
+    }
 
 
 @pytest.mark.parametrize(
@@ -120,7 +130,9 @@ def test_pillow_finds_the_panorama_and_the_same_pixels(tmp_path, suffix, dtype, 
 def test_a_lossy_webp_can_carry_it_too(tmp_path):
     from omnimirror.io import _image_metadata
 
-    _, data = cv2.imencode(".webp", RNG.integers(0, 255, (41, 63, 3)).astype(np.uint8), [cv2.IMWRITE_WEBP_QUALITY, 50])
+    _, data = cv2.imencode(
+        ".webp", RNG.integers(0, 255, (41, 63, 3)).astype(np.uint8), [cv2.IMWRITE_WEBP_QUALITY, 50]
+    )
     (tmp_path / "a.webp").write_bytes(_image_metadata._xmp_in_webp(data.tobytes(), PART.xmp()))
     assert xmp_of(tmp_path / "a.webp")["CroppedAreaTopPixels"] == "13"
     with Image.open(tmp_path / "a.webp") as picture:
@@ -128,7 +140,11 @@ def test_a_lossy_webp_can_carry_it_too(tmp_path):
 
 
 def test_no_heading_is_no_claim(tmp_path):
-    write_image(tmp_path / "a.png", np.zeros((40, 60), np.uint8), panorama=GPano.of_view((60, 40), (-70, 50)))
+    write_image(
+        tmp_path / "a.png",
+        np.zeros((40, 60), np.uint8),
+        panorama=GPano.of_view((60, 40), (-70, 50)),
+    )
     assert "PoseHeadingDegrees" not in xmp_of(tmp_path / "a.png")
 
 
@@ -158,7 +174,9 @@ def atoms(data, path=b"", begin=0, end=None):
             (size,), head = struct.unpack_from(">Q", data, begin + 8), 16
         assert head <= size <= end - begin, (path, kind, size)
         yield path + b"/" + kind, data[begin + head : begin + size]
-        inner = {b"stsd": 8, b"avc1": 78, b"hvc1": 78, b"hev1": 78}.get(kind, 0 if kind in NESTED else None)
+        inner = {b"stsd": 8, b"avc1": 78, b"hvc1": 78, b"hev1": 78}.get(
+            kind, 0 if kind in NESTED else None
+        )
         if inner is not None:
             yield from atoms(data, path + b"/" + kind, begin + head + inner, begin + size)
         begin += size
@@ -170,26 +188,47 @@ def grey_video(path, panorama, **more):
             video.write(frame_of_image(np.full((40, 60, 3), 8 * i, np.uint8)))
 
 
-@pytest.mark.parametrize(("suffix", "codec", "entry"), [(".mp4", "libx264", b"avc1"), (".mov", "libx265", b"hev1")])
+@pytest.mark.parametrize(
+    ("suffix", "codec", "entry"), [(".mp4", "libx264", b"avc1"), (".mov", "libx265", b"hev1")]
+)
 def test_a_small_parser_finds_both_versions(tmp_path, suffix, codec, entry):
     path = tmp_path / f"a{suffix}"
     grey_video(path, PART, codec=codec)
     found = dict(atoms(path.read_bytes()))
     text = found[b"/moov/trak/uuid"]
     assert text[:16].hex() == "ffcc8263f8554a938814587a02521fdd"
-    told = {element.tag.removeprefix(GSPHERICAL): element.text for element in ET.fromstring(text[16:])}
+    told = {
+        element.tag.removeprefix(GSPHERICAL): element.text for element in ET.fromstring(text[16:])
+    }
     assert told["Spherical"] == told["Stitched"] == "true"
     assert told["ProjectionType"] == "equirectangular"
-    names = ("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels")
+    names = (
+        "FullPanoWidthPixels",
+        "FullPanoHeightPixels",
+        "CroppedAreaLeftPixels",
+        "CroppedAreaTopPixels",
+    )
     assert [told[name] for name in names] == ["180", "60", "60", "13"]
     where = b"/moov/trak/mdia/minf/stbl/stsd/" + entry
     assert found[where + b"/st3d"] == bytes(5)
     assert found[where + b"/sv3d/svhd"][4:] == b"omnimirror\0"
-    assert struct.unpack(">3i", found[where + b"/sv3d/proj/prhd"][4:]) == (30 << 16, 12.5 * 65536, -3.25 * 65536)
+    assert struct.unpack(">3i", found[where + b"/sv3d/proj/prhd"][4:]) == (
+        30 << 16,
+        12.5 * 65536,
+        -3.25 * 65536,
+    )
     bounds = struct.unpack(">4I", found[where + b"/sv3d/proj/equi"][4:])
     assert np.array(bounds) / 2**32 == pytest.approx([13 / 60, 7 / 60, 1 / 3, 1 / 3])
-    order = [name for name, _ in atoms(path.read_bytes()) if name.startswith(where + b"/") and name.count(b"/") == 8]
-    assert [name[-4:] for name in order[:3]] == [order[0][-4:], b"st3d", b"sv3d"]  # after the box of the codec
+    order = [
+        name
+        for name, _ in atoms(path.read_bytes())
+        if name.startswith(where + b"/") and name.count(b"/") == 8
+    ]
+    assert [name[-4:] for name in order[:3]] == [
+        order[0][-4:],
+        b"st3d",
+        b"sv3d",
+    ]  # after the box of the codec
 
 
 def test_the_pictures_are_still_there(tmp_path):

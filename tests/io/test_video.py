@@ -30,7 +30,16 @@ from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
 from tests.everyday import few
-from tests.io.synthetic import SIZE, grey_of, luma_of, make_video, number_of, pictures_of, sound_of, tone
+from tests.io.synthetic import (
+    SIZE,
+    grey_of,
+    luma_of,
+    make_video,
+    number_of,
+    pictures_of,
+    sound_of,
+    tone,
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +59,10 @@ def through(source, path, function=same, pixels="picture", **more):
 @pytest.mark.parametrize(("rate", "suffix"), [(2, ".mp4"), (2, ".mov"), (25, ".m4v"), (25, ".mkv")])
 def test_players_show_all_frames_however_many_there_are(tmp_path, rate, suffix):
     """Frames displayed by FFmpeg, and their total duration, with B-frames last in the file."""
-    rough = np.kron(np.random.default_rng(1).integers(40, 200, (6, 24, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
+    rough = np.kron(
+        np.random.default_rng(1).integers(40, 200, (6, 24, 3), np.uint8),
+        np.ones((8, 8, 1), np.uint8),
+    )
     short = []
     for count in (*range(1, 16), 26, 51):
         path = tmp_path / f"{count}{suffix}"
@@ -85,9 +97,13 @@ def test_everything_but_the_pixels_is_kept(clip, tmp_path, suffix, pixels):
     for a, b in zip(before, after, strict=True):
         assert abs(b.pts * b.time_base - a.pts * a.time_base - shift) <= tick / 2
         assert abs(luma_of(a) - luma_of(b)) <= 4
-    assert [data for _, data in copied] == [data for _, data in sound] or suffix == ".ts"  # in ADTS frames there
+    assert [data for _, data in copied] == [
+        data for _, data in sound
+    ] or suffix == ".ts"  # in ADTS frames there
     assert len(copied) == len(sound)
-    assert all(abs(c[0] - s[0] - shift) <= Fraction(1, 900) for c, s in zip(copied, sound, strict=True))
+    assert all(
+        abs(c[0] - s[0] - shift) <= Fraction(1, 900) for c, s in zip(copied, sound, strict=True)
+    )
     with VideoReader(out) as reader:
         assert reader.frame_rate == 25
         assert reader.colour == ColourCoding(1, 1, 1, 1)
@@ -147,7 +163,9 @@ def test_a_rotation_by_no_multiple_of_90_deg_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize("size", [(64, 48), (63, 47)])
-@pytest.mark.parametrize("name", ["yuv420p", "nv12", "yuv422p10le", "yuva444p12le", "rgb24", "gray"])
+@pytest.mark.parametrize(
+    "name", ["yuv420p", "nv12", "yuv422p10le", "yuva444p12le", "rgb24", "gray"]
+)
 @pytest.mark.parametrize("number", [2, 3, 4, 5, 6, 7, 8])
 def test_frames_of_every_kind_are_turned_as_images_are(number, name, size):
     image = cv2.resize(FIELD, size)
@@ -156,7 +174,8 @@ def test_frames_of_every_kind_are_turned_as_images_are(number, name, size):
     turned = upright(frame, number)
     assert (turned.pts, turned.time_base) == (7, Fraction(1, 25))
     before, after = (
-        np.stack(planes(converted(part, "yuv444p16le", interpolation=2))) / 256 for part in (frame, turned)
+        np.stack(planes(converted(part, "yuv444p16le", interpolation=2))) / 256
+        for part in (frame, turned)
     )
     expected = np.stack([oriented(plane, number) for plane in before])
     assert np.abs(after[0] - expected[0]).max() < 1.1  # luma; chroma may be interpolated
@@ -179,7 +198,13 @@ def test_colours_stay_the_same(tmp_path, space, colour_range, pixels):
 def test_full_range_is_converted_where_the_target_cannot_say_it(tmp_path):
     source = make_video(tmp_path / "a.mp4", 5, colour_range=2)
     for pixels in ("picture", "planes"):
-        through(source, tmp_path / "b.mkv", pixels=pixels, codec="mpeg4", options={"qmin": "1", "qmax": "1"})
+        through(
+            source,
+            tmp_path / "b.mkv",
+            pixels=pixels,
+            codec="mpeg4",
+            options={"qmin": "1", "qmax": "1"},
+        )
         a, b = pictures_of(source)[3], pictures_of(tmp_path / "b.mkv")[3]
         assert b.color_range != 2
         assert abs(luma_of(b) - (16 + luma_of(a) * 219 / 255)) <= 3
@@ -195,7 +220,13 @@ def test_frames_that_do_not_come_evenly_keep_their_times(tmp_path):
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 @pytest.mark.parametrize(
     ("start", "duration", "first", "count"),
-    [(0, 0.4, 0, 10), (1.0, 0.4, 25, 10), (0.5, None, 13, 37), (1.02, 0.2, 26, 5), (1.96, 5, 49, 1)],
+    [
+        (0, 0.4, 0, 10),
+        (1.0, 0.4, 25, 10),
+        (0.5, None, 13, 37),
+        (1.02, 0.2, 26, 5),
+        (1.96, 5, 49, 1),
+    ],
 )
 def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, first, count):
     source = clip if suffix == ".mp4" else make_video(tmp_path / "a.mkv")
@@ -213,7 +244,9 @@ def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, f
 
 def test_a_file_can_be_read_again_and_frames_alone(clip):
     with VideoReader(clip) as reader:
-        assert reader.expected_frames == len(list(reader.frames())) == len(list(reader.frames())) == 50
+        assert (
+            reader.expected_frames == len(list(reader.frames())) == len(list(reader.frames())) == 50
+        )
     with VideoReader(clip, with_sound=False) as reader:
         assert all(isinstance(item, av.VideoFrame) for item in reader.items())
 
@@ -235,7 +268,10 @@ def test_the_function_sees_every_frame_in_order_with_its_time(clip, tmp_path):
 
     through(clip, tmp_path / "b.mp4", note, size=(32, 24))
     assert seen == [(i, (48, 64, 3)) for i in range(50)]
-    assert (pictures_of(tmp_path / "b.mp4")[0].width, len(sound_of(tmp_path / "b.mp4"))) == (32, len(sound_of(clip)))
+    assert (pictures_of(tmp_path / "b.mp4")[0].width, len(sound_of(tmp_path / "b.mp4"))) == (
+        32,
+        len(sound_of(clip)),
+    )
 
 
 def test_planes_can_be_filled_without_a_copy(clip, tmp_path):
@@ -253,7 +289,13 @@ def test_planes_can_be_filled_without_a_copy(clip, tmp_path):
 def test_progress_tells_how_far_it_is(clip, tmp_path):
     told = []
     with VideoReader(clip) as reader:
-        process(reader.items(), VideoWriter.like(reader, tmp_path / "b.mp4"), same, progress=told.append, total=50)
+        process(
+            reader.items(),
+            VideoWriter.like(reader, tmp_path / "b.mp4"),
+            same,
+            progress=told.append,
+            total=50,
+        )
     assert (told[-1].done, told[-1].total, told[-1].left_s) == (50, 50, 0)
     assert told[-1].rate > 0
 
@@ -286,14 +328,40 @@ HDR = ColourCoding(1, 9, 9, 16)
         ("a.mkv", "ffv1", "yuv422p10le", "o.mp4", {}, "yuv422p10le", ""),
         ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "ffv1"}, "yuv444p", ""),
         ("a.mkv", "ffv1", "yuva444p12le", "o.mkv", {"codec": "ffv1"}, "yuva444p12le", ""),
-        ("a.mkv", "ffv1", "yuva444p10le", "o.mov", {"codec": "prores_ks"}, "yuva444p12le", ""),  # decoded format
-        ("a.mkv", "ffv1", "yuva444p12le", "o.mp4", {}, "yuv444p10le", "12 bits become 10, transparency is lost;"),
-        ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "mpeg4"}, "yuv420p", "colours in 4:4:4 become 4:2:0;"),
+        (
+            "a.mkv",
+            "ffv1",
+            "yuva444p10le",
+            "o.mov",
+            {"codec": "prores_ks"},
+            "yuva444p12le",
+            "",
+        ),  # decoded format
+        (
+            "a.mkv",
+            "ffv1",
+            "yuva444p12le",
+            "o.mp4",
+            {},
+            "yuv444p10le",
+            "12 bits become 10, transparency is lost;",
+        ),
+        (
+            "a.mkv",
+            "ffv1",
+            "yuv444p",
+            "o.mkv",
+            {"codec": "mpeg4"},
+            "yuv420p",
+            "colours in 4:4:4 become 4:2:0;",
+        ),
         ("a.mkv", "ffv1", "bgr0", "o.mp4", {}, "yuv420p", "colours in RGB become 4:2:0;"),
         ("a.mkv", "ffv1", "yuv444p", "o.mp4", {"pixel_format": "yuv420p"}, "yuv420p", ""),
     ],
 )
-def test_depth_colours_and_transparency_are_kept_or_said(tmp_path, source, codec, pixel_format, out, more, kept, lost):
+def test_depth_colours_and_transparency_are_kept_or_said(
+    tmp_path, source, codec, pixel_format, out, more, kept, lost
+):
     coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
     with VideoReader(tmp_path / source) as reader:
         writer = VideoWriter.like(reader, tmp_path / out, **more)
@@ -313,7 +381,10 @@ def test_depth_colours_and_transparency_are_kept_or_said(tmp_path, source, codec
 
 def test_what_is_lost_of_hdr_is_said(tmp_path):
     coded(tmp_path / "a.mkv", "libx265", "yuv420p10le", HDR)
-    with VideoReader(tmp_path / "a.mkv") as reader, VideoWriter.like(reader, tmp_path / "b.mkv", codec="mpeg4") as b:
+    with (
+        VideoReader(tmp_path / "a.mkv") as reader,
+        VideoWriter.like(reader, tmp_path / "b.mkv", codec="mpeg4") as b,
+    ):
         b.write(next(reader.frames()))
     assert "10 bits become 8, the picture is HDR, and its tags are lost;" in b.notes[0]
 
@@ -329,7 +400,11 @@ def test_a_pixel_format_that_the_codec_does_not_know_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "there is no video"), (b"", "it is no video"), (b"hello, world" * 500, "it is no video, or is damaged")],
+    [
+        (None, "there is no video"),
+        (b"", "it is no video"),
+        (b"hello, world" * 500, "it is no video, or is damaged"),
+    ],
 )
 def test_what_is_no_video_is_refused(tmp_path, content, message, capfd):
     path = tmp_path / "a.mp4"
@@ -359,7 +434,9 @@ def test_a_video_cut_short_keeps_what_could_be_read(tmp_path, suffix, capfd):
             av.open(str(whole)) as source,
             av.open(str(tmp_path / "front.mp4"), "w", options={"movflags": "faststart"}) as out,
         ):
-            copies = {stream.index: out.add_stream_from_template(stream) for stream in source.streams}
+            copies = {
+                stream.index: out.add_stream_from_template(stream) for stream in source.streams
+            }
             for packet in source.demux():
                 if packet.size:
                     packet.stream = copies[packet.stream.index]
@@ -368,7 +445,9 @@ def test_a_video_cut_short_keeps_what_could_be_read(tmp_path, suffix, capfd):
     data = whole.read_bytes()
     part = tmp_path / f"part{suffix}"
     part.write_bytes(data[: int(len(data) * 0.7)])
-    with pytest.raises(MediaError, match=r"part.* is (cut short|damaged).* frames, which were read") as e:
+    with pytest.raises(
+        MediaError, match=r"part.* is (cut short|damaged).* frames, which were read"
+    ) as e:
         through(part, tmp_path / f"out{suffix}")
     assert "\n" not in str(e.value)
     frames = pictures_of(tmp_path / f"out{suffix}")
@@ -384,7 +463,10 @@ def test_a_damaged_video_keeps_what_could_be_decoded(clip, tmp_path):
     for at, size in (packets[10], packets[30]):
         data[at : at + size] = bytes(size)
     (tmp_path / "a.mp4").write_bytes(data)
-    with pytest.raises(MediaError, match=r"a.mp4 is damaged: \d+ of its 50 pictures cannot be decoded; \d+ were read"):
+    with pytest.raises(
+        MediaError,
+        match=r"a.mp4 is damaged: \d+ of its 50 pictures cannot be decoded; \d+ were read",
+    ):
         through(tmp_path / "a.mp4", tmp_path / "b.mp4")
     assert 25 <= len(pictures_of(tmp_path / "b.mp4")) <= 48
 
@@ -396,7 +478,9 @@ def test_an_index_that_is_missing_is_said(tmp_path):
         VideoReader(tmp_path / "b.mp4")
 
 
-@pytest.mark.parametrize(("start", "duration"), [(-1, None), (float("nan"), None), (0, 0), (0, -1), (5, None)])
+@pytest.mark.parametrize(
+    ("start", "duration"), [(-1, None), (float("nan"), None), (0, 0), (0, -1), (5, None)]
+)
 def test_a_part_that_is_not_there_is_refused(clip, start, duration):
     with pytest.raises(InvalidParameter, match=r"start at|duration of"):
         VideoReader(clip, start, duration)
@@ -449,11 +533,16 @@ def test_an_error_on_the_way_leaves_the_earlier_file(clip, tmp_path, error):
         through(clip, out, fail)
     assert out.read_text() == "precious"
     assert list(tmp_path.iterdir()) == [out]
-    assert set(threading.enumerate()) <= before  # threads of a browser of other tests may be present
+    assert (
+        set(threading.enumerate()) <= before
+    )  # threads of a browser of other tests may be present
 
 
 def test_nothing_written_is_no_file(tmp_path):
-    with pytest.raises(MediaError, match="no frame was written"), VideoWriter(tmp_path / "a.mp4", SIZE, 25):
+    with (
+        pytest.raises(MediaError, match="no frame was written"),
+        VideoWriter(tmp_path / "a.mp4", SIZE, 25),
+    ):
         pass
     assert not list(tmp_path.iterdir())
 
@@ -505,7 +594,10 @@ except OmnimirrorError as e:
 def test_ctrl_c_and_sigterm_leave_a_file_that_plays(clip, tmp_path, number):
     out = tmp_path / "b.mp4"
     run = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, clip, out, "8"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", SCRIPT, clip, out, "8"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     for _ in range(8):
         assert run.stdout.readline() == "frame\n"
@@ -569,7 +661,9 @@ def test_what_a_killed_run_had_done_plays_and_is_given_a_name(tmp_path, suffix):
     assert {path.name for path in tmp_path.iterdir()} == names
     assert len(pictures_of(tmp_path / f"a.rescued-2{suffix}")) == whole
     assert "killed" in writer.notes[0]
-    assert stat.S_IMODE((tmp_path / f"a.rescued{suffix}").stat().st_mode) == stat.S_IMODE(out.stat().st_mode)
+    assert stat.S_IMODE((tmp_path / f"a.rescued{suffix}").stat().st_mode) == stat.S_IMODE(
+        out.stat().st_mode
+    )
 
 
 def test_what_cannot_be_played_of_a_killed_run_is_removed(tmp_path):

@@ -24,7 +24,9 @@ QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
 
 @pytest.mark.parametrize("kind", few(["flat", "aspheric", "telecentric"], "flat"))
 def test_both_mirrors_are_exported(kind, tmp_path):
-    files = om.export(SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0)
+    files = om.export(
+        SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0
+    )
     names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
     assert sorted(names) == [
         "s-drawing.svg",
@@ -49,9 +51,13 @@ def test_single_file_export_writes_both_mirrors(tmp_path):
     primary, secondary = (read(file.path) for file in files)
     assert volume(secondary) == pytest.approx(np.pi * 20.5**2 * 3, rel=1e-9)
     mirror, back = FOLDED.mirror, float(FOLDED.mirror.sag(43.905)) + 5
-    pierced = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), 5.0, 43.905)[0]  # from the bore outwards
+    pierced = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), 5.0, 43.905)[
+        0
+    ]  # from the bore outwards
     body = parts_of(FOLDED, secondary_body=Body(3.0))[0].body
-    pierced -= np.pi * ((body.counterbore_diameter_mm / 2) ** 2 - 5.0**2) * body.counterbore_depth_mm
+    pierced -= (
+        np.pi * ((body.counterbore_diameter_mm / 2) ** 2 - 5.0**2) * body.counterbore_depth_mm
+    )
     assert volume(primary) == pytest.approx(pierced, rel=1e-7)
     assert volume(primary) == pytest.approx(body.volume_mm3(mirror), rel=1e-7)
 
@@ -95,7 +101,13 @@ def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
     sensor = SENSORS[kind]
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
-    assert [s.get("GLAS", ["none"])[0] for s in surfaces] == ["none", "none", "MIRROR", "MIRROR", "none"]
+    assert [s.get("GLAS", ["none"])[0] for s in surfaces] == [
+        "none",
+        "none",
+        "MIRROR",
+        "MIRROR",
+        "none",
+    ]
     telecentric = system["FTYP"][1] == "1"
     with mp.workdps(25):
         secondary, primary = sag_of(surfaces[2]), sag_of(surfaces[3])
@@ -103,10 +115,15 @@ def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
         assert float(back) == -sensor.secondary.distance_mm
         for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
             h = mp.mpf(height)
-            slope = mp.mpf(0) if telecentric else -h / mp.mpf(surfaces[0]["DISZ"][0])  # undeviated at the lens centre
+            slope = (
+                mp.mpf(0) if telecentric else -h / mp.mpf(surfaces[0]["DISZ"][0])
+            )  # undeviated at the lens centre
             y, z = (h if telecentric else mp.mpf(0)), mp.mpf(0)
             dy, dz = slope / mp.hypot(slope, 1), 1 / mp.hypot(slope, 1)
-            for vertex, sag, there in ((to_secondary, secondary, to_secondary), (to_secondary + back, primary, back)):
+            for vertex, sag, there in (
+                (to_secondary, secondary, to_secondary),
+                (to_secondary + back, primary, back),
+            ):
                 t = mp.findroot(lambda t: z + t * dz - vertex - sag(y + t * dy), there / dz)  # noqa: B023
                 y, z = y + t * dy, z + t * dz
                 n = mp.diff(sag, y)
@@ -156,10 +173,16 @@ def test_central_obscuration_matches_invalid_pixels():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)}, "bore_diameter_mm must be at least 10"),
+        (
+            {"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)},
+            "bore_diameter_mm must be at least 10",
+        ),
         ({"body": Body(thread="M6")}, "with bore_depth_mm = inf"),
         ({"housing": Housing(rod=Rod())}, "valid supports are tube and none"),
-        ({"housing": Housing(CameraBody(20.0), shell=Tube())}, "the camera's front is its bore_radius_mm"),
+        (
+            {"housing": Housing(CameraBody(20.0), shell=Tube())},
+            "the camera's front is its bore_radius_mm",
+        ),
     ],
 )
 def test_invalid_folded_parts_are_rejected(options, sentence, tmp_path):

@@ -50,7 +50,9 @@ def marched(sensor, solid, count=1500):
         t = np.linspace(0, 1, 4000)[1:]
         foot = x[i] if sensor.lens.TELECENTRIC else 0.0
         inner = np.stack([x[i] + t * (foot - x[i]), rays.z[i] + t * (lens - rays.z[i])])
-        outer = np.stack([x[i] + 400 * t * np.sin(rays.omega[i]), rays.z[i] - 400 * t * np.cos(rays.omega[i])])
+        outer = np.stack(
+            [x[i] + 400 * t * np.sin(rays.omega[i]), rays.z[i] - 400 * t * np.cos(rays.omega[i])]
+        )
         hidden[i] = any(solid(*leg).any() for leg in (inner, outer))
     h = sensor.image_height_px(rays) / sensor.rim_radius_px
     edges = np.concatenate([[0.0], (h[1:] + h[:-1]) / 2, [1.0]])
@@ -80,19 +82,27 @@ def test_tube_obscures_at_its_ends(diameter):
     inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
     rings = sensor.obscurations
 
-    def solid(x, z):  # thin discs inside the tube, except the back of the mirror and the position of the lens
+    def solid(
+        x, z
+    ):  # thin discs inside the tube, except the back of the mirror and the position of the lens
         base = (np.abs(z - lens) < 0.06) & (x < inner) & (x > 0.2)
         cap = (np.abs(z - back) < 0.06) & (x < inner) & (x > SPH.mirror.rim_radius_mm)
         return base | cap
 
     omega, share = marched(SPH, solid)
     assert percent(sensor) == pytest.approx(share, abs=0.3)
-    assert {r.part for r in rings} == ({"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"})
+    assert {r.part for r in rings} == (
+        {"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"}
+    )
     low = omega[omega < 90].max()
-    assert next(r for r in rings if r.part == "tube's base").omega_deg[1] == pytest.approx(low, abs=0.3)
+    assert next(r for r in rings if r.part == "tube's base").omega_deg[1] == pytest.approx(
+        low, abs=0.3
+    )
     if diameter == 130:
         high = omega[omega > 90].min()
-        assert next(r for r in rings if r.part == "tube's cap").omega_deg[0] == pytest.approx(high, abs=0.3)
+        assert next(r for r in rings if r.part == "tube's cap").omega_deg[0] == pytest.approx(
+            high, abs=0.3
+        )
 
 
 def test_default_tube_clears_the_rim_ray():
@@ -119,7 +129,9 @@ def test_rim_and_flange_are_equivalent():
         rim = body.rim(SPH.mirror)
         assert astuple(Body.of(rim, SPH.mirror).rim(SPH.mirror)) == pytest.approx(astuple(rim))
         sensor = replace(SPH, housing=Housing(rim=rim))
-        assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(SPH.mirror)
+        assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(
+            SPH.mirror
+        )
         assert drawn(sensor, None).obscured == sensor.obscured
 
 
@@ -145,12 +157,24 @@ def test_all_mirrors_can_be_supported(kind):
     ("part", "entries", "sentence"),
     [
         (Tube, {"diameter_mm": 80.0}, "its diameter is valid from 93.81 mm"),
-        (Dome, {"diameter_mm": 200.0}, "does not take in the mirror; its diameter is valid from 235.05 mm"),
+        (
+            Dome,
+            {"diameter_mm": 200.0},
+            "does not take in the mirror; its diameter is valid from 235.05 mm",
+        ),
         (Dome, {"diameter_mm": 200.0, "centre_mm": 30.0}, "does not reach the plane of the lens"),
         (Dome, {"inner_shift_mm": 3.0}, "breaks through a wall of 3 mm"),
         (Rod, {"gap_mm": 200.0}, "valid below 180.429 mm"),
-        (Rod, {"diameter_mm": 95.0}, "diameter_mm = 95 makes a rod wider than the mirror .* up to 87.81 mm"),
-        (Rod, {"end_diameter_mm": 87.9}, "end_diameter_mm = 87.9 makes a rod wider than the mirror"),
+        (
+            Rod,
+            {"diameter_mm": 95.0},
+            "diameter_mm = 95 makes a rod wider than the mirror .* up to 87.81 mm",
+        ),
+        (
+            Rod,
+            {"end_diameter_mm": 87.9},
+            "end_diameter_mm = 87.9 makes a rod wider than the mirror",
+        ),
         (Tube, {"diameter_mm": 5.0}, "fills a tube of 5 mm; it is valid below 2.5 mm"),
         (Tube, {"refractive_index": 0.9}, "outside 1 to 4"),
     ],
@@ -181,7 +205,9 @@ def test_sheet_states_shift_and_transmission():
     assert word == "tube at Ω = 135°"
     assert shift == f"shift {3.0 / np.cos(t) * np.sin(i - t):.2f} mm"
     s, p = (np.sin(i - t) / np.sin(i + t)) ** 2, (np.tan(i - t) / np.tan(i + t)) ** 2
-    assert float(passed.split()[0]) == pytest.approx(100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06)
+    assert float(passed.split()[0]) == pytest.approx(
+        100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06
+    )
 
 
 # -- manufacturing errors
@@ -200,7 +226,9 @@ def test_distance_shift_matches_a_perturbed_sensor(name):
     heights = []
     for sign in (1, -1):
         other = replace(sensor, mirror_distance_mm=sensor.mirror_distance_mm + sign * step)
-        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+        heights.append(
+            other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega)))
+        )
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
     assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.02)
 
@@ -233,7 +261,9 @@ def test_shift_behind_a_cover_matches_a_perturbed_sensor(sensor):
     heights = []
     for sign in (1, -1):
         other = replace(sensor, mirror_pose=MirrorPose(displacement_mm=sign * step))
-        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+        heights.append(
+            other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega)))
+        )
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
     assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
 
@@ -247,14 +277,18 @@ def test_tube_obscuration_is_not_attributed_to_the_secondary():
 def test_slope_error_doubles_in_reflection():
     omega = np.linspace(2.0, 134.0, 300)
     rate = om.evaluate(SPH, omega).dh_domega_px_per_deg
-    assert found(SPH)["surface slope"].px_per_unit == pytest.approx(2 * rate.max() * np.degrees(1e-3), rel=1e-3)
+    assert found(SPH)["surface slope"].px_per_unit == pytest.approx(
+        2 * rate.max() * np.degrees(1e-3), rel=1e-3
+    )
 
 
 def test_sphere_tilt_is_equivalent_to_decentre():
     """A tilt moves the centre by R times the angle, to first order."""
     errors = found(SPH)
     moved = SPH.mirror.radius_mm * np.radians(1.0)
-    assert errors["mirror tilt"].px_per_unit == pytest.approx(moved * errors["mirror decentre"].px_per_unit, rel=1e-3)
+    assert errors["mirror tilt"].px_per_unit == pytest.approx(
+        moved * errors["mirror decentre"].px_per_unit, rel=1e-3
+    )
 
 
 def test_form_shift_is_slope_times_slope_sensitivity():
@@ -270,19 +304,30 @@ def test_distance_has_no_effect_on_telecentric_sensors_and_cones():
     assert found(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
 
 
-@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric"])
 @pytest.mark.parametrize(
-    ("error", "field", "step"), [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)]
+    "name", ["paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric"]
+)
+@pytest.mark.parametrize(
+    ("error", "field", "step"),
+    [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)],
 )
 def test_decentre_and_tilt_match_skew_rays(name, error, field, step):
     """The meridian is the azimuth of maximum effect."""
     sensor = om.load_sensor(name)
-    omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[:, None]
+    omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[
+        :, None
+    ]
     azimuth = np.radians(np.arange(0, 181, 15))
-    rays = [np.sin(omega) * np.cos(azimuth), np.sin(omega) * np.sin(azimuth), -np.cos(omega) + 0 * azimuth]
+    rays = [
+        np.sin(omega) * np.cos(azimuth),
+        np.sin(omega) * np.sin(azimuth),
+        -np.cos(omega) + 0 * azimuth,
+    ]
     directions = np.stack(rays, axis=-1).reshape(-1, 3) @ sensor.mount.rotation().T
     pixels = [
-        replace(sensor, mirror_pose=MirrorPose(**{field: sign * step})).project_directions(directions).pixels
+        replace(sensor, mirror_pose=MirrorPose(**{field: sign * step}))
+        .project_directions(directions)
+        .pixels
         for sign in (1, -1)
     ]
     motion = np.nanmax(np.hypot(*(pixels[0] - pixels[1]).T)) / (2 * step)

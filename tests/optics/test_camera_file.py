@@ -49,7 +49,10 @@ def some_uncertainty(model):
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_what_is_written_is_read_back(model, mount, tmp_path):
     path = tmp_path / "camera.toml"
-    for camera in (replace(model, mount=mount), replace(model, mount=mount, uncertainty=some_uncertainty(model))):
+    for camera in (
+        replace(model, mount=mount),
+        replace(model, mount=mount, uncertainty=some_uncertainty(model)),
+    ):
         om.save_camera(camera, path, notes="calibrated\non a board")
         assert om.load_camera(path) == camera
         assert path.read_text().startswith("# calibrated\n# on a board\n")
@@ -63,9 +66,15 @@ def test_every_kind_is_tried():
 def test_it_says_what_people_write():
     camera = om.parse_camera(GOOD)
     assert camera == om.Unified(
-        0.96, (220.0, 221.5), (319.5, 239.5), (640, 480), k1=-0.05, rim_radius_px=230.0,
-        mount=Mount("down", pitch_deg=3.0), uncertainty=Uncertainty(("xi", "cx"), ((1e-6, 1e-5), (1e-5, 0.04))),
-    )  # fmt: skip
+        0.96,
+        (220.0, 221.5),
+        (319.5, 239.5),
+        (640, 480),
+        k1=-0.05,
+        rim_radius_px=230.0,
+        mount=Mount("down", pitch_deg=3.0),
+        uncertainty=Uncertainty(("xi", "cx"), ((1e-6, 1e-5), (1e-5, 0.04))),
+    )
     assert camera.uncertainty.sigmas == {"xi": pytest.approx(1e-3), "cx": pytest.approx(0.2)}
     table = tomllib.loads(format_camera(camera))["camera"]
     assert "k2" not in table  # defaults to 0
@@ -75,8 +84,14 @@ def test_it_says_what_people_write():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('"unified"', '"unfied"'), r"mine line 5: camera.kind = 'unfied' is not known; did you mean unified\?"),
-        (('kind = "unified"\n', ""), "mine line 4: camera.kind is missing; valid are unified, enhanced-unified"),
+        (
+            ('"unified"', '"unfied"'),
+            r"mine line 5: camera.kind = 'unfied' is not known; did you mean unified\?",
+        ),
+        (
+            ('kind = "unified"\n', ""),
+            "mine line 4: camera.kind is missing; valid are unified, enhanced-unified",
+        ),
         (("xi = 0.96", 'xi = "1"'), "line 6: camera.xi = '1'"),
         (("xi = 0.96\n", ""), "line 4: camera.xi is missing"),
         (("xi = 0.96", "xi = -1"), r"line 6: camera.xi = -1.* is not valid; it is valid from 0"),
@@ -91,7 +106,10 @@ def test_it_says_what_people_write():
         (("[mount]", "[mounts]"), r"mounts is not known; did you mean mount\?"),
         (("format = 1", "format = 2"), "line 2: format = 2 is not known to this version"),
         (('"xi", "cx"', '"xi"'), "line 17: covariance is no matrix"),
-        (('"xi", "cx"', '"xi", "f"'), "line 17: the uncertainty is one of f too; the parameters are xi, fx"),
+        (
+            ('"xi", "cx"', '"xi", "f"'),
+            "line 17: the uncertainty is one of f too; the parameters are xi, fx",
+        ),
         (("0.04]]", "-0.04]]"), "line 17: covariance is no covariance"),
         (("[1e-5, 0.04]", "[2e-5, 0.04]"), "line 17: covariance is not symmetric"),
         (("[camera]", "[camera"), r"mine is not valid TOML: .*at line 4"),
@@ -116,16 +134,30 @@ def test_whatever_holds_a_camera_is_read(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     assert om.load_camera("paper-spherical") == sensor
     om.save_camera(sensor, tmp_path / "sensor.toml")
-    assert om.load_camera(tmp_path / "sensor.toml") == om.load_sensor(tmp_path / "sensor.toml") == sensor
-    om.convert(om.OCam((-100.0, 0.0, 2.5e-3), (319.5, 239.5), (640, 480)), tmp_path / "calib.txt", to="ocamcalib")
+    assert (
+        om.load_camera(tmp_path / "sensor.toml")
+        == om.load_sensor(tmp_path / "sensor.toml")
+        == sensor
+    )
+    om.convert(
+        om.OCam((-100.0, 0.0, 2.5e-3), (319.5, 239.5), (640, 480)),
+        tmp_path / "calib.txt",
+        to="ocamcalib",
+    )
     assert om.load_camera(tmp_path / "calib.txt") == om.load_ocam(tmp_path / "calib.txt")
     (tmp_path / "camchain.yaml").write_text("cam0:\n  camera_model: ds\n")
-    with pytest.raises(SpecError, match=r"camchain.yaml is not valid TOML: .*omnimirror convert makes one of ours"):
+    with pytest.raises(
+        SpecError, match=r"camchain.yaml is not valid TOML: .*omnimirror convert makes one of ours"
+    ):
         om.load_camera(tmp_path / "camchain.yaml")
     (tmp_path / "found.json").write_text('{"rms_px": 0.1, "held_out_rms_px": 0.1}')
-    with pytest.raises(SpecError, match=r"found.json .* holds the numbers of a calibration, .* the file of its -o$"):
+    with pytest.raises(
+        SpecError, match=r"found.json .* holds the numbers of a calibration, .* the file of its -o$"
+    ):
         om.load_camera(tmp_path / "found.json")
-    with pytest.raises(SpecError, match=r"no sensor file, camera file or bundled sensor 'paper-sperical'; did"):
+    with pytest.raises(
+        SpecError, match=r"no sensor file, camera file or bundled sensor 'paper-sperical'; did"
+    ):
         om.load_camera("paper-sperical")
     with pytest.raises(InvalidParameter, match="is not a camera that a file holds"):
         om.save_camera("paper-spherical", tmp_path / "x.toml")

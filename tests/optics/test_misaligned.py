@@ -19,8 +19,14 @@ from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
-POSES = [MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0), MirrorPose(-6.0, 4.0, -5.0, -5.0, 7.0), MirrorPose(0, 0, 2.0, 0, 1e-9)]
-ALMOST = MirrorPose(decentre_x_mm=1e-300)  # misaligned by a negligible amount, which selects tracing in space
+POSES = [
+    MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0),
+    MirrorPose(-6.0, 4.0, -5.0, -5.0, 7.0),
+    MirrorPose(0, 0, 2.0, 0, 1e-9),
+]
+ALMOST = MirrorPose(
+    decentre_x_mm=1e-300
+)  # misaligned by a negligible amount, which selects tracing in space
 
 
 def pixels_all_over(sensor, count=600):
@@ -42,7 +48,9 @@ def test_threads_do_not_mix_up_their_rays():
 
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
-@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "conic-asphere", "sampled", "equidistant"))
+@pytest.mark.parametrize(
+    "kind", few(sorted(MIRRORS), "cone", "conic-asphere", "sampled", "equidistant")
+)
 def test_an_aligned_mirror_traced_in_space_is_the_meridian(kind, lens):
     if lens == "orthographic" and kind in ("cone", "equidistant"):
         pytest.skip("made for a perspective lens")
@@ -103,15 +111,24 @@ def test_what_is_seen_is_seen_from_there(kind):
     near = sensor.project(150 * away)
     rays = sensor.backproject(near.pixels[near.valid])
     off = 150 * away[near.valid] - rays.origins
-    np.testing.assert_allclose(rays.directions, off / np.linalg.norm(off, axis=1, keepdims=True), atol=1e-9)
+    np.testing.assert_allclose(
+        rays.directions, off / np.linalg.norm(off, axis=1, keepdims=True), atol=1e-9
+    )
 
 
 @given(
-    x=st.floats(-3, 3), y=st.floats(-3, 3), z=st.floats(-4, 4), tip=st.floats(-4, 4), side=st.floats(-4, 4),
-    looks=st.sampled_from(["up", "down", "forward"]), flipped=st.booleans(),
-)  # fmt: skip
+    x=st.floats(-3, 3),
+    y=st.floats(-3, 3),
+    z=st.floats(-4, 4),
+    tip=st.floats(-4, 4),
+    side=st.floats(-4, 4),
+    looks=st.sampled_from(["up", "down", "forward"]),
+    flipped=st.booleans(),
+)
 def test_any_small_misalignment_under_any_mount(x, y, z, tip, side, looks, flipped):
-    sensor = replace(SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(looks, 30.0, flipped))
+    sensor = replace(
+        SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(looks, 30.0, flipped)
+    )
     pixels = np.array([[511.5, 500.0], [300.0, 700.0], [900.0, 400.0]])
     origins, directions, valid = sensor.backproject(pixels)
     assert valid.all()
@@ -158,7 +175,10 @@ def test_a_mirror_moved_across_moves_its_picture(lens):
     """A shift of 1 mm to the right moves the image to the right, by the scale of the lens."""
     sensor = sensor_of("sphere", lens)
     moved = replace(sensor, mirror_pose=MirrorPose(decentre_x_mm=1.0, decentre_y_mm=-0.5))
-    scale = sensor.lens.image_height(np.ones(1), np.full(1, sensor.mirror_distance_mm))[0] / sensor.imager.pitch_mm
+    scale = (
+        sensor.lens.image_height(np.ones(1), np.full(1, sensor.mirror_distance_mm))[0]
+        / sensor.imager.pitch_mm
+    )
     before, after = (s.project_directions([s.axis]).pixels[0] for s in (sensor, moved))
     np.testing.assert_allclose(after - before, [scale, -scale / 2], rtol=0.15)
 
@@ -185,12 +205,21 @@ def test_straightening_takes_the_general_path_and_stays_exact(view):
 
 def test_evaluation_of_a_misaligned_sensor_is_refused_and_of_the_aligned_one_is_not():
     sensor = replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=0.5))
-    for ask in (om.evaluate, om.best_focus, lambda s: om.best_viewpoint(s, 300.0), lambda s: s.field_deg):
-        with pytest.raises(InvalidParameter, match=r"'paper-spherical' is decentred or tilted.*sensor\.aligned\(\)"):
+    for ask in (
+        om.evaluate,
+        om.best_focus,
+        lambda s: om.best_viewpoint(s, 300.0),
+        lambda s: s.field_deg,
+    ):
+        with pytest.raises(
+            InvalidParameter, match=r"'paper-spherical' is decentred or tilted.*sensor\.aligned\(\)"
+        ):
             ask(sensor)
     assert sensor.aligned() == SPH
     with pytest.raises(InvalidParameter, match="viewpoints lie about no axis"):
-        om.Dewarper(sensor, om.screens.Plane((32, 24), distance_mm=300.0), viewpoint="single").coordinates()
+        om.Dewarper(
+            sensor, om.screens.Plane((32, 24), distance_mm=300.0), viewpoint="single"
+        ).coordinates()
 
 
 POSE_TABLE = "\n[mirror_pose]\ndecentre_x_mm = 0.25\ntilt_y_deg = -0.5\n"
@@ -206,8 +235,16 @@ def test_the_pose_is_read_and_written():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("tilt_y_deg = -0.5", "tilt_deg = 1.0", r"mirror_pose.tilt_deg is not known; did you mean tilt_\w_deg\?"),
-        ("-0.5", "-70.0", "mirror_pose.tilt_y_deg = -70.0: it should be greater than or equal to -60"),
+        (
+            "tilt_y_deg = -0.5",
+            "tilt_deg = 1.0",
+            r"mirror_pose.tilt_deg is not known; did you mean tilt_\w_deg\?",
+        ),
+        (
+            "-0.5",
+            "-70.0",
+            "mirror_pose.tilt_y_deg = -70.0: it should be greater than or equal to -60",
+        ),
         ("0.25", '"left"', "mirror_pose.decentre_x_mm = 'left': it should be a valid number"),
         ("[mirror_pose]", "[miror_pose]", r"miror_pose is not known; did you mean mirror_pose\?"),
     ],

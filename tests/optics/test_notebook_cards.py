@@ -21,7 +21,10 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {
-    **{name: om.load_sensor(name) for name in ("paper-spherical", "folded-hyperboloidal", "paraboloid-telecentric")},
+    **{
+        name: om.load_sensor(name)
+        for name in ("paper-spherical", "folded-hyperboloidal", "paraboloid-telecentric")
+    },
     "decentred": replace(SPHERE, mirror_pose=MirrorPose(1.5, -0.5, 0.0, 0.5, 1.0)),
     "dome": replace(SPHERE, housing=Housing(CameraBody(60.0), Rod(4.0), Dome())),
 }
@@ -53,7 +56,9 @@ def test_sensor_properties(name):
     rows, nominal = rows_of(html), sensor.aligned()
     low, high = nominal.field_deg
     assert rows["Field"] == f"{low:.4g} to {high:.4g}° from the axis"
-    assert float(rows["Image of the rim"].split()[0]) == pytest.approx(nominal.rim_radius_px, rel=1e-3)
+    assert float(rows["Image of the rim"].split()[0]) == pytest.approx(
+        nominal.rim_radius_px, rel=1e-3
+    )
     field = np.linspace(low, high, 2001)[1:]
     rate = om.evaluate(nominal, field).dh_domega_px_per_deg
     values = [float(text) for text in re.findall(r"[\d.]+", rows["Resolution"])]
@@ -65,18 +70,23 @@ def test_sensor_properties(name):
 
 def test_cross_section_is_to_scale_and_upright():
     up, down, level = (
-        paths_of(replace(SPHERE, mount=Mount(looks))._repr_html_()) for looks in ("up", "down", "forward")
+        paths_of(replace(SPHERE, mount=Mount(looks))._repr_html_())
+        for looks in ("up", "down", "forward")
     )
     mirror = up[0]
     wide, high = np.ptp(mirror, axis=0)
     assert high / wide == pytest.approx(float(SPHERE.mirror.sag(43.905)) / (2 * 43.905), rel=0.01)
     lens = up[1]
     scale = 2 * SPHERE.mirror.rim_radius_mm / wide
-    assert scale * (lens[0, 1] - mirror[:, 1].max()) == pytest.approx(SPHERE.mirror_distance_mm, rel=0.01)
+    assert scale * (lens[0, 1] - mirror[:, 1].max()) == pytest.approx(
+        SPHERE.mirror_distance_mm, rel=0.01
+    )
     assert (down[1][:, 1] < down[0][:, 1].min()).all()  # the lens above
     assert (level[1][:, 0] < level[0][:, 0].min()).all()  # and to the left
     folded = paths_of(SENSORS["folded-hyperboloidal"]._repr_html_())
-    assert folded[0].mean(axis=0)[1] < folded[1].mean(axis=0)[1]  # the upper mirror observes the lower half space
+    assert (
+        folded[0].mean(axis=0)[1] < folded[1].mean(axis=0)[1]
+    )  # the upper mirror observes the lower half space
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -34,7 +34,9 @@ def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
     # the observation of those pixels is in those panorama columns
     _, directions, _ = sensor.backproject([a, b])
     pans = np.degrees(np.arctan2(-directions[:, 1], directions[:, 0]))
-    assert 1799.5 + 10 * pans == pytest.approx(columns, abs=0.2)  # backproject starts at the mirror, not at the origin
+    assert 1799.5 + 10 * pans == pytest.approx(
+        columns, abs=0.2
+    )  # backproject starts at the mirror, not at the origin
 
 
 def test_a_ray_traced_in_space_by_hand_gives_the_same_pixel():
@@ -73,7 +75,9 @@ def test_mounts_are_rotations(looks, azimuth):
     axis = {"up": [0, 0, 1], "down": [0, 0, -1], "forward": [1, 0, 0]}[looks]
     np.testing.assert_allclose(R @ [0, 0, 1], axis, atol=1e-15)
     c, s = np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))
-    np.testing.assert_allclose(R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12
+    )
 
 
 def test_an_azimuth_is_any_whole_number_too():
@@ -97,7 +101,9 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
         (a, b, c), _ = sensor.project(word)
         up = sensor.project([[2000.0, 0.0, 300.0]]).pixels[0] - b
         right = c - a
-        return np.sign(right[0] * up[1] - right[1] * up[0])  # -1 if up is to the left of right: readable
+        return np.sign(
+            right[0] * up[1] - right[1] * up[0]
+        )  # -1 if up is to the left of right: readable
 
     for looks in ("up", "down", "forward"):
         sensor = replace(SPH, mount=Mount(looks))
@@ -114,12 +120,18 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
 def test_an_off_centre_axis_refers_to_the_image_before_the_flip(tilt_deg):
     """The delivered image is the array reversed by columns, for any position of the optical axis."""
     sensor = om.load_sensor("paper-spherical")
-    imager = replace(sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0))
+    imager = replace(
+        sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0)
+    )
     straight = replace(sensor, imager=imager, mirror_pose=MirrorPose(tilt_x_deg=tilt_deg))
     flipped = replace(straight, mount=replace(sensor.mount, image_flipped=True))
     towards = straight.backproject([[21.0, 26.0], [30.0, 12.0]]).directions
-    np.testing.assert_allclose(straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9)
-    np.testing.assert_allclose(flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9)
+    np.testing.assert_allclose(
+        straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9
+    )
     room = om.Room(texel_mm=40.0)
     one, other = (om.expose(s, room, samples=1) for s in (straight, flipped))
     np.testing.assert_allclose(other, one[:, ::-1], atol=1e-5)
@@ -139,8 +151,16 @@ def test_sees_nothing_outside_rim_and_picture():
 
 
 def test_directions_of_no_length_and_points_behind_the_mirror_are_not_seen():
-    assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [False, True, False]
-    assert SPH.project([[0, 0, 500], [0, 0, -100], [np.nan, 0, 0]]).valid.tolist() == [False, True, False]
+    assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [
+        False,
+        True,
+        False,
+    ]
+    assert SPH.project([[0, 0, 500], [0, 0, -100], [np.nan, 0, 0]]).valid.tolist() == [
+        False,
+        True,
+        False,
+    ]
 
 
 def test_a_far_point_is_seen_where_its_direction_is():
@@ -159,7 +179,9 @@ def test_is_a_camera_and_tells_its_symmetry():
     s = SPH.symmetry
     np.testing.assert_array_equal(s.axis, [0, 0, -1])
     angles = np.radians([0.0, 60.0, 135.0])
-    np.testing.assert_allclose(s.radius_px(angles), om.evaluate(SPH, np.degrees(angles)).h_px, rtol=1e-12)
+    np.testing.assert_allclose(
+        s.radius_px(angles), om.evaluate(SPH, np.degrees(angles)).h_px, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(

@@ -48,17 +48,30 @@ mirror_distance_mm = 186.0
 
 def test_bundled_sensors_are_those_of_the_paper_and_more():
     assert set(bundled_sensors()) >= {
-        "paper-spherical", "paper-equidistant", "paper-hyperboloidal", "prototype-spherical",
-        "prototype-hyperboloidal", "paraboloid-telecentric", "exact-equidistant",
-    }  # fmt: skip
-    for name, rim, focus in (("spherical", 43.905, 212), ("equidistant", 43.9, 205), ("hyperboloidal", 43.9, 190)):
+        "paper-spherical",
+        "paper-equidistant",
+        "paper-hyperboloidal",
+        "prototype-spherical",
+        "prototype-hyperboloidal",
+        "paraboloid-telecentric",
+        "exact-equidistant",
+    }
+    for name, rim, focus in (
+        ("spherical", 43.905, 212),
+        ("equidistant", 43.9, 205),
+        ("hyperboloidal", 43.9, 190),
+    ):
         sensor = load_sensor(f"paper-{name}")
         assert sensor.mirror.rim_radius_mm == rim
         assert sensor.lens == Perspective(11.6, 4.0, focus)
         assert sensor.imager == Imager(1024, 1024, 5.2)
     assert load_sensor("paper-spherical").mirror_distance_mm == pytest.approx(4.110 * M)
-    assert load_sensor("paper-hyperboloidal").mirror_distance_mm == pytest.approx(3.5505227 * M, abs=1e-7 * M)
-    assert load_sensor("exact-equidistant").mirror_distance_mm == pytest.approx(3.92426760151 * M, rel=1e-11)
+    assert load_sensor("paper-hyperboloidal").mirror_distance_mm == pytest.approx(
+        3.5505227 * M, abs=1e-7 * M
+    )
+    assert load_sensor("exact-equidistant").mirror_distance_mm == pytest.approx(
+        3.92426760151 * M, rel=1e-11
+    )
 
 
 def test_prototypes_are_as_section_5_1_says():
@@ -67,7 +80,9 @@ def test_prototypes_are_as_section_5_1_says():
     assert sphere.field_deg[1] == pytest.approx(135, abs=1e-4)
     assert hyperboloid.mirror.rim_radius_mm == 30.0
     assert hyperboloid.field_deg[1] == pytest.approx(105, abs=1e-3)
-    assert hyperboloid.mirror_distance_mm == pytest.approx(hyperboloid.mirror.single_viewpoint_distance, rel=1e-15)
+    assert hyperboloid.mirror_distance_mm == pytest.approx(
+        hyperboloid.mirror.single_viewpoint_distance, rel=1e-15
+    )
 
 
 def test_every_bundled_sensor_has_its_image_on_the_imager(bundled):
@@ -93,7 +108,9 @@ def test_bundled_round_trip_without_loss(bundled):
     looks=st.sampled_from(["up", "down", "forward"]),
     centre=st.none() | st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
 )
-def test_any_sensor_round_trips_without_loss(name, notes, coefficients, distance, azimuth, looks, centre):
+def test_any_sensor_round_trips_without_loss(
+    name, notes, coefficients, distance, azimuth, looks, centre
+):
     sensor = om.Sensor(
         EvenPolynomial(tuple(coefficients), 10.0),
         Perspective(11.6, 4.0, 212.0),
@@ -127,11 +144,15 @@ def test_a_profile_beside_the_sensor_file_is_followed(tmp_path):
     x = np.linspace(0, 44, 60)
     rows = "\n".join(f"{a},{50 - np.sqrt(2500 - a * a)}" for a in x)
     (tmp_path / "profile.csv").write_text(f"# measured\nx_mm,z_mm\n{rows}\n")
-    text = GOOD.replace('"sphere"\nradius_mm = 50.0\nrim_radius_mm = 44', '"sampled"\nprofile_csv = "profile.csv"')
+    text = GOOD.replace(
+        '"sphere"\nradius_mm = 50.0\nrim_radius_mm = 44', '"sampled"\nprofile_csv = "profile.csv"'
+    )
     (tmp_path / "s.toml").write_text(text)
     sensor, sphere = load_sensor(tmp_path / "s.toml"), parse_sensor(GOOD)
     angles = np.linspace(0, 130, 14)
-    np.testing.assert_allclose(om.evaluate(sensor, angles).h_px, om.evaluate(sphere, angles).h_px, rtol=1e-7)
+    np.testing.assert_allclose(
+        om.evaluate(sensor, angles).h_px, om.evaluate(sphere, angles).h_px, rtol=1e-7
+    )
     assert parse_sensor(format_sensor(sensor)) == sensor  # including the points
 
 
@@ -170,8 +191,16 @@ def test_a_housing_comes_back_with_what_was_left_out():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[housing.camera]", "[housing.kamera]", r"line 21: housing.kamera is not known; did you mean camera\?"),
-        ("[housing.tube]", "[housing.tube]\ndiameter_mm = 90", r"line 27: a tube of 90 mm .* valid from 97 mm"),
+        (
+            "[housing.camera]",
+            "[housing.kamera]",
+            r"line 21: housing.kamera is not known; did you mean camera\?",
+        ),
+        (
+            "[housing.tube]",
+            "[housing.tube]\ndiameter_mm = 90",
+            r"line 27: a tube of 90 mm .* valid from 97 mm",
+        ),
         ("[housing.tube]", "[housing.tube]\nwall_mm = 0", "line 28: housing.tube.wall_mm = 0"),
         (
             "[housing.tube]",
@@ -180,8 +209,16 @@ def test_a_housing_comes_back_with_what_was_left_out():
         ),
         ("diameter_mm = 30.0\n", "", "line 21: housing.camera.diameter_mm is missing"),
         ("[housing.tube]", "[housing.dome]\n[housing.tube]", "housing has both a tube and a dome"),
-        ("[housing.rod]\nend_diameter_mm", "[housing]\nrod", "line 25: housing.rod = 2.0 is not a table"),
-        ("end_diameter_mm = 2.0", "gap_mm = 200", "line 24: gap_mm = 200 leaves no rod; it is valid below 186 mm"),
+        (
+            "[housing.rod]\nend_diameter_mm",
+            "[housing]\nrod",
+            "line 25: housing.rod = 2.0 is not a table",
+        ),
+        (
+            "end_diameter_mm = 2.0",
+            "gap_mm = 200",
+            "line 24: gap_mm = 200 leaves no rod; it is valid below 186 mm",
+        ),
     ],
 )
 def test_a_housing_that_cannot_be_is_named_with_its_line(old, new, message):
@@ -194,7 +231,8 @@ def test_a_housing_that_cannot_be_is_named_with_its_line(old, new, message):
 def test_the_housing_of_the_template_works():
     head, tail = sensor_template("mine").split("# [housing.camera]")
     sensor = parse_sensor(
-        head + "\n".join(line.removeprefix("# ") for line in ("# [housing.camera]" + tail).splitlines())
+        head
+        + "\n".join(line.removeprefix("# ") for line in ("# [housing.camera]" + tail).splitlines())
     )
     assert {ring.part for ring in sensor.obscurations} >= {"camera", "rod", "tube's base"}
 
@@ -202,45 +240,85 @@ def test_the_housing_of_the_template_works():
 BAD = [
     ("[mirror]\nkind = ", "[mirror\nkind = ", "is not valid TOML"),
     ("[mount]", "[mout]", r"line 18: mout is not known; did you mean mount\?"),
-    ("radius_mm = 50.0", "raduis_mm = 50.0", r"line 4: mirror.raduis_mm is not known; did you mean radius_mm\?"),
+    (
+        "radius_mm = 50.0",
+        "raduis_mm = 50.0",
+        r"line 4: mirror.raduis_mm is not known; did you mean radius_mm\?",
+    ),
     ("radius_mm = 50.0\n", "", "line 2: mirror.radius_mm is missing .radius of the sphere"),
-    ("radius_mm = 50.0", 'radius_mm = "50"', "line 4: mirror.radius_mm = '50': it should be a valid number"),
+    (
+        "radius_mm = 50.0",
+        'radius_mm = "50"',
+        "line 4: mirror.radius_mm = '50': it should be a valid number",
+    ),
     (
         "radius_mm = 50.0",
         "radius_mm = -50.0",
         "line 4: mirror.radius_mm = -50.0: it should be greater than or equal to",
     ),
-    ("radius_mm = 50.0", "radius_mm = nan", "line 4: mirror.radius_mm = nan: it should be a finite number"),
+    (
+        "radius_mm = 50.0",
+        "radius_mm = nan",
+        "line 4: mirror.radius_mm = nan: it should be a finite number",
+    ),
     (
         "radius_mm = 50.0",
         "radius_mm = 40.0",
         "line 2: the sphere ends 40 mm from the axis .* rim_radius_mm = 44 is valid",
     ),
-    ('kind = "sphere"', 'kind = "spere"', r"line 3: mirror.kind = 'spere' is not known; did you mean sphere\?"),
+    (
+        'kind = "sphere"',
+        'kind = "spere"',
+        r"line 3: mirror.kind = 'spere' is not known; did you mean sphere\?",
+    ),
     ('kind = "sphere"\n', "", "line 2: mirror.kind is missing; valid are sphere, hyperboloid"),
-    ('kind = "perspective"', 'kind = "fisheye"', "line 8: lens.kind = 'fisheye' is not known; valid are perspective"),
+    (
+        'kind = "perspective"',
+        'kind = "fisheye"',
+        "line 8: lens.kind = 'fisheye' is not known; valid are perspective",
+    ),
     ("f_number = 4.0", "f_number = 0", "line 10: lens.f_number = 0: it should be greater"),
-    ("focus_distance_mm = 218.0", "focus_distance_mm = 11.0", "line 7: focus_distance_mm = 11 is not beyond the focal"),
-    ("width_px = 1024", "width_px = 10.5", "line 14: imager.width_px = 10.5: it should be a valid integer"),
+    (
+        "focus_distance_mm = 218.0",
+        "focus_distance_mm = 11.0",
+        "line 7: focus_distance_mm = 11 is not beyond the focal",
+    ),
+    (
+        "width_px = 1024",
+        "width_px = 10.5",
+        "line 14: imager.width_px = 10.5: it should be a valid integer",
+    ),
     (
         "pixel_pitch_um = 5.2",
         "pixel_pitch_um = true",
         "line 16: imager.pixel_pitch_um = True: it should be a valid number",
     ),
-    ("pixel_pitch_um = 5.2", "centre_px = [1, 2, 3]\npixel_pitch_um = 5.2", "centre_px has 3 numbers; it needs two"),
+    (
+        "pixel_pitch_um = 5.2",
+        "centre_px = [1, 2, 3]\npixel_pitch_um = 5.2",
+        "centre_px has 3 numbers; it needs two",
+    ),
     (
         "mirror_distance_mm = 186.0",
         "mirror_distance_mm = -1.0",
         "line 19: mount.mirror_distance_mm = -1.0: it should be",
     ),
-    ("mirror_distance_mm = 186.0", 'camera_looks = "left"', "mount.camera_looks = 'left' is not one of 'up', 'down'"),
+    (
+        "mirror_distance_mm = 186.0",
+        'camera_looks = "left"',
+        "mount.camera_looks = 'left' is not one of 'up', 'down'",
+    ),
     ("mirror_distance_mm = 186.0", "", "a perspective lens needs a finite distance"),
     (
         "mirror_distance_mm = 186.0",
         "distance_mm = 186.0",
         r"distance_mm is not known; did you mean mirror_distance_mm\?",
     ),
-    ("[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n", "", r"there is no \[imager\] table"),
+    (
+        "[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n",
+        "",
+        r"there is no \[imager\] table",
+    ),
     ("\n[mirror]", "format = 9\n[mirror]", "line 1: format = 9 is not known to this version"),
     ("\n[mirror]", "name = 3\n[mirror]", "line 1: name = 3 is not a text in quotes"),
     (
@@ -262,7 +340,8 @@ def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
 
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(
-        SpecError, match=r"no sensor file or bundled sensor 'paper-sferical'; did you mean paper-spherical\?"
+        SpecError,
+        match=r"no sensor file or bundled sensor 'paper-sferical'; did you mean paper-spherical\?",
     ):
         load_sensor("paper-sferical")
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00\x01")
@@ -294,7 +373,9 @@ def test_sampled_profile_refuses_a_rim_beyond_its_points():
     from omnimirror.optics.mirrors import SampledProfile
 
     x = tuple(np.linspace(0, 10, 11))
-    with pytest.raises(OmnimirrorError, match="rim_radius_mm = 12 lies beyond the last point of the profile"):
+    with pytest.raises(
+        OmnimirrorError, match="rim_radius_mm = 12 lies beyond the last point of the profile"
+    ):
         SampledProfile(x, tuple(0.01 * np.square(x)), rim_radius_mm=12.0)
     with pytest.raises(OmnimirrorError, match="11 points and z_mm 10"):
         SampledProfile(x, x[:-1])

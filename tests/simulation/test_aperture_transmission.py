@@ -27,7 +27,9 @@ def coarse(sensor):
     """Return the sensor with few, large pixels."""
     imager = sensor.imager
     pitch = imager.pixel_pitch_um * imager.width_px / SIDE
-    return replace(sensor, imager=replace(imager, width_px=SIDE, height_px=SIDE, pixel_pitch_um=pitch))
+    return replace(
+        sensor, imager=replace(imager, width_px=SIDE, height_px=SIDE, pixel_pitch_um=pitch)
+    )
 
 
 def housed(housing, f_number=1.4, pose=None):
@@ -59,7 +61,9 @@ HOUSINGS = {
     "lids of a tube": Housing(CameraBody(60.0), shell=Tube(120.0, refractive_index=1.001)),
     "base of a dome": Housing(CameraBody(60.0), shell=Dome(300.0, refractive_index=1.001)),
 }
-OUT_OF_PLACE = MirrorPose(decentre_x_mm=2.0, decentre_y_mm=1.0, tilt_x_deg=1.0, tilt_y_deg=-0.5, displacement_mm=1.0)
+OUT_OF_PLACE = MirrorPose(
+    decentre_x_mm=2.0, decentre_y_mm=1.0, tilt_x_deg=1.0, tilt_y_deg=-0.5, displacement_mm=1.0
+)
 
 
 def rendered(sensor, plan, rows, columns, tracer):
@@ -69,7 +73,9 @@ def rendered(sensor, plan, rows, columns, tracer):
     passes = (bundle.fate == rendering.REFLECTED).ravel()
     if (shell := sensor.obstructions.housing.shell) is not None:  # lids are part of the scene
         turn = sensor.mount.rotation()
-        rays = (v.reshape(-1, 3).astype(float) @ turn.T for v in (bundle.origins, bundle.directions))
+        rays = (
+            v.reshape(-1, 3).astype(float) @ turn.T for v in (bundle.origins, bundle.directions)
+        )
         lids = tuple(lid.height_mm for lid in sensor.obstructions.lids)
         passes &= ~intersects_lid(shell, lids, *rays)
     return passes
@@ -106,12 +112,18 @@ def test_a_white_world_is_as_bright_as_the_aperture_is_filled(part, tmp_path):
     sensor, plan = SENSORS[part](tmp_path), spread(144, True)
     width, height = sensor.image_size
     first, row = int(sensor.imager.centre[0]) + 4, slice(height // 2, height // 2 + 1)
-    shares = rendered(sensor, plan, row, slice(first, width), rendering.trace).reshape(-1, 144).mean(axis=1)
+    shares = (
+        rendered(sensor, plan, row, slice(first, width), rendering.trace)
+        .reshape(-1, 144)
+        .mean(axis=1)
+    )
     partly = np.flatnonzero((shares > 0.05) & (shares < 0.95))
     found = []
     for column in first + partly[:: max(len(partly) // 6, 1)]:
         share = shares[column - first]
-        chief = sensor.optical_train.obstructed(*sensor.lens_rays(np.array([[column, height // 2]]), np.zeros(2)))[0]
+        chief = sensor.optical_train.obstructed(
+            *sensor.lens_rays(np.array([[column, height // 2]]), np.zeros(2))
+        )[0]
         omega = float(np.degrees(np.arccos(-chief.directions[0, 2])))
         azimuth = float(np.degrees(np.arctan2(chief.directions[0, 1], chief.directions[0, 0])))
         try:

@@ -14,7 +14,12 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.simulation.dataset_manifest import load_recipe
-from omnimirror.simulation.datasets import view_poses, visible_corners_px, write_calibration_set, write_video_set
+from omnimirror.simulation.datasets import (
+    view_poses,
+    visible_corners_px,
+    write_calibration_set,
+    write_video_set,
+)
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.room import Room
 from omnimirror.simulation.scenes.scene import Pose
@@ -25,7 +30,9 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     sensor = om.load_sensor("paper-equidistant")
     files = list(
-        write_calibration_set(sensor, folder, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3)
+        write_calibration_set(
+            sensor, folder, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
+        )
     )
     return folder, files, json.loads((folder / "dataset.json").read_text())
 
@@ -46,7 +53,15 @@ def test_corners_are_where_opencv_finds_them_in_the_picture(written):
     folder, _, data = written
     for view in data["views"]:
         grey = cv2.cvtColor(om.read_image(folder / view["image"]), cv2.COLOR_RGB2GRAY)
-        true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+        true = np.array(
+            [
+                c
+                for board in view["corners_px"].values()
+                for row in board
+                for c in row
+                if c is not None
+            ]
+        )
         inner = np.hypot(*(true - 511.5).T) < 440
         start = (true[inner] + [0.7, -0.7]).astype(np.float32)
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
@@ -75,7 +90,10 @@ def test_poses_repeat_and_differ():
 def small(pixels=96):
     sensor = om.load_sensor("paper-spherical")
     pitch = 5.2 * 1024 / pixels
-    return replace(sensor, imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+    return replace(
+        sensor,
+        imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch),
+    )
 
 
 PATH = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 600.0)), "pan_deg": ((0.0, 0.0), (1.0, 45.0))})
@@ -89,7 +107,16 @@ def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp
 
     room, sensor = Room(texel_mm=40.0), small()
     assert (
-        write_video_set(sensor, room, path=PATH, folder=tmp_path, frame_rate=4.0, samples=1, blur=False, truth=True)
+        write_video_set(
+            sensor,
+            room,
+            path=PATH,
+            folder=tmp_path,
+            frame_rate=4.0,
+            samples=1,
+            blur=False,
+            truth=True,
+        )
         == 5
     )
     data = json.loads((tmp_path / "dataset.json").read_text())
@@ -101,7 +128,9 @@ def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp
     pixel, pose = [60, 30], Pose(**PATH.at(0.75))
     rays = om.load_sensor(tmp_path / data["sensor"]).backproject([pixel])
     start, ahead = pose.to_scene(rays.origins), pose.to_scene(rays.origins + rays.directions)
-    assert depth[pixel[1], pixel[0]] == pytest.approx(room.distance_mm(start, ahead - start)[0], rel=1e-5)
+    assert depth[pixel[1], pixel[0]] == pytest.approx(
+        room.distance_mm(start, ahead - start)[0], rel=1e-5
+    )
 
 
 def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
@@ -124,7 +153,9 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
-    pictures = write_calibration_set(small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0))
+    pictures = write_calibration_set(
+        small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)
+    )
     with pytest.raises(KeyboardInterrupt):
         next(pictures), pictures.throw(KeyboardInterrupt())
     described = json.loads((tmp_path / "c/dataset.json").read_text())
@@ -135,19 +166,33 @@ def test_the_command_writes_a_set(tmp_path):
     from tests.commands import omnimirror
 
     om.save_sensor(small(), tmp_path / "small.toml")
-    run = omnimirror("simulate", "dataset", "small.toml", "-o", "set", "--views", 1, "--spp", 1, cwd=tmp_path)
+    run = omnimirror(
+        "simulate", "dataset", "small.toml", "-o", "set", "--views", 1, "--spp", 1, cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
-    assert sorted(p.name for p in (tmp_path / "set").iterdir()) == ["dataset.json", "sensor.toml", "view-000.png"]
+    assert sorted(p.name for p in (tmp_path / "set").iterdir()) == [
+        "dataset.json",
+        "sensor.toml",
+        "view-000.png",
+    ]
 
 
 @pytest.mark.parametrize(
     "camera",
     [
-        om.Unified(0.9, (260.0, 262.0), (322.0, 315.0), (640, 640), k1=-0.02, p1=1e-3, rim_radius_px=300.0),
-        om.ViewpointSpline(
-            (70.0, 140.0, 205.0, 262.0, 310.0), (0.0, -2.0, -6.0, -12.0, -20.0), 260.0, (322.0, 315.0), (640, 640)
+        om.Unified(
+            0.9, (260.0, 262.0), (322.0, 315.0), (640, 640), k1=-0.02, p1=1e-3, rim_radius_px=300.0
         ),
-        replace(om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)),
+        om.ViewpointSpline(
+            (70.0, 140.0, 205.0, 262.0, 310.0),
+            (0.0, -2.0, -6.0, -12.0, -20.0),
+            260.0,
+            (322.0, 315.0),
+            (640, 640),
+        ),
+        replace(
+            om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)
+        ),
     ],
     ids=["central", "non-central", "mirror out of place"],
 )
@@ -160,7 +205,9 @@ def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
     assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
     grey = cv2.cvtColor(om.read_image(tmp_path / "view-000.png"), cv2.COLOR_RGB2GRAY)
     (view,) = data["views"]
-    true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+    true = np.array(
+        [c for board in view["corners_px"].values() for row in board for c in row if c is not None]
+    )
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
     start = (true + np.array([0.5, -0.5])).astype(np.float32)
     found = cv2.cornerSubPix(grey, start[:, None].copy(), (2, 2), (-1, -1), criteria)[:, 0]
@@ -172,7 +219,11 @@ def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
 
 def test_a_calibrated_camera_is_sharp_unless_blur_is_asked_of_it_which_is_refused(tmp_path):
     camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
-    list(write_calibration_set(camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)))
+    list(
+        write_calibration_set(
+            camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)
+        )
+    )
     assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
     with pytest.raises(InvalidParameter, match="only a sensor has blur"):
         list(write_calibration_set(camera, tmp_path / "other", views=1, samples=1, blur=True))

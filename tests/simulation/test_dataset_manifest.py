@@ -19,7 +19,13 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
-from omnimirror.simulation.dataset_manifest import CalibrationRecipe, VideoRecipe, format_of, load_recipe, recipe_record
+from omnimirror.simulation.dataset_manifest import (
+    CalibrationRecipe,
+    VideoRecipe,
+    format_of,
+    load_recipe,
+    recipe_record,
+)
 from omnimirror.simulation.datasets import render_views, write_calibration_set, write_video_set
 from omnimirror.simulation.detector import Detector
 from omnimirror.simulation.radiometry import Radiometry
@@ -48,7 +54,13 @@ def write(kind, folder, after=lambda done: None):
     sensor = small(64)
     if kind == "calibration":
         pictures = write_calibration_set(
-            sensor, folder, views=5, samples=4, blur=False, detector=Detector(full_well_e=1e4), hall=HALL
+            sensor,
+            folder,
+            views=5,
+            samples=4,
+            blur=False,
+            detector=Detector(full_well_e=1e4),
+            hall=HALL,
         )
         for number, _ in enumerate(pictures, start=1):
             after(number)
@@ -74,14 +86,18 @@ def until(true, what):
 
 
 def contents(folder):
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sets")
     om.save_sensor(small(64), folder / "small.toml")
-    om.write_image(folder / "sky.hdr", np.random.default_rng(1).uniform(0, 1, (16, 32, 3)).astype(np.float32))
+    om.write_image(
+        folder / "sky.hdr", np.random.default_rng(1).uniform(0, 1, (16, 32, 3)).astype(np.float32)
+    )
     (folder / "path.csv").write_text("time_s,pan_deg\n0,0\n0.2,90\n")
     return folder
 
@@ -114,7 +130,9 @@ def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
         assert all(view["corners_px"] for view in data["views"])
     before = {name: om.read_image(killed / name) for name in kept}
     stamps = {name: (killed / name).stat().st_mtime_ns for name in kept}
-    (killed / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]).touch()
+    (
+        killed / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]
+    ).touch()
 
     def compare(number):
         if number == 4:
@@ -129,7 +147,9 @@ def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
 
 def test_a_picture_that_was_changed_is_made_again(tmp_path):
     def write():
-        return list(write_calibration_set(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL))
+        return list(
+            write_calibration_set(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
+        )
 
     write()
     first = contents(tmp_path)
@@ -144,7 +164,11 @@ def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
     list(write_calibration_set(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="holds another set, which differs in samples, seed"):
-        list(write_calibration_set(small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2))
+        list(
+            write_calibration_set(
+                small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2
+            )
+        )
     assert contents(tmp_path) == before
 
 
@@ -152,7 +176,13 @@ def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
     with pytest.raises(InvalidParameter, match="outside the room"):
         write_video_set(
-            small(), Room(texel_mm=40.0), path=far, folder=tmp_path / "set", frame_rate=2.0, samples=1, blur=False
+            small(),
+            Room(texel_mm=40.0),
+            path=far,
+            folder=tmp_path / "set",
+            frame_rate=2.0,
+            samples=1,
+            blur=False,
         )
     assert not (tmp_path / "set").exists()
 
@@ -182,17 +212,29 @@ def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
 
 def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
     """Datasets of format 2 stored the housing outside the sensor, as 'hardware' and 'shell'."""
-    recipe = recipe_record(CalibrationRecipe(sensor=small())) | {"hardware": {"rod_radius_mm": 4.0}, "shell": None}
-    (tmp_path / "dataset.json").write_text(json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe}))
-    said = fails("simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other")
-    assert "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'" in said
+    recipe = recipe_record(CalibrationRecipe(sensor=small())) | {
+        "hardware": {"rod_radius_mm": 4.0},
+        "shell": None,
+    }
+    (tmp_path / "dataset.json").write_text(
+        json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe})
+    )
+    said = fails(
+        "simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other"
+    )
+    assert (
+        "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'"
+        in said
+    )
     assert not (tmp_path / "other").exists()
 
 
 def made_again(place, name, *options):
     run = omnimirror("simulate", "dataset", "small.toml", *options, "-o", name, cwd=place)
     assert run.returncode == 0, run.stderr
-    run = omnimirror("simulate", "dataset", "--again", f"{name}/dataset.json", "-o", f"{name}-again", cwd=place)
+    run = omnimirror(
+        "simulate", "dataset", "--again", f"{name}/dataset.json", "-o", f"{name}-again", cwd=place
+    )
     assert run.returncode == 0, run.stderr
     files = contents(place / name)
     assert files == contents(place / f"{name}-again")
@@ -202,8 +244,22 @@ def made_again(place, name, *options):
 def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
     pytest.importorskip("av")
     pytest.importorskip("OpenEXR")
-    options = ("--path", "path.csv", "--fps", 10, "--scene", "sky.hdr", "--heading-deg", 30, "--spp", 4, "--truth")
-    files = made_again(place, "drive", *options, "--support", "tube", "--full-well-e", 5000, "--seed", 3)
+    options = (
+        "--path",
+        "path.csv",
+        "--fps",
+        10,
+        "--scene",
+        "sky.hdr",
+        "--heading-deg",
+        30,
+        "--spp",
+        4,
+        "--truth",
+    )
+    files = made_again(
+        place, "drive", *options, "--support", "tube", "--full-well-e", 5000, "--seed", 3
+    )
     frames = [f"frame-{number:05d}.exr" for number in range(3)]
     assert sorted(files) == ["dataset.json", *frames, "poses.csv", "sensor.toml", "video.mp4"]
     data = json.loads(files["dataset.json"])
@@ -219,7 +275,15 @@ def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
     list(
         write_calibration_set(
-            sensor, tmp_path / "a", views=2, samples=1, blur=True, radiometry=dim, detector=camera, seed=5, hall=HALL
+            sensor,
+            tmp_path / "a",
+            views=2,
+            samples=1,
+            blur=True,
+            radiometry=dim,
+            detector=camera,
+            seed=5,
+            hall=HALL,
         )
     )
     recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
@@ -232,7 +296,15 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
     pytest.importorskip("av")
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
-    write_video_set(small(64), source, path=PATH, folder=tmp_path / "set", frame_rate=1.0, duration_s=0.0, samples=1)
+    write_video_set(
+        small(64),
+        source,
+        path=PATH,
+        folder=tmp_path / "set",
+        frame_rate=1.0,
+        duration_s=0.0,
+        samples=1,
+    )
     description = tmp_path / "set" / "dataset.json"
     assert "is not valid beside --again" in fails(
         "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
@@ -263,9 +335,13 @@ def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
     )
     view = json.loads(description.read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()
-    true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+    true = np.array(
+        [c for board in view["corners_px"].values() for row in board for c in row if c is not None]
+    )
     inner = true[np.hypot(*(true - 511.5).T) < 440]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    found = cv2.cornerSubPix(grey, inner.astype(np.float32)[:, None].copy(), (3, 3), (-1, -1), criteria)[:, 0]
+    found = cv2.cornerSubPix(
+        grey, inner.astype(np.float32)[:, None].copy(), (3, 3), (-1, -1), criteria
+    )[:, 0]
     assert np.median(np.hypot(*(found - inner).T)) < 0.1
     assert abs(np.median(found - inner, axis=0)).max() < 0.02

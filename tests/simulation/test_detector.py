@@ -33,13 +33,19 @@ def variance_of(mean_e):
     return GAIN**2 * (mean_e + READ**2) + 1 / 12
 
 
-@pytest.mark.parametrize("share", [0.0, 1e-3, 0.04, 0.5, 0.94], ids=["dark", "dusk", "dim", "mid", "near saturation"])
-@pytest.mark.parametrize("changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"])
+@pytest.mark.parametrize(
+    "share", [0.0, 1e-3, 0.04, 0.5, 0.94], ids=["dark", "dusk", "dim", "mid", "near saturation"]
+)
+@pytest.mark.parametrize(
+    "changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"]
+)
 def test_mean_and_variance_are_those_of_emva_1288(share, changes):
     camera = Detector(full_well_e=FULL, read_noise_e=READ, bits=12, curve="linear", **changes)
     side = 1000 if "bayer" in changes else 600
     values = camera.read(np.full((side, side, 3), share, np.float32), seed=7).astype(float)
-    assert values.mean() == pytest.approx(GAIN * share * FULL + camera.offset_dn, abs=5e-3 * np.sqrt(values.var()))
+    assert values.mean() == pytest.approx(
+        GAIN * share * FULL + camera.offset_dn, abs=5e-3 * np.sqrt(values.var())
+    )
     assert values.var() == pytest.approx(variance_of(share * FULL), rel=0.01)
     assert (values == 0).mean() < 1e-5
 
@@ -53,9 +59,9 @@ def test_oversaturated_light_is_white_with_any_noise():
 
 
 def test_just_at_saturation_noise_goes_both_ways_before_values_end():
-    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0).read(
-        np.full((300, 300, 3), 1.0, np.float32)
-    )
+    values = Detector(
+        full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0
+    ).read(np.full((300, 300, 3), 1.0, np.float32))
     assert (values == 4095).mean() == pytest.approx(0.5, abs=0.01)
 
 
@@ -74,7 +80,11 @@ def test_any_brightness_is_counted(light):
     ("light", "seed", "words"),
     [
         (np.full((4, 4, 3), np.nan), 0, "light holds NaN"),
-        (np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5), 0, "light holds NaN"),  # one value of one pixel
+        (
+            np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5),
+            0,
+            "light holds NaN",
+        ),  # one value of one pixel
         (np.zeros((4, 4)), 0, r"not \(4, 4\)"),
         (np.array([[["a", "b", "c"]]]), 0, "light is numbers"),
         (np.zeros((4, 4, 3)), -1, "seed = -1"),
@@ -105,7 +115,9 @@ def test_a_mosaic_is_what_opencv_reads(bayer):
 
     colour = np.float32([0.8, 0.4, 0.1])
     raw = Detector(curve="linear", bayer=bayer).read(np.tile(colour, (8, 8, 1)))
-    code = getattr(cv2, f"COLOR_Bayer{ {'RGGB': 'BG', 'BGGR': 'RG', 'GRBG': 'GB', 'GBRG': 'GR'}[bayer] }2RGB")
+    code = getattr(
+        cv2, f"COLOR_Bayer{ {'RGGB': 'BG', 'BGGR': 'RG', 'GRBG': 'GB', 'GBRG': 'GR'}[bayer] }2RGB"
+    )
     np.testing.assert_allclose(cv2.cvtColor(raw, code)[4, 4], np.rint(255 * colour), atol=1)
 
 
@@ -130,8 +142,14 @@ def test_a_mosaic_in_parts_is_that_of_the_whole(first):
     [
         ({"exposure": 1.1e9}, r"exposure = 1.1e\+09 is outside 1e-09 to 1e\+09"),
         ({"full_well_e": 9.9}, "full_well_e = 9.9 electrons is outside 10 to"),
-        ({"read_noise_e": 1e6 + 0.5, "full_well_e": 1e8}, "read_noise_e = .* is outside 0 to 1e\\+06"),
-        ({"black_level_dn": 65535.5, "curve": "linear"}, "black_level_dn = .* is outside 0 to 65535"),
+        (
+            {"read_noise_e": 1e6 + 0.5, "full_well_e": 1e8},
+            "read_noise_e = .* is outside 0 to 1e\\+06",
+        ),
+        (
+            {"black_level_dn": 65535.5, "curve": "linear"},
+            "black_level_dn = .* is outside 0 to 65535",
+        ),
         ({"bits": 17}, "bits = 17 is outside 8 to 16"),
         ({"bits": 7}, "bits = 7"),
         ({"bits": 9.5}, "bits = 9.5"),
@@ -142,7 +160,10 @@ def test_a_mosaic_in_parts_is_that_of_the_whole(first):
         ({"full_well_e": np.nan}, "full_well_e = nan"),
         ({"black_level_dn": 10.0}, "take the curve linear"),
         ({"black_level_dn": 200.0, "curve": "linear"}, "up to 127"),
-        ({"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"}, "a read_noise_e that needs no more"),
+        (
+            {"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"},
+            "a read_noise_e that needs no more",
+        ),
     ],
 )
 def test_what_no_imager_is_is_refused(changes, words):
@@ -159,7 +180,9 @@ DETECTORS = {
     "noise": om.Detector(exposure=1.4, full_well_e=9000.0, read_noise_e=5.0),
     "many electrons": om.Detector(full_well_e=2e5, read_noise_e=20.0, bits=16),
     "mosaic": om.Detector(bayer="GBRG", bits=12, curve="linear"),
-    "noisy mosaic": om.Detector(full_well_e=4000.0, read_noise_e=3.0, bayer="RGGB", curve="linear", bits=10),
+    "noisy mosaic": om.Detector(
+        full_well_e=4000.0, read_noise_e=3.0, bayer="RGGB", curve="linear", bits=10
+    ),
 }
 
 
@@ -169,14 +192,26 @@ DETECTORS = {
     ids=["grey", "coloured"],
 )
 @pytest.mark.parametrize("samples", [1, 1024], ids=["wide parts", "parts beside each other"])
-@pytest.mark.parametrize("detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS)
+@pytest.mark.parametrize(
+    "detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS
+)
 def test_it_is_the_same_as_of_all_light(detector, samples, more):
-    scene = om.Environment(np.random.default_rng(2).random((16, 32, 3)).astype(np.float32)) if samples == 1 else ROOM
+    scene = (
+        om.Environment(np.random.default_rng(2).random((16, 32, 3)).astype(np.float32))
+        if samples == 1
+        else ROOM
+    )
     light = om.expose(SENSOR, scene, samples=samples, **more)
     readout = Readout(detector, seed=7)
     rows = []
     taken = exposed(
-        SENSOR, scene, readout.medium, samples=samples, progress=lambda done, _: rows.append(done), workers=3, **more
+        SENSOR,
+        scene,
+        readout.medium,
+        samples=samples,
+        progress=lambda done, _: rows.append(done),
+        workers=3,
+        **more,
     )
     numbers = readout.numbers(taken)
     assert numbers.dtype == detector.dtype
@@ -185,16 +220,25 @@ def test_it_is_the_same_as_of_all_light(detector, samples, more):
 
 
 def test_what_noise_is_drawn_does_not_hang_on_how_many_rows_come_at_once():
-    light, detector = np.random.default_rng(3).random((30, 20, 3)).astype(np.float32), DETECTORS["noisy mosaic"]
+    light, detector = (
+        np.random.default_rng(3).random((30, 20, 3)).astype(np.float32),
+        DETECTORS["noisy mosaic"],
+    )
     readout = Readout(detector, seed=4)
     parts = [readout.medium.read(light[a:b]) for a, b in ((0, 7), (7, 8), (8, 30))]
-    np.testing.assert_array_equal(readout.numbers(np.concatenate(parts)), detector.read(light, seed=4))
+    np.testing.assert_array_equal(
+        readout.numbers(np.concatenate(parts)), detector.read(light, seed=4)
+    )
 
 
 def test_numbers_hold_no_more_memory_than_they_need():
     """Including odd sizes, for 1-byte numbers from 2-byte electrons, and for numbers of equal size."""
     light = np.random.default_rng(5).random((7, 5, 3)).astype(np.float32)
-    for detector in (om.Detector(full_well_e=1e4), om.Detector(full_well_e=1e4, bits=12), om.Detector(full_well_e=1e9)):
+    for detector in (
+        om.Detector(full_well_e=1e4),
+        om.Detector(full_well_e=1e4, bits=12),
+        om.Detector(full_well_e=1e9),
+    ):
         readout = Readout(detector, seed=2)
         numbers = readout.numbers(readout.medium.read(light))
         assert numbers.shape == light.shape

@@ -62,21 +62,31 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
     sensor = small(name, mirror_pose=pose, housing=HOUSED)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
     plan, part = spread(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
-    fast, slow = rays._trace_natively(sensor, plan, DIM, *part), rays._trace_sensor(sensor, plan, DIM, *part)
+    fast, slow = (
+        rays._trace_natively(sensor, plan, DIM, *part),
+        rays._trace_sensor(sensor, plan, DIM, *part),
+    )
     assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.fate))
     assert np.mean(fast.fate != slow.fate) < 1e-4  # rays that graze an edge
     seen = (fast.fate == slow.fate) & (slow.fate != rays.HIDDEN)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
     hidden = (fast.fate == slow.fate) & (slow.fate == rays.HIDDEN)
-    assert np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3  # rays that graze a ring
-    a, b = (d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True) for d in (fast.directions, slow.directions))
+    assert (
+        np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3
+    )  # rays that graze a ring
+    a, b = (
+        d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True)
+        for d in (fast.directions, slow.directions)
+    )
     assert np.degrees(np.linalg.norm(np.cross(a, b), axis=-1)).max() < 5e-4
     off = np.linalg.norm(np.cross(fast.origins[seen] - slow.origins[seen], b), axis=-1)
     assert off.max() < 2e-4  # mm, across the ray
 
 
 @needs_native
-@pytest.mark.parametrize(("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, DIM)], ids=["bare", "housed"])
+@pytest.mark.parametrize(
+    ("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, DIM)], ids=["bare", "housed"]
+)
 def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
     sensor, world = small("paper-equidistant", housing=housing), steps(64, 128)
     plan = spread(9, blur=True, seed=5)
@@ -92,14 +102,18 @@ def meadow() -> Surroundings:
     rng = np.random.default_rng(8)
     away = rng.normal(size=(300, 1, 3))
     away *= rng.uniform(300, 900, (300, 1, 1)) / np.linalg.norm(away, axis=2, keepdims=True)
-    leaves = facets(away + 60 * rng.normal(size=(300, 3, 3)), rng.uniform(0, 1, (300, 3, 3)).astype(np.float32))
+    leaves = facets(
+        away + 60 * rng.normal(size=(300, 3, 3)), rng.uniform(0, 1, (300, 3, 3)).astype(np.float32)
+    )
     leaves.textures[0].texels[..., 3] = 0.25
     return Surroundings(leaves, steps(64, 128))
 
 
 SCENES = {
     "room": om.Room(texel_mm=40.0),
-    "room, turned": PosedScene(om.Room(texel_mm=40.0), Pose(700.0, -300.0, 100.0, 40.0, 10.0, -20.0)),
+    "room, turned": PosedScene(
+        om.Room(texel_mm=40.0), Pose(700.0, -300.0, 100.0, 40.0, 10.0, -20.0)
+    ),
     "hall, far": PosedScene(Distant(Hall(texel_mm=50.0)), Pose(0.0, 0.0, 0.0, 40.0)),
     "far street": Distant(PosedScene(Street(texel_mm=100.0), Pose(5000.0, 0.0, 0.0, 40.0))),
     "leaves": meadow(),
@@ -107,12 +121,17 @@ SCENES = {
 
 
 @needs_native
-@pytest.mark.parametrize(("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, Radiometry(0.8, vignetting=1.0))])
+@pytest.mark.parametrize(
+    ("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, Radiometry(0.8, vignetting=1.0))]
+)
 @pytest.mark.parametrize("name", SCENES)
 def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim, monkeypatch):
     sensor, scene = small("paper-equidistant", housing=housing), SCENES[name]
     fast = expose(sensor, scene, samples=9, blur=True, radiometry=dim, seed=5)
-    assert compiled_light(sensor, scene, spread(9, True, 5), dim, workers=1).tobytes() == fast.tobytes()
+    assert (
+        compiled_light(sensor, scene, spread(9, True, 5), dim, workers=1).tobytes()
+        == fast.tobytes()
+    )
     bundle = rays.trace(sensor, spread(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100))
     slow = rays.gather(bundle, scene, dim).mean(axis=2)
     assert np.ptp(slow) > 0.3
@@ -157,7 +176,9 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=1.4))
     omega = 100.0
-    (u, v) = sensor.project_directions([[np.sin(np.radians(omega)), 0.0, -np.cos(np.radians(omega))]]).pixels[0]
+    (u, v) = sensor.project_directions(
+        [[np.sin(np.radians(omega)), 0.0, -np.cos(np.radians(omega))]]
+    ).pixels[0]
     world = np.zeros((1800, 3600, 3), np.float32)
     world[1800 - 1000 - 1 : 1800 - 1000 + 1, 1799:1801] = 1.0  # 0.2 deg about pan 0 and 10 deg up
     light = expose(sensor, Environment(world), samples=64, blur=True)[..., 0]
@@ -173,11 +194,21 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
 def test_an_even_world_comes_back_as_bright_as_it_is():
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(
-        small("paper-spherical"), white, samples=16, blur=True, radiometry=Radiometry(reflectivity=0.9, sees_past=False)
+        small("paper-spherical"),
+        white,
+        samples=16,
+        blur=True,
+        radiometry=Radiometry(reflectivity=0.9, sees_past=False),
     )
     np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
     assert light[0, 0].max() == 0
-    beside = expose(small("paper-spherical"), white, samples=16, blur=True, radiometry=Radiometry(sees_past=True))
+    beside = expose(
+        small("paper-spherical"),
+        white,
+        samples=16,
+        blur=True,
+        radiometry=Radiometry(sees_past=True),
+    )
     np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
 
 
@@ -187,7 +218,10 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
 def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
     sensor, plan = small("paper-spherical", mirror_pose=pose), spread(4, blur=True)
     part, dim = (slice(0, 100), slice(0, 100)), Radiometry(reflectivity=metal)
-    fast, slow = rays._trace_natively(sensor, plan, dim, *part), rays._trace_sensor(sensor, plan, dim, *part)
+    fast, slow = (
+        rays._trace_natively(sensor, plan, dim, *part),
+        rays._trace_sensor(sensor, plan, dim, *part),
+    )
     seen = (fast.fate == rays.REFLECTED) & (slow.fate == rays.REFLECTED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=5e-5)
     assert np.ptp(slow.weight[seen]) > 5e-3
@@ -195,15 +229,22 @@ def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
 
 def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
     sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, samples=1, radiometry=Radiometry(reflectivity=("gold", "silver", 0.7)))
+    light = expose(
+        sensor, white, samples=1, radiometry=Radiometry(reflectivity=("gold", "silver", 0.7))
+    )
     u, v = 911, 512
     radius = np.hypot(*(np.array([u, v]) - sensor.imager.centre))
     gamma = sensor.meridian.trace(sensor.x_from_height_px([radius])).gamma
-    cos, inside = np.cos(gamma), {m: np.sqrt(1 - (np.sin(gamma) / METALS[m]) ** 2) for m in ("gold", "silver")}
+    cos, inside = (
+        np.cos(gamma),
+        {m: np.sqrt(1 - (np.sin(gamma) / METALS[m]) ** 2) for m in ("gold", "silver")},
+    )
     for channel, metal in enumerate(inside):
         n, t = METALS[metal], inside[metal]
         s, p = (cos - n * t) / (cos + n * t), (n * cos - t) / (n * cos + t)
-        assert light[v, u, channel] == pytest.approx(float((abs(s) ** 2 + abs(p) ** 2)[0] / 2), abs=2e-5)
+        assert light[v, u, channel] == pytest.approx(
+            float((abs(s) ** 2 + abs(p) ** 2)[0] / 2), abs=2e-5
+        )
     assert light[v, u, 2] == pytest.approx(0.7)
 
 
@@ -251,8 +292,13 @@ def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples)
 
 def test_an_imager_that_is_too_large_is_refused_with_the_largest_that_is_not():
     sensor = om.load_sensor("paper-spherical")
-    large = replace(sensor, imager=replace(sensor.imager, width_px=40_000, height_px=40_000, pixel_pitch_um=0.1331))
-    with pytest.raises(InvalidParameter, match=r"40000 x 40000 px is too large .* up to 32768 x 32768 px"):
+    large = replace(
+        sensor,
+        imager=replace(sensor.imager, width_px=40_000, height_px=40_000, pixel_pitch_um=0.1331),
+    )
+    with pytest.raises(
+        InvalidParameter, match=r"40000 x 40000 px is too large .* up to 32768 x 32768 px"
+    ):
         om.take_picture(large, om.Room(texel_mm=40.0), samples=1)
     with pytest.raises(InvalidParameter, match=r"100001.*(100000|1e\+05)"):
         replace(sensor.imager, width_px=100_001)

@@ -32,7 +32,9 @@ FULL = Housing(CameraBody(60.0, height_mm=4.0), Rod(12.0, 4.0, gap_mm=45.0), rim
 
 def sensor_of(pixels=SIZE, shift=(0.0, 0.0, 0.0), housing=FULL):
     sensor = om.load_sensor("paper-spherical")
-    imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=1.02 * 5.2 * 1024 / pixels)
+    imager = replace(
+        sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=1.02 * 5.2 * 1024 / pixels
+    )
     return replace(sensor, imager=imager, mirror_pose=MirrorPose(*shift), housing=housing)
 
 
@@ -71,7 +73,10 @@ class Tracer:
         normal = (centre - p) / self.radius
         out = d - 2 * (d * normal).sum(axis=1)[:, None] * normal
         hidden = hit & (
-            self.on_camera(p, out) | self.on_rod(p, out) | self.on_rod(lens, p - lens) | self.on_lids(p, out)
+            self.on_camera(p, out)
+            | self.on_rod(p, out)
+            | self.on_rod(lens, p - lens)
+            | self.on_lids(p, out)
         )
         hidden |= self.on_edge(np.where(hit[:, None], p, lens), np.where(hit[:, None], out, d))
         sees = hit & ~hidden
@@ -86,7 +91,9 @@ class Tracer:
 
     def on_camera(self, p, d):
         camera = self.housing.camera
-        return camera is not None and self.on_disc(p, d, camera.height_mm - self.m, camera.diameter_mm / 2)
+        return camera is not None and self.on_disc(
+            p, d, camera.height_mm - self.m, camera.diameter_mm / 2
+        )
 
     def on_lids(self, p, d):
         """Return hits on the discs in a tube, in the lens plane and at the back of the mirror, and
@@ -114,7 +121,11 @@ class Tracer:
         rod = self.housing.rod
         if rod is None:
             return np.zeros(len(p), dtype=bool)
-        ends, foot, top = np.array([rod.gap_mm - self.m, 0.0]), rod.diameter_mm / 2, rod.end_diameter_mm / 2
+        ends, foot, top = (
+            np.array([rod.gap_mm - self.m, 0.0]),
+            rod.diameter_mm / 2,
+            rod.end_diameter_mm / 2,
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.sort((ends - p[:, 2:]) / d[:, 2:], axis=1)
         low, high = np.maximum(t[:, 0], 0.0), t[:, 1]
@@ -183,7 +194,11 @@ class Ball:
 
 
 def grid(size=SIZE):
-    return np.stack(np.meshgrid(np.arange(size), np.arange(size)), axis=-1).reshape(-1, 2).astype(float)
+    return (
+        np.stack(np.meshgrid(np.arange(size), np.arange(size)), axis=-1)
+        .reshape(-1, 2)
+        .astype(float)
+    )
 
 
 # -- labels ------------------------------------------------------------------------------------------
@@ -210,9 +225,16 @@ def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
 
 def test_the_picture_is_dark_where_the_truth_says_hidden():
     sensor = sensor_of(256)
-    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, radiometry=Radiometry(grey=0.0))
+    light = expose(
+        sensor,
+        Environment(np.ones((4, 8, 3), np.float32)),
+        samples=1,
+        radiometry=Radiometry(grey=0.0),
+    )
     truth = ground_truth(sensor, Ball())
-    assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, "single precision, at edges"
+    assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, (
+        "single precision, at edges"
+    )
 
 
 @pytest.mark.parametrize("width", [1.5, 10.0])
@@ -229,7 +251,9 @@ def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(wi
 def test_truth_past_the_mirror_starts_at_the_lens():
     sensor = sensor_of(housing=Housing())
     truth = ground_truth(sensor, Ball(), Radiometry(sees_past=True))
-    np.testing.assert_allclose(truth.origins_mm[0, 0], to_world(sensor, np.array([0, 0, -sensor.mirror_distance_mm])))
+    np.testing.assert_allclose(
+        truth.origins_mm[0, 0], to_world(sensor, np.array([0, 0, -sensor.mirror_distance_mm]))
+    )
     np.testing.assert_allclose(np.linalg.norm(truth.points_mm[0, 0]), 500.0)
 
 
@@ -249,7 +273,9 @@ def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
 
 def test_only_a_sensor_of_one_mirror_has_something_about_it():
     with pytest.raises(InvalidParameter, match="one mirror"):
-        ground_truth(replace(om.load_sensor("folded-spherical"), housing=Housing(shell=Tube())), Ball())
+        ground_truth(
+            replace(om.load_sensor("folded-spherical"), housing=Housing(shell=Tube())), Ball()
+        )
 
 
 # -- corners -----------------------------------------------------------------------------------------
@@ -304,15 +330,23 @@ def test_two_mirrors_hide_pixels_as_finite_rays_say(name):
     sensor = om.load_sensor(name)
     imager, lens = sensor.imager, sensor.lens
     size = {"width_px": imager.width_px // 4, "height_px": imager.height_px // 4}
-    sensor = replace(sensor, imager=replace(imager, **size, pixel_pitch_um=4 * imager.pixel_pitch_um))
+    sensor = replace(
+        sensor, imager=replace(imager, **size, pixel_pitch_um=4 * imager.pixel_pitch_um)
+    )
     truth = ground_truth(sensor, Ball())
     u, v = np.meshgrid(np.arange(size["width_px"]), np.arange(size["height_px"]))
-    image = (np.stack([u, v], axis=-1).reshape(-1, 2) - sensor.imager.centre) * sensor.imager.pitch_mm
+    image = (
+        np.stack([u, v], axis=-1).reshape(-1, 2) - sensor.imager.centre
+    ) * sensor.imager.pitch_mm
     behind = 1 / (1 / lens.focal_length_mm - 1 / lens.focus_distance_mm)
     rays = np.column_stack([image / behind, np.ones(len(image))])
     with np.errstate(all="ignore"):
-        _, hit, out, blocked = out_of(sensor, np.zeros_like(rays), rays / np.linalg.norm(rays, axis=1)[:, None])
-        met = np.isfinite(out).all(axis=1) & (np.hypot(hit[:, 0], hit[:, 1]) <= sensor.mirror.rim_radius_mm)
+        _, hit, out, blocked = out_of(
+            sensor, np.zeros_like(rays), rays / np.linalg.norm(rays, axis=1)[:, None]
+        )
+        met = np.isfinite(out).all(axis=1) & (
+            np.hypot(hit[:, 0], hit[:, 1]) <= sensor.mirror.rim_radius_mm
+        )
     np.testing.assert_array_equal(truth.hidden.ravel(), met & blocked)
     np.testing.assert_array_equal(np.isfinite(truth.directions[..., 0]).ravel(), met & ~blocked)
     assert truth.hidden.sum() == FOLDED_HIDES[name]

@@ -32,7 +32,10 @@ def world(directions):
     x, y, z = np.moveaxis(directions, -1, 0)
     stripes = 0.5 + 0.5 * np.tanh(4 * np.sin(9 * np.arctan2(y, x)) * np.sqrt(1 - z**2))
     bands = 0.5 + 0.5 * np.tanh(3 * np.sin(14 * z + 1))
-    return np.stack([0.1 + 0.7 * stripes, 0.1 + 0.7 * bands, 0.1 + 0.7 * (0.5 + 0.5 * np.sin(7 * x + 5 * y))], axis=-1)
+    return np.stack(
+        [0.1 + 0.7 * stripes, 0.1 + 0.7 * bands, 0.1 + 0.7 * (0.5 + 0.5 * np.sin(7 * x + 5 * y))],
+        axis=-1,
+    )
 
 
 def maps():
@@ -41,7 +44,10 @@ def maps():
     pan = np.radians((np.arange(2 * ROWS) + 0.5) / (2 * ROWS) * 360 - 180)
     ours = np.pi / 2 - (np.arange(ROWS) + 0.5) / ROWS * np.pi
     theirs = np.pi / 2 - np.arange(ROWS) / (ROWS - 1) * np.pi
-    return [world(pan_tilt_direction(*np.meshgrid(pan, tilt))).astype(np.float32) for tilt in (ours, theirs)]
+    return [
+        world(pan_tilt_direction(*np.meshgrid(pan, tilt))).astype(np.float32)
+        for tilt in (ours, theirs)
+    ]
 
 
 def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
@@ -54,7 +60,9 @@ def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
     other shapes."""
     lens, (width, height), m = sensor.lens, sensor.image_size, sensor.mirror_distance_mm
     half = np.degrees(np.arctan(width / 2 * sensor.imager.pitch_mm / lens.image_distance))
-    turn = np.eye(4)  # Mitsuba: columns from -z via x, rows from y; omnimirror: columns from -x via y, rows from z
+    turn = np.eye(
+        4
+    )  # Mitsuba: columns from -z via x, rows from y; omnimirror: columns from -x via y, rows from z
     turn[:3, :3] = sensor.mount.rotation().T @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     frame = mi.ScalarTransform4f
     return mi.load_dict(
@@ -63,7 +71,11 @@ def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
             "integrator": {"type": "path", "max_depth": 12 if others else 3, "rr_depth": 20},
             **(others or {}),
             "mirror": {**mirror, "bsdf": {"type": "conductor", "material": "none"}},
-            "world": {"type": "envmap", "bitmap": mi.Bitmap(light), "to_world": frame(turn.tolist())},
+            "world": {
+                "type": "envmap",
+                "bitmap": mi.Bitmap(light),
+                "to_world": frame(turn.tolist()),
+            },
             "camera": {
                 "type": "thinlens",
                 "fov": 2 * float(half),
@@ -73,12 +85,18 @@ def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
                 "near_clip": 1.0,
                 "far_clip": 1e5,
                 "to_world": frame().look_at(origin=[0, 0, -m], target=[0, 0, 0], up=[0, -1, 0]),
-                "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"},
-                         "pixel_format": "rgb", "component_format": "float32"},
+                "film": {
+                    "type": "hdrfilm",
+                    "width": width,
+                    "height": height,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                    "component_format": "float32",
+                },
                 "sampler": {"type": "multijitter", "sample_count": rays},
             },
         }
-    )  # fmt: skip
+    )
 
 
 def ball(sensor):
@@ -112,12 +130,20 @@ def on_a_mesh(mi, sensor, path, rings, rays):  # noqa: F811
     meshed(mi, sensor, rings, 2 * rings).shapes()[0].write_ply(str(path))
     ours, theirs = maps()
     picture = expose(sensor, Environment(ours), samples=rays, blur=True)
-    return compared(sensor, picture, rendered(mi, sensor, {"type": "ply", "filename": str(path)}, theirs, rays))
+    return compared(
+        sensor, picture, rendered(mi, sensor, {"type": "ply", "filename": str(path)}, theirs, rays)
+    )
 
 
 def as_mitsuba_has_it(beside, decibels, shift):
     """At most 45 dB apart, single precision and the noise of both in it."""
-    beside("Mitsuba 3", "images with blur, RMS difference in grey levels", grey_levels(decibels), grey_levels(45), "")
+    beside(
+        "Mitsuba 3",
+        "images with blur, RMS difference in grey levels",
+        grey_levels(decibels),
+        grey_levels(45),
+        "",
+    )
     beside("Mitsuba 3", "maximum image shift in any of eight sectors", shift, 0.02, "px")
 
 
@@ -144,7 +170,9 @@ def test_a_blurred_picture_is_mitsubas(mi, pose, beside):  # noqa: F811
     ids=["E-DI", "SVP"],
 )
 def test_a_blurred_picture_is_mitsubas_on_a_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
-    decibels, shift = on_a_mesh(mi, small(name, 128, pose), tmp_path / "mirror.ply", rings=150, rays=100)
+    decibels, shift = on_a_mesh(
+        mi, small(name, 128, pose), tmp_path / "mirror.ply", rings=150, rays=100
+    )
     as_mitsuba_has_it(beside, decibels, shift)
 
 
@@ -152,6 +180,8 @@ def test_a_blurred_picture_is_mitsubas_on_a_mesh(mi, name, pose, tmp_path, besid
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
 def test_every_paper_sensor_on_a_fine_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
-    decibels, shift = on_a_mesh(mi, small(name, 384, pose), tmp_path / "mirror.ply", rings=500, rays=1024)
+    decibels, shift = on_a_mesh(
+        mi, small(name, 384, pose), tmp_path / "mirror.ply", rings=500, rays=1024
+    )
     print(f"{name}: {decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")
     as_mitsuba_has_it(beside, decibels, shift)

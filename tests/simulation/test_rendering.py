@@ -19,14 +19,18 @@ ORANGE = np.array([1.0, 0.4, 0.0], dtype=np.float32)
 
 def looking(camera_looks: str, name: str = "paper-spherical", flipped: bool = False) -> om.Sensor:
     sensor = om.load_sensor(name)
-    return replace(sensor, mount=replace(sensor.mount, camera_looks=camera_looks, image_flipped=flipped))
+    return replace(
+        sensor, mount=replace(sensor.mount, camera_looks=camera_looks, image_flipped=flipped)
+    )
 
 
 def small(sensor: om.Sensor, factor: int) -> om.Sensor:
     """Return the same sensor with fewer, larger pixels."""
     size = sensor.imager.width_px // factor
     pitch = sensor.imager.pixel_pitch_um * factor
-    return replace(sensor, imager=replace(sensor.imager, width_px=size, height_px=size, pixel_pitch_um=pitch))
+    return replace(
+        sensor, imager=replace(sensor.imager, width_px=size, height_px=size, pixel_pitch_um=pitch)
+    )
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,9 @@ def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name:
         corners = np.array([top_left, top_right, bottom_right, bottom_left])
         middle = corners.mean(axis=0)
         a, b, c, d = middle + (corners - middle) * (1, grow, grow + 0.4 * (grow > 1))
-        edges = np.concatenate([a + share * (b - a), b + share * (c - b), c + share * (d - c), d + share * (a - d)])
+        edges = np.concatenate(
+            [a + share * (b - a), b + share * (c - b), c + share * (d - c), d + share * (a - d)]
+        )
         projection = sensor.project(edges)
         assert projection.valid.all()
         mask = np.zeros(picture.shape, dtype=np.uint8)
@@ -123,7 +129,9 @@ def test_the_rim_is_soft_by_the_share_of_the_pixel_that_sees():
     sensor = small(looking("up"), 16)
     picture = om.take_picture(sensor, Even(), samples=256)
     red = np.where(
-        picture[..., 0] <= 10, picture[..., 0] / 255 / 12.92, ((picture[..., 0] / 255 + 0.055) / 1.055) ** 2.4
+        picture[..., 0] <= 10,
+        picture[..., 0] / 255 / 12.92,
+        ((picture[..., 0] / 255 + 0.055) / 1.055) ** 2.4,
     )
     assert red.sum() == pytest.approx(np.pi * sensor.rim_radius_px**2, rel=2e-3)
 
@@ -148,14 +156,18 @@ def test_samples_are_averaged_in_linear_light():
 
 def test_progress_counts_every_row():
     sensor, seen = small(looking("up"), 4), []
-    om.take_picture(sensor, Even(), samples=16, progress=lambda done, total: seen.append((done, total)))
+    om.take_picture(
+        sensor, Even(), samples=16, progress=lambda done, total: seen.append((done, total))
+    )
     assert seen == sorted(seen)
     assert len(seen) > 1
     assert seen[-1] == (256, 256)
 
 
 def test_pinhole_pictures_average_their_samples_and_leave_nan_black():
-    pan, tilt = np.meshgrid(np.radians(np.arange(-20, 20, 0.5)), np.radians(np.arange(10, -10, -0.5)))
+    pan, tilt = np.meshgrid(
+        np.radians(np.arange(-20, 20, 0.5)), np.radians(np.arange(10, -10, -0.5))
+    )
     directions = pan_tilt_direction(pan, tilt)
     directions[:2, :2] = np.nan
     picture = pinhole_picture(Even(), directions, samples=2)
@@ -176,9 +188,17 @@ def test_errors_name_the_value():
     [
         ("paper-spherical", om.Room(texel_mm=40.0), {}),
         ("paper-spherical", om.Room(texel_mm=40.0), {"blur": True}),
-        ("paper-spherical", om.Environment(np.random.default_rng(1).random((64, 128, 3), np.float32)), {"samples": 3}),
+        (
+            "paper-spherical",
+            om.Environment(np.random.default_rng(1).random((64, 128, 3), np.float32)),
+            {"samples": 3},
+        ),
         ("folded-hyperboloidal", om.Room(texel_mm=40.0), {"samples": 1}),
-        ("paper-spherical", om.Room(texel_mm=40.0), {"radiometry": om.Radiometry(reflectivity=(0.9, 0.7, 0.4))}),
+        (
+            "paper-spherical",
+            om.Room(texel_mm=40.0),
+            {"radiometry": om.Radiometry(reflectivity=(0.9, 0.7, 0.4))},
+        ),
     ],
     ids=["walls", "blurred", "environment", "two mirrors", "coloured"],
 )
@@ -197,7 +217,8 @@ def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
     tent = _low_passed(expose(_finer(sensor), scene, samples=16))[..., 1].astype(float)
     assert tent.sum() == pytest.approx(box.sum(), rel=1e-6)
     np.testing.assert_array_equal(
-        om.take_picture(sensor, scene, samples=64, low_pass=True)[..., 1], srgb_bytes(tent.astype(np.float32))
+        om.take_picture(sensor, scene, samples=64, low_pass=True)[..., 1],
+        srgb_bytes(tent.astype(np.float32)),
     )
     v, u = np.indices(box.shape)
     for at in (u, v):
@@ -205,7 +226,9 @@ def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
         assert mean_a == pytest.approx(mean_b, abs=0.02)
         assert b - a == pytest.approx(1 / 8, abs=0.02)
     even = om.take_picture(sensor, Even(), samples=16, low_pass=True)
-    np.testing.assert_array_equal(even[40:80, 40:80], om.take_picture(sensor, Even(), samples=16)[40:80, 40:80])
+    np.testing.assert_array_equal(
+        even[40:80, 40:80], om.take_picture(sensor, Even(), samples=16)[40:80, 40:80]
+    )
     with pytest.raises(InvalidParameter, match="only a sensor has a low-pass filter"):
         om.take_picture(om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64)), Even(), low_pass=True)
 

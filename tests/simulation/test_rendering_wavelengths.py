@@ -20,7 +20,9 @@ def domed():
     """A strongly decentred dome of dispersive glass, with colour shifts of pixels."""
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=256, height_px=256, pixel_pitch_um=20.8)
-    return replace(sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0)))
+    return replace(
+        sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,9 @@ def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
 @pytest.mark.parametrize("channels", [3, 4])
 @pytest.mark.parametrize("transparent", [False, True])
 def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent):
-    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # extends beyond the field
+    view = om.views.panorama(
+        domed, (200, None), elevation_deg=(-60.0, 60.0)
+    )  # extends beyond the field
     own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
     picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
     border = (9, 8, 7, 0)[:channels]
@@ -79,7 +83,15 @@ def test_on_the_command_line_colours_lie_on_each_other(domed, tmp_path):
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
     fringes = []
     for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
-        words = ("rings.png", "--sensor", "domed.toml", "--elevation-deg=-30:30", "--size", "256x", "--black")
+        words = (
+            "rings.png",
+            "--sensor",
+            "domed.toml",
+            "--elevation-deg=-30:30",
+            "--size",
+            "256x",
+            "--black",
+        )
         done = omnimirror("dewarp", *words, *asked, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         straight = om.read_image(tmp_path / f"{i}.png").astype(float)
@@ -97,8 +109,12 @@ def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path
         om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
     om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
     words = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
-    assert "known of a sensor" in fails("dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words)
-    assert "belongs to pictures" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *words)
+    assert "known of a sensor" in fails(
+        "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words
+    )
+    assert "belongs to pictures" in fails(
+        "dewarp", "ride.mp4", "--sensor", "paper-spherical", *words
+    )
 
 
 def test_what_has_no_colours_is_refused(domed, tmp_path):
@@ -109,5 +125,13 @@ def test_what_has_no_colours_is_refused(domed, tmp_path):
     ball = om.MirrorBall((63.5, 63.5), 50.0, 250.0, (128, 128))
     with pytest.raises(InvalidParameter, match="only a sensor has colours"):
         om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
-    said = fails("simulate", "dataset", "paper-spherical", "--wavelengths-nm", "610,540,465", "-o", tmp_path / "set")
+    said = fails(
+        "simulate",
+        "dataset",
+        "paper-spherical",
+        "--wavelengths-nm",
+        "610,540,465",
+        "-o",
+        tmp_path / "set",
+    )
     assert "--wavelengths-nm belongs to pictures" in said

@@ -24,23 +24,36 @@ from tests.simulation.scenes.test_moving_objects import BODIES
 
 SPH = om.load_sensor("paper-spherical")
 SMALL = replace(
-    SPH, imager=replace(SPH.imager, width_px=96, height_px=96, pixel_pitch_um=5.2 * 1024 / 96),
+    SPH,
+    imager=replace(SPH.imager, width_px=96, height_px=96, pixel_pitch_um=5.2 * 1024 / 96),
     housing=Housing(CameraBody(60.0)),
-)  # fmt: skip
+)
 CART = om.MovingBox(
     (300.0, 400.0, 500.0),
-    Keyframes({"x_mm": ((0.0, 900.0), (1.0, 1300.0)), "y_mm": ((0.0, -900.0), (1.0, 300.0)),
-               "pan_deg": ((0.0, 0.0), (1.0, 50.0))}, "linear"),
+    Keyframes(
+        {
+            "x_mm": ((0.0, 900.0), (1.0, 1300.0)),
+            "y_mm": ((0.0, -900.0), (1.0, 300.0)),
+            "pan_deg": ((0.0, 0.0), (1.0, 50.0)),
+        },
+        "linear",
+    ),
     name="cart",
-)  # fmt: skip
+)
 ON_CART = 7 + len(FURNITURE)
-POSES = om.Pose(100.0, 50.0, 30.0, pan_deg=20.0, tilt_deg=4.0), om.Pose(190.0, 20.0, 40.0, pan_deg=31.0, roll_deg=2.0)
+POSES = (
+    om.Pose(100.0, 50.0, 30.0, pan_deg=20.0, tilt_deg=4.0),
+    om.Pose(190.0, 20.0, 40.0, pan_deg=31.0, roll_deg=2.0),
+)
 
 
 @pytest.fixture(scope="module")
 def moments():
     room = om.Room(texel_mm=40.0)
-    return [Moment(SceneWithBodies(room, (CART,), time), pose) for time, pose in zip((0.2, 0.35), POSES, strict=True)]
+    return [
+        Moment(SceneWithBodies(room, (CART,), time), pose)
+        for time, pose in zip((0.2, 0.35), POSES, strict=True)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +62,9 @@ def found(moments):
 
 
 def in_scene(moment, truth, valid):
-    return moment.pose.to_scene(truth.origins_mm[valid]), truth.directions[valid] @ moment.pose.rotation().T
+    return moment.pose.to_scene(truth.origins_mm[valid]), truth.directions[
+        valid
+    ] @ moment.pose.rotation().T
 
 
 def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
@@ -91,7 +106,10 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
         assert on.sum() > 10 or name not in ("table", "bookcase", "armchair"), name
         points = moments[0].pose.to_scene(found.truth.points_mm[on])
         boxes = [piece.box for piece in PIECES if piece.name == name]
-        outside = [np.maximum(np.array(b.low) - points, points - np.array(b.high)).max(axis=1) for b in boxes]
+        outside = [
+            np.maximum(np.array(b.low) - points, points - np.array(b.high)).max(axis=1)
+            for b in boxes
+        ]
         assert np.abs(np.min(outside, axis=0)).max(initial=0.0) < 1e-6, name
 
 
@@ -128,10 +146,18 @@ def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
 
 def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
     path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 100.0))}, "linear")
-    tiny = replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32))
+    tiny = replace(
+        SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
+    )
     made = [
         om.write_learning_set(
-            tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / name, bodies=(CART,), samples=1, per_shard=2
+            tiny,
+            om.Room(texel_mm=40.0),
+            path=path,
+            folder=tmp_path / name,
+            bodies=(CART,),
+            samples=1,
+            per_shard=2,
         )
         for name in ("a", "b")
     ]
@@ -159,7 +185,8 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
 def test_out_of_doors_the_sky_moves_as_directions_do():
     street = Street(texel_mm=100.0)
     first, second = (
-        Moment(SceneWithBodies(street, (), 0.0), pose) for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
+        Moment(SceneWithBodies(street, (), 0.0), pose)
+        for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
     )
     found = learning_truth(SMALL, first, second)
     sky = np.isinf(found.truth.depth_mm)
@@ -182,18 +209,34 @@ def test_out_of_doors_the_sky_moves_as_directions_do():
 def test_the_command_writes_what_python_does(tmp_path):
     sensor, lines = tmp_path / "small.toml", "time_s,x_mm\n0,0\n0.08,100\n"
     om.save_sensor(
-        replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)), sensor
+        replace(
+            SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
+        ),
+        sensor,
     )
     (tmp_path / "walk.csv").write_text(lines)
     (tmp_path / "bodies.toml").write_text(BODIES)
     (tmp_path / "lamp.csv").write_text("time_s,x_mm,y_mm\n0,-800,300\n")
-    words = ("simulate", "learning", sensor, "--path", tmp_path / "walk.csv", "--bodies", tmp_path / "bodies.toml")
+    words = (
+        "simulate",
+        "learning",
+        sensor,
+        "--path",
+        tmp_path / "walk.csv",
+        "--bodies",
+        tmp_path / "bodies.toml",
+    )
     run = omnimirror(*words, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "said")
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
     made = om.write_learning_set(
-        om.load_sensor(sensor), om.load_scene("room"), path=om.load_path(tmp_path / "walk.csv"),
-        folder=tmp_path / "made", bodies=om.load_bodies(tmp_path / "bodies.toml"), samples=1, per_shard=2,
-    )  # fmt: skip
+        om.load_sensor(sensor),
+        om.load_scene("room"),
+        path=om.load_path(tmp_path / "walk.csv"),
+        folder=tmp_path / "made",
+        bodies=om.load_bodies(tmp_path / "bodies.toml"),
+        samples=1,
+        per_shard=2,
+    )
     assert len(made) == 2
     for path in (tmp_path / "made").iterdir():
         assert (tmp_path / "said" / path.name).read_bytes() == path.read_bytes(), path.name
@@ -202,5 +245,7 @@ def test_the_command_writes_what_python_does(tmp_path):
 
 
 def test_a_set_to_learn_from_needs_a_path(tmp_path):
-    assert "give a --path" in fails("simulate", "learning", "paper-spherical", "-o", tmp_path / "set")
+    assert "give a --path" in fails(
+        "simulate", "learning", "paper-spherical", "-o", tmp_path / "set"
+    )
     assert not (tmp_path / "set").exists()

@@ -12,7 +12,11 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.tracing.shell_transmission import passage as passage_of
-from omnimirror.optics.tracing.shell_transmission import through_dome, through_tube, wall_transmission
+from omnimirror.optics.tracing.shell_transmission import (
+    through_dome,
+    through_tube,
+    wall_transmission,
+)
 from omnimirror.simulation.pixel_rays import ThroughShell
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -43,7 +47,10 @@ def test_skew_rays_keep_what_a_cylinder_keeps():
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
     np.testing.assert_allclose(passage.directions[:, 2], directions[:, 2], atol=1e-12)
-    moments = [np.cross(p, d)[:, 2] for p, d in ((points, directions), (passage.points, passage.directions))]
+    moments = [
+        np.cross(p, d)[:, 2]
+        for p, d in ((points, directions), (passage.points, passage.directions))
+    ]
     np.testing.assert_allclose(*moments, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(passage.directions, axis=1), 1, atol=1e-12)
     np.testing.assert_allclose(np.hypot(*passage.points.T[:2]), 60.0)
@@ -56,7 +63,9 @@ def test_a_ghost_shows_the_other_side_at_the_strength_of_the_reflection():
     inside = ThroughShell(Environment(half), Tube(120.0), om.load_sensor("paper-spherical"))
     seen = inside.radiance(np.full((2, 3), [0, 0, -20.0]), np.array([[0, 1.0, 0], [0, -1.0, 0]]))
     passed = float(wall_transmission(0.0, 1.49))
-    np.testing.assert_allclose(seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6)
+    np.testing.assert_allclose(
+        seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("shell", [Tube(120.0), Dome(440.0)], ids=["tube", "dome"])
@@ -68,9 +77,15 @@ def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
     below = np.zeros((64, 128, 3), np.float32)
     below[-8:] = 1.0  # only the region below the sensor is bright
     if isinstance(shell, Dome):
-        shell = replace(shell, centre_mm=float(-rays.origins[0] @ sensor.axis))  # horizontal rays pass its centre
+        shell = replace(
+            shell, centre_mm=float(-rays.origins[0] @ sensor.axis)
+        )  # horizontal rays pass its centre
     seen, closed = (
-        float(ThroughShell(Environment(below), shell, sensor, lids).radiance(rays.origins, rays.directions)[0, 0])
+        float(
+            ThroughShell(Environment(below), shell, sensor, lids).radiance(
+                rays.origins, rays.directions
+            )[0, 0]
+        )
         for lids in ((), (-sensor.mirror_distance_mm,))
     )
     assert seen > 0.02  # it leaves through the wall below the lens, or the open end
@@ -84,13 +99,20 @@ def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
     for shell in (Tube(120.0), Dome(120.0, centre_mm=0.0)):
         with pytest.raises(InvalidParameter, match="inner radius is 57 mm"):
-            ThroughShell(world, shell, sensor).radiance(np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]]))
+            ThroughShell(world, shell, sensor).radiance(
+                np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]])
+            )
 
 
 @pytest.mark.parametrize(
     "housing",
     few(
-        [Housing(rod=Rod(6.0)), Housing(rod=Rod(3.0, 16.0)), Housing(shell=Tube()), Housing(shell=Dome())],
+        [
+            Housing(rod=Rod(6.0)),
+            Housing(rod=Rod(3.0, 16.0)),
+            Housing(shell=Tube()),
+            Housing(shell=Dome()),
+        ],
         Housing(rod=Rod(3.0, 16.0)),
         Housing(shell=Dome()),
     ),
@@ -101,7 +123,9 @@ def test_a_housing_hides_in_pictures_what_its_angles_say(housing):
     light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1)
     (ring,) = sensor.obscurations
     dark = int((light[512, :, 0] < 0.5)[512 - 450 : 512 + 450].sum())
-    assert dark == pytest.approx(2 * sensor.rim_radius_px * np.sqrt(ring.picture_percent / 100), abs=2)
+    assert dark == pytest.approx(
+        2 * sensor.rim_radius_px * np.sqrt(ring.picture_percent / 100), abs=2
+    )
 
 
 def test_a_mirror_out_of_place_stands_in_the_same_housing():
@@ -117,7 +141,9 @@ def test_a_mirror_out_of_place_stands_in_the_same_housing():
 def some_rays(count, reach):
     chance = np.random.default_rng(3)
     directions = chance.normal(size=(count, 3))
-    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(
+        directions, axis=1, keepdims=True
+    )
 
 
 def test_a_dome_about_one_centre_turns_rays_by_the_closed_form():
@@ -145,7 +171,9 @@ def test_a_dome_about_the_single_viewpoint_bends_nothing():
     turn = sensor.mount.rotation()
     origins, directions = rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
     passage = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
-    np.testing.assert_allclose(passage.directions, directions, atol=2e-6)  # to the precision of the file
+    np.testing.assert_allclose(
+        passage.directions, directions, atol=2e-6
+    )  # to the precision of the file
     np.testing.assert_allclose(passage.passed, wall_transmission(0.0, 1.49), atol=1e-6)
 
 

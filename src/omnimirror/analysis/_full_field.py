@@ -35,7 +35,9 @@ FOCUS_SAMPLES = 41
 FOCUS_EXTENSION = 0.1  # extension, relative to the range of the focus coordinates of the images
 FOCUS_TOLERANCE = 1e-5  # relative to that range
 VIEWPOINT_ITERATIONS = 3  # iterations of the best viewpoint
-CROSS_PUPIL = Pupil(NEAR_CENTRE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]), np.full(4, 0.25))
+CROSS_PUPIL = Pupil(
+    NEAR_CENTRE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]), np.full(4, 0.25)
+)
 WAVELENGTH_NM = 550.0
 
 
@@ -79,7 +81,9 @@ class WholePicture:
         first, last = seen.argmax(axis=0), len(SCANNED_ANGLES) - 1 - seen[::-1].argmax(axis=0)
         step = SCANNED_ANGLES[1] - SCANNED_ANGLES[0]
         start = np.where(
-            first == 0, NEAR_AXIS_RAD, self._edge(SCANNED_ANGLES[first], SCANNED_ANGLES[first] - step, phi)
+            first == 0,
+            NEAR_AXIS_RAD,
+            self._edge(SCANNED_ANGLES[first], SCANNED_ANGLES[first] - step, phi),
         )
         end = self._edge(SCANNED_ANGLES[last], SCANNED_ANGLES[last] + step, phi)
         share = np.linspace(RIM_MARGIN, 1 - RIM_MARGIN, rings)[:, None]
@@ -97,7 +101,9 @@ class WholePicture:
     def _sees(self, omega: Array, phi: Array) -> Mask:
         towards = camera_direction(omega, phi).reshape(-1, 3)
         return np.asarray(
-            self.sensor.optical_train.chief_rays_to(RayEndpoints(towards, True)).valid.reshape(omega.shape)
+            self.sensor.optical_train.chief_rays_to(RayEndpoints(towards, True)).valid.reshape(
+                omega.shape
+            )
         )
 
     @cached_property
@@ -120,21 +126,29 @@ class WholePicture:
         """Return chief rays offset by one step in both radial and both azimuthal directions."""
         towards, *steps = self._axes
         return tuple(
-            (self._chief(towards + DIFFERENCE_STEP * step), self._chief(towards - DIFFERENCE_STEP * step)) for step in steps
-        )  # fmt: skip
+            (
+                self._chief(towards + DIFFERENCE_STEP * step),
+                self._chief(towards - DIFFERENCE_STEP * step),
+            )
+            for step in steps
+        )
 
     def _chief(self, towards: Array) -> ReflectionPoints:
         return self.sensor.optical_train.chief_rays_to(RayEndpoints.of(towards, True))
 
     def _pixels(self, lens: Lens, found: ReflectionPoints) -> Array:
         """Return image positions (n, 2) px of chief rays relative to the lens axis."""
-        image = lens.image_of(found.seen_at - self.sensor.optical_train.lens_offset, found.to_pupils)
+        image = lens.image_of(
+            found.seen_at - self.sensor.optical_train.lens_offset, found.to_pupils
+        )
         return np.asarray(image / self.sensor.imager.pitch_mm)
 
     def _rates(self, lens: Lens) -> tuple[Array, Array]:
         """Return radial and azimuthal derivatives (n, 2), (n, 2) of pixels, px per degree."""
         angle = np.degrees(2 * np.arctan(DIFFERENCE_STEP))
-        outwards, around = ((self._pixels(lens, a) - self._pixels(lens, b)) / angle for a, b in self._neighbours)
+        outwards, around = (
+            (self._pixels(lens, a) - self._pixels(lens, b)) / angle for a, b in self._neighbours
+        )
         return outwards, around
 
     # -- derived quantities -----------------------------------------------------------------------
@@ -147,10 +161,15 @@ class WholePicture:
         area = np.abs(outwards[:, 0] * around[:, 1] - outwards[:, 1] * around[:, 0])
         pitch = sensor.imager.pitch_mm
         images = self.bundles.image_mm(sensor) / pitch
-        spread = np.stack([images[:, 0] - images[:, 1], images[:, 2] - images[:, 3]], axis=2) / (2 * NEAR_CENTRE)
+        spread = np.stack([images[:, 0] - images[:, 1], images[:, 2] - images[:, 3]], axis=2) / (
+            2 * NEAR_CENTRE
+        )
         along = outwards / height[:, None]
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-        t, s = (2 * np.linalg.norm(np.einsum("nij,ni->nj", spread, way), axis=1) for way in (along, across))
+        t, s = (
+            2 * np.linalg.norm(np.einsum("nij,ni->nj", spread, way), axis=1)
+            for way in (along, across)
+        )
         imaging = ImagingCharacteristics(height, width, area, width / height)
         airy = sensor.lens.airy_diameter(WAVELENGTH_NM) / pitch
         return FocusedBlur(t, s, imaging, self.grid.omega.ravel(), airy)
@@ -168,7 +187,9 @@ class WholePicture:
         low, high = np.radians(aligned.field_deg)
         rays = aligned.meridian.trace(aligned.meridian.x_from_omega(np.linspace(low, high, RINGS)))
         images = virtual_images(rays, np.array(np.inf))
-        found = np.stack(FocusStudy(aligned, rays, images, "exact", None, WAVELENGTH_NM).coordinates(lens))
+        found = np.stack(
+            FocusStudy(aligned, rays, images, "exact", None, WAVELENGTH_NM).coordinates(lens)
+        )
         near, far = float(np.nanmin(found)), float(np.nanmax(found))
         margin = FOCUS_EXTENSION * (far - near)
 
@@ -180,7 +201,10 @@ class WholePicture:
         at = int(np.argmin([worst(c) for c in tried]))
         bounds = tried[max(at - 1, 0)], tried[min(at + 1, FOCUS_SAMPLES - 1)]
         best = minimize_scalar(
-            worst, bounds=bounds, method="bounded", options={"xatol": FOCUS_TOLERANCE * (far - near)}
+            worst,
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": FOCUS_TOLERANCE * (far - near)},
         )
         return float(lens.distance_of(best.x)), float(best.fun)
 
@@ -192,11 +216,16 @@ class WholePicture:
             return self.field_deg[0], 0.0
         omega, phi = self._spread(FINE_RINGS, FINE_AZIMUTHS)
         chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))
-        parts = standing.met_by(chief.points, chief.to_targets, chief.to_pupils, self.sensor.mirror_pose)
+        parts = standing.met_by(
+            chief.points, chief.to_targets, chief.to_pupils, self.sensor.mirror_pose
+        )
         hidden = np.logical_or.reduce(list(parts.values())).reshape(omega.shape)
         run = np.logical_and.accumulate(hidden, axis=0)
         pixels = self._pixels(self.sensor.lens, chief).reshape(*omega.shape, 2)
-        by_ring, by_turn = np.gradient(pixels, axis=0), np.roll(pixels, -1, axis=1) - np.roll(pixels, 1, axis=1)
+        by_ring, by_turn = (
+            np.gradient(pixels, axis=0),
+            np.roll(pixels, -1, axis=1) - np.roll(pixels, 1, axis=1),
+        )
         area = np.abs(by_ring[..., 0] * by_turn[..., 1] - by_ring[..., 1] * by_turn[..., 0])
         area[[0, -1]] /= 2
         to = float(np.degrees(omega[run].max())) if run.any() else self.field_deg[0]
@@ -236,7 +265,9 @@ class WholePicture:
         points, ways = chief.points.reshape(shape), self._axes[0].reshape(shape)
         across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
         sums, right = across.sum(axis=1), np.einsum("raij,raj->ri", across, points)
-        found = np.array([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(sums, right, strict=True)])
+        found = np.array(
+            [np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(sums, right, strict=True)]
+        )
         return float(np.linalg.norm(found[:, None] - found[None], axis=2).max())
 
     def one_viewpoint_error(self, distance_mm: float) -> float:
@@ -254,13 +285,22 @@ class WholePicture:
 
         def linear(ways: Array) -> Array:
             off = ways - towards
-            moved = (off * outwards).sum(1)[:, None] * by_out + (off * around).sum(1)[:, None] * by_around
+            moved = (off * outwards).sum(1)[:, None] * by_out + (off * around).sum(1)[
+                :, None
+            ] * by_around
             return np.asarray(moved)
 
         at, rest = np.median(chief.points, axis=0), np.zeros_like(here)
         for _ in range(VIEWPOINT_ITERATIONS):
-            worst = lambda v, rest=rest: float(np.linalg.norm(linear(seen_from(v)) + rest, axis=1).max())  # noqa: E731
-            at = minimize(worst, at, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9, "maxiter": 2000}).x
+            worst = lambda v, rest=rest: float(  # noqa: E731
+                np.linalg.norm(linear(seen_from(v)) + rest, axis=1).max()
+            )
+            at = minimize(
+                worst,
+                at,
+                method="Nelder-Mead",
+                options={"xatol": 1e-5, "fatol": 1e-9, "maxiter": 2000},
+            ).x
             ways = seen_from(at)
             true = self._pixels(lens, self._chief(ways)) - here
             rest = true - linear(ways)

@@ -86,7 +86,9 @@ def integration_matrix() -> Array:
 # table provides them to first order in the aperture.
 
 EDGE_AZIMUTHS = 2 * np.pi * np.arange(96) / 96  # azimuths of the edge of the stop
-MAX_ELLIPSE_DEVIATION = 2e-3  # relative to the radius: largest deviation of a section treated as an ellipse
+MAX_ELLIPSE_DEVIATION = (
+    2e-3  # relative to the radius: largest deviation of a section treated as an ellipse
+)
 
 
 class LightCone(NamedTuple):
@@ -126,11 +128,17 @@ def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
     by = basis_slopes()
     coefficients = np.einsum("tn,knc->ktc", fit_matrix(), cosines)
     # (2, k, n): derivatives by the x and the y of the aperture
-    wanted = np.stack([-np.einsum("knc,nt,ktc->kn", strayed, rate, coefficients, optimize=True) for rate in by])
+    wanted = np.stack(
+        [-np.einsum("knc,nt,ktc->kn", strayed, rate, coefficients, optimize=True) for rate in by]
+    )
     k, n = strayed.shape[:2]
-    found = np.einsum("tm,km->kt", integration_matrix(), wanted.transpose(1, 0, 2).reshape(k, 2 * n))
+    found = np.einsum(
+        "tm,km->kt", integration_matrix(), wanted.transpose(1, 0, 2).reshape(k, 2 * n)
+    )
     phase = np.einsum("nt,kt->kn", polynomial_basis(FITTED.points), found)
-    missed = [np.einsum("nt,kt->kn", rate, found) - slope for rate, slope in zip(by, wanted, strict=True)]
+    missed = [
+        np.einsum("nt,kt->kn", rate, found) - slope for rate, slope in zip(by, wanted, strict=True)
+    ]
     rough = np.sqrt((missed[0] ** 2 + missed[1] ** 2) @ FITTED.weights) / DEGREE
     return phase, rough
 
@@ -176,14 +184,13 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
 # working F-number in that direction. For a real lens these slopes are known, and the phase is their
 # integral (:mod:`.lens_phase`).
 
-EDGE_SOFTNESS = (
-    5.0  # divided by the nodes: width of softened edges in radii, the largest distance of neighbouring nodes
-)
+# Divided by the nodes: width of softened edges in radii, the largest distance of neighbouring nodes
+EDGE_SOFTNESS = 5.0
 CUT_NODES = 128  # per side, of integrals over a vignetted aperture
-MIN_BLAS_POINTS = 4096  # points for which matrix products justify BLAS
-MIN_CLEARANCE = (
-    0.1  # relative to the range of its clearance: an edge with a larger clearance of all rays does not vignette
-)
+# Points for which matrix products justify BLAS
+MIN_BLAS_POINTS = 4096
+# Relative to the range of its clearance: an edge with a larger clearance of all rays does not vignette
+MIN_CLEARANCE = 0.1
 MAX_PHASE_RESIDUAL = 0.02  # wavelengths of 550 nm: largest rms residual of the phase
 PHASE, LANDING, DENSITY, EDGES = 0, (1, 2), 3, 4  # fitted columns; edges from the last index
 
@@ -232,9 +239,13 @@ class Wavefront:
         centres : (n,) array
             Coordinates of the cell centres, evenly spaced.
         """
-        polynomials, cell = np.polynomial.chebyshev.chebvander(centres, DEGREE), centres[1] - centres[0]
+        polynomials, cell = (
+            np.polynomial.chebyshev.chebvander(centres, DEGREE),
+            centres[1] - centres[0],
+        )
         phase, density, *edges = (
-            polynomials @ self._square(column) @ polynomials.T for column in (PHASE, DENSITY, *self._edges)
+            polynomials @ self._square(column) @ polynomials.T
+            for column in (PHASE, DENSITY, *self._edges)
         )
         share = _softened(1 - np.hypot(centres[:, None], centres), cell)
         for clearance, slope in zip(edges, self._edge_slopes, strict=True):
@@ -294,7 +305,9 @@ class Wavefront:
 
     def nodes(self, wavelength_mm: float) -> int:
         """Return the nodes per side for integrals over the disk, according to the phase range."""
-        return int(np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_cut else 32, 400))
+        return int(
+            np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_cut else 32, 400)
+        )
 
     def waves(self, wavelength_mm: float) -> float:
         """Return the range of the phase over the aperture, in wavelengths."""
@@ -364,12 +377,18 @@ def _bounded(clearance: Array) -> Array:
     """Return a clearance (n,) with the infinite values, of rays that never meet the edge, replaced
     by the largest finite one.
     """
-    return np.where(np.isposinf(clearance), np.max(clearance, where=np.isfinite(clearance), initial=0.0), clearance)
+    return np.where(
+        np.isposinf(clearance),
+        np.max(clearance, where=np.isfinite(clearance), initial=0.0),
+        clearance,
+    )
 
 
 def _misfit(phase: Array) -> Array:
     """Return the rms residual (k,) in mm of the polynomial fit of phases (k, n)."""
-    misfit = phase - np.einsum("nt,tm,km->kn", polynomial_basis(FITTED.points), fit_matrix(), phase, optimize=True)
+    misfit = phase - np.einsum(
+        "nt,tm,km->kn", polynomial_basis(FITTED.points), fit_matrix(), phase, optimize=True
+    )
     return np.asarray(np.sqrt(misfit**2 @ FITTED.weights))
 
 
@@ -392,7 +411,9 @@ def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
     """Return W (k, n), mm: path to each aperture point minus that of the conjugate point."""
     train = sensor.optical_train
     in_focus = _conjugate(sensor, chief_mm) + train.lens_offset
-    pupil, centre = (train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2))))
+    pupil, centre = (
+        train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2)))
+    )
     if pupil.distant:
         ideal, middle = (-(in_focus @ e.xyz.T) for e in (pupil, centre))
     else:

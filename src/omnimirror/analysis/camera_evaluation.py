@@ -84,11 +84,18 @@ class CameraMapping:
     def columns(self) -> dict[str, Array]:
         """Return the columns (n,) of the table; uncertainties are included if known."""
         known = self.camera.uncertainty is not None
-        return {name: getattr(self, name) for name in MAPPING_COLUMNS if known or name != "direction_sigma_deg"}
+        return {
+            name: getattr(self, name)
+            for name in MAPPING_COLUMNS
+            if known or name != "direction_sigma_deg"
+        }
 
     def texts(self) -> dict[str, list[str]]:
         """Return the columns as formatted text, one list of cells each."""
-        return {name: [QUANTITIES[name].text(v) for v in values] for name, values in self.columns().items()}
+        return {
+            name: [QUANTITIES[name].text(v) for v in values]
+            for name, values in self.columns().items()
+        }
 
     def summary(self) -> dict[str, Any]:
         """Return the scalar results: model, parameters and field."""
@@ -116,8 +123,13 @@ class CameraMapping:
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; unknown values become null."""
-        columns = {k: [v if np.isfinite(v) else None for v in c.tolist()] for k, c in self.columns().items()}
-        write_text(path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n")
+        columns = {
+            k: [v if np.isfinite(v) else None for v in c.tolist()]
+            for k, c in self.columns().items()
+        }
+        write_text(
+            path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n"
+        )
 
 
 def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> CameraMapping:
@@ -155,10 +167,16 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     (array([ 82.84271247, 200.        ]), array([1., 1.]))
     """
     instance("camera", camera, CameraModel, "a calibrated camera, such as om.load_camera gives")
-    end = float(np.degrees(camera.omega_max)) if isinstance(camera, RadialModel) else _field_end_deg(camera)
+    end = (
+        float(np.degrees(camera.omega_max))
+        if isinstance(camera, RadialModel)
+        else _field_end_deg(camera)
+    )
     asked = every_step(end) if omega_deg is None else row("omega_deg", omega_deg)
     if (outside := ~((asked >= 0) & (asked <= end * (1 + 1e-12)))).any():
-        raise OutsideField(f"omega_deg = {asked[outside][0]:g} is not seen; the camera sees 0 to {end:.6g} deg")
+        raise OutsideField(
+            f"omega_deg = {asked[outside][0]:g} is not seen; the camera sees 0 to {end:.6g} deg"
+        )
     if not isinstance(camera, RadialModel):
         return _in_space(camera, asked, end)
     omega = np.minimum(np.radians(asked), camera.omega_max)
@@ -166,7 +184,9 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     along = np.radians(rate)
     with np.errstate(divide="ignore", invalid="ignore"):
         across = np.where(np.sin(omega) > 1e-12, radius * np.radians(1.0) / np.sin(omega), along)
-    sigma = np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    sigma = (
+        np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    )
     columns = (radius, along, across, along * across, across / along, height, sigma)
     return CameraMapping(asked, *columns, camera, end, camera.field_radius_px)
 
@@ -183,13 +203,20 @@ def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
     sizes = [np.linalg.norm(part, axis=-1) for part in (along, across)]
     high, wide = (_mean(size, seen) for size in sizes)
     radius = _mean(np.linalg.norm(pixels - _middle(camera, end), axis=-1), seen)
-    off = [np.abs(size / mean[:, None] - 1)[seen] for size, mean in zip(sizes, (high, wide), strict=True)]
-    sigma = np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    off = [
+        np.abs(size / mean[:, None] - 1)[seen]
+        for size, mean in zip(sizes, (high, wide), strict=True)
+    ]
+    sigma = (
+        np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    )
     heights = _viewpoints(camera, pixels, seen)
     told = (radius, high, wide, _mean(area, seen), _mean(sizes[1] / sizes[0], seen), heights, sigma)
     h, dh, dw, ds, aspect, height, error = (column[:-1] for column in told)
     varies = 100 * float(np.max(np.concatenate(off)))
-    return CameraMapping(asked, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), varies)
+    return CameraMapping(
+        asked, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), varies
+    )
 
 
 def _middle(camera: CameraModel, end: float) -> Array:
@@ -198,7 +225,9 @@ def _middle(camera: CameraModel, end: float) -> Array:
     image = camera.image(_rings(camera, rings)[0].reshape(-1, 3), distant=True)
     whole = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
     if not len(whole):
-        raise OutsideField("of no field angle the camera sees all azimuths, so that its picture has no middle")
+        raise OutsideField(
+            "of no field angle the camera sees all azimuths, so that its picture has no middle"
+        )
     return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[whole[0]].mean(axis=0))
 
 
@@ -208,10 +237,15 @@ def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> 
     world = camera.mount.rotation()
     for i in np.flatnonzero(seen.sum(axis=1) > 1):
         rays = camera.backproject(pixels[i, seen[i]])
-        origins, ways = turned(rays.origins[rays.valid], world), turned(rays.directions[rays.valid], world)
+        origins, ways = (
+            turned(rays.origins[rays.valid], world),
+            turned(rays.directions[rays.valid], world),
+        )
         if len(ways) > 1:
             across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
-            heights[i] = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0][2]
+            heights[i] = np.linalg.lstsq(
+                across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
+            )[0][2]
     return heights
 
 
@@ -227,7 +261,9 @@ def _field_end_deg(camera: CameraModel) -> float:
     tried = np.radians(np.arange(SCAN_STEP_DEG, 180.0, SCAN_STEP_DEG))
     rings = np.flatnonzero(_sees(camera, tried).any(axis=1))
     if not len(rings):
-        raise OutsideField("the camera sees nothing of its field; a mirror whose middle it sees has one")
+        raise OutsideField(
+            "the camera sees nothing of its field; a mirror whose middle it sees has one"
+        )
     low, high = tried[rings[-1]], tried[rings[-1]] + np.radians(SCAN_STEP_DEG)
     for _ in range(BISECTIONS):
         middle = (low + high) / 2

@@ -90,7 +90,9 @@ class Comparison:
         for row in self.rows:
             if row.name == name:
                 return row
-        raise InvalidParameter(f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}")
+        raise InvalidParameter(
+            f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}"
+        )
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table as CSV, a line per quantity and a column per sensor."""
@@ -98,13 +100,19 @@ class Comparison:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["quantity", *map(csv_cell, self.names)])
         for row in self.rows:
-            writer.writerow([row.name, *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values)])
+            writer.writerow(
+                [
+                    row.name,
+                    *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values),
+                ]
+            )
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
         """Write the sensors as JSON objects; non-finite numbers become strings."""
         sensors = [
-            {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
+            {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}}
+            for i, name in enumerate(self.names)
         ]
         write_text(path, json_text(sensors, indent=1) + "\n")
 
@@ -147,7 +155,9 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
     for i, sensor in enumerate(sensors):
         check_sensor(sensor, f"sensors[{i}]")
     if not 1 <= len(sensors) <= MOST:
-        raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
+        raise InvalidParameter(
+            f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid"
+        )
     named = _told_apart(sensors)
     distance = float(distances("object_distance_mm", object_distance_mm))
     studies = [replace(_study(s), object_distance_mm=distance) for s in named]
@@ -183,7 +193,9 @@ def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
     """Return the sensors with unique names."""
     names = [s.name for s in sensors]
     return [
-        s if names.count(s.name) == 1 else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})")
+        s
+        if names.count(s.name) == 1
+        else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})")
         for i, s in enumerate(sensors)
     ]
 
@@ -213,7 +225,9 @@ class Study:
     def near(self) -> Evaluation:
         """Return the evaluation of the aligned sensor for objects at the finite distance."""
         omega_deg = self.evaluation.omega_deg
-        return evaluate(self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm)
+        return evaluate(
+            self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm
+        )
 
     def object_size(self, surface: str) -> float:
         """Return the smallest length per pixel, mm, the larger of both directions."""
@@ -289,10 +303,15 @@ class FullFieldStudy(Study):
         """Return the columns over the whole image."""
         blur = self.picture.own
         return SimpleNamespace(
-            dh_domega_px_per_deg=blur.imaging.height, area_px2=blur.imaging.area, aspect=blur.imaging.aspect,
-            blur_t_px=blur.t_px, blur_s_px=blur.s_px, blur_t_deg=blur.t_deg, blur_s_deg=blur.s_deg,
+            dh_domega_px_per_deg=blur.imaging.height,
+            area_px2=blur.imaging.area,
+            aspect=blur.imaging.aspect,
+            blur_t_px=blur.t_px,
+            blur_s_px=blur.s_px,
+            blur_t_deg=blur.t_deg,
+            blur_s_deg=blur.s_deg,
             floored_area_deg2=blur.floored_area(),
-        )  # fmt: skip
+        )
 
     @cached_property
     def best(self) -> tuple[float, float]:

@@ -19,9 +19,8 @@ from .focus import FocusStudy, distance_per_angle
 from .meridional_imaging import virtual_images
 
 NEAR_OBJECTS = 5.0  # distance of the near objects of a section, in rim radii
-TELECENTRIC_LENS_DISTANCE = (
-    2.5  # distance of a drawn telecentric lens from the vertex, in rim radii; its real distance is free
-)
+# Distance of a drawn telecentric lens from the vertex, in rim radii; its real distance is free
+TELECENTRIC_LENS_DISTANCE = 2.5
 LENS_HALF_WIDTH = 0.18  # half width of a drawn perspective lens, in rim radii
 
 
@@ -56,7 +55,11 @@ def lens_height(sensor: Sensor) -> float:
 def lens_half_width(sensor: Sensor) -> float:
     """Return half the width (mm) of the drawn lens; the width of its field if telecentric."""
     rim = sensor.mirror.rim_radius_mm
-    return float(sensor.meridian.trace(rim).first.x[()]) if sensor.lens.TELECENTRIC else LENS_HALF_WIDTH * rim
+    return (
+        float(sensor.meridian.trace(rim).first.x[()])
+        if sensor.lens.TELECENTRIC
+        else LENS_HALF_WIDTH * rim
+    )
 
 
 def reference_height(sensor: Sensor) -> float:
@@ -106,15 +109,21 @@ def paths_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]
     at = first.x
     if isinstance(sensor.lens, GaussianLens):  # to its entrance pupil; reversed by a second mirror
         towards = 1.0 if second is None else -1.0
-        ways = [[(0.0, lens + towards * float(z))] for z in sensor.lens.pupil.place(np.tan(first.theta))]
+        ways = [
+            [(0.0, lens + towards * float(z))] for z in sensor.lens.pupil.place(np.tan(first.theta))
+        ]
     else:
         ways = [[(float(end), lens)] for end in at]
     if second is None:
         return ways
-    return [[(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)]
+    return [
+        [(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)
+    ]
 
 
-def image_curves(result: Evaluation, object_distance_mm: float | None = None) -> tuple[SectionCurve, SectionCurve]:
+def image_curves(
+    result: Evaluation, object_distance_mm: float | None = None
+) -> tuple[SectionCurve, SectionCurve]:
     """Return tangential and sagittal virtual images for the lens (Eqs. 14-21); NaN at infinity.
 
     They refer to the evaluated objects, or to objects at another distance in mm.
@@ -123,7 +132,9 @@ def image_curves(result: Evaluation, object_distance_mm: float | None = None) ->
         return _seen(result, result.distance_t_mm), _seen(result, result.distance_s_mm)
     rays = result.sensor.meridian.trace(result.x_mm)
     images = virtual_images(rays, distance_per_angle(object_distance_mm, result.x_mm))
-    t, s = FocusStudy(result.sensor, rays, images, result.mode, None, result.wavelength_nm).distances
+    t, s = FocusStudy(
+        result.sensor, rays, images, result.mode, None, result.wavelength_nm
+    ).distances
     return _seen(result, t), _seen(result, s)
 
 

@@ -32,7 +32,9 @@ from .viewpoints import viewpoint_z
 PERTURBATION = 1e-4  # perturbation of the profile relative to a standard deviation
 
 
-def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]) -> dict[str, Array]:
+def standard_deviations(
+    mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]
+) -> dict[str, Array]:
     """Return standard deviations (n,) of columns (n,) computed from a measured mirror.
 
     The smoothed curve is linear in the heights; therefore the effects of its independent deviations
@@ -42,7 +44,10 @@ def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str,
         return {}
     nominal, *moved = (columns_of(m) for m in mirror.deviated(PERTURBATION))
     with np.errstate(invalid="ignore"):  # lengths per pixel of distant objects are infinite
-        return {name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / PERTURBATION for name in nominal}
+        return {
+            name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / PERTURBATION
+            for name in nominal
+        }
 
 
 # -- Tabular results with CSV and JSON output ------------------------------------------------------
@@ -58,7 +63,10 @@ class TabularResult(ABC):
     def to_csv(self, path: str | Path) -> None:
         """Write one CSV line per record, with ten significant digits."""
         records = self.records()
-        lines = [",".join(records[0]), *(",".join(f"{v:.10g}" for v in record.values()) for record in records)]
+        lines = [
+            ",".join(records[0]),
+            *(",".join(f"{v:.10g}" for v in record.values()) for record in records),
+        ]
         write_text(path, "\n".join(lines) + "\n")
 
     def to_json(self, path: str | Path) -> None:
@@ -75,9 +83,22 @@ UNCERTAIN = (*COLUMNS, "floored_area_deg2")
 """Columns with a standard deviation."""
 
 READ_COLUMNS = (
-    "omega_deg", "x_mm", "theta_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "aspect", "viewpoint_z_mm",
-    "distance_t_mm", "distance_s_mm", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2",
-)  # fmt: skip
+    "omega_deg",
+    "x_mm",
+    "theta_deg",
+    "h_px",
+    "dh_domega_px_per_deg",
+    "width_px_per_deg",
+    "aspect",
+    "viewpoint_z_mm",
+    "distance_t_mm",
+    "distance_s_mm",
+    "blur_t_px",
+    "blur_s_px",
+    "blur_t_deg",
+    "blur_s_deg",
+    "floored_area_deg2",
+)
 """Columns of printed tables, in order; files contain all columns."""
 
 
@@ -144,7 +165,9 @@ class Evaluation:
         """
         p = self.object_distance_mm
         columns = {name: getattr(self, name)[which] for name in UNCERTAIN}
-        return replace(self, object_distance_mm=p[which] if isinstance(p, np.ndarray) else p, **columns)
+        return replace(
+            self, object_distance_mm=p[which] if isinstance(p, np.ndarray) else p, **columns
+        )
 
     @property
     def focus_mm(self) -> float:
@@ -159,7 +182,9 @@ class Evaluation:
     @property
     def depth_of_field_mm(self) -> DepthOfField:
         """Return the depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
-        return self.sensor.lens.depth_of_field(self.tolerance_px * self.sensor.imager.pitch_mm, self.mode)
+        return self.sensor.lens.depth_of_field(
+            self.tolerance_px * self.sensor.imager.pitch_mm, self.mode
+        )
 
     def columns(self) -> dict[str, Array]:
         """Return the columns of the table in fixed order, followed by those of a real lens."""
@@ -177,9 +202,12 @@ class Evaluation:
         t, s = lens.own_blur(lens.principal_distance * tangent)
         colour = lens.field.odd(tangent)
         found = (
-            t / pitch, s / pitch, lens.field.at(tangent).illumination, (colour["short"] - colour["long"]) / pitch,
+            t / pitch,
+            s / pitch,
+            lens.field.at(tangent).illumination,
+            (colour["short"] - colour["long"]) / pitch,
             lens.pupil.place(tangent),
-        )  # fmt: skip
+        )
         return {q.name: column for q, column in zip(quantities.OF_LENS, found, strict=True)}
 
     @checked
@@ -241,7 +269,10 @@ class Evaluation:
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; non-finite numbers become "inf", "-inf" and "nan"."""
-        data = {"summary": self.summary(), "columns": {k: v.tolist() for k, v in self.columns().items()}}
+        data = {
+            "summary": self.summary(),
+            "columns": {k: v.tolist() for k, v in self.columns().items()},
+        }
         if found := self.standard_deviations():
             data["standard_deviations"] = {k: v.tolist() for k, v in found.items()}
         write_text(path, json.dumps(_finite(data), indent=1) + "\n")
@@ -436,7 +467,9 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
         object_distance_mm=p[seen] if p.size > 1 else p,
         mode=result.mode,
         wavelength_nm=result.wavelength_nm,
-        image_radius_px=None if radius is None else radius * sensor.rim_radius_px / result.sensor.rim_radius_px,
+        image_radius_px=None
+        if radius is None
+        else radius * sensor.rim_radius_px / result.sensor.rim_radius_px,
     )
     found = {name: np.full(len(result), np.nan) for name in UNCERTAIN}
     for name, column in found.items():
@@ -473,7 +506,10 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     """
     number("step_deg", step_deg, low=LEAST_STEP_DEG, unit="deg")
     low, high = sensor.field_deg
-    angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
+    angles = (
+        step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1)
+        + 0.0
+    )  # no -0
     return angles if angles.size else np.array([low, high])
 
 
@@ -495,7 +531,9 @@ def _mirror_points(
         return None, sensor.x_from_height_px(numbers(kind, values).ravel() / scale)
     pixels = np.atleast_1d(numbers(kind, values))
     if pixels.shape[-1] != 2:
-        raise InvalidParameter(f"pixels has shape {pixels.shape}; it needs pairs (u, v), shape (n, 2)")
+        raise InvalidParameter(
+            f"pixels has shape {pixels.shape}; it needs pairs (u, v), shape (n, 2)"
+        )
     unscaled = sensor.imager.centre + (pixels.reshape(-1, 2) - sensor.imager.centre) / scale
     return None, sensor.x_from_height_px(sensor.radius_from_centre_px(unscaled))
 
@@ -503,7 +541,9 @@ def _mirror_points(
 def _scalar_distance(distance: ArrayLike) -> float:
     p = np.unique(np.asarray(distance, dtype=float))
     if p.size != 1:
-        raise InvalidParameter("focus 'auto' needs one object_distance_mm for all field angles; several were given")
+        raise InvalidParameter(
+            "focus 'auto' needs one object_distance_mm for all field angles; several were given"
+        )
     return float(p[0])
 
 

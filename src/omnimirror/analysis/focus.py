@@ -71,8 +71,14 @@ class FocusedBlur:
     @property
     def s_deg(self) -> Array:
         """Return the sagittal blur (n,) in degrees of the object (Eq. 37)."""
-        with np.errstate(divide="ignore", invalid="ignore"):  # a degree has no width at the tip of a cone
-            return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.s_px), self.s_px / self.imaging.width)
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # a degree has no width at the tip of a cone
+            return np.where(
+                self.imaging.width == 0.0,
+                np.copysign(np.inf, self.s_px),
+                self.s_px / self.imaging.width,
+            )
 
     def product(self) -> Array:
         """Return the blur area of the paper (n,), deg^2: signed product without pi/4 (Fig. 9c)."""
@@ -197,8 +203,12 @@ def _degrees(f: Scales) -> list[Any]:
 
 
 FOCUS_MERITS: dict[str, FocusMerit] = {
-    "worst_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions),
-    "mean_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions, is_mean=True),
+    "worst_floored_area_deg2": FocusMerit(
+        FocusedBlur.floored_area, _floored_area, _floored_functions
+    ),
+    "mean_floored_area_deg2": FocusMerit(
+        FocusedBlur.floored_area, _floored_area, _floored_functions, is_mean=True
+    ),
     "worst_blur_area_deg2": FocusMerit(  # merit of the paper
         lambda b: np.abs(b.product()),
         _product_area,
@@ -253,8 +263,17 @@ class FocusFunction:
         squares = self._squares(functions)
         if self.merit.is_mean:
             roots = np.sqrt(squares)
-            slope = _matrix_product(_matrix_product(rates, self.coefficients) / roots, self._shares[:, None])[:, 0] / 2
-            return _matrix_product(roots, self._shares[:, None])[:, 0], slope, np.zeros(len(u), dtype=np.intp)
+            slope = (
+                _matrix_product(
+                    _matrix_product(rates, self.coefficients) / roots, self._shares[:, None]
+                )[:, 0]
+                / 2
+            )
+            return (
+                _matrix_product(roots, self._shares[:, None])[:, 0],
+                slope,
+                np.zeros(len(u), dtype=np.intp),
+            )
         worst = squares.argmax(axis=1)
         slope = np.einsum("mt,tm->m", rates, self.coefficients[:, worst])
         return squares[np.arange(len(u)), worst], slope, worst
@@ -343,7 +362,9 @@ class FocusStudy:
     def heights(self, sensor: Sensor) -> tuple[Array, Array]:
         """Return h (px) and dh/dOmega (px per radian), (n,), of a focused sensor."""
         scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
-        return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
+        return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(
+            self.rays
+        ) * scale
 
     def imaging(self, sensor: Sensor) -> ImagingCharacteristics:
         """Return the image (n,) of one object degree, seen from the mirror points."""
@@ -414,7 +435,10 @@ class FocusStudy:
         lens = sensor.lens
         focused = lens.focus_coordinate(focus_mm)
         rate = lens.through_focus(focused, self.mode).blur_rate / pitch
-        t, s = (w * rate * (focused - v) for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True))
+        t, s = (
+            w * rate * (focused - v)
+            for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True)
+        )
         imaging, airy = self.imaging(sensor), lens.airy_diameter(self.wavelength_nm) / pitch
         return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.own_px(lens))
 
@@ -509,12 +533,18 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
             f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
             "has no size in the picture there, or no image); leave it out"
         )
-    coordinate = middle + half * minimise_with_derivative(function, (low - middle) / half, (high - middle) / half)
+    coordinate = middle + half * minimise_with_derivative(
+        function, (low - middle) / half, (high - middle) / half
+    )
     limits = lens.PARAMETERS["focus_distance_mm"]
-    return float(np.clip(lens.distance_of(coordinate), max(limits.low, lens.nearest_focus_mm), limits.high))
+    return float(
+        np.clip(lens.distance_of(coordinate), max(limits.low, lens.nearest_focus_mm), limits.high)
+    )
 
 
-def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
+def focus_function(
+    study: FocusStudy, merit: FocusMerit, middle: float, unit: float
+) -> FocusFunction:
     """Return a merit as a function of normalised :meth:`Lens.focus_coordinate` values."""
     sensor = study.sensor
     imaging = study.imaging(sensor)
@@ -554,6 +584,8 @@ def _focusable(sensor: Sensor) -> Array:
     """Return the field angles (n,), deg, used for focusing."""
     low, high = sensor.field_deg
     if sensor.mirror.is_pointed:
-        edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
+        edge = sensor.meridian.trace(
+            sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px])
+        )
         low = float(np.degrees(edge.omega[0]))
     return np.linspace(low, high, 1001)

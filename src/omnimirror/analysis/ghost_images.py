@@ -89,13 +89,17 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     standing = sensor.obstructions
     shell = standing.housing.shell
     if shell is None:
-        raise InvalidParameter(f"{sensor.name!r} has no tube and no dome, so it has no ghosts of their walls")
+        raise InvalidParameter(
+            f"{sensor.name!r} has no tube and no dome, so it has no ghosts of their walls"
+        )
     omega = _clear_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     height = rays.z + sensor.mirror_pose.displacement_mm
     nothing = np.zeros_like(omega)
     points = np.stack([rays.x, nothing, height], axis=-1)
-    first = let_out(shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1))
+    first = let_out(
+        shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1)
+    )
 
     start, way = first.met + ORIGIN_OFFSET_MM * first.thrown_back, first.thrown_back
     again = sensor.optical_train.posed_mirror.trace(start, way)
@@ -103,15 +107,24 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     start = np.where(by_mirror[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, start)
     way = np.where(by_mirror[:, None], again.directions, way)
     ends = np.logical_or.reduce(
-        [*standing.met_by(start, way, way, sensor.mirror_pose).values(), _meets_back(sensor, start, way)]
+        [
+            *standing.met_by(start, way, way, sensor.mirror_pose).values(),
+            _meets_back(sensor, start, way),
+        ]
     )
     second = let_out(shell, start, way)
     out = second.directions
-    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(out[:, 0] < 0, -1.0, 1.0)
+    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(
+        out[:, 0] < 0, -1.0, 1.0
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (1 - first.passed) * second.passed / first.passed
     return Ghosts(
-        omega, 100 * first.passed, np.where(ends, np.nan, angle), np.where(ends, 0.0, 100 * share), by_mirror & ~ends
+        omega,
+        100 * first.passed,
+        np.where(ends, np.nan, angle),
+        np.where(ends, 0.0, 100 * share),
+        by_mirror & ~ends,
     )
 
 

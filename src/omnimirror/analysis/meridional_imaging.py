@@ -28,7 +28,11 @@ class ImagingCharacteristics(NamedTuple):
 
 
 def imaging_characteristics(
-    omega: Array, h_px: Array, dh_domega_px: Array, parallax_t: Array | float = 1.0, parallax_s: Array | float = 1.0
+    omega: Array,
+    h_px: Array,
+    dh_domega_px: Array,
+    parallax_t: Array | float = 1.0,
+    parallax_s: Array | float = 1.0,
 ) -> ImagingCharacteristics:
     """Compute image-forming characteristics from the mapping.
 
@@ -112,7 +116,9 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     p = np.asarray(object_distance, dtype=float)
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
-        raise InvalidParameter(f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf")
+        raise InvalidParameter(
+            f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf"
+        )
     images = _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
     return images._replace(object_distance=p)
 

@@ -53,7 +53,11 @@ def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
     """
     wavelength_nm = number("wavelength_nm", wavelength_nm, low=300.0, high=1100.0, unit="nm")
     shell = sensor.housing.shell
-    housing = sensor.housing if shell is None else replace(sensor.housing, shell=shell.at_wavelength(wavelength_nm))
+    housing = (
+        sensor.housing
+        if shell is None
+        else replace(sensor.housing, shell=shell.at_wavelength(wavelength_nm))
+    )
     return replace(sensor, lens=sensor.lens.at_wavelength(wavelength_nm), housing=housing)
 
 
@@ -98,12 +102,17 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
             f"nothing is said of how temperature moves {sensor.name!r}; its file needs a table [thermal], such as "
             'mirror_material = "acrylic", spacer_material = "aluminium"'
         )
-    warmer = number("temperature_c", temperature_c, low=-273.0, high=1000.0, unit="C") - thermal.reference_c
+    warmer = (
+        number("temperature_c", temperature_c, low=-273.0, high=1000.0, unit="C")
+        - thermal.reference_c
+    )
     if not warmer:
         return sensor
     mirror_grows = 1 + PPM * thermal.expansion_ppm("mirror") * warmer
     spacer_grows = 1 + PPM * thermal.expansion_ppm("spacer") * warmer
-    held = float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
+    held = (
+        float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
+    )
     distance = (sensor.mirror_distance_mm + held) * spacer_grows - held * mirror_grows
     pose = sensor.mirror_pose
     shifts = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
@@ -168,12 +177,17 @@ def _housing(housing: Housing, warmer: float) -> Housing:
         index = shell.index + INDEX_RATES_PER_K.get(shell.material, 0.0) * warmer
         changed |= {"material": None, "refractive_index": index}
     if shell.medium is not None and shell.medium in INDEX_RATES_PER_K:
-        changed |= {"medium": None, "medium_index": shell.outer_index + INDEX_RATES_PER_K[shell.medium] * warmer}
+        changed |= {
+            "medium": None,
+            "medium_index": shell.outer_index + INDEX_RATES_PER_K[shell.medium] * warmer,
+        }
     return replace(housing, shell=replace(shell, **changed))
 
 
 @checked
-def thermal_motion_px(sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None) -> float:
+def thermal_motion_px(
+    sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None
+) -> float:
     """Compute the largest image motion due to a change of temperature.
 
     Parameters
@@ -207,7 +221,9 @@ def thermal_motion_px(sensor: Sensor, temperature_c: float, *, omega_deg: ArrayL
 
     moved = at_temperature(sensor, temperature_c)
     if omega_deg is None:
-        low, high = (f(a, b) for f, a, b in zip((max, min), sensor.field_deg, moved.field_deg, strict=True))
+        low, high = (
+            f(a, b) for f, a, b in zip((max, min), sensor.field_deg, moved.field_deg, strict=True)
+        )
         omega_deg = np.linspace(low, high, 181)
     before, after = (evaluate(each, omega_deg).h_px for each in (sensor, moved))
     return float(np.nanmax(np.abs(after - before)))

@@ -42,7 +42,9 @@ def hexapolar(rings: int) -> Pupil:
     ring = np.repeat(np.arange(rings + 1), [1, *(6 * np.arange(1, rings + 1))])
     place = np.concatenate([[0.0], *(np.arange(6 * j) / (6 * j) for j in range(1, rings + 1))])
     radius, phi = ring / rings, 2 * np.pi * place
-    borders = np.clip((np.arange(rings + 2) - 0.5) / rings, 0, 1)  # halfway to the neighbouring rings
+    borders = np.clip(
+        (np.arange(rings + 2) - 0.5) / rings, 0, 1
+    )  # halfway to the neighbouring rings
     area = np.diff(borders**2) / np.maximum(6 * np.arange(rings + 1), 1)
     return Pupil(np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1), area[ring])
 
@@ -72,7 +74,9 @@ def gaussian(rings: int) -> Pupil:
     u, weight = np.polynomial.legendre.leggauss(rings)
     radius, spokes = np.sqrt((u + 1) / 2), 4 * rings
     phi = 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
-    points = np.stack([np.outer(radius, np.cos(phi)), np.outer(radius, np.sin(phi))], axis=-1).reshape(-1, 2)
+    points = np.stack(
+        [np.outer(radius, np.cos(phi)), np.outer(radius, np.sin(phi))], axis=-1
+    ).reshape(-1, 2)
     return Pupil(points, np.repeat(weight / 2 / spokes, spokes))
 
 
@@ -132,8 +136,13 @@ class Bundles:
     def clearances(self) -> dict[str, Array]:
         """Return the clearances (k, n), mm, of the rays at each edge, by edge name."""
         shape = self.path.shape
-        flat = (a.reshape(-1, 3) for a in (self.seen_at, self.points, self.to_pupils, self.to_targets))
-        return {name: edge.reshape(shape) for name, edge in self.sensor.optical_train.clearances(*flat).items()}
+        flat = (
+            a.reshape(-1, 3) for a in (self.seen_at, self.points, self.to_pupils, self.to_targets)
+        )
+        return {
+            name: edge.reshape(shape)
+            for name, edge in self.sensor.optical_train.clearances(*flat).items()
+        }
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Return ray positions (k, n, 2) on the imager, mm from the axis, for a focused sensor."""
@@ -141,7 +150,9 @@ class Bundles:
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Return the chief ray positions (k, 2) on the imager, mm from the optical axis."""
-        return sensor.lens.image_of(self.chief.seen_at - sensor.optical_train.lens_offset, self.chief.to_pupils)
+        return sensor.lens.image_of(
+            self.chief.seen_at - sensor.optical_train.lens_offset, self.chief.to_pupils
+        )
 
     def chief_path(self) -> Array:
         """Return the optical path lengths (k,) of the chief rays, defined like :attr:`path`."""
@@ -160,7 +171,11 @@ class Bundles:
         azimuth = np.radians(self.azimuth_deg)
         on_axis = away < 1e-9 * self.sensor.imager.pitch_mm
         safe = np.where(on_axis, 1.0, away)
-        t = np.where(on_axis[:, None], np.stack([np.cos(azimuth), np.sin(azimuth)], -1), chief / safe[:, None])
+        t = np.where(
+            on_axis[:, None],
+            np.stack([np.cos(azimuth), np.sin(azimuth)], -1),
+            chief / safe[:, None],
+        )
         return np.stack([t, np.stack([-t[:, 1], t[:, 0]], axis=-1)], axis=1)
 
     def px_per_deg(self) -> tuple[Array, Array]:
@@ -172,7 +187,9 @@ class Bundles:
         scales = []
         for step in steps:
             ends = [
-                self.sensor.optical_train.chief_rays_to(RayEndpoints.of(towards + s * DIFFERENCE_STEP * step, True))
+                self.sensor.optical_train.chief_rays_to(
+                    RayEndpoints.of(towards + s * DIFFERENCE_STEP * step, True)
+                )
                 for s in (1, -1)
             ]
             lens, offset = self.sensor.lens, self.sensor.optical_train.lens_offset
@@ -233,11 +250,20 @@ def trace_bundles(
         )
     mean = density @ pupil.weights
     bundles = Bundles(
-        sensor, omega, azimuth, p, pupil,
-        found.points.reshape(k, n, 3), found.to_pupils.reshape(k, n, 3), found.path.reshape(k, n),
-        density / mean[:, None], found.valid.reshape(k, n), chief, found.seen_at.reshape(k, n, 3),
+        sensor,
+        omega,
+        azimuth,
+        p,
+        pupil,
+        found.points.reshape(k, n, 3),
+        found.to_pupils.reshape(k, n, 3),
+        found.path.reshape(k, n),
+        density / mean[:, None],
+        found.valid.reshape(k, n),
+        chief,
+        found.seen_at.reshape(k, n, 3),
         found.to_targets.reshape(k, n, 3),
-    )  # fmt: skip
+    )
     clear = [edge >= 0 for edge in bundles.clearances().values()]
     return replace(bundles, passes=np.logical_and.reduce([bundles.passes, *clear]))
 
@@ -252,14 +278,20 @@ def _aperture(
     density = np.empty((k, n))
     objects = mirror.objects_at(chief, np.where(np.isfinite(p), p, NEARLY_INFINITE_MM))
     for i in range(k):
-        target = RayEndpoints(towards[i : i + 1], True) if np.isinf(p[i]) else RayEndpoints(objects[i : i + 1])
+        target = (
+            RayEndpoints(towards[i : i + 1], True)
+            if np.isinf(p[i])
+            else RayEndpoints(objects[i : i + 1])
+        )
         slopes = chief.chief_slopes[i : i + 1]
         ends = train.entrance_pupil_points(pupil.points, slopes)
         found = mirror.specular(ends, target, chief.points[i])
         motion = sensor.lens.entrance_pupil_motion(pupil.points, slopes)
         density[i] = mirror.beam(ends, target, found, motion)
         parts.append(found)
-    return ReflectionPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
+    return ReflectionPoints(
+        *(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    ), density
 
 
 def _named(omega: Array, azimuth: Array, fine: Mask) -> str:

@@ -97,28 +97,40 @@ def illumination(
     check_sensor(sensor)
     transmission = number("transmission", transmission)
     if not 0 < transmission <= 1:
-        raise InvalidParameter(f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1")
+        raise InvalidParameter(
+            f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1"
+        )
     sensor.check("illumination", "one mirror")
     normal = float(reflectance([0.0], reflectivity)[0])
     angles = field_angles(sensor) if omega_deg is None else omega_deg
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
     height = chief.chief_mm(sensor)
     light, reflected, filled = _through(sensor, height, gaussian(RINGS), reflectivity)
-    if (cut := filled < 1 - 1e-12).any():  # vignetted by the edge of the rim, which requires more rays
+    if (
+        cut := filled < 1 - 1e-12
+    ).any():  # vignetted by the edge of the rim, which requires more rays
         for whole, part in zip(
-            (light, reflected, filled), _through(sensor, height[cut], gaussian(FINE_RINGS), reflectivity), strict=True
+            (light, reflected, filled),
+            _through(sensor, height[cut], gaussian(FINE_RINGS), reflectivity),
+            strict=True,
         ):
             whole[cut] = part
     # Area of the aperture over the squared image distance: pi (D/2)^2 / b0^2 = pi / (4 F_w^2).
     open_aperture = np.pi * transmission / (4 * sensor.lens.image_f_number() ** 2)
     pupil = gaussian(RINGS)
-    on_axis = normal * float(sensor.lens.falloff(np.zeros_like(pupil.points), pupil.points) @ pupil.weights)
+    on_axis = normal * float(
+        sensor.lens.falloff(np.zeros_like(pupil.points), pupil.points) @ pupil.weights
+    )
     with np.errstate(invalid="ignore"):
         mean = np.where(filled > 0, reflected / filled, 0.0)
-    return Illumination(chief.omega_deg, chief.azimuth_deg, open_aperture * light, light / on_axis, mean, filled)
+    return Illumination(
+        chief.omega_deg, chief.azimuth_deg, open_aperture * light, light / on_axis, mean, filled
+    )
 
 
-def _through(sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflectivity) -> tuple[Array, Array, Array]:
+def _through(
+    sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflectivity
+) -> tuple[Array, Array, Array]:
     """Return light, reflectance and unvignetted share (k,) of image points (k, 2) mm."""
     k, n = len(height), len(pupil.points)
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))

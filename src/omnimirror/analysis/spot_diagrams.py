@@ -74,7 +74,8 @@ class Spots(TabularResult):
         """Return the full tangential and sagittal widths (k, m) of unvignetted rays, 0 if none."""
         passes = self.bundles.passes[:, None, :]
         t, s = (
-            np.max(a, axis=-1, where=passes, initial=-np.inf) - np.min(a, axis=-1, where=passes, initial=np.inf)
+            np.max(a, axis=-1, where=passes, initial=-np.inf)
+            - np.min(a, axis=-1, where=passes, initial=np.inf)
             for a in (self.t_px, self.s_px)
         )
         return np.maximum(t, 0.0), np.maximum(s, 0.0)
@@ -84,7 +85,10 @@ class Spots(TabularResult):
 
         :meth:`omnimirror.analysis.Psf.encircled_energy` includes diffraction.
         """
-        t, s = (a - c[..., None] for a, c in zip((self.t_px, self.s_px), self.centroid_px(), strict=True))
+        t, s = (
+            a - c[..., None]
+            for a, c in zip((self.t_px, self.s_px), self.centroid_px(), strict=True)
+        )
         within = np.hypot(t, s)[..., None] <= np.asarray(radius_px, dtype=float)
         energy: Array = np.einsum("kn,kmnr->kmr", self.weights, within)
         return energy
@@ -94,17 +98,29 @@ class Spots(TabularResult):
         shape = len(self.omega_deg), len(self.focus_mm)
         (ct, cs), (rt, rs), (et, es) = self.centroid_px(), self.rms_px(), self.extent_px()
         columns = {
-            "omega_deg": self.omega_deg[:, None], "azimuth_deg": self.bundles.azimuth_deg[:, None],
-            "focus_mm": self.focus_mm, "chief_px": self.chief_px, "filled": self.filled[:, None],
-            "centroid_t_px": ct, "centroid_s_px": cs, "rms_t_px": rt, "rms_s_px": rs,
-            "rms_radius_px": self.rms_radius_px(), "extent_t_px": et, "extent_s_px": es,
-        }  # fmt: skip
-        rows = zip(*(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True)
+            "omega_deg": self.omega_deg[:, None],
+            "azimuth_deg": self.bundles.azimuth_deg[:, None],
+            "focus_mm": self.focus_mm,
+            "chief_px": self.chief_px,
+            "filled": self.filled[:, None],
+            "centroid_t_px": ct,
+            "centroid_s_px": cs,
+            "rms_t_px": rt,
+            "rms_s_px": rs,
+            "rms_radius_px": self.rms_radius_px(),
+            "extent_t_px": et,
+            "extent_s_px": es,
+        }
+        rows = zip(
+            *(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True
+        )
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _mean(self, values: Array) -> Array:
         # rays that miss a lens surface have no position and no weight
-        mean: Array = np.einsum("kn,kmn->km", self.weights, np.where(self.bundles.passes[:, None], values, 0.0))
+        mean: Array = np.einsum(
+            "kn,kmn->km", self.weights, np.where(self.bundles.passes[:, None], values, 0.0)
+        )
         return mean
 
 
@@ -167,7 +183,9 @@ def spots(
     for L0 in focus:
         focused = bundles.focused_at(float(L0))
         chief = bundles.chief_mm(focused)
-        across.append(np.einsum("knc,kac->akn", bundles.image_mm(focused) - chief[:, None], axes) / pitch)
+        across.append(
+            np.einsum("knc,kac->akn", bundles.image_mm(focused) - chief[:, None], axes) / pitch
+        )
         heights.append(np.hypot(*chief.T) / pitch)
     t, s = np.stack(across, axis=2)
     weights = bundles.density * bundles.pupil.weights * bundles.passes
@@ -179,7 +197,9 @@ def spots(
 # -- Validation of the blur formula by real rays through the whole aperture, for several F-numbers
 
 FAN_RAYS = 81  # rays across a fan
-RIM_CLEARANCE_DEG = 0.5  # deg; distance of the field angles from the rim, which would vignette bundles
+RIM_CLEARANCE_DEG = (
+    0.5  # deg; distance of the field angles from the rim, which would vignette bundles
+)
 
 
 @dataclass(frozen=True)
@@ -207,7 +227,11 @@ class BlurCheck:
 
 
 def check_blur(
-    sensor: Sensor, f_numbers: ArrayLike, *, omega_deg: ArrayLike | None = None, object_distance_mm: float = np.inf
+    sensor: Sensor,
+    f_numbers: ArrayLike,
+    *,
+    omega_deg: ArrayLike | None = None,
+    object_distance_mm: float = np.inf,
 ) -> BlurCheck:
     """Compare the blur of Eq. 28 with real rays, for an aligned sensor and several F-numbers.
 
@@ -247,11 +271,18 @@ def check_blur(
     name = "f_number" if isinstance(sensor.lens, GaussianLens) else "working_f_number"
     low, high = sensor.field_deg
     angles = field_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
-    angles = angles[(angles >= low) & (angles <= high - RIM_CLEARANCE_DEG)] if omega_deg is None else angles
+    angles = (
+        angles[(angles >= low) & (angles <= high - RIM_CLEARANCE_DEG)]
+        if omega_deg is None
+        else angles
+    )
     if not angles.size:
         raise InvalidParameter("there is no field angle to check; give some as omega_deg")
     u = np.linspace(-1, 1, FAN_RAYS)
-    fans = Pupil(np.concatenate([np.outer(u, [1, 0]), np.outer(u, [0, 1])]), np.full(2 * FAN_RAYS, 0.5 / FAN_RAYS))
+    fans = Pupil(
+        np.concatenate([np.outer(u, [1, 0]), np.outer(u, [0, 1])]),
+        np.full(2 * FAN_RAYS, 0.5 / FAN_RAYS),
+    )
     rows = []
     for F in numbers:
         seen = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]
@@ -263,5 +294,12 @@ def check_blur(
         rows.append([blur_t, blur_s, *edges, np.ptp(t, axis=1), np.ptp(s, axis=1)])
     blur_t, blur_s, edge_t, edge_s, extent_t, extent_s = np.array(rows).transpose(1, 0, 2)
     return BlurCheck(
-        numbers, angles, blur_t, blur_s, edge_t - blur_t, edge_s - blur_s, extent_t - blur_t, extent_s - blur_s
+        numbers,
+        angles,
+        blur_t,
+        blur_s,
+        edge_t - blur_t,
+        edge_s - blur_s,
+        extent_t - blur_t,
+        extent_s - blur_s,
     )

@@ -122,7 +122,9 @@ def best_viewpoint(
     """
     check_sensor(sensor)
     distance = number("object_distance_mm", object_distance_mm, above=0.0, unit="mm")
-    omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else row("omega_deg", omega_deg)
+    omega = (
+        np.linspace(*sensor.field_deg, 1001) if omega_deg is None else row("omega_deg", omega_deg)
+    )
     scale = 1.0
     if image_radius_px is not None:
         scale = image_radius(image_radius_px) / sensor.rim_radius_px
@@ -144,7 +146,9 @@ def best_viewpoint(
 
         v0 = float(brentq(outwards_less_inwards, low, high, xtol=1e-12 * (high - low), rtol=1e-14))
     error, degrees = error_px(v0), np.degrees(viewpoint_angle_error(rays, v0, distance))
-    return SingleViewpoint(v0, float(np.abs(error).max()), float(np.abs(degrees).max()), omega, error, degrees)
+    return SingleViewpoint(
+        v0, float(np.abs(error).max()), float(np.abs(degrees).max()), omega, error, degrees
+    )
 
 
 def _linearised(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
@@ -159,8 +163,12 @@ def _displacement(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
     """
     meridian = sensor.meridian
     first, last = meridian.omega_min, meridian.omega_max
-    ends = sensor.image_height_rate_px(meridian.trace(meridian.x_from_omega(np.array([first, last]))))
-    ends = np.where(np.isfinite(ends), ends, 0.0)  # a mapping with a singular start is not extrapolated
+    ends = sensor.image_height_rate_px(
+        meridian.trace(meridian.x_from_omega(np.array([first, last])))
+    )
+    ends = np.where(
+        np.isfinite(ends), ends, 0.0
+    )  # a mapping with a singular start is not extrapolated
     h = sensor.image_height_px(rays)
 
     def of(angle: Array) -> Array:

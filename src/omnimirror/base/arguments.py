@@ -59,7 +59,9 @@ def places(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
     """
     array = np.atleast_1d(_real(name, value, "of shape (n,)"))
     if is_row and array.ndim > 1:
-        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)")
+        raise InvalidParameter(
+            f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)"
+        )
     known = np.isfinite(array)
     return array if known.all() else np.where(known, array, np.nan)
 
@@ -96,7 +98,13 @@ def _is_masked(value: ArrayLike) -> bool:
 
 
 def finite(
-    name: str, value: ArrayLike, low: float = -np.inf, high: float = np.inf, *, unit: str = "", last: int | None = None
+    name: str,
+    value: ArrayLike,
+    low: float = -np.inf,
+    high: float = np.inf,
+    *,
+    unit: str = "",
+    last: int | None = None,
 ) -> Array:
     """Check finite numbers between two inclusive bounds.
 
@@ -117,7 +125,9 @@ def finite(
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
         label = f"{name}[{', '.join(map(str, at))}]" if at else name
-        raise InvalidParameter(f"{label} = {array[at]:g} is not valid; it is valid {_range(low, high, unit)}")
+        raise InvalidParameter(
+            f"{label} = {array[at]:g} is not valid; it is valid {_range(low, high, unit)}"
+        )
     return array
 
 
@@ -140,7 +150,9 @@ def row(name: str, value: ArrayLike) -> Array:
     """Check numbers in a row (n,); a scalar becomes an array of one element."""
     array = np.atleast_1d(numbers(name, value))
     if array.ndim > 1:
-        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)")
+        raise InvalidParameter(
+            f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)"
+        )
     return array
 
 
@@ -155,7 +167,13 @@ def floats(name: str, value: ArrayLike) -> tuple[float, ...]:
 
 
 def number(
-    name: str, value: Any, *, above: float = -np.inf, low: float = -np.inf, high: float = np.inf, unit: str = ""
+    name: str,
+    value: Any,
+    *,
+    above: float = -np.inf,
+    low: float = -np.inf,
+    high: float = np.inf,
+    unit: str = "",
 ) -> float:
     """Check one finite number, above an exclusive bound or between two inclusive bounds.
 
@@ -167,7 +185,11 @@ def number(
     array = numbers(name, value, "(it takes one)")
     if array.ndim or not (np.isfinite(array) and array > above and low <= array <= high):
         if np.isinf(above):
-            valid = "as one finite number" if np.isinf(low) and np.isinf(high) else _range(low, high, unit)
+            valid = (
+                "as one finite number"
+                if np.isinf(low) and np.isinf(high)
+                else _range(low, high, unit)
+            )
         else:
             most = "and finite" if np.isinf(high) else f"up to {high:g}"
             valid = f"above {above:g}{unit and ' ' + unit}, {most}"
@@ -177,7 +199,9 @@ def number(
 
 def image_radius(value: Any) -> float:
     """Check the radius (px) to which the circle of the image is scaled."""
-    return number("image_radius_px", value, above=0.0, low=LEAST_RADIUS_PX, high=LARGEST_RADIUS_PX, unit="px")
+    return number(
+        "image_radius_px", value, above=0.0, low=LEAST_RADIUS_PX, high=LARGEST_RADIUS_PX, unit="px"
+    )
 
 
 def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
@@ -188,7 +212,9 @@ def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
     """
     array = numbers(name, value, "(it takes a whole one)")
     if array.ndim or not low <= array <= high or array != np.floor(array):
-        raise InvalidParameter(f"{name} = {shown(value)} is not valid; it is valid as a whole number, {low} to {high}")
+        raise InvalidParameter(
+            f"{name} = {shown(value)} is not valid; it is valid as a whole number, {low} to {high}"
+        )
     return int(array)
 
 
@@ -235,7 +261,9 @@ def choice(name: str, value: Any, valid: Iterable[str]) -> None:
     """Check that a value is one of several words."""
     words = list(valid)
     if not isinstance(value, str) or value not in words:
-        raise InvalidParameter(f"{name} = {shown(value)} is not known; valid are {', '.join(words)}")
+        raise InvalidParameter(
+            f"{name} = {shown(value)} is not known; valid are {', '.join(words)}"
+        )
 
 
 def file_name(name: str, value: Any) -> Path:
@@ -245,7 +273,11 @@ def file_name(name: str, value: Any) -> Path:
         raise WrongKind(f"{name} = {shown(value)} is not a file name")
     if not text or "\0" in text or len(text) > LONGEST_PATH or not _can_be_stored(text):
         why = (
-            "empty" if not text else "too long" if len(text) > LONGEST_PATH else "one with characters no file can have"
+            "empty"
+            if not text
+            else "too long"
+            if len(text) > LONGEST_PATH
+            else "one with characters no file can have"
         )
         raise InvalidParameter(f"{name} = {shown(text)} is not valid as a file name: it is {why}")
     return Path(text)
@@ -341,19 +373,33 @@ def _fits(value: Any, hint: Any) -> bool:
     if kind is bool:
         return isinstance(value, bool | np.bool_)
     if kind is tuple and Ellipsis not in inner:
-        return _is_row(value, Sequence) and len(value) == len(inner) and all(map(_fits, value, inner))
+        return (
+            _is_row(value, Sequence) and len(value) == len(inner) and all(map(_fits, value, inner))
+        )
     if kind in ROWS:
         of = inner[0] if inner else Any
         if of is float and type(value) is tuple and set(map(type, value)) == {float}:  # fast path
             return not any(map(isnan, value))
-        return _is_row(value, kind) and (not isinstance(value, Collection) or all(_fits(v, of) for v in value))
+        return _is_row(value, kind) and (
+            not isinstance(value, Collection) or all(_fits(v, of) for v in value)
+        )
     if hasattr(kind, "_fields"):  # named tuple; a plain tuple is accepted
         return isinstance(value, tuple) and len(value) == len(kind._fields)
-    is_open = kind is Any or not isinstance(kind, type) or getattr(kind, "_is_runtime_protocol", None) is False
+    is_open = (
+        kind is Any
+        or not isinstance(kind, type)
+        or getattr(kind, "_is_runtime_protocol", None) is False
+    )
     return is_open or isinstance(value, kind)
 
 
-ROWS = {tuple: Sequence, list: Sequence, Sequence: Sequence, Collection: Collection, Iterable: Iterable}
+ROWS = {
+    tuple: Sequence,
+    list: Sequence,
+    Sequence: Sequence,
+    Collection: Collection,
+    Iterable: Iterable,
+}
 """Annotations of sequences with the types that are accepted for them, arrays included."""
 
 
@@ -362,7 +408,11 @@ def _is_number(value: Any) -> bool:
     range.
     """
     if isinstance(value, np.ndarray):
-        return value.ndim == 0 and value.dtype.kind in "iuf" and not (_is_masked(value) or np.isnan(value))
+        return (
+            value.ndim == 0
+            and value.dtype.kind in "iuf"
+            and not (_is_masked(value) or np.isnan(value))
+        )
     if isinstance(value, bool) or not isinstance(value, float | int | np.integer | np.floating):
         return False
     try:
@@ -372,7 +422,11 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_row(value: Any, kind: Any) -> bool:
-    is_several = np.ndim(value) > 0 if isinstance(value, np.ndarray) else isinstance(value, ROWS.get(kind, kind))
+    is_several = (
+        np.ndim(value) > 0
+        if isinstance(value, np.ndarray)
+        else isinstance(value, ROWS.get(kind, kind))
+    )
     return is_several and not isinstance(value, str | bytes | bytearray | memoryview | dict)
 
 
@@ -394,9 +448,15 @@ def _described(hint: Any) -> str:
 
 
 KINDS = {
-    float: "a number", int: "a whole number", bool: "True or False", str: "text", Path: "a file name",
-    type(None): "None", Callable: "a function", np.ndarray: "an array",
-}  # fmt: skip
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    str: "text",
+    Path: "a file name",
+    type(None): "None",
+    Callable: "a function",
+    np.ndarray: "an array",
+}
 
 
 # -- messages --------------------------------------------------------------------------------------

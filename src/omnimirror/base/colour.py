@@ -77,5 +77,7 @@ def hex_colour(text: str) -> Light:
     array([1.    , 0.2159, 0.    ], dtype=float32)
     """
     if not re.fullmatch("#[0-9a-fA-F]{6}", text):
-        raise InvalidParameter(f"{text!r} is not a colour; write # and six hexadecimal digits, such as '#ff8000'")
+        raise InvalidParameter(
+            f"{text!r} is not a colour; write # and six hexadecimal digits, such as '#ff8000'"
+        )
     return linear_from_srgb([int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)])

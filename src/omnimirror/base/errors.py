@@ -17,7 +17,10 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
     >>> shortened("room\\n1.toml"), len(shortened("x" * 5000))
     ('room 1.toml', 100)
     """
-    text = "".join(c if c.isprintable() or c.isspace() or "\udc80" <= c <= "\udcff" else repr(c)[1:-1] for c in text)
+    text = "".join(
+        c if c.isprintable() or c.isspace() or "\udc80" <= c <= "\udcff" else repr(c)[1:-1]
+        for c in text
+    )
     text = " ".join(text.split())
     return text if len(text) <= most else f"{text[: most - TAIL - 2]}..{text[-TAIL:]}"
 

@@ -137,7 +137,10 @@ def _octal(text: str) -> str:
     unchanged.
     """
     is_bytes = all("\udc80" <= c <= "\udcff" for c in text if "\ud800" <= c <= "\udfff")
-    return "".join(f"\\{b:03o}" for b in text.encode("utf-8", "surrogateescape" if is_bytes else "surrogatepass"))
+    return "".join(
+        f"\\{b:03o}"
+        for b in text.encode("utf-8", "surrogateescape" if is_bytes else "surrogatepass")
+    )
 
 
 def c_comment(text: str) -> str:
@@ -266,8 +269,15 @@ def toml_string(text: str) -> str:
     text = re.sub("[\ud800-\udfff]", lambda c: visible(c[0]), text)  # TOML has no surrogates
     escaped = text.replace("\\", r"\\").replace('"', r"\"")
     short = {"\b": r"\b", "\t": r"\t", "\n": r"\n", "\f": r"\f", "\r": r"\r"}
-    codes = (short.get(c, f"\\u{ord(c):04x}" if ord(c) < 1 << 16 else f"\\U{ord(c):08x}") for c in escaped)
-    return '"' + "".join(code if _is_invisible(c) else c for c, code in zip(escaped, codes, strict=True)) + '"'
+    codes = (
+        short.get(c, f"\\u{ord(c):04x}" if ord(c) < 1 << 16 else f"\\U{ord(c):08x}")
+        for c in escaped
+    )
+    return (
+        '"'
+        + "".join(code if _is_invisible(c) else c for c, code in zip(escaped, codes, strict=True))
+        + '"'
+    )
 
 
 def yaml_string(text: str) -> str:
@@ -304,7 +314,11 @@ def csv_cell(text: str) -> str:
     >>> csv_cell("=1+1"), csv_cell("mirror 1")
     ("'=1+1", 'mirror 1')
     """
-    return f"'{visible(text)}" if text.lstrip()[:1] in ("=", "+", "-", "@") or text[:1] in "\t\r" else visible(text)
+    return (
+        f"'{visible(text)}"
+        if text.lstrip()[:1] in ("=", "+", "-", "@") or text[:1] in "\t\r"
+        else visible(text)
+    )
 
 
 def csv_comment(line: str) -> str:

@@ -39,10 +39,13 @@ MOST_NESTED = 32
 TOO_DEEP = f"it must not be nested more than {MOST_NESTED} levels deep"
 DEEP_KEY = re.compile(
     r"""(?:^[ \t]*\[{0,2}|[{,])[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*)"""
-    rf"{{{MOST_NESTED}}}", re.M
-)  # fmt: skip
+    rf"{{{MOST_NESTED}}}",
+    re.M,
+)
 """Dotted key of a TOML file that creates too many tables."""
-NONBLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+NONBLOCKING = (
+    getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+)
 MARK = ".omnimirror-"
 """Part of the names of all temporary files next to an output, by which the next run identifies
 them.
@@ -64,7 +67,9 @@ def is_standard_output(path: str | Path) -> bool:
 
 
 @contextmanager
-def replacing(path: str | Path, rescue: Callable[[Path], Path | None] | None = None) -> Iterator[Path]:
+def replacing(
+    path: str | Path, rescue: Callable[[Path], Path | None] | None = None
+) -> Iterator[Path]:
     """Yield a temporary name that replaces ``path`` when the block ends without an error.
 
     The temporary file is in the folder of ``path`` and has its suffix, which image writers use to
@@ -349,7 +354,9 @@ def check_file(path: str | Path, most: int | None = None, most_unpacked: int | N
         except (zipfile.BadZipFile, NotImplementedError, ValueError) as e:
             raise OSError(errno.EINVAL, f"it is a damaged archive ({e})") from None
         if unpacked > most_unpacked:
-            raise OSError(errno.EFBIG, f"its content must not be {_larger(most_unpacked, unpacked)}")
+            raise OSError(
+                errno.EFBIG, f"its content must not be {_larger(most_unpacked, unpacked)}"
+            )
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
@@ -370,7 +377,10 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 
 
 def read_text(
-    path: str | Path, noun: str, error: type[OmnimirrorError] = OmnimirrorError, absent: str | None = None
+    path: str | Path,
+    noun: str,
+    error: type[OmnimirrorError] = OmnimirrorError,
+    absent: str | None = None,
 ) -> str:
     """Read the text of an ordinary file in UTF-8, with or without a byte order mark.
 
@@ -391,7 +401,12 @@ def read_text(
         not text.
     """
     try:
-        return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        return (
+            read_bytes(path, LARGEST_TEXT)
+            .decode("utf-8-sig")
+            .replace("\r\n", "\n")
+            .replace("\r", "\n")
+        )
     except FileNotFoundError as e:
         raise error(absent or f"cannot read the {noun} {path}: {e.strerror}") from None
     except OSError as e:
@@ -478,7 +493,9 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     """
     source = shortened(source)
     if len(text) > LARGEST_TOML:
-        raise SpecError(f"{source} must not be {_larger(LARGEST_TOML, len(text))}; tables of numbers belong into CSV")
+        raise SpecError(
+            f"{source} must not be {_larger(LARGEST_TOML, len(text))}; tables of numbers belong into CSV"
+        )
     if DEEP_KEY.search(text):  # tomllib takes time quadratic in the depth of such a key
         raise SpecError(f"{source}: {TOO_DEEP}")
     try:
@@ -523,8 +540,12 @@ def compose_yaml(text: str, source: str) -> Any:
         for event in yaml.parse(text, Loader=loader):
             line = event.start_mark.line + 1
             if isinstance(event, yaml.AliasEvent):
-                raise SpecError(f"{source} line {line}: references (*{event.anchor}) are not read; write the value out")
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+                raise SpecError(
+                    f"{source} line {line}: references (*{event.anchor}) are not read; write the value out"
+                )
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
+                event, yaml.CollectionEndEvent
+            )
             nodes += isinstance(event, yaml.NodeEvent)
             if depth > MOST_NESTED:
                 raise SpecError(f"{source} line {line}: {TOO_DEEP}")
@@ -537,9 +558,13 @@ def compose_yaml(text: str, source: str) -> Any:
         mark = problem.problem_mark or problem.context_mark
         last = text.count("\n") + 1
         where = f" line {min(mark.line + 1, last)}" if mark else ""
-        raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
+        raise SpecError(
+            f"{source}{where} is not valid YAML: {problem.problem or problem.context}"
+        ) from None
     except yaml.YAMLError as problem:
-        raise SpecError(f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}") from None
+        raise SpecError(
+            f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}"
+        ) from None
 
 
 def parse_xml(text: str, source: str) -> Any:
@@ -559,7 +584,9 @@ def parse_xml(text: str, source: str) -> Any:
     if len(text) > LARGEST_YAML:
         raise SpecError(f"{source} must not be {_larger(LARGEST_YAML, len(text))}")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise SpecError(f"{source} must not declare a document type or entities; remove <!DOCTYPE ...>")
+        raise SpecError(
+            f"{source} must not declare a document type or entities; remove <!DOCTYPE ...>"
+        )
     parser: Any = ElementTree.XMLPullParser(("start", "end"))
     depth = 0
     root = None
@@ -574,7 +601,9 @@ def parse_xml(text: str, source: str) -> Any:
                     raise SpecError(f"{source}: {TOO_DEEP}")
     except ElementTree.ParseError as problem:
         line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # may exceed the text
-        raise SpecError(f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}") from None
+        raise SpecError(
+            f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}"
+        ) from None
     except ValueError as problem:  # null character, surrogate
         if isinstance(problem, SpecError):
             raise
@@ -594,7 +623,11 @@ def _levels(data: Any) -> Iterator[list[Any]]:
     for _ in range(MOST_NESTED + 1):
         yield level
         containers = [value for value in level if isinstance(value, dict | list)]
-        level = [v for value in containers for v in (value.values() if isinstance(value, dict) else value)]
+        level = [
+            v
+            for value in containers
+            for v in (value.values() if isinstance(value, dict) else value)
+        ]
         if not containers:
             return
     raise ValueError(TOO_DEEP)
@@ -623,5 +656,7 @@ def read_tables(path: Path, each: str, all_of_them: str, most: int) -> dict[str,
     for name, table in tables.items():
         if not isinstance(table, dict):
             found = shortened(repr(table))
-            raise SpecError(f"{path}: {name} = {found} is no {each}; valid are tables such as [{name}]")
+            raise SpecError(
+                f"{path}: {name} = {found} is no {each}; valid are tables such as [{name}]"
+            )
     return tables

@@ -170,23 +170,63 @@ class Kernels(Protocol):
         self, taps: Array, step: int, sharp: float, ring: tuple[float, float, float, float] | None
     ) -> object: ...
     def PackedMap(
-        self, coordinates: Array, width: int, height: int, channels: int, deep: bool, interpolation: int
+        self,
+        coordinates: Array,
+        width: int,
+        height: int,
+        channels: int,
+        deep: bool,
+        interpolation: int,
     ) -> PackedMap: ...
     def AxialCamera(
-        self, frame: Array, x: float, y: float, width: int, height: int,
-        first: float, last: float, radii: Array, origins: Array, viewpoint: float,
-    ) -> AxialCamera: ...  # fmt: skip
+        self,
+        frame: Array,
+        x: float,
+        y: float,
+        width: int,
+        height: int,
+        first: float,
+        last: float,
+        radii: Array,
+        origins: Array,
+        viewpoint: float,
+    ) -> AxialCamera: ...
     def remap(
-        self, src: Array, coordinates: Array, dst: Array, interpolation: int, border: Colour, averages: object = None
+        self,
+        src: Array,
+        coordinates: Array,
+        dst: Array,
+        interpolation: int,
+        border: Colour,
+        averages: object = None,
     ) -> None: ...
     def remap_polar(
-        self, src: Array, radii: Array, cosines: Array, sines: Array, x: float, y: float,
-        dst: Array, interpolation: int, border: Colour, averages: object = None,
-    ) -> None: ...  # fmt: skip
+        self,
+        src: Array,
+        radii: Array,
+        cosines: Array,
+        sines: Array,
+        x: float,
+        y: float,
+        dst: Array,
+        interpolation: int,
+        border: Colour,
+        averages: object = None,
+    ) -> None: ...
     def remap_lattice(
-        self, src: Array, x: Array, y: Array, weights: Array, row_weights: Array, cells: Array, patches: Array,
-        dst: Array, interpolation: int, border: Colour, averages: object = None,
-    ) -> None: ...  # fmt: skip
+        self,
+        src: Array,
+        x: Array,
+        y: Array,
+        weights: Array,
+        row_weights: Array,
+        cells: Array,
+        patches: Array,
+        dst: Array,
+        interpolation: int,
+        border: Colour,
+        averages: object = None,
+    ) -> None: ...
     def squared_sides_of_nodes(
         self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array
     ) -> None: ...
@@ -194,11 +234,26 @@ class Kernels(Protocol):
     # -- batch evaluation of designs: batch -------------------------------------------------------
 
     def evaluate_designs(
-        self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
-        pitch: float, image_radius: float, wavelength: float, inverse_distance: Array, least_omega: float,
-        search: tuple[int, float, float, int, float, int], lens: Array, lens_numbers: tuple[float, ...], walls: Array,
-        wall: tuple[int, float, float], columns: Array, results: Array,
-    ) -> None: ...  # fmt: skip
+        self,
+        coefficients: Array,
+        numbers: Array,
+        basis: Array,
+        fractions: Array,
+        has_conic: bool,
+        paper: bool,
+        pitch: float,
+        image_radius: float,
+        wavelength: float,
+        inverse_distance: Array,
+        least_omega: float,
+        search: tuple[int, float, float, int, float, int],
+        lens: Array,
+        lens_numbers: tuple[float, ...],
+        walls: Array,
+        wall: tuple[int, float, float],
+        columns: Array,
+        results: Array,
+    ) -> None: ...
 
     # -- exposure and restoration of images: simulate ---------------------------------------------
 
@@ -206,52 +261,127 @@ class Kernels(Protocol):
     def Environment(self, light: Array) -> object: ...
     def Surfaces(self, records: Array, sizes: Array, texels: Array) -> CompiledSurfaces: ...
     def BlurKernels(
-        self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
-        pixels: Array, block: int, kernels: Array, tiles: Array, concentration: Array,
-    ) -> object: ...  # fmt: skip
+        self,
+        width: int,
+        height: int,
+        fineness: int,
+        firsts: Array,
+        offsets: Array,
+        weights: Array,
+        pixels: Array,
+        block: int,
+        kernels: Array,
+        tiles: Array,
+        concentration: Array,
+    ) -> object: ...
     def Sharpening(self, kernels: object, roots: Array, guess: Array) -> Sharpening: ...
     def expose_environment(
-        self, optics: object, environment: object, points: Array, shifted: bool, seed: int, left: int, top: int,
+        self,
+        optics: object,
+        environment: object,
+        points: Array,
+        shifted: bool,
+        seed: int,
+        left: int,
+        top: int,
         light: Array,
-    ) -> None: ...  # fmt: skip
+    ) -> None: ...
     def expose_rays(
-        self, optics: object, points: Array, shifted: bool, seed: int, left: int, top: int,
-        origins: Array, directions: Array, weights: Array, fates: Array,
-    ) -> None: ...  # fmt: skip
+        self,
+        optics: object,
+        points: Array,
+        shifted: bool,
+        seed: int,
+        left: int,
+        top: int,
+        origins: Array,
+        directions: Array,
+        weights: Array,
+        fates: Array,
+    ) -> None: ...
     def expose_surfaces(
-        self, optics: object, surfaces: CompiledSurfaces, points: Array, shifted: bool, seed: int, left: int, top: int,
-        light: Array, open_pixels: Array, open_rays: Array,
-    ) -> int: ...  # fmt: skip
+        self,
+        optics: object,
+        surfaces: CompiledSurfaces,
+        points: Array,
+        shifted: bool,
+        seed: int,
+        left: int,
+        top: int,
+        light: Array,
+        open_pixels: Array,
+        open_rays: Array,
+    ) -> int: ...
 
-    def meet_boxes(self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array) -> None: ...
-    def lead_through_boxes(self, corners: Array, origins: Array, segments: Array, through: Array) -> None: ...
+    def meet_boxes(
+        self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array
+    ) -> None: ...
+    def lead_through_boxes(
+        self, corners: Array, origins: Array, segments: Array, through: Array
+    ) -> None: ...
 
     # -- sensors with errors: tolerancing ---------------------------------------------------------
 
     def judge_trials(
-        self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],
-        objects: tuple[Array | bool, ...], rows: tuple[Array | int, ...], search: tuple[int, float, float, float, int],
-        refocus: int, floor: float, merits: Array, moved: Array,
-    ) -> None: ...  # fmt: skip
+        self,
+        numbers: Array,
+        terms: int,
+        is_conic: bool,
+        rim: float,
+        table: tuple[Array, float],
+        objects: tuple[Array | bool, ...],
+        rows: tuple[Array | int, ...],
+        search: tuple[int, float, float, float, int],
+        refocus: int,
+        floor: float,
+        merits: Array,
+        moved: Array,
+    ) -> None: ...
 
     # -- reflection points: tracing, torch --------------------------------------------------------
 
     def find_reflections(
-        self, surface: tuple[Any, ...], search: tuple[Any, ...], by_omega: Array, omegas: tuple[float, float],
-        middle: float, distant: bool, targets: Array, rows: Array, states: Array,
-    ) -> None: ...  # fmt: skip
+        self,
+        surface: tuple[Any, ...],
+        search: tuple[Any, ...],
+        by_omega: Array,
+        omegas: tuple[float, float],
+        middle: float,
+        distant: bool,
+        targets: Array,
+        rows: Array,
+        states: Array,
+    ) -> None: ...
     def leave_wall(
-        self, wall: tuple[Any, ...], points: Array, directions: Array, vectors: Array, numbers: Array, flags: Array
+        self,
+        wall: tuple[Any, ...],
+        points: Array,
+        directions: Array,
+        vectors: Array,
+        numbers: Array,
+        flags: Array,
     ) -> None: ...
     def find_covered(
-        self, mirror: tuple[Array, float, float, Array, Array], wall: tuple[Any, ...], ends: tuple[float, float],
-        search: tuple[int, float, float], pupils: tuple[Array, bool], targets: tuple[Array, bool], xy: Array,
+        self,
+        mirror: tuple[Array, float, float, Array, Array],
+        wall: tuple[Any, ...],
+        ends: tuple[float, float],
+        search: tuple[int, float, float],
+        pupils: tuple[Array, bool],
+        targets: tuple[Array, bool],
+        xy: Array,
         settled: Array,
-    ) -> None: ...  # fmt: skip
+    ) -> None: ...
     def meet_mirror(
-        self, surface: tuple[Any, ...], search: tuple[Any, ...], depth: Array, most_tangent: float, ways: Array,
-        rows: Array, states: Array,
-    ) -> None: ...  # fmt: skip
+        self,
+        surface: tuple[Any, ...],
+        search: tuple[Any, ...],
+        depth: Array,
+        most_tangent: float,
+        ways: Array,
+        rows: Array,
+        states: Array,
+    ) -> None: ...
 
     # -- all --------------------------------------------------------------------------------------
 
@@ -269,14 +399,21 @@ class PackedMap(Protocol):
     @property
     def nbytes(self) -> int: ...
     def sample(
-        self, src: Array, dst: Array, border: Colour, coordinates: Array | None = None, averages: object = None
+        self,
+        src: Array,
+        dst: Array,
+        border: Colour,
+        coordinates: Array | None = None,
+        averages: object = None,
     ) -> None: ...
 
 
 class AxialCamera(Protocol):
     """Projection of a camera that is symmetric about an axis, from tables."""
 
-    def project(self, targets: Array, is_near: bool, pixels: Array, excess: Array | None) -> None: ...
+    def project(
+        self, targets: Array, is_near: bool, pixels: Array, excess: Array | None
+    ) -> None: ...
 
 
 class CompiledSurfaces(Protocol):
@@ -285,7 +422,9 @@ class CompiledSurfaces(Protocol):
     @property
     def records(self) -> Array: ...
 
-    def radiance(self, origins: Array, directions: Array, light: Array, distances: Array) -> None: ...
+    def radiance(
+        self, origins: Array, directions: Array, light: Array, distances: Array
+    ) -> None: ...
 
 
 class Sharpening(Protocol):

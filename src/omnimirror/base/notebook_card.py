@@ -75,7 +75,9 @@ def line_drawing(lines: Sequence[Line], label: str) -> str:
 def _path(line: Line, low: tuple[float, float], scale: float) -> str:
     """Return an SVG path that is interrupted at NaN coordinates."""
     commands, is_down = [], False
-    for u, v in zip(MARGIN_PX + (line.x - low[0]) * scale, MARGIN_PX + (low[1] - line.y) * scale, strict=True):
+    for u, v in zip(
+        MARGIN_PX + (line.x - low[0]) * scale, MARGIN_PX + (low[1] - line.y) * scale, strict=True
+    ):
         is_finite = bool(np.isfinite(u) and np.isfinite(v))
         if is_finite:
             commands.append(f"{'L' if is_down else 'M'}{u:.1f} {v:.1f}")

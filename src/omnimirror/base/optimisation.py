@@ -31,7 +31,9 @@ MIN_BRACKET_REDUCTION = 1e-3  # minimum fraction of a bracket removed by each st
 BISECTION_PERIOD = 4  # period of bisection steps
 
 
-def minimise_scalar(function: Callable[[float], float], low: float, high: float, scan: int = 129) -> float:
+def minimise_scalar(
+    function: Callable[[float], float], low: float, high: float, scan: int = 129
+) -> float:
     """Minimise a scalar function on [low, high] by a grid scan and golden-section search.
 
     >>> round(lowest(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
@@ -86,7 +88,9 @@ def minimise_with_derivative(
         meet = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)  # tangent intersection
     minimise_scalar = int(seen[1].argmin())
     valleys &= meet < seen[1, minimise_scalar]
-    ends = [(tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)]
+    ends = [
+        (tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)
+    ]
     found = [_minimise_bracket(*both, close * (high - low), worst) for both in ends]
     if len(ends) == 1 and x[minimise_scalar] in (ends[0][0][0], ends[0][1][0]):  # below both ends
         return found[0]
@@ -107,7 +111,10 @@ def _minimise_bracket(a: BracketEnd, b: BracketEnd, close: float, worst: WorstFu
         if step % BISECTION_PERIOD and ga < 0 < gb:
             away = -ga * width / (gb - ga) if ja == jb else (fb - fa - gb * width) / (ga - gb)
             c = (
-                xa + min(max(away, MIN_BRACKET_REDUCTION * width), width - MIN_BRACKET_REDUCTION * width)
+                xa
+                + min(
+                    max(away, MIN_BRACKET_REDUCTION * width), width - MIN_BRACKET_REDUCTION * width
+                )
                 if isfinite(away)
                 else c
             )
@@ -157,10 +164,14 @@ def _next_positions(a: Array, b: Array, width: Array) -> Array:
     # The tangents fa + ga s and fb + gb (s - w) intersect at s = (fb - fa - gb w) / (ga - gb). If one
     # function is the largest at both ends, the secant zero of its derivative is -ga w / (gb - ga).
     with np.errstate(divide="ignore", invalid="ignore"):
-        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(ja == jb, gb - ga, ga - gb)
+        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(
+            ja == jb, gb - ga, ga - gb
+        )
     good = np.isfinite(step) & (ga < 0) & (gb > 0)
     edge = MIN_BRACKET_REDUCTION * width
-    return np.asarray(x + np.where(good, np.minimum(np.maximum(step, edge), width - edge), width / 2))
+    return np.asarray(
+        x + np.where(good, np.minimum(np.maximum(step, edge), width - edge), width / 2)
+    )
 
 
 # -- Minimax optimisation of smooth functions: sequential linear programming with a trust region
@@ -325,7 +336,10 @@ def minimise_mean(
             "fun": lambda y: -np.nan_to_num(values(y).constraints, nan=1e3),
             "jac": lambda y: -np.nan_to_num(rows(y).constraint_jacobian),
         },
-        bounds=[(None if np.isinf(a) else a, None if np.isinf(b) else b) for a, b in zip(*bounds, strict=True)],
+        bounds=[
+            (None if np.isinf(a) else a, None if np.isinf(b) else b)
+            for a, b in zip(*bounds, strict=True)
+        ],
         method="SLSQP",
         options={"maxiter": most_steps, "ftol": tolerance},
     )
@@ -347,7 +361,9 @@ def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
     return _Price(value, violation, value + VIOLATION_PENALTY * violation)
 
 
-def _second_order_model(linear: LinearisedValues, ahead: ObjectiveValues, step: Array) -> LinearisedValues:
+def _second_order_model(
+    linear: LinearisedValues, ahead: ObjectiveValues, step: Array
+) -> LinearisedValues:
     """Return the linear model shifted to the exact values at the end of a step (second-order
     correction).
     """
@@ -374,10 +390,16 @@ def _trust_region_step(
     A.append(np.hstack([K, np.zeros((len(c), 2)), -np.ones((len(c), 1))]))
     b.append(-c)
     low, high = np.maximum(bounds[0] - y, -trust), np.minimum(bounds[1] - y, trust)
-    begin = np.concatenate([_initial_rows(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)])
+    begin = np.concatenate(
+        [_initial_rows(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)]
+    )
     ranges = [*zip(low, high, strict=True), (None, None), (None, None), (0, None)]
     x = _solve_linear_programme(
-        np.r_[np.zeros(dim), 1.0, 0.0, VIOLATION_PENALTY], np.vstack(A), np.concatenate(b), ranges, begin
+        np.r_[np.zeros(dim), 1.0, 0.0, VIOLATION_PENALTY],
+        np.vstack(A),
+        np.concatenate(b),
+        ranges,
+        begin,
     )
     if x is None:
         return np.zeros(dim), np.inf
@@ -394,7 +416,11 @@ def _initial_rows(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.boo
 
 
 def _solve_linear_programme(
-    cost: Array, A: Array, b: Array, ranges: Sequence[tuple[float | None, float | None]], begin: NDArray[np.bool_]
+    cost: Array,
+    A: Array,
+    b: Array,
+    ranges: Sequence[tuple[float | None, float | None]],
+    begin: NDArray[np.bool_],
 ) -> Array | None:
     """Solve a linear programme: minimum cost with A x <= b within ranges; None if infeasible.
 
@@ -410,7 +436,12 @@ def _solve_linear_programme(
         if found.x is None:
             return None
         over = np.pad(A @ found.x - b, 1, constant_values=-np.inf)
-        peaks = (over[1:-1] >= over[:-2]) & (over[1:-1] >= over[2:]) & (over[1:-1] > FEASIBILITY_TOLERANCE) & ~used
+        peaks = (
+            (over[1:-1] >= over[:-2])
+            & (over[1:-1] >= over[2:])
+            & (over[1:-1] > FEASIBILITY_TOLERANCE)
+            & ~used
+        )
         if not peaks.any():
             least: Array = found.x
             return least

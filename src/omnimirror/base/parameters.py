@@ -28,7 +28,9 @@ class Parameter:
         """Raise InvalidParameter with the valid range unless all numbers in value are within it."""
         if self.choices:
             if not isinstance(value, str) or value not in self.choices:
-                raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(self.choices)}")
+                raise InvalidParameter(
+                    f"{name} = {shown(value)} is not one of {', '.join(self.choices)}"
+                )
             return
         if type(value) is float and self.low <= value <= self.high:
             return  # fast path
@@ -38,7 +40,9 @@ class Parameter:
             if not self.low <= number <= self.high:
                 label = f"{name}[{i}]" if np.ndim(value) else name
                 unit = f" {self.unit}" if self.unit else ""
-                raise InvalidParameter(f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}")
+                raise InvalidParameter(
+                    f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}"
+                )
 
 
 NEGATIVE = -1e-9  # eigenvalue of a covariance relative to the largest, attributed to rounding
@@ -80,12 +84,18 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "covariance", tuple(tuple(float(x) for x in row) for row in self.covariance))
+        object.__setattr__(
+            self, "covariance", tuple(tuple(float(x) for x in row) for row in self.covariance)
+        )
         count = len(self.names)
         if not count or len(set(self.names)) != count:
-            raise InvalidParameter(f"names = {shown(self.names)} are not names of parameters, each once")
+            raise InvalidParameter(
+                f"names = {shown(self.names)} are not names of parameters, each once"
+            )
         if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
-            raise InvalidParameter(f"covariance is no matrix ({count}, {count}), one row for each of {count} names")
+            raise InvalidParameter(
+                f"covariance is no matrix ({count}, {count}), one row for each of {count} names"
+            )
         matrix = finite("covariance", self.covariance)
         scale = np.sqrt(np.abs(np.diag(matrix)))
         scale[scale == 0] = 1.0
@@ -99,7 +109,9 @@ class Uncertainty:
         if self.marginal_sigmas is not None:
             alone = finite("marginal_sigmas", self.marginal_sigmas, 0.0)
             if alone.shape != (count,):
-                raise InvalidParameter(f"marginal_sigmas has shape {alone.shape}; it must be ({count},), as names")
+                raise InvalidParameter(
+                    f"marginal_sigmas has shape {alone.shape}; it must be ({count},), as names"
+                )
             object.__setattr__(self, "marginal_sigmas", tuple(alone.tolist()))
 
     @property
@@ -108,7 +120,8 @@ class Uncertainty:
         if self.marginal_sigmas is not None:
             return dict(zip(self.names, self.marginal_sigmas, strict=True))
         return {
-            name: float(row[i] ** 0.5) for i, (name, row) in enumerate(zip(self.names, self.covariance, strict=True))
+            name: float(row[i] ** 0.5)
+            for i, (name, row) in enumerate(zip(self.names, self.covariance, strict=True))
         }
 
     def of(self, names: Sequence[str]) -> NDArray[np.float64]:

@@ -56,7 +56,9 @@ def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
         if k not in around:
             around[k] = z**k
         if (n, k) not in radial:
-            radial[n, k] = sqrt((n + 1) * (2 if k else 1)) * eval_jacobi((n - k) // 2, 0, k, argument)
+            radial[n, k] = sqrt((n + 1) * (2 if k else 1)) * eval_jacobi(
+                (n - k) // 2, 0, k, argument
+            )
         values[:, column] = radial[n, k] * (around[k].imag if m < 0 else around[k].real)
     return values
 

@@ -41,7 +41,9 @@ class Registry(Mapping[str, T], Generic[T]):
     {'A4': 297.0, 'A3': 420.0}
     """
 
-    def __init__(self, group: str, what: str, ours: Mapping[str, T], check: Callable[[str, Any], None]) -> None:
+    def __init__(
+        self, group: str, what: str, ours: Mapping[str, T], check: Callable[[str, Any], None]
+    ) -> None:
         self.group, self.what, self._check = group, what, check
         self._ours = frozenset(ours)
         self._known: dict[str, T] = dict(ours)

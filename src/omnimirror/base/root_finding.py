@@ -16,7 +16,11 @@ MAX_STEPS = 200  # bisection alone requires 52
 
 
 def increasing_root(
-    function: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, start: Array, scale: float
+    function: Callable[[Array], tuple[Array, Array]],
+    low: Array,
+    high: Array,
+    start: Array,
+    scale: float,
 ) -> Array:
     """Solve f(x) = 0 for each element, given low <= root <= high.
 

@@ -17,7 +17,14 @@ from ..optics.mirrors import ConicAsphere, SlopeSpline
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import trace_chief_rays
 from .projection_derivatives import profile_derivatives
-from .sensor_parameters import ParameterLocation, ParameterPrior, parameter_location, shape_names, value_of, with_values
+from .sensor_parameters import (
+    ParameterLocation,
+    ParameterPrior,
+    parameter_location,
+    shape_names,
+    value_of,
+    with_values,
+)
 
 Model = TypeVar("Model", bound=CameraModel)
 
@@ -58,7 +65,9 @@ def radial_projection(central: CameraModel, omega_max_deg: float) -> RadialProje
     rings = np.where(seen[:, None], image.pixels, np.nan).reshape(RINGS, SPOKES, 2)
     whole = np.asarray(seen.reshape(RINGS, SPOKES).all(axis=1))
     if not whole[:2].all():
-        raise InvalidParameter("the model shows nothing round its axis; a mirror cannot begin from it")
+        raise InvalidParameter(
+            "the model shows nothing round its axis; a mirror cannot begin from it"
+        )
     u, v = rings[:2].mean(axis=(0, 1))
     shares = seen.reshape(RINGS, SPOKES).mean(axis=1)
     kept = np.logical_and.accumulate(shares >= MIN_VISIBLE_FRACTION)
@@ -74,10 +83,14 @@ def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, 
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
     forward = -1.0 if central.optics == "mirror" else 1.0
     o, p = (a.ravel() for a in np.meshgrid(omega, phi, indexing="ij"))
-    return np.stack([np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), forward * np.cos(o)], axis=-1), omega
+    return np.stack(
+        [np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), forward * np.cos(o)], axis=-1
+    ), omega
 
 
-def unknown_sensor(central: CameraModel, law: RadialProjection, rim_radius_mm: float, distance_mm: float) -> Sensor:
+def unknown_sensor(
+    central: CameraModel, law: RadialProjection, rim_radius_mm: float, distance_mm: float
+) -> Sensor:
     """Return a sensor with an unknown mirror of given size and distance for a central model.
 
     The focal length follows from the radius of the field in the image.
@@ -122,7 +135,9 @@ def guessed_size(
     wanted = viewpoint_mm - viewpoint_mm.mean()
     guesses = []
     for distance in DISTANCES:
-        sensor = with_prescribed_projection(law, unknown_sensor(central, law, 1.0, distance), rim_is_known=False)
+        sensor = with_prescribed_projection(
+            law, unknown_sensor(central, law, 1.0, distance), rim_is_known=False
+        )
         x = np.linspace(0.02, 1.0, RINGS) * sensor.mirror.rim_radius_mm
         rays = sensor.meridian.trace(x)
         moved = np.interp(omega, rays.omega, rays.z + rays.viewpoint_offset())
@@ -130,7 +145,9 @@ def guessed_size(
         size = float(moved @ wanted / max(moved @ moved, 1e-12))
         guesses.append((float(np.sum((wanted - size * moved) ** 2)), size, distance * size))
     left, size, distance_mm = min(guesses)
-    is_known = SIZES_MM[0] < size < SIZES_MM[1] and left < MAX_RESIDUAL_MOTION**2 * float(wanted @ wanted)
+    is_known = SIZES_MM[0] < size < SIZES_MM[1] and left < MAX_RESIDUAL_MOTION**2 * float(
+        wanted @ wanted
+    )
     return (size, distance_mm) if is_known else None
 
 
@@ -152,7 +169,9 @@ def with_prescribed_projection(law: RadialProjection, sensor: Sensor, rim_is_kno
         mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]
     if isinstance(mirror, SlopeSpline):
         at = np.linspace(0.0, mirror.rim_radius_mm, len(mirror.slopes))
-        return replace(sensor, mirror=SlopeSpline((0.0, *np.interp(at[1:], x, slope)), mirror.rim_radius_mm))
+        return replace(
+            sensor, mirror=SlopeSpline((0.0, *np.interp(at[1:], x, slope)), mirror.rim_radius_mm)
+        )
     places = tuple(parameter_location(sensor, name) for name in shape_names(sensor))
     begun = replace(sensor, mirror=mirror)
     return replace(begun, mirror=_fitted_slopes(begun, places, x, slope).mirror)
@@ -190,7 +209,9 @@ def _prescribed_slopes(law: RadialProjection, sensor: Sensor) -> tuple[Array, Ar
     return x, np.tan((omega - at) / 2)
 
 
-def _fitted_slopes(sensor: Sensor, places: tuple[ParameterLocation, ...], x: Array, slope: Array) -> Sensor:
+def _fitted_slopes(
+    sensor: Sensor, places: tuple[ParameterLocation, ...], x: Array, slope: Array
+) -> Sensor:
     """Return the sensor whose mirror has slopes (n,) at x (n,), by damped least squares."""
     values = np.array([value_of(sensor, place) for place in places])
 
@@ -199,19 +220,27 @@ def _fitted_slopes(sensor: Sensor, places: tuple[ParameterLocation, ...], x: Arr
             other = with_values(sensor, places, at)
         except OmnimirrorError:
             return None
-        return other, np.arctan(other.mirror.slope(np.minimum(x, sensor.mirror.rim_radius_mm))) - np.arctan(slope)
+        return other, np.arctan(
+            other.mirror.slope(np.minimum(x, sensor.mirror.rim_radius_mm))
+        ) - np.arctan(slope)
 
     state, damping = turned(values), 1e-3
     if state is None:
-        raise InvalidParameter(f"a {sensor.mirror.KIND} cannot be {x[-1]:.4g} mm wide; start with another mirror")
+        raise InvalidParameter(
+            f"a {sensor.mirror.KIND} cannot be {x[-1]:.4g} mm wide; start with another mirror"
+        )
     for _ in range(MAX_STEPS):
         here, error = state
-        rates = profile_derivatives(here.mirror, np.minimum(x, here.mirror.rim_radius_mm), places)[1]
+        rates = profile_derivatives(here.mirror, np.minimum(x, here.mirror.rim_radius_mm), places)[
+            1
+        ]
         step = _damped_step(rates / (1 + here.mirror.slope(x) ** 2)[:, None], error, damping)
         other = turned(values - step)
         if other is not None and (other[1] ** 2).sum() <= (error**2).sum():
             values, damping = values - step, damping / 5
-            settled = (error**2).sum() - (other[1] ** 2).sum() <= RELATIVE_TOLERANCE * (error**2).sum()
+            settled = (error**2).sum() - (other[1] ** 2).sum() <= RELATIVE_TOLERANCE * (
+                error**2
+            ).sum()
             state = other
             if settled:
                 break
@@ -239,8 +268,13 @@ def fit_to_central_model(
     def compared(other: Model) -> tuple[Array, Array]:
         image = other.image(directions, distant=True)
         off, rates = image.pixels - pixels, image.d_parameters
-        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(off**2, axis=1)), 0.0)[:, None]  # robust
-        off, rates = np.where(image.valid[:, None], off, 0.0), np.where(image.valid[:, None, None], rates, 0.0)
+        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(off**2, axis=1)), 0.0)[
+            :, None
+        ]  # robust
+        off, rates = (
+            np.where(image.valid[:, None], off, 0.0),
+            np.where(image.valid[:, None, None], rates, 0.0),
+        )
         at = np.array([p.value for p in other.parameters])
         error = np.concatenate([(weight * off).ravel(), rows @ at - means.sum(axis=1)])
         return error, np.concatenate([(weight[:, :, None] * rates).reshape(-1, len(names)), rows])

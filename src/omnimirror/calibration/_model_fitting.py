@@ -83,7 +83,9 @@ class Sample:
     @property
     def signs(self) -> Array:
         """Signs (3,) that convert directions from the camera frame to the frame of files."""
-        return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
+        return np.array(
+            [-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0]
+        )
 
     def points(self, distance_mm: float) -> Array:
         """Return points (n, 3) mm on the rays at a distance from the origin.
@@ -114,7 +116,10 @@ class Sample:
         limits = [f"{name} = {value:g}" for name, value in given.items() if value is not None]
         if not limits:
             return self
-        low, high = 0.0 if inner_deg is None else inner_deg, 180.0 if field_deg is None else field_deg
+        low, high = (
+            0.0 if inner_deg is None else inner_deg,
+            180.0 if field_deg is None else field_deg,
+        )
         inside = (self.omega >= np.radians(low)) & (self.omega <= np.radians(high))
         if inside.sum() < MIN_PIXELS:
             raise InvalidParameter(
@@ -122,7 +127,10 @@ class Sample:
                 f"{np.degrees(self.omega.max()):.4g} deg from the axis"
             )
         return replace(
-            self, pixels=self.pixels[inside], origins=self.origins[inside], directions=self.directions[inside]
+            self,
+            pixels=self.pixels[inside],
+            origins=self.origins[inside],
+            directions=self.directions[inside],
         )
 
     def with_rim_of(self, other: Sample) -> Sample:
@@ -151,12 +159,17 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     origins, directions, valid = camera.backproject(pixels)
     if not valid.any():
-        raise InvalidParameter("the camera sees nothing in its picture, so there is nothing to convert")
+        raise InvalidParameter(
+            "the camera sees nothing in its picture, so there is nothing to convert"
+        )
     to_camera = mount.rotation()
     return Sample(
-        pixels[valid], turned(origins[valid], to_camera), turned(directions[valid], to_camera),
-        _looks_back(camera, pixels[valid], turned(directions[valid], to_camera)), mount,
-    )  # fmt: skip
+        pixels[valid],
+        turned(origins[valid], to_camera),
+        turned(directions[valid], to_camera),
+        _looks_back(camera, pixels[valid], turned(directions[valid], to_camera)),
+        mount,
+    )
 
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
@@ -164,7 +177,9 @@ def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
     said = getattr(camera, "looks_back", None)
     if isinstance(said, bool):
         return said
-    centre = np.array(camera.symmetry.centre_px if camera.symmetry else np.array(camera.image_size) / 2)
+    centre = np.array(
+        camera.symmetry.centre_px if camera.symmetry else np.array(camera.image_size) / 2
+    )
     nearest = np.argsort(np.linalg.norm(pixels - centre, axis=1))[: max(8, len(pixels) // 50)]
     outermost = np.argsort(np.linalg.norm(pixels - centre, axis=1))[-max(8, len(pixels) // 50) :]
     return bool(directions[nearest, 2].mean() < directions[outermost, 2].mean())
@@ -216,7 +231,9 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
     solution = np.linalg.lstsq(flat, sample.pixels, rcond=None)[0]
     matrix, centre = solution[:2].T, solution[2]
     if not np.linalg.det(matrix) > 1e-3:
-        raise InvalidParameter("the picture does not grow with the field angle around a centre, so no model fits it")
+        raise InvalidParameter(
+            "the picture does not grow with the field angle around a centre, so no model fits it"
+        )
     plane = (sample.pixels - centre) @ np.linalg.inv(matrix).T
     u, v = (float(x) for x in centre)
     common: dict[str, Any] = {
@@ -250,7 +267,9 @@ def initial_models(
     yield from INITIAL_MODELS[kind](places, picture)
 
 
-def _focal(f: float, places: frozenset[str] | None, picture: RotationalProjection) -> dict[str, Any]:
+def _focal(
+    f: float, places: frozenset[str] | None, picture: RotationalProjection
+) -> dict[str, Any]:
     (a, skew), (_, d) = picture.matrix
     made = {"focal_px": (float(a * f), float(d * f)), **picture.common}
     if places is None or "skew" in places:
@@ -258,11 +277,15 @@ def _focal(f: float, places: frozenset[str] | None, picture: RotationalProjectio
     return made
 
 
-def _kannala_brandt(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
+def _kannala_brandt(
+    places: frozenset[str] | None, picture: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield the fit of ``r = f (Omega + k1 Omega^3 + ...)``, which is linear in f and f k."""
     scale = picture.omega.max()
     powers = 2 * np.arange(5) + 1
-    found = np.linalg.lstsq((picture.omega / scale)[:, None] ** powers, picture.radius, rcond=None)[0]
+    found = np.linalg.lstsq((picture.omega / scale)[:, None] ** powers, picture.radius, rcond=None)[
+        0
+    ]
     f, *rest = found / scale**powers
     ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
     kind = ThinPrismFisheye if places is not None and "k6" in places else KannalaBrandt
@@ -278,7 +301,13 @@ def _unified(places: frozenset[str] | None, picture: RotationalProjection) -> It
     refusal = InvalidParameter("")
     for xi in (np.linspace(0.0, 1.0, 41), np.linspace(1.0, 3.0, 41)):
         try:
-            found.append(Unified(**_best(picture, places, _unified_radius, lambda o, xi: np.cos(o) + xi, {"xi": xi})))
+            found.append(
+                Unified(
+                    **_best(
+                        picture, places, _unified_radius, lambda o, xi: np.cos(o) + xi, {"xi": xi}
+                    )
+                )
+            )
         except InvalidParameter as problem:
             refusal = problem
     if not found:
@@ -302,9 +331,14 @@ def _pinhole(
     scale = tan.max()
     for terms in (4, 3, 2, 1):
         powers = 2 * np.arange(terms) + 1
-        f, *rest = np.linalg.lstsq((tan / scale)[:, None] ** powers, picture.radius, rcond=None)[0] / scale**powers
+        f, *rest = (
+            np.linalg.lstsq((tan / scale)[:, None] ** powers, picture.radius, rcond=None)[0]
+            / scale**powers
+        )
         if f > 0:
-            ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
+            ks: dict[str, Any] = {
+                f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)
+            }
             model: CameraModel = kind(**fixed, **_focal(float(f), places, picture), **ks)
             if model.image(_boundary_directions(picture), distant=True).valid.all():
                 yield model
@@ -316,24 +350,39 @@ def _boundary_directions(picture: RotationalProjection) -> Array:
     phi = np.linspace(0, 2 * np.pi, 16)
     ahead = -1.0 if picture.common["optics"] == "mirror" else 1.0
     omega = picture.omega.max()
-    return np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.full(16, ahead * np.cos(omega))], -1)
+    return np.stack(
+        [
+            np.sin(omega) * np.cos(phi),
+            np.sin(omega) * np.sin(phi),
+            np.full(16, ahead * np.cos(omega)),
+        ],
+        -1,
+    )
 
 
 def _unified_radius(omega: Array, xi: float) -> Array:
     return np.asarray(np.sin(omega) / (np.cos(omega) + xi))
 
 
-def _rational(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
+def _rational(
+    places: frozenset[str] | None, picture: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield a pinhole model without denominator."""
     yield from _pinhole(RationalPinhole, {}, places, picture)
 
 
-def _enhanced(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
+def _enhanced(
+    places: frozenset[str] | None, picture: RotationalProjection
+) -> Iterator[CameraModel]:
     def depth(o: Array, alpha: float, beta: float) -> Array:
-        return np.asarray(alpha * np.sqrt(beta * np.sin(o) ** 2 + np.cos(o) ** 2) + (1 - alpha) * np.cos(o))
+        return np.asarray(
+            alpha * np.sqrt(beta * np.sin(o) ** 2 + np.cos(o) ** 2) + (1 - alpha) * np.cos(o)
+        )
 
     grid = {"alpha": np.linspace(0.02, 0.98, 25), "beta": np.geomspace(0.3, 4.0, 25)}
-    yield EnhancedUnified(**_best(picture, places, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid))
+    yield EnhancedUnified(
+        **_best(picture, places, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid)
+    )
 
 
 def _double(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
@@ -342,7 +391,9 @@ def _double(places: frozenset[str] | None, picture: RotationalProjection) -> Ite
         return np.asarray(alpha * np.hypot(np.sin(o), z) + (1 - alpha) * z)
 
     grid = {"xi": np.linspace(-0.9, 0.95, 25), "alpha": np.linspace(0.02, 0.98, 25)}
-    yield DoubleSphere(**_best(picture, places, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid))
+    yield DoubleSphere(
+        **_best(picture, places, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid)
+    )
 
 
 def _best(
@@ -357,12 +408,17 @@ def _best(
     best, arguments = np.inf, None
     for values in product(*grid.values()):
         with np.errstate(all="ignore"):
-            grows = (depth(omega, *values) > 1e-3).all() and (np.diff(law(omega, *values)) > 0).all()
+            grows = (depth(omega, *values) > 1e-3).all() and (
+                np.diff(law(omega, *values)) > 0
+            ).all()
         if grows:
             f, left = picture.least_squares(law(picture.omega, *values))
             if left < best:
                 best = left
-                arguments = {**dict(zip(grid, map(float, values), strict=True)), **_focal(f, places, picture)}
+                arguments = {
+                    **dict(zip(grid, map(float, values), strict=True)),
+                    **_focal(f, places, picture),
+                }
     if arguments is None:
         raise InvalidParameter(
             f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis"
@@ -385,7 +441,9 @@ def _ocam(places: frozenset[str] | None, picture: RotationalProjection) -> Itera
         yield OCam(polynomial, affine=affine, **picture.common)
 
 
-INITIAL_MODELS: dict[type[Any], Callable[[frozenset[str] | None, RotationalProjection], Iterator[CameraModel]]] = {
+INITIAL_MODELS: dict[
+    type[Any], Callable[[frozenset[str] | None, RotationalProjection], Iterator[CameraModel]]
+] = {
     KannalaBrandt: _kannala_brandt,
     ThinPrismFisheye: _kannala_brandt,
     RationalPinhole: _rational,
@@ -425,7 +483,9 @@ class FittedModel:
     viewpoint_mm: Array
 
 
-def fit_model(start: CameraModel, sample: Sample, free: list[bool], distances_mm: tuple[float, ...]) -> FittedModel:
+def fit_model(
+    start: CameraModel, sample: Sample, free: list[bool], distances_mm: tuple[float, ...]
+) -> FittedModel:
     """Fit a model's parameters to the pixels of a sample for points at several distances.
 
     Levenberg-Marquardt iteration with the analytic derivatives of the model. For a camera without a
@@ -471,7 +531,9 @@ class _Problem:
     the camera pose). Formats without the affine matrix have no rotation.
     """
 
-    def __init__(self, start: CameraModel, sample: Sample, free: NDArray[np.intp], far: tuple[float, ...]) -> None:
+    def __init__(
+        self, start: CameraModel, sample: Sample, free: NDArray[np.intp], far: tuple[float, ...]
+    ) -> None:
         self.start, self.sample, self.free = start, sample, free
         self.values = np.array([p.value for p in start.parameters])
         self.scale = np.array([p.scale for p in start.parameters])
@@ -523,11 +585,16 @@ class _Problem:
         if self.turns:
             signs = self.sample.signs
             x, y, _ = (points * signs).T
-            slopes[:, :, -1] = image.d_points[:, :, 0] * (-y * signs[0])[:, None] + image.d_points[:, :, 1] * x[:, None]
+            slopes[:, :, -1] = (
+                image.d_points[:, :, 0] * (-y * signs[0])[:, None]
+                + image.d_points[:, :, 1] * x[:, None]
+            )
         return slopes.reshape(2 * n, self.count)
 
 
-def _rotated_stretch(affine: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
+def _rotated_stretch(
+    affine: tuple[float, float, float], angle: float
+) -> tuple[float, float, float]:
     """Return OCamCalib's c, d, e after a prior image rotation (radians), up to scale."""
     c, d, e = affine
     cos, sin = np.cos(angle), np.sin(angle)
@@ -556,7 +623,9 @@ def nearest_point_to_rays(origins: Array, directions: Array) -> Array:
     return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
 
 
-def parallax(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float) -> Cost:
+def parallax(
+    sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float
+) -> Cost:
     """Return the parallax error of near points in a panorama with the directions of distant points."""
     towards = sample.points(distance_mm) - (0.0 if np.isinf(distance_mm) else viewpoint_mm)
     across = np.linalg.norm(np.cross(towards, sample.directions), axis=1)
@@ -570,6 +639,9 @@ def _cost_summary(error: Array, sample: Sample, distance_mm: float) -> Cost:
     worst = int(np.argmax(error))
     u, v = sample.pixels[worst]
     return Cost(
-        distance_mm, float(np.sqrt(np.mean(error**2))), float(error[worst]), (float(u), float(v)),
+        distance_mm,
+        float(np.sqrt(np.mean(error**2))),
+        float(error[worst]),
+        (float(u), float(v)),
         float(np.degrees(sample.omega[worst])),
-    )  # fmt: skip
+    )

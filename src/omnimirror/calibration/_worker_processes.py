@@ -71,11 +71,15 @@ class WorkerPool:
             results[number] = found
         return results  # type: ignore[return-value]
 
-    def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
+    def each(
+        self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, T]]:
         """Yield each result with its index, in order of completion."""
         waiting, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
         for helper in self._enough(min(len(jobs), usable_cores()) - 1):
-            Thread(target=_process_jobs, args=(helper, function, waiting, done), daemon=True).start()
+            Thread(
+                target=_process_jobs, args=(helper, function, waiting, done), daemon=True
+            ).start()
         left = len(jobs)
         try:
             while left:
@@ -151,12 +155,17 @@ def _start_worker() -> subprocess.Popen[bytes]:
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     where = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     return subprocess.Popen(
-        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
         env=os.environ | where | one_thread,
-    )  # fmt: skip
+    )
 
 
-def _asked(helper: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]) -> Any:
+def _asked(
+    helper: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]
+) -> Any:
     assert helper.stdin is not None
     assert helper.stdout is not None
     try:

@@ -9,7 +9,16 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..base.arguments import WrongKind, choice, distances, file_name, instance, optional_number, shown, whole
+from ..base.arguments import (
+    WrongKind,
+    choice,
+    distances,
+    file_name,
+    instance,
+    optional_number,
+    shown,
+    whole,
+)
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import replacing
 from ..cameras.camera import Camera
@@ -76,7 +85,9 @@ def flipped(camera: Model) -> Model:
     """
     found: Any = camera
     if not hasattr(found, "centre_px"):
-        raise InvalidParameter(f"{camera.KIND} cannot be flipped, since it has no centre of the picture")
+        raise InvalidParameter(
+            f"{camera.KIND} cannot be flipped, since it has no centre of the picture"
+        )
     (u, v), width = found.centre_px, camera.image_size[0]
     changes: dict[str, Any] = {
         "centre_px": (width - 1 - u, v),
@@ -260,18 +271,36 @@ def convert(
     far = _far(distance_mm)
     targets = targets_of(target, to)
     source = source.sensor if isinstance(source, SensorModel) else source
-    read, stored = ("", Stored("", source)) if isinstance(source, Camera) else _of_file(source, reading, from_, camera)
+    read, stored = (
+        ("", Stored("", source))
+        if isinstance(source, Camera)
+        else _of_file(source, reading, from_, camera)
+    )
     made = _exact_target(stored.camera, targets)
     exact = made is not None
     if made is None:
         known = _calibrated_deg(stored.camera)
-        made = _fitted(stored.camera, targets, allowed, far, (known if field[0] is None else field[0], field[1]))
+        made = _fitted(
+            stored.camera,
+            targets,
+            allowed,
+            far,
+            (known if field[0] is None else field[0], field[1]),
+        )
     elif made.target.layout.is_panorama:
         made = _panorama(stored.camera, made.target, far)
         exact = not made.costs
-    written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
+    written = (
+        flipped(made.found.model)
+        if flip and not made.target.layout.is_panorama
+        else made.found.model
+    )
     content = made.target.layout.write(written, stored.name)
-    notes = (*stored.notes, *_notes(stored.camera, written, made), *_field_notes(stored.camera, made, field[0]))
+    notes = (
+        *stored.notes,
+        *_notes(stored.camera, written, made),
+        *_field_notes(stored.camera, made, field[0]),
+    )
     with replacing(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in made.found.viewpoint_mm)
@@ -281,7 +310,9 @@ def convert(
 # -- arguments --------------------------------------------------------------------------------
 
 
-def _reading(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> Reading:
+def _reading(
+    source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any
+) -> Reading:
     choice("optics", optics, ("mirror", "fisheye"))
     stands = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
     rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
@@ -315,7 +346,9 @@ def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
     return found
 
 
-def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str) -> tuple[str, Stored]:
+def _of_file(
+    source: Any, reading: Reading, name: str | None, camera: int | str
+) -> tuple[str, Stored]:
     path = file_name("source", source)
     if name is None and not path.exists() and str(source) in bundled_sensors():
         return "omnimirror", Stored(str(source), load_sensor(source))
@@ -324,10 +357,14 @@ def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str)
     if isinstance(camera, str) and camera in names:
         return read, cameras[names.index(camera)]
     if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
-        raise InvalidParameter(f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}")
+        raise InvalidParameter(
+            f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}"
+        )
     which = whole("camera", float(camera) if isinstance(camera, str) else camera)
     if which >= len(cameras):
-        raise InvalidParameter(f"camera = {which} is not in {source}, which has {len(cameras)}, from 0")
+        raise InvalidParameter(
+            f"camera = {which} is not in {source}, which has {len(cameras)}, from 0"
+        )
     return read, cameras[which]
 
 
@@ -351,17 +388,27 @@ def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Stored
         return _StoredCamera(target, FittedModel(found, np.zeros(3)), ())
     viewpoint = nearest_point_to_rays(seen.origins, seen.directions)
     scale = sphere(camera).size[0] / 360
-    return _StoredCamera(target, FittedModel(found, viewpoint), tuple(parallax(seen, viewpoint, d, scale) for d in far))
+    return _StoredCamera(
+        target,
+        FittedModel(found, viewpoint),
+        tuple(parallax(seen, viewpoint, d, scale) for d in far),
+    )
 
 
 def _fitted(
-    camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: _Field
+    camera: Camera,
+    targets: list[Target],
+    allowed: float | None,
+    far: tuple[float, ...],
+    field: _Field,
 ) -> _StoredCamera:
     """Return the target with the smallest error, if within the tolerance."""
     mount = getattr(camera, "mount", Mount())
     all_of_it = sample(camera, mount, N_EVALUATION_PIXELS)
     seen = all_of_it.within(*field)
-    fitted = sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING).within(*field).with_rim_of(seen)
+    fitted = (
+        sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING).within(*field).with_rim_of(seen)
+    )
     tried, reasons = [], []
     for target in targets:
         if target.layout.kind not in INITIAL_MODELS:
@@ -379,10 +426,14 @@ def _fitted(
         if made not in usable
     ]
     if not usable:
-        remedy = f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
+        remedy = (
+            f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
+        )
         raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
     best = min(usable, key=lambda made: made.largest_px)
-    whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
+    whole_field = [
+        made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())
+    ]
     if whole_field and allowed is not None:  # prefer a model for the whole field
         fullest = min(whole_field, key=lambda made: made.largest_px)
         best = fullest if fullest.largest_px <= allowed else best
@@ -419,9 +470,13 @@ def _remedies(camera: Camera, best: _StoredCamera) -> str:
     """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
     worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
     remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
-    if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unplaced(camera)):
+    if getattr(camera, "uncertainty", None) is not None and (
+        names := best.target.layout.unplaced(camera)
+    ):
         options = " ".join(f"--fix {name}" for name in names)
-        remedies.append(f"or calibrate with {options} (fixed) for a camera that the format holds exactly")
+        remedies.append(
+            f"or calibrate with {options} (fixed) for a camera that the format holds exactly"
+        )
     return "".join(f", {remedy}" for remedy in remedies)
 
 
@@ -435,7 +490,9 @@ def _best_fit(
         free = [layout.places is None or p.name in layout.places for p in model.parameters]
         found = fit_model(model, fitted, free, far)
         at = (np.inf,) if seen.is_central else far
-        made = _StoredCamera(target, found, tuple(reprojection_cost(found, seen, distance) for distance in at))
+        made = _StoredCamera(
+            target, found, tuple(reprojection_cost(found, seen, distance) for distance in at)
+        )
         if best is None or made.largest_px < best.largest_px:
             best = made
         if best.largest_px < SUFFICIENT_ERROR_PX:
@@ -461,7 +518,10 @@ def _field_notes(source: Camera, made: _StoredCamera, field_deg: float | None) -
             f"the fit is restricted to the calibrated field of 0 to {known:.4g} deg; use field_deg (--field-deg) to "
             "include angles beyond it, where the camera is an extrapolation"
         )
-    elif not made.costs and np.degrees(getattr(source, "omega_max", 0.0)) > known + FIELD_ROUNDING_DEG:
+    elif (
+        not made.costs
+        and np.degrees(getattr(source, "omega_max", 0.0)) > known + FIELD_ROUNDING_DEG
+    ):
         yield (
             f"the calibrated field of 0 to {known:.4g} deg is not in the file: beyond it the camera is an extrapolation"
         )

@@ -39,7 +39,9 @@ class EdgePoints:
 
     def among(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> EdgePoints:
         """Return the edges selected by a mask (n,) or by indices."""
-        return EdgePoints(self.points[chosen], self.normals[chosen], self.steps[chosen], self.weights[chosen])
+        return EdgePoints(
+            self.points[chosen], self.normals[chosen], self.steps[chosen], self.weights[chosen]
+        )
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,21 @@ def edges_of(working: WorkingImage) -> EdgePoints:
     if found.sum() > MAX_EDGES:
         # relative to nearby edges: a strong pattern in one region must not suppress the rim in
         # another
-        among = step / (cv2.blur(np.where(found, step, np.float32(0.0)), (CROWD_PX, CROWD_PX)) + np.float32(MIN_STEP))
+        among = step / (
+            cv2.blur(np.where(found, step, np.float32(0.0)), (CROWD_PX, CROWD_PX))
+            + np.float32(MIN_STEP)
+        )
         found &= among >= np.partition(among[found], -MAX_EDGES)[-MAX_EDGES]
     v, u = np.nonzero(found)
     before, here, after = behind[v, u], step[v, u], ahead[v, u]
-    offset = np.clip((after - before) / np.maximum(2 * (2 * here - before - after), 1e-6), -0.5, 0.5)
+    offset = np.clip(
+        (after - before) / np.maximum(2 * (2 * here - before - after), 1e-6), -0.5, 0.5
+    )
     normals = np.stack([nx[v, u], ny[v, u]], axis=1).astype(float)
     points = np.stack([u, v], axis=1) + offset[:, None] * normals
-    return EdgePoints(points, normals, here.astype(float), np.minimum(here / FULL_WEIGHT_STEP, 1.0).astype(float))
+    return EdgePoints(
+        points, normals, here.astype(float), np.minimum(here / FULL_WEIGHT_STEP, 1.0).astype(float)
+    )
 
 
 def steepest(image: Image) -> tuple[Image, Image, Image]:
@@ -110,7 +119,9 @@ def steepest(image: Image) -> tuple[Image, Image, Image]:
     most, x, y = length[..., 0], gx[..., 0], gy[..., 0]
     for k in range(1, image.shape[2]):
         is_steeper = length[..., k] > most
-        most, x, y = (np.where(is_steeper, a[..., k], b) for a, b in ((length, most), (gx, x), (gy, y)))
+        most, x, y = (
+            np.where(is_steeper, a[..., k], b) for a, b in ((length, most), (gx, x), (gy, y))
+        )
     return x, y, np.sqrt(most)
 
 
@@ -169,7 +180,16 @@ ROUGH_PX, WORST_PX = 0.35, 1.2  # rms and maximum distance of a chain from its c
 STEP_PX = 2.0  # between retained points: neighbouring points are redundant
 MIN_LENGTH = 0.06  # fraction of the field's radius; minimum length of a chain
 EDGE_PX = 4.0  # minimum distance from the rim, whose edge does not belong to the scene
-NEIGHBOURS = [(-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # 4-connected first
+NEIGHBOURS = [
+    (-1, 0),
+    (0, -1),
+    (0, 1),
+    (1, 0),
+    (-1, -1),
+    (-1, 1),
+    (1, -1),
+    (1, 1),
+]  # 4-connected first
 FORK = 5  # neighbours of a pixel at a junction; on stairs each has four
 REACH, CORNER_DEG = 6, 25.0  # edge points to either side, and change of direction at a corner
 
@@ -212,7 +232,9 @@ def edge_chains(
     levels = levels_of(picture)
     height, width = levels.shape[:2]
     u, v = centre_px or ((width - 1) / 2, (height - 1) / 2)
-    radius = min(width, height) / 2 if radius_px is None else number("radius_px", radius_px, above=0.0)
+    radius = (
+        min(width, height) / 2 if radius_px is None else number("radius_px", radius_px, above=0.0)
+    )
     least = max(MIN_LENGTH * radius, 12.0) if least_length_px is None else least_length_px
     is_edge, points = _traced_edges(levels)
     rows, columns = np.nonzero(is_edge)
@@ -222,7 +244,9 @@ def edge_chains(
     is_edge[rows[outside], columns[outside]] = False
     found: list[Array] = []
     for path in _paths(is_edge):
-        for piece in _between_corners(points[np.searchsorted(places, path[:, 0] * width + path[:, 1])]):
+        for piece in _between_corners(
+            points[np.searchsorted(places, path[:, 0] * width + path[:, 1])]
+        ):
             found += _smooth_parts(piece, least)
     return sorted((_thinned(chain) for chain in found), key=len, reverse=True)
 
@@ -271,7 +295,9 @@ def _ridge(levels: NDArray[Any], is_edge: Mask, band: slice) -> Array:
     rows = rows + band.start - first
     here = size[rows, columns]
     along = np.stack([dx[rows, columns], dy[rows, columns]]) / np.where(here > 0, here, 1.0)
-    before, after = (_between(size, columns + s * along[0], rows + s * along[1]) for s in (-1.0, 1.0))
+    before, after = (
+        _between(size, columns + s * along[0], rows + s * along[1]) for s in (-1.0, 1.0)
+    )
     bend = before - 2 * here + after
     offset = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, 1.0), 0.0)
     offset = np.clip(offset, -0.7, 0.7)
@@ -342,7 +368,9 @@ def _smooth_parts(points: Array, least: float) -> list[Array]:
     if np.sqrt((off**2).mean()) <= ROUGH_PX and off.max() <= WORST_PX:
         return [points]
     margin = max(3, len(points) // 10)
-    cut = margin + int(off[margin:-margin].argmax()) if len(points) > 2 * margin else len(points) // 2
+    cut = (
+        margin + int(off[margin:-margin].argmax()) if len(points) > 2 * margin else len(points) // 2
+    )
     return _smooth_parts(points[:cut], least) + _smooth_parts(points[cut + 1 :], least)
 
 

@@ -57,7 +57,11 @@ class Level(NamedTuple):
 
 
 def level_in(
-    picture: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float
+    picture: NDArray[Any],
+    camera: Camera,
+    mount: Mount,
+    centre_px: tuple[float, float],
+    radius_px: float,
 ) -> Level | None:
     """Estimate the tilt of a camera from one image; None for too few upright edges.
 
@@ -93,7 +97,11 @@ def level_in(
 
 
 def _straight_edges(
-    picture: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float
+    picture: NDArray[Any],
+    camera: Camera,
+    mount: Mount,
+    centre_px: tuple[float, float],
+    radius_px: float,
 ) -> tuple[Array, Array]:
     """Return plane normals (n, 3) in the camera frame and lengths (n,) in rad of straight edges.
 
@@ -104,7 +112,9 @@ def _straight_edges(
 
     scale = max(1.0, max(picture.shape[:2]) / LOOKED_AT_PX)
     if scale > 1:
-        picture = cv2.resize(picture, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(
+            picture, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA
+        )
     u, v = ((c + 0.5) / scale - 0.5 for c in centre_px)
     normals, lengths = [], []
     for chain in edge_chains(picture, centre_px=(u, v), radius_px=radius_px / scale):
@@ -175,7 +185,10 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
     matrix = (across @ (planes[kept] * weight[:, None]).T) @ (planes[kept] @ across.T)
     noise = float((weight * off**2).sum()) / max(int(kept.sum()) - 2, 1)
     sigma = np.degrees(np.sqrt(noise / max(float(np.linalg.eigvalsh(matrix)[0]), 1e-12)))
-    pitch, roll = np.degrees(np.arcsin(np.clip(best[0], -1, 1))), np.degrees(np.arctan2(best[1], best[2]))
+    pitch, roll = (
+        np.degrees(np.arcsin(np.clip(best[0], -1, 1))),
+        np.degrees(np.arctan2(best[1], best[2])),
+    )
     return Level(mount.camera_looks, float(pitch), float(roll), float(sigma), int(kept.sum()))
 
 

@@ -134,7 +134,11 @@ class LineCalibration:
             ],
             "free": list(self.free),
             "pictures": [
-                {"edges": len(used), "used": sum(used), "level": None if level is None else level._asdict()}
+                {
+                    "edges": len(used),
+                    "used": sum(used),
+                    "level": None if level is None else level._asdict(),
+                }
                 for used, level in zip(self.used, self.levels, strict=True)
             ],
         }
@@ -225,29 +229,45 @@ def calibrate_lines(
     if model is None:
         covariance = covariance + _stretched(fit.model, knobs)
     starts = {part.start for part in kept.slices}
-    used = [tuple(part.start in starts for part in own) for own in _by_picture(edges.slices, chains)]
-    at = np.repeat(np.arange(len(chains)), [sum(map(len, found)) for found in chains])[[s.start for s in kept.slices]]
+    used = [
+        tuple(part.start in starts for part in own) for own in _by_picture(edges.slices, chains)
+    ]
+    at = np.repeat(np.arange(len(chains)), [sum(map(len, found)) for found in chains])[
+        [s.start for s in kept.slices]
+    ]
     lengths = np.array([float(part.stop - part.start) for part in kept.slices])
-    levels = [level_from(fit.normals[at == i], lengths[at == i], begun.mount) for i in range(len(chains))]
-    field = measured_field_deg(fit.model, np.concatenate([edges.pixels[part] for part in kept.slices]))
+    levels = [
+        level_from(fit.normals[at == i], lengths[at == i], begun.mount) for i in range(len(chains))
+    ]
+    field = measured_field_deg(
+        fit.model, np.concatenate([edges.pixels[part] for part in kept.slices])
+    )
     camera = _finished(fit.model, covariance, levels[0], field)
     levels = [level and _as_sure_as(camera, level) for level in levels]
     seen = np.concatenate([fit.residuals[part] for part in kept.slices])
     rms = float(np.sqrt(np.nanmean(seen**2)))
-    return LineCalibration(camera, tuple(map(tuple, chains)), tuple(used), rms, free, tuple(levels), distance_mm)
+    return LineCalibration(
+        camera, tuple(map(tuple, chains)), tuple(used), rms, free, tuple(levels), distance_mm
+    )
 
 
 def _size(
     pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], said: tuple[int, int] | None
 ) -> tuple[int, int]:
     """Return the common size (width, height) of all images."""
-    sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures} | ({tuple(said)} if said else set())
+    sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures} | (
+        {tuple(said)} if said else set()
+    )
     if not pictures and not lines:
         raise InvalidParameter("there is no picture; it takes one at least")
     if not sizes:
-        raise InvalidParameter("of lines alone the pictures' size has to be said (image_size, --image-size)")
+        raise InvalidParameter(
+            "of lines alone the pictures' size has to be said (image_size, --image-size)"
+        )
     if len(sizes) > 1:
-        raise InvalidParameter(f"pictures are of {len(sizes)} different sizes; one camera takes all alike")
+        raise InvalidParameter(
+            f"pictures are of {len(sizes)} different sizes; one camera takes all alike"
+        )
     ((width, height),) = sizes
     return int(width), int(height)
 
@@ -260,7 +280,9 @@ def _chains(
     inner: float,
 ) -> list[list[Array]]:
     """Return the traced and marked edges of each image, after a check of their number."""
-    followed = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures]
+    followed = [
+        edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures
+    ]
     marked = [[_marked(edge) for edge in edges] for edges in lines]
     none: list[Array] = []
     chains = [[*a, *b] for a, b in zip_longest(followed, marked, fillvalue=none)]
@@ -275,7 +297,9 @@ def _chains(
 def _marked(edge: Array) -> Array:
     points = finite("lines", edge, last=2)
     if points.ndim != 2 or len(points) < MIN_MARKED_POINTS:
-        raise InvalidParameter(f"an edge of shape {points.shape} is not valid; it is valid as (n, 2), n from 3 on")
+        raise InvalidParameter(
+            f"an edge of shape {points.shape} is not valid; it is valid as (n, 2), n from 3 on"
+        )
     return points
 
 
@@ -319,11 +343,20 @@ def _stretched(model: CameraModel, knobs: FreeParameters) -> Array:
     do not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
     added.
     """
-    omega, phi = (a.ravel() for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5)))
+    omega, phi = (
+        a.ravel()
+        for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5))
+    )
     across = np.stack([np.cos(phi), np.sin(phi)])
     forward = -1.0 if model.optics == "mirror" else 1.0
-    image = model.image(np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True)
-    turn = np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1) * np.sin(2 * omega)[:, None] / 2
+    image = model.image(
+        np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True
+    )
+    turn = (
+        np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1)
+        * np.sin(2 * omega)[:, None]
+        / 2
+    )
     kept = image.valid
     moved = np.einsum("nij,nj->ni", image.d_points[kept], turn[kept]).ravel()
     rates = (image.d_parameters[kept] @ knobs.turn).reshape(len(moved), -1)
@@ -338,8 +371,15 @@ def _knobs(model: CameraModel) -> FreeParameters:
     Priors are the tolerances, or typical changes.
     """
     known = {p.name: p for p in getattr(model, "priors", ())}
-    expected = np.array([known[p.name].value - p.value if p.name in known else 0.0 for p in model.parameters])
-    sigma = np.array([known[p.name].sigma if p.name in known else LOOSE_PRIOR * p.scale for p in model.parameters])
+    expected = np.array(
+        [known[p.name].value - p.value if p.name in known else 0.0 for p in model.parameters]
+    )
+    sigma = np.array(
+        [
+            known[p.name].sigma if p.name in known else LOOSE_PRIOR * p.scale
+            for p in model.parameters
+        ]
+    )
     return _of_groups(model, tuple((p.name,) for p in model.parameters), expected, sigma)
 
 
@@ -377,10 +417,14 @@ def _without_bent(
     return fit, kept
 
 
-def _by_picture(slices: Sequence[slice], chains: Sequence[Sequence[Array]]) -> list[Sequence[slice]]:
+def _by_picture(
+    slices: Sequence[slice], chains: Sequence[Sequence[Array]]
+) -> list[Sequence[slice]]:
     """Return the concatenated chains grouped by image."""
     ends = np.cumsum([len(found) for found in chains])
-    return [slices[int(end) - len(found) : int(end)] for end, found in zip(ends, chains, strict=True)]
+    return [
+        slices[int(end) - len(found) : int(end)] for end, found in zip(ends, chains, strict=True)
+    ]
 
 
 def _certainty(fit: LinesFit, edges: Edges, knobs: FreeParameters) -> tuple[Array, tuple[str, ...]]:
@@ -395,7 +439,9 @@ def _certainty(fit: LinesFit, edges: Edges, knobs: FreeParameters) -> tuple[Arra
     matrix, _ = normal_equations(fit, edges, knobs, knobs.prior)
     gradients = gradients_left_out(fit, edges, matrix)
     count = len(gradients)
-    scatter = gradients.T @ gradients * (count - 1) / count + np.diag(knobs.information) * SCALE_PX**2
+    scatter = (
+        gradients.T @ gradients * (count - 1) / count + np.diag(knobs.information) * SCALE_PX**2
+    )
     sizes = np.outer(knobs.scales, knobs.scales)
     inverse = np.linalg.pinv(matrix * sizes, hermitian=True)
     scaled = inverse @ (scatter * sizes) @ inverse
@@ -416,7 +462,9 @@ def _finished(
     """Return the levelled camera with its uncertainty and the field in which edges were measured."""
     moving = np.diag(covariance) > 0
     names = [p.name for p, free in zip(model.parameters, moving, strict=True) if free]
-    known = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])), field_deg)
+    known = Uncertainty(
+        tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])), field_deg
+    )
     camera: Any = model.sensor if isinstance(model, SensorModel) else model
     mount = camera.mount if level is None else level.on(camera.mount)
     finished: Sensor | CameraModel = replace(camera, uncertainty=known, mount=mount)
@@ -434,10 +482,16 @@ def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
     pixels = image.pixels[image.valid]
     sigma = direction_uncertainty(camera, pixels, field_deg=180.0) if len(pixels) else np.zeros(0)
     seen = sigma[np.isfinite(sigma)]
-    return level._replace(sigma_deg=float(np.hypot(level.sigma_deg, seen.min()))) if len(seen) else level
+    return (
+        level._replace(sigma_deg=float(np.hypot(level.sigma_deg, seen.min())))
+        if len(seen)
+        else level
+    )
 
 
-def drawn_edges(picture: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]) -> NDArray[np.uint8]:
+def drawn_edges(
+    picture: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]
+) -> NDArray[np.uint8]:
     """Draw edges on the darkened image: green if straight for the camera, otherwise red."""
     import cv2
 
@@ -445,5 +499,7 @@ def drawn_edges(picture: NDArray[Any], chains: Sequence[Array], used: Sequence[b
     canvas: NDArray[np.uint8] = np.ascontiguousarray(rgb // 2).astype(np.uint8)
     for chain, straight in zip(chains, used, strict=True):
         colour = (80, 230, 120) if straight else (240, 80, 60)
-        cv2.polylines(canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
+        cv2.polylines(
+            canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4
+        )
     return canvas

@@ -24,7 +24,12 @@ from ..optics.mirrors.conics_and_aspheres import Conic
 from ..optics.mirrors.splines import spline_of_slopes
 from ..optics.sensor import Sensor
 from ..optics.tracing.optical_train import CoveredMirror
-from ..optics.tracing.reflection import MirrorSurface, RayEndpoints, ReflectionPoints, specular_points
+from ..optics.tracing.reflection import (
+    MirrorSurface,
+    RayEndpoints,
+    ReflectionPoints,
+    specular_points,
+)
 from .sensor_parameters import DISTANCE, ParameterLocation
 
 if TYPE_CHECKING:
@@ -135,7 +140,10 @@ def lens_image(
         image, valid, by_seen, by_key = _perspective(sensor, sensor.lens, seen_at)
     else:
         image, valid, by_seen, by_key = _parallel(sensor, seen_at)
-    pitch, flip = sensor.imager.pitch_mm, np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0])
+    pitch, flip = (
+        sensor.imager.pitch_mm,
+        np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]),
+    )
     offsets = image / pitch
     by_key["pixel_pitch_um"] = -image / sensor.imager.pixel_pitch_um
     by_key["centre_px"] = np.full_like(image, pitch)
@@ -149,7 +157,9 @@ def lens_image(
     return start + flip * offsets, valid, by_seen / pitch * flip[:, None], by_place * flip[:, None]
 
 
-def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
+def _perspective(
+    sensor: Sensor, lens: Perspective, seen_at: Array
+) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Return image points (n, 2) mm, and their derivatives by points and parameters.
 
     Shapes of the derivatives are (n, 2, 3) and (n, 2).
@@ -176,7 +186,12 @@ def _parallel(sensor: Sensor, seen_at: Array) -> tuple[Array, Mask, Array, dict[
     by_seen = np.zeros((len(seen_at), 2, 3))
     by_seen[:, 0, 0] = by_seen[:, 1, 1] = mu
     image = mu * seen_at[:, :2]
-    return image, np.asarray(np.isfinite(image).all(axis=1)), by_seen, {"magnification": seen_at[:, :2].copy()}
+    return (
+        image,
+        np.asarray(np.isfinite(image).all(axis=1)),
+        by_seen,
+        {"magnification": seen_at[:, :2].copy()},
+    )
 
 
 # -- Projection of points by a mirror sensor, with derivatives by points and all its parameters ----
@@ -216,14 +231,19 @@ class OpticalPath(NamedTuple):
 
     def response(self) -> Array:
         """Return derivatives (n, 2, 2) of the mirror points with respect to the gradient."""
-        second = self.by_point @ self.tangents.transpose(0, 2, 1) + self.pull[:, 2, None, None] * self.surface.bend
+        second = (
+            self.by_point @ self.tangents.transpose(0, 2, 1)
+            + self.pull[:, 2, None, None] * self.surface.bend
+        )
         a, b, c = second[:, 0, 0], second[:, 0, 1], second[:, 1, 1]
         inverse = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=1)
         moved: Array = -inverse / (a * c - b * b)[:, None, None]
         return moved
 
 
-def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]) -> Image:
+def image_of_points(
+    sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
+) -> Image:
     """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
 
     Parameters
@@ -268,11 +288,17 @@ def _path_endpoints(
         pupils = RayEndpoints(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
         pupils = RayEndpoints(pose.to_mirror(sensor.optical_train.pupil_offset[None]))
-    return pupils, RayEndpoints.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
+    return pupils, RayEndpoints.of(
+        pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant
+    )
 
 
 def _optical_path(
-    sensor: Sensor, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, directions: Array | None
+    sensor: Sensor,
+    pupils: RayEndpoints,
+    targets: RayEndpoints,
+    found: ReflectionPoints,
+    directions: Array | None,
 ) -> OpticalPath:
     """Return the optical paths with the derivatives of their gradients."""
     surface = MirrorSurface(sensor.mirror, found.points[:, :2])
@@ -283,7 +309,12 @@ def _optical_path(
     along = surface.tangents
     pull = from_pupil + from_target
     return OpticalPath(
-        surface, along, pull, along @ by_pupil, along @ by_target, along @ (pupil_on_point + target_on_point)
+        surface,
+        along,
+        pull,
+        along @ by_pupil,
+        along @ by_target,
+        along @ (pupil_on_point + target_on_point),
     )
 
 
@@ -301,7 +332,12 @@ def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Arra
 
 
 def _displaced(
-    sensor: Sensor, way: OpticalPath, found: ReflectionPoints, points: Array, distant: bool, place: ParameterLocation
+    sensor: Sensor,
+    way: OpticalPath,
+    found: ReflectionPoints,
+    points: Array,
+    distant: bool,
+    place: ParameterLocation,
 ) -> tuple[Array, Array]:
     """Return the effect of a pose or distance parameter on the optical path.
 
@@ -314,9 +350,15 @@ def _displaced(
     if place.name == DISTANCE:
         return way.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
     turn, moved = _pose_derivatives(sensor.mirror_pose, place.key)
-    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.optical_train.pupil_offset - shift
+    pupil = (
+        np.array([0.0, 0.0, -1.0])
+        if sensor.lens.TELECENTRIC
+        else sensor.optical_train.pupil_offset - shift
+    )
     d_pupil = turn.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
-    d_target = turned(points if distant else points - shift, turn) - (0.0 if distant else rotation.T @ moved)
+    d_target = turned(points if distant else points - shift, turn) - (
+        0.0 if distant else rotation.T @ moved
+    )
     disturbance = way.by_pupil @ d_pupil + np.einsum("nij,nj->ni", way.by_target, d_target)
     return disturbance, turned(found.points, turn.T) + moved
 
@@ -339,12 +381,16 @@ def _add_shape(
     radial = xy / np.where(r > 0, r, 1.0)[:, None]
     by_sag = np.einsum("nij,nj->ni", by_gradient, way.by_point[:, :, 2]) + by_point[:, :, 2]
     by_slope = way.pull[:, 2, None] * np.einsum("nij,nj->ni", by_gradient, radial)
-    by_place[:, :, wanted] += by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
+    by_place[:, :, wanted] += (
+        by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
+    )
 
 
 def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
     """Return derivatives of a pose's rotation (3, 3) per deg and translation (3,) per mm."""
-    (cx, cy), (sx, sy) = (f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin))
+    (cx, cy), (sx, sy) = (
+        f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin)
+    )
     degree = np.pi / 180
     turn, shift = np.zeros((3, 3)), np.zeros(3)
     if key == "tilt_x_deg":
@@ -365,11 +411,16 @@ def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
 # both points for changes of parameters and pixel. The cover maps it to the motion of the outer ray,
 # which must continue to meet the point.
 
-NEAR_POINT, FAR_POINT = 1.0, 3.0  # rim radii from the mirror point: points that define the inner ray
+NEAR_POINT, FAR_POINT = (
+    1.0,
+    3.0,
+)  # rim radii from the mirror point: points that define the inner ray
 COVER_STEP = 1e-5  # rim radii; central differences with an error quadratic in the step
 
 
-def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]) -> Image:
+def image_through_cover(
+    sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
+) -> Image:
     """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
     covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
@@ -385,7 +436,9 @@ def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tu
         moving = np.zeros((len(points), 2, len(places)))
         for image, by_place in zip(images, by_held, strict=True):
             d = image.d_points
-            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(d @ d.transpose(0, 2, 1))  # across the ray
+            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(
+                d @ d.transpose(0, 2, 1)
+            )  # across the ray
             turning += by_place @ inverse
             moving += by_place @ inverse @ image.d_parameters
         by_target = -across / np.linalg.norm(points, axis=1)[:, None, None] if distant else -across
@@ -426,7 +479,10 @@ def _misses(
     for k in (0, 1):
         columns = []
         for axis in np.eye(3):
-            ends = [[p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(held)] for sign in (1, -1)]
+            ends = [
+                [p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(held)]
+                for sign in (1, -1)
+            ]
             (up, _), (down, _) = map(miss, ends)
             columns.append(np.einsum("nai,ni->na", across, up - down) / (2 * step))
         changes.append(np.stack(columns, axis=-1))

@@ -101,14 +101,22 @@ class SensorModel(CameraModel):
 
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
-        self.sensor.check("a model with free parameters", "one mirror", "thin lens", "ideal but for poses")
+        self.sensor.check(
+            "a model with free parameters", "one mirror", "thin lens", "ideal but for poses"
+        )
         if self.sensor.housing.shell is not None:  # constant during an estimation
-            object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
+            object.__setattr__(
+                self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing)
+            )
         known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
         free = asked if asked is not None else DEFAULT_GROUPS if known is None else known.names
         object.__setattr__(self, "free", free_names(self.sensor, free))
         given: tuple[ParameterPrior, ...] | None = self.priors
-        priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
+        priors = (
+            usual_priors(self.sensor, self.free)
+            if given is None
+            else checked_priors(self.free, given)
+        )
         object.__setattr__(self, "priors", priors)
 
     # -- camera model interface ------------------------------------------------------------------
@@ -146,7 +154,9 @@ class SensorModel(CameraModel):
         """
         wanted = np.asarray(values, dtype=float)
         if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
-            raise InvalidParameter(f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite")
+            raise InvalidParameter(
+                f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite"
+            )
         other = object.__new__(type(self))  # free parameters and priors are already checked
         other.__dict__["sensor"] = with_values(self.sensor, self._places, wanted)
         for kept in ("free", "priors", "_places", "_scales"):  # constant during an estimation
@@ -178,7 +188,9 @@ class SensorModel(CameraModel):
             If the shape of the points is wrong.
         """
         image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
-        return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
+        return image_of(
+            self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places
+        )
 
     @classmethod
     def start_from(
@@ -270,9 +282,16 @@ class SensorModel(CameraModel):
 
     @property
     def _units(self) -> list[str]:
-        parts: dict[str, Any] = {"mirror": self.sensor.mirror, "lens": self.sensor.lens, "imager": self.sensor.imager}
+        parts: dict[str, Any] = {
+            "mirror": self.sensor.mirror,
+            "lens": self.sensor.lens,
+            "imager": self.sensor.imager,
+        }
         parts["mirror_pose"] = self.sensor.mirror_pose
-        return ["mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit for p in self._places]
+        return [
+            "mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit
+            for p in self._places
+        ]
 
     @cached_property
     def _scales(self) -> tuple[float, ...]:
@@ -422,7 +441,10 @@ def mirror_ball_model(
     if stand.image_flipped:
         across[0] = -across[0]
     off = float(np.hypot(*across))
-    far, near = np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px)
+    far, near = (
+        np.arctan((off + rim_radius_px) / focal_px),
+        np.arctan((off - rim_radius_px) / focal_px),
+    )
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
         raise InvalidParameter(

@@ -57,7 +57,9 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     matched = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))
     if matched is None or name not in known:
-        raise InvalidParameter(f"{shown(name)} is no parameter of {sensor.name!r}; valid are {', '.join(known)}")
+        raise InvalidParameter(
+            f"{shown(name)} is no parameter of {sensor.name!r}; valid are {', '.join(known)}"
+        )
     section, key, index = matched.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
 
@@ -72,7 +74,14 @@ def parameter_names(sensor: Sensor) -> Iterable[str]:
     yield from (f"mirror_pose.{key}" for key in sensor.mirror_pose.PARAMETERS)
 
 
-NON_SHAPE_PARAMETERS = ("omega_min_deg", "rim_radius_mm", "normalization_radius_mm", "uncertainty_um", "x_mm", "height")
+NON_SHAPE_PARAMETERS = (
+    "omega_min_deg",
+    "rim_radius_mm",
+    "normalization_radius_mm",
+    "uncertainty_um",
+    "x_mm",
+    "height",
+)
 """Parameters of the extent and the normalisation of a mirror, which do not affect its shape."""
 LISTS_FROM_AXIS = ("slopes", "z_mm", "omega_deg")
 """Lists whose first element is on the axis, where it is fixed for a smooth mirror."""
@@ -105,7 +114,9 @@ def value_of(sensor: Sensor, place: ParameterLocation) -> float:
     return place.of(sensor if place.section == "mount" else getattr(sensor, place.section))
 
 
-def with_values(sensor: Sensor, places: Iterable[ParameterLocation], values: Iterable[float]) -> Sensor:
+def with_values(
+    sensor: Sensor, places: Iterable[ParameterLocation], values: Iterable[float]
+) -> Sensor:
     """Return the sensor with other parameter values and without uncertainty.
 
     >>> import omnimirror as om
@@ -124,7 +135,9 @@ def with_values(sensor: Sensor, places: Iterable[ParameterLocation], values: Ite
         part = sensor if place.section == "mount" else getattr(sensor, place.section)
         entries |= place.change(part, float(value))
     whole = parts.pop("mount", {})
-    made = {section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()}
+    made = {
+        section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()
+    }
     return replace(sensor, **made, **whole, uncertainty=None)
 
 
@@ -195,7 +208,9 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
                 f"{', '.join(parameter_names(sensor))}"
             )
     if not names:
-        raise InvalidParameter(f"nothing of {sensor.name!r} is free; give one of {', '.join(GROUPS)} at least")
+        raise InvalidParameter(
+            f"nothing of {sensor.name!r} is free; give one of {', '.join(GROUPS)} at least"
+        )
     return tuple(names)
 
 
@@ -207,7 +222,10 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, 
     """
     width, rim = sensor.imager.width_px, sensor.mirror.rim_radius_mm
     sigma = {"imager.centre_px[0]": 0.01 * width, "imager.centre_px[1]": 0.01 * width}
-    sigma |= {f"mirror_pose.{key}": 0.03 * rim for key in ("decentre_x_mm", "decentre_y_mm", "displacement_mm")}
+    sigma |= {
+        f"mirror_pose.{key}": 0.03 * rim
+        for key in ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
+    }
     sigma |= {"mirror_pose.tilt_x_deg": 3.0, "mirror_pose.tilt_y_deg": 3.0}
     for name in (DISTANCE, "lens.focal_length_mm", "lens.magnification", "imager.pixel_pitch_um"):
         if name in names:
@@ -234,24 +252,36 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior
     }
     sigma |= {"mirror.conic": ANY_CONIC}
     sigma |= {f"imager.centre_px[{i}]": CENTRE_SIGMA * sensor.imager.width_px for i in (0, 1)}
-    sigma |= {name: TERM * sensor.mirror.rim_radius_mm for name in names if name.startswith("mirror.coefficients")}
+    sigma |= {
+        name: TERM * sensor.mirror.rim_radius_mm
+        for name in names
+        if name.startswith("mirror.coefficients")
+    }
     mounted = (prior for prior in usual_priors(sensor, names) if prior.name not in sigma)
     made_up = (
-        ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n]) for n in names if n in sigma
+        ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n])
+        for n in names
+        if n in sigma
     )
     return (*made_up, *mounted)
 
 
 @checked
-def checked_priors(names: tuple[str, ...], priors: Iterable[ParameterPrior]) -> tuple[ParameterPrior, ...]:
+def checked_priors(
+    names: tuple[str, ...], priors: Iterable[ParameterPrior]
+) -> tuple[ParameterPrior, ...]:
     """Return priors of free parameters after checks, each with a positive tolerance."""
     given = tuple(priors)
     for prior in given:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
-            raise WrongKind(f"{shown(prior)} among the priors is not a name, a value and its standard deviation")
+            raise WrongKind(
+                f"{shown(prior)} among the priors is not a name, a value and its standard deviation"
+            )
     checked = tuple(ParameterPrior(*prior) for prior in given)
     for prior in checked:
         if prior.name not in names:
-            raise InvalidParameter(f"a prior on {shown(prior.name)} needs it free; free are {', '.join(names)}")
+            raise InvalidParameter(
+                f"a prior on {shown(prior.name)} needs it free; free are {', '.join(names)}"
+            )
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
     return checked

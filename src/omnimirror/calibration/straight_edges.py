@@ -89,15 +89,22 @@ def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
                         f"{path.name}: line {edge} of {picture} has {len(marked)} points, and {MIN_MARKED_POINTS} are "
                         "the fewest"
                     )
-    return {picture: tuple(np.array(marked) for marked in edges.values()) for picture, edges in points.items()}
+    return {
+        picture: tuple(np.array(marked) for marked in edges.values())
+        for picture, edges in points.items()
+    }
 
 
 def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     """Return image, edge and pixel of each line of a file."""
     text = read_text(path, "points on lines", InvalidParameter, f"there is no file {path}")
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    lines = [
+        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    ]
     if len(lines) < 2:
-        raise InvalidParameter(f"{path} holds no points; its first line should be {','.join(COLUMNS)}")
+        raise InvalidParameter(
+            f"{path} holds no points; its first line should be {','.join(COLUMNS)}"
+        )
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
     if set(columns) - {PICTURE} != set(COLUMNS) or len(set(columns)) < len(columns):
@@ -110,7 +117,9 @@ def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
 def _point(place: str, columns: list[str], line: str) -> tuple[str, str, tuple[float, float]]:
     cells = csv_cells(line, place)
     if len(cells) != len(columns):
-        raise InvalidParameter(f"{place} has {len(cells)} values, and the first line names {len(columns)}")
+        raise InvalidParameter(
+            f"{place} has {len(cells)} values, and the first line names {len(columns)}"
+        )
     entries = dict(zip(columns, cells, strict=True))
     return (
         entries.get(PICTURE) or ONLY,
@@ -187,7 +196,12 @@ def edges_of(chains: Sequence[Array]) -> Edges:
 
 
 def fit_lines(
-    model: CameraModel, edges: Edges, knobs: FreeParameters, *, distance_mm: float = np.inf, most_steps: int = MAX_STEPS
+    model: CameraModel,
+    edges: Edges,
+    knobs: FreeParameters,
+    *,
+    distance_mm: float = np.inf,
+    most_steps: int = MAX_STEPS,
 ) -> LinesFit:
     """Return the model with the straightest edges, starting from an initial model."""
     start = np.array([p.value for p in model.parameters])
@@ -218,7 +232,9 @@ def fit_lines(
     return fit
 
 
-def normal_equations(fit: LinesFit, edges: Edges, knobs: FreeParameters, values: Array) -> tuple[Array, Array]:
+def normal_equations(
+    fit: LinesFit, edges: Edges, knobs: FreeParameters, values: Array
+) -> tuple[Array, Array]:
     """Return matrix (q, q) and gradient (q,) of the weighted squares, including priors."""
     matrix = np.diag(knobs.information).astype(float)
     gradient = knobs.information * (values - knobs.prior)
@@ -243,30 +259,46 @@ def gradients_left_out(fit: LinesFit, edges: Edges, matrix: Array) -> Array:
     return np.array(found)
 
 
-def _compared(model: CameraModel, edges: Edges, knobs: FreeParameters, values: Array, distance_mm: float) -> LinesFit:
+def _compared(
+    model: CameraModel, edges: Edges, knobs: FreeParameters, values: Array, distance_mm: float
+) -> LinesFit:
     """Evaluate all chains at once, with sums over each chain by reduction."""
     at = np.concatenate([np.arange(part.start, part.stop) for part in edges.slices])
     sizes = np.array([part.stop - part.start for part in edges.slices])
-    owner, starts = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    owner, starts = (
+        np.repeat(np.arange(len(sizes)), sizes),
+        np.concatenate([[0], np.cumsum(sizes)[:-1]]),
+    )
     towards, to_angles, moved, seen = _seen(model, edges.pixels[at], distance_mm)
     enough = np.add.reduceat(seen.astype(int), starts) >= np.minimum(MIN_VISIBLE_POINTS, sizes)
     seen &= enough[owner]
     count = np.maximum(np.add.reduceat(seen.astype(int), starts), 1)
-    e, j, change = (np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved))
+    e, j, change = (
+        np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved)
+    )
     normal, slant = _planes(e, j, seen, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
     by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by turns of n
     by_knobs = np.einsum("nip,ni->np", change, normal[owner]) @ knobs.turn / slant[:, None]
-    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(2)
+    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(
+        2
+    )
     outer = np.add.reduceat(by_normal[:, :, None] * by_knobs[:, None, :], starts)
-    by_knobs = by_knobs - np.einsum("nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner])
+    by_knobs = by_knobs - np.einsum(
+        "nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner]
+    )
     square = np.add.reduceat(r**2, starts) / count
     cost = float((sizes * np.where(enough, _loss(square), _loss(UNSEEN_PX**2))).sum())
     cost += float((knobs.information * (values - knobs.prior) ** 2).sum())
-    residuals, rates = np.full(len(edges.pixels), np.nan), np.zeros((len(edges.pixels), len(knobs.names)))
+    residuals, rates = (
+        np.full(len(edges.pixels), np.nan),
+        np.zeros((len(edges.pixels), len(knobs.names))),
+    )
     residuals[at], rates[at] = np.where(seen, r, np.nan), by_knobs
     normal[~enough] = np.nan
-    return LinesFit(model, normal, residuals, rates, cost, np.where(enough, 1 / (1 + square / SCALE_PX**2), 0.0))
+    return LinesFit(
+        model, normal, residuals, rates, cost, np.where(enough, 1 / (1 + square / SCALE_PX**2), 0.0)
+    )
 
 
 def _loss(square: Any) -> Any:
@@ -274,7 +306,9 @@ def _loss(square: Any) -> Any:
     return SCALE_PX**2 * np.log1p(square / SCALE_PX**2)
 
 
-def _planes(e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Array, Array]:
+def _planes(
+    e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]
+) -> tuple[Array, Array]:
     """Return normals (chains, 3) of planes fitted to directions (n, 3) in pixels, and |J^T n| (n,).
 
     The unit of |J^T n| is radians per pixel.
@@ -288,7 +322,9 @@ def _planes(e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: ND
     return normal, np.where(seen, slant, 1.0)
 
 
-def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array, Array, Array, Mask]:
+def _seen(
+    model: CameraModel, pixels: Array, distance_mm: float
+) -> tuple[Array, Array, Array, Mask]:
     """Return directions (n, 3) of pixels in the camera frame and their derivatives.
 
     Derivatives are with respect to pixels (n, 3, 2) and parameters (n, 3, p). For a camera with
@@ -319,7 +355,9 @@ def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array,
 def _crossing(origins: Array, directions: Array) -> Array:
     """Return the point (3,) nearest to rays with origins (n, 3) and directions (n, 3)."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    point: Array = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
+    point: Array = np.linalg.lstsq(
+        across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
+    )[0]
     return point
 
 
@@ -333,7 +371,11 @@ def _across(directions: Array) -> Array:
 
 def _rms(residuals: Array) -> float:
     kept = residuals[np.isfinite(residuals)]
-    return float(np.sqrt((kept**2).mean())) if len(kept) >= min(MIN_VISIBLE_POINTS, len(residuals)) else np.inf
+    return (
+        float(np.sqrt((kept**2).mean()))
+        if len(kept) >= min(MIN_VISIBLE_POINTS, len(residuals))
+        else np.inf
+    )
 
 
 # -- Straight edges as additional observations of a bundle adjustment ------------------------------
@@ -347,7 +389,9 @@ MIN_EDGES = 3  # minimum number of edges
 INDEPENDENT_VALUES = 4  # independent values per edge, whatever its number of points
 MIN_EDGE_NOISE_PX = 0.05
 OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
-MIN_RELATIVE_EIGENVALUE = 1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
+MIN_RELATIVE_EIGENVALUE = (
+    1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
+)
 
 
 class EdgeInformation(NamedTuple):
@@ -381,7 +425,9 @@ class StraightEdges:
     distance_mm: float = np.inf
 
     @classmethod
-    def of(cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]) -> StraightEdges:
+    def of(
+        cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]
+    ) -> StraightEdges:
         """Create from the result of :func:`omnimirror.read_lines`.
 
         Raises
@@ -398,13 +444,19 @@ class StraightEdges:
                     raise InvalidParameter(
                         f"{edge.name} has the shape {edge.pixels.shape}; valid is (n, 2), n from {MIN_MARKED_POINTS} on"
                     )
-                outside = np.any((edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1)
+                outside = np.any(
+                    (edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1
+                )
                 if outside.any():
                     (u, v), (width, height) = edge.pixels[outside][0], size
-                    raise InvalidParameter(f"{edge.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px")
+                    raise InvalidParameter(
+                        f"{edge.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px"
+                    )
                 found.append(edge)
         if len(found) < MIN_EDGES:
-            raise InvalidParameter(f"{len(found)} straight edges say too little; {MIN_EDGES} are the fewest")
+            raise InvalidParameter(
+                f"{len(found)} straight edges say too little; {MIN_EDGES} are the fewest"
+            )
         return cls(tuple(found), distance_mm)
 
     def fit(self, model: CameraModel) -> LinesFit:
@@ -412,7 +464,11 @@ class StraightEdges:
         names = tuple((p.name,) for p in model.parameters)
         nothing = np.zeros(len(names))
         knobs = FreeParameters(
-            names, np.eye(len(names)), nothing, nothing, np.array([p.scale for p in model.parameters])
+            names,
+            np.eye(len(names)),
+            nothing,
+            nothing,
+            np.array([p.scale for p in model.parameters]),
         )
         chains = edges_of([edge.pixels for edge in self.edges])
         return fit_lines(model, chains, knobs, distance_mm=self.distance_mm, most_steps=0)
@@ -433,7 +489,9 @@ class StraightEdges:
         fit = self.fit(model)
         count = len(model.parameters)
         matrix, gradient, squares, values = np.zeros((count, count)), np.zeros(count), 0.0, 0.0
-        for part, weight in zip(edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True):
+        for part, weight in zip(
+            edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True
+        ):
             seen = np.isfinite(fit.residuals[part])
             r, a = fit.residuals[part][seen], fit.rates[part][seen]
             independent = min(len(r) - 2, INDEPENDENT_VALUES)  # two define its plane
@@ -448,15 +506,22 @@ class StraightEdges:
         noise = max(float(np.sqrt(squares / values)) if values else 1.0, MIN_EDGE_NOISE_PX)
         start = np.array([p.value for p in model.parameters])
         return EdgeInformation(
-            matrix / noise**2, start - _regularised_solution(matrix, gradient, [p.scale for p in model.parameters])
+            matrix / noise**2,
+            start - _regularised_solution(matrix, gradient, [p.scale for p in model.parameters]),
         )
 
     def straight_for(self, model: CameraModel) -> StraightEdges:
         """Return the edges that a camera straightens or does not see; curved edges are removed."""
         rms = self.rms_px(model)
         seen = rms[np.isfinite(rms)]
-        limit = min(max(OUTLYING * float(np.median(seen)), LEAST_OUTLYING_PX), MOST_PX) if len(seen) else 0.0
-        kept = tuple(edge for edge, r in zip(self.edges, rms, strict=True) if r <= limit or np.isinf(r))
+        limit = (
+            min(max(OUTLYING * float(np.median(seen)), LEAST_OUTLYING_PX), MOST_PX)
+            if len(seen)
+            else 0.0
+        )
+        kept = tuple(
+            edge for edge, r in zip(self.edges, rms, strict=True) if r <= limit or np.isinf(r)
+        )
         if (count := int((rms <= limit).sum())) < MIN_EDGES:
             raise InvalidParameter(
                 f"of {len(self.edges)} edges {count} can be straight for this camera, and {MIN_EDGES} are the fewest; "
@@ -468,5 +533,7 @@ class StraightEdges:
 def _regularised_solution(matrix: Array, gradient: Array, scales: Sequence[float]) -> Array:
     """Return the step of minimum norm, in typical parameter changes, to a zero gradient."""
     size = np.asarray(scales)
-    inverse = np.linalg.pinv(matrix * size[:, None] * size, rcond=MIN_RELATIVE_EIGENVALUE, hermitian=True)
+    inverse = np.linalg.pinv(
+        matrix * size[:, None] * size, rcond=MIN_RELATIVE_EIGENVALUE, hermitian=True
+    )
     return np.asarray(size * (inverse @ (size * gradient)))

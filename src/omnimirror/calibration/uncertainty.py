@@ -130,15 +130,23 @@ def floor_uncertainty(
     """
     height = number("height_mm", height_mm, low=-MAX_HEIGHT_MM, high=MAX_HEIGHT_MM, unit="mm")
     if height == 0:
-        raise InvalidParameter("height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling")
+        raise InvalidParameter(
+            "height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling"
+        )
     known = _uncertain_model(camera, covariance, field_deg)
     model, rays = known.model, known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
     along = _to_floor(rays, height)
     points = rays.origins + along[:, None] * rays.directions
     world = model.mount.rotation()
     level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
-    sigma = major_sigma(direction_covariance_at(model, known.covariance, turned(points, world), level, distant=False))
-    return np.where(within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan)
+    sigma = major_sigma(
+        direction_covariance_at(
+            model, known.covariance, turned(points, world), level, distant=False
+        )
+    )
+    return np.where(
+        within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan
+    )
 
 
 @dataclass(frozen=True)
@@ -226,15 +234,24 @@ def uncertainty_map(
     columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     if height_mm is None:
-        sigma, unit = direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg), "deg"
+        sigma, unit = (
+            direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg),
+            "deg",
+        )
     else:
-        sigma = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg)
+        sigma = floor_uncertainty(
+            camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg
+        )
         unit = "mm"
     known = _uncertain_model(camera, covariance, field_deg)
     rays = known.model.backproject(pixels)
-    inside = within_field(known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg)
+    inside = within_field(
+        known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg
+    )
     is_restricted = bool((rays.valid & ~inside).any())
-    return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit, known.field_deg, is_restricted)
+    return UncertaintyMap(
+        columns, rows, sigma.reshape(len(rows), len(columns)), unit, known.field_deg, is_restricted
+    )
 
 
 def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
@@ -260,7 +277,9 @@ class _UncertainModel(NamedTuple):
 
 
 def _uncertain_model(
-    camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None, field_deg: float | None
+    camera: Sensor | CameraModel,
+    covariance: ArrayLike | Uncertainty | None,
+    field_deg: float | None,
 ) -> _UncertainModel:
     """Return the model, its covariance, and the given or calibrated field."""
     instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")

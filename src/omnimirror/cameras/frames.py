@@ -75,9 +75,14 @@ class Mount:
     def __post_init__(self) -> None:
         check_fields(self)
         number("forward_azimuth_deg", self.forward_azimuth_deg)
-        for name, value, most in (("pitch_deg", self.pitch_deg, 90), ("roll_deg", self.roll_deg, 180)):
+        for name, value, most in (
+            ("pitch_deg", self.pitch_deg, 90),
+            ("roll_deg", self.roll_deg, 180),
+        ):
             if not abs(value) <= most:
-                raise InvalidParameter(f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg")
+                raise InvalidParameter(
+                    f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg"
+                )
 
     @checked
     def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
@@ -132,8 +137,12 @@ class Mount:
         [0, 20]
         """
         number("pan_deg", pan_deg)
-        forward, left, up = (turn_of(0.0, self.pitch_deg, self.roll_deg) @ turn_of(pan_deg, 0.0, 0.0)).T
-        return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(np.degrees(np.arctan2(left[2], up[2])))
+        forward, left, up = (
+            turn_of(0.0, self.pitch_deg, self.roll_deg) @ turn_of(pan_deg, 0.0, 0.0)
+        ).T
+        return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(
+            np.degrees(np.arctan2(left[2], up[2]))
+        )
 
     def rotation(self) -> Array:
         """Return the rotation (3, 3) from camera to world frame, with determinant +1."""
@@ -170,7 +179,9 @@ def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
            [-4.,  3.]])
     """
     vectors = np.asarray(vectors, dtype=float)
-    return matrix_product(vectors.reshape(-1, vectors.shape[-1]), matrix).reshape(*vectors.shape[:-1], matrix.shape[1])
+    return matrix_product(vectors.reshape(-1, vectors.shape[-1]), matrix).reshape(
+        *vectors.shape[:-1], matrix.shape[1]
+    )
 
 
 def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:

@@ -10,8 +10,19 @@ from .off_the_shelf import BoughtDesign, PartsSearch, design_from_parts
 from .optimiser import Optimum
 from .pareto_front import Front, load_front, pareto
 from .requirement_check import Judgement, Verdict, judge
-from .requirement_files import format_requirements, load_requirements, parse_requirements, requirements_like
-from .requirements import FieldRequirements, LensRequirements, MirrorRequirements, PartsRequirements, Requirements
+from .requirement_files import (
+    format_requirements,
+    load_requirements,
+    parse_requirements,
+    requirements_like,
+)
+from .requirements import (
+    FieldRequirements,
+    LensRequirements,
+    MirrorRequirements,
+    PartsRequirements,
+    Requirements,
+)
 
 __all__ = [
     "FAMILIES",

@@ -125,21 +125,33 @@ def blur_bound(
     distances("object_distance_mm", object_distance_mm)
     low, high = sensor.field_deg
     if omega_min_deg is not None and not low <= omega_min_deg < high:
-        raise InvalidParameter(f"omega_min_deg = {omega_min_deg:g} is not in the field of {low:.4g} to {high:.4g} deg")
+        raise InvalidParameter(
+            f"omega_min_deg = {omega_min_deg:g} is not in the field of {low:.4g} to {high:.4g} deg"
+        )
     begin = low if omega_min_deg is None else omega_min_deg
-    steepest = _steepest(sensor, np.radians((begin, high)), 1 / object_distance_mm, mode, image_radius_px)
+    steepest = _steepest(
+        sensor, np.radians((begin, high)), 1 / object_distance_mm, mode, image_radius_px
+    )
     return steepest.bound()
 
 
-def _steepest(sensor: Sensor, field: Array, near: float, mode: BlurMode, image_radius_px: float | None) -> _Steepest:
+def _steepest(
+    sensor: Sensor, field: Array, near: float, mode: BlurMode, image_radius_px: float | None
+) -> _Steepest:
     lens, M, pitch = sensor.lens, sensor.mirror.rim_radius_mm, sensor.imager.pitch_mm
     ends = float(field[0]), float(field[1]), M
     if isinstance(lens, Perspective):
         if any(lens.brown):
-            raise InvalidParameter(f"{sensor.name} has a lens that distorts; the bound of blur is of one that does not")
+            raise InvalidParameter(
+                f"{sensor.name} has a lens that distorts; the bound of blur is of one that does not"
+            )
         theta = float(sensor.meridian.theta_max)
-        camera = PerspectiveCamera(lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px)
-        return _UnderPerspective(*ends, theta, near, lambda D: camera.px_per_vergence(D) / camera.px_per_ray(D))
+        camera = PerspectiveCamera(
+            lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px
+        )
+        return _UnderPerspective(
+            *ends, theta, near, lambda D: camera.px_per_vergence(D) / camera.px_per_ray(D)
+        )
     assert isinstance(lens, Orthographic)
     flat = TelecentricCamera(lens.magnification, lens.working_f_number, M, pitch, image_radius_px)
     k = float(flat.px_per_vergence(np.zeros(())) / flat.px_per_ray(np.zeros(())))
@@ -178,7 +190,10 @@ class _UnderPerspective:
 
     def _focus(self, t: float) -> float:
         """Return the nearest focus, as a vergence, with a sagittal blur below t at the rim."""
-        v, k = np.sin(self.theta) / self.rim, self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim)
+        v, k = (
+            np.sin(self.theta) / self.rim,
+            self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim),
+        )
         W = np.sin(self.omega_max) / np.sin(self.theta) + self.near / v
         place = v / np.cos(self.theta) * (W - 1) / W
         D = place
@@ -212,8 +227,13 @@ class _UnderPerspective:
         end, path = self._path(t, D)
         return -end if end > 0 else float(path(np.array([0.0]))[0, 0]) - self.omega_min
 
-    def _blurs(self, theta: Array, omega: Array, v: Array, t: float, D: float) -> tuple[Array, Array]:
-        k, rate = self.scale(D), np.array([self._rate(a, b, t, D) for a, b in zip(theta, v, strict=True)])
+    def _blurs(
+        self, theta: Array, omega: Array, v: Array, t: float, D: float
+    ) -> tuple[Array, Array]:
+        k, rate = (
+            self.scale(D),
+            np.array([self._rate(a, b, t, D) for a, b in zip(theta, v, strict=True)]),
+        )
         around = _ratio(np.sin(omega), np.sin(theta), rate)
 
         def off(W: Array) -> Array:
@@ -277,9 +297,15 @@ def _followed(
     begins.terminal = True  # type: ignore[attr-defined]
     with np.errstate(all="ignore"):  # a trial step may pass the horizon and is then reduced
         path = solve_ivp(
-            rates, (start, 0.0), state, method="DOP853", rtol=TOLERANCE, atol=TOLERANCE, events=begins,
+            rates,
+            (start, 0.0),
+            state,
+            method="DOP853",
+            rtol=TOLERANCE,
+            atol=TOLERANCE,
+            events=begins,
             dense_output=True,
-        )  # fmt: skip
+        )
     return float(path.t[-1]), path.sol
 
 
@@ -289,7 +315,8 @@ def _least(too_steep: Callable[[float], float]) -> float:
         return 0.0
     if not too_steep(MIN_BLUR_RAD) > 0 or not too_steep(MAX_BLUR_RAD) <= 0:
         raise InvalidParameter(
-            f"this field, rim, lens and object distance have no bound of blur between {np.degrees(MIN_BLUR_RAD):.2g} and "
+            f"this field, rim, lens and object distance have no bound of blur "
+            f"between {np.degrees(MIN_BLUR_RAD):.2g} and "
             f"{np.degrees(MAX_BLUR_RAD):.3g} deg"
         )
     return sign_change(too_steep, MIN_BLUR_RAD, MAX_BLUR_RAD, 1e-13)
@@ -302,7 +329,14 @@ def _ratio(over: Array, under: Array, limit: Array) -> Array:
 
 
 def _bound(
-    t: float, focus: float, x: Array, z: Array, slope: Array, omega: Array, blur_t: Array, blur_s: Array
+    t: float,
+    focus: float,
+    x: Array,
+    z: Array,
+    slope: Array,
+    omega: Array,
+    blur_t: Array,
+    blur_s: Array,
 ) -> BlurBound:
     x, z, slope, omega, blur_t, blur_s = (a[::-1] for a in (x, z, slope, omega, blur_t, blur_s))
     degrees = np.degrees(omega), np.degrees(blur_t), np.degrees(blur_s)

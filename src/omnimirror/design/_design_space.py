@@ -84,7 +84,9 @@ class Space(Protocol):
     def missed(self, point: Point) -> dict[Key, float]:
         """Return the relative violation of each requirement at a point; negative if it is met."""
 
-    def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
+    def meeting(
+        self, requirements: Requirements, point: Point, is_local: bool = False
+    ) -> Point | None:
         """Search for a design that meets other requirements, starting near a point.
 
         Parameters
@@ -105,10 +107,16 @@ class Space(Protocol):
 # feasible. If one requirement is infeasible for any values of the others, this would relax the others
 # without benefit.
 
-MARGINS = (0.0, 1e-4, 1e-3)  # relative tightening of the other requirements, until they are met at all field angles
+MARGINS = (
+    0.0,
+    1e-4,
+    1e-3,
+)  # relative tightening of the other requirements, until they are met at all field angles
 
 
-def meeting_the_others(space: Space, point: Point, verdict: Verdict, say: Say = lambda words: None) -> list[Point]:
+def meeting_the_others(
+    space: Space, point: Point, verdict: Verdict, say: Say = lambda words: None
+) -> list[Point]:
     """Return points that violate only infeasible requirements by minimal amounts, best first.
 
     Parameters
@@ -144,7 +152,9 @@ def is_more_met(verdict: Verdict, than: Verdict) -> bool:
 def priority_note(verdict: Verdict, before: Verdict) -> str:
     """Return a note on the missed and the met requirements."""
     met = "; ".join(name for name in before.missed if name not in verdict.missed)
-    return f"cannot be met though all else gives: {'; '.join(verdict.missed)}; met beside that: {met}"
+    return (
+        f"cannot be met though all else gives: {'; '.join(verdict.missed)}; met beside that: {met}"
+    )
 
 
 def _missed(space: Space, verdict: Verdict) -> list[Key]:
@@ -156,7 +166,9 @@ def _missed(space: Space, verdict: Verdict) -> list[Key]:
 def _reached(space: Space, point: Point, giving: set[Key], margin: float = 0.0) -> Point | None:
     """Return the point of minimum slack of some requirements with all others met."""
     try:
-        found = space.reach(point, Slack(tuple(key for key in space.keys if key in giving), margin=margin))
+        found = space.reach(
+            point, Slack(tuple(key for key in space.keys if key in giving), margin=margin)
+        )
     except OmnimirrorError:
         return None
     return None if found is None else found.point

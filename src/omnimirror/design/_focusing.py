@@ -92,11 +92,14 @@ class Focusing:
         steps = APERTURES if F_high > F_low else 1
         for narrower in range(NARROWER + 1):
             v, F = np.meshgrid(
-                np.linspace(low, high, SCAN if not narrower else AGAIN), np.linspace(F_low, F_high, steps)
+                np.linspace(low, high, SCAN if not narrower else AGAIN),
+                np.linspace(F_low, F_high, steps),
             )
             looked = replace(self)
             looked.__dict__.update(
-                _nodes=self._nodes, _fields=self._fields, camera=self._with_apertures(np.exp(F.ravel())[:, None])
+                _nodes=self._nodes,
+                _fields=self._fields,
+                camera=self._with_apertures(np.exp(F.ravel())[:, None]),
             )
             with np.errstate(all="ignore"):
                 cost = np.nan_to_num(looked._cost(v.ravel()[:, None], True), nan=np.inf)
@@ -128,7 +131,9 @@ class Focusing:
 
         ``keeping`` penalises violations of the other feasible requirements.
         """
-        of_blur = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_sharpness]
+        of_blur = [
+            limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_sharpness
+        ]
         if of_blur:
             worst: Array = np.maximum.reduce(of_blur)
         else:
@@ -140,7 +145,9 @@ class Focusing:
 
     def _missed(self, v: Array) -> Array:
         """Return violations (b,) of other focus-dependent requirements at vergences v (b, 1)."""
-        if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image size is constant
+        if np.isinf(
+            self.image_radius_px
+        ):  # the rim fills the imager, and the image size is constant
             return np.full(len(v), -1.0)
         others = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_scale]
         image = self.camera.height_px(self._rim_ray, v)[:, 0] / self.image_radius_px - 1
@@ -183,7 +190,9 @@ class Focusing:
         radius, sag = self._rim
         if self._is_telecentric:
             return np.array([[radius]])
-        return aim_of(np.array([[radius]]), np.array([[self.sensor.mirror_distance_mm + sag]]), self._tables).tangent
+        return aim_of(
+            np.array([[radius]]), np.array([[self.sensor.mirror_distance_mm + sag]]), self._tables
+        ).tangent
 
     @cached_property
     def _parts(self) -> dict[tuple[float, float] | None, slice]:
@@ -211,7 +220,9 @@ class Focusing:
         near: Any = 1 / np.array(distances_mm(self.field))[:, None]
         if self.field.has_surfaces:
             near = partial(inverse_distances, self.field)
-        with np.errstate(divide="ignore", invalid="ignore"):  # the tangential images of a cone are at infinity
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # the tangential images of a cone are at infinity
             if self._tables is not None or sensor.housing.shell is not None:
                 m = np.inf if self._is_telecentric else sensor.mirror_distance_mm
                 aim, walls = aim_of(x, m + z, self._tables), walls_around(sensor.obstructions)
@@ -225,7 +236,10 @@ class Focusing:
         """Return the optics (k,) of each part, concatenated over object distances."""
         shape = (self.distances, self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
-        return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
+        return {
+            part: NodeOptics(*(n[:, where].ravel() for n in nodes))
+            for part, where in self._parts.items()
+        }
 
     def at(self, v: Array, limit: Limit | None = None) -> FieldValues:
         """Return field values at vergences v (b, 1), for a limit or the whole evaluated field."""
@@ -241,16 +255,23 @@ class Focusing:
     def range(self) -> tuple[float, float]:
         """Return the search range of vergences: the virtual images with a margin."""
         camera = self.camera
-        least, most = camera.bounds if isinstance(camera, RealCamera) else vergences_of(self.sensor.lens)
+        least, most = (
+            camera.bounds if isinstance(camera, RealCamera) else vergences_of(self.sensor.lens)
+        )
         vergences = self._vergences
         vergences = vergences[np.isfinite(vergences)]
         within = vergences[vergences < most] if (vergences < most).any() else vergences
         within = np.clip(within, least, most)
         margin = MARGIN * (float(np.ptp(within)) or abs(float(within[0])))
-        low, high = max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
+        low, high = (
+            max(float(within.min()) - margin, least),
+            min(float(within.max()) + margin, most),
+        )
         if self.span_mm is None:
             return low, high
-        span = sorted(np.clip([camera.vergence(min(mm, FARTHEST_FOCUS)) for mm in self.span_mm], least, most))
+        span = sorted(
+            np.clip([camera.vergence(min(mm, FARTHEST_FOCUS)) for mm in self.span_mm], least, most)
+        )
         return float(np.clip(low, *span)), float(np.clip(high, *span))
 
     @property
@@ -269,5 +290,9 @@ def vergences_of(lens: Lens) -> tuple[float, float]:
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
         return -limits.high, -limits.low
-    nearest = MIN_FOCUS_DISTANCE * lens.focal_length_mm if isinstance(lens, FieldLens) else lens.nearest_focus_mm
+    nearest = (
+        MIN_FOCUS_DISTANCE * lens.focal_length_mm
+        if isinstance(lens, FieldLens)
+        else lens.nearest_focus_mm
+    )
     return 1 / limits.high, 1 / max(limits.low, nearest)

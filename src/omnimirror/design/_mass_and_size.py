@@ -42,7 +42,10 @@ def outer_size(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
     """
     housing, lens = sensor.housing, sensor.lens
     rim, (_, (_, top)) = housing.rim or Rim(), sensor.mirror.bounds
-    widths = [2 * (sensor.mirror.rim_radius_mm + rim.width_mm), *(part.diameter_mm or 0.0 for part in parts)]
+    widths = [
+        2 * (sensor.mirror.rim_radius_mm + rim.width_mm),
+        *(part.diameter_mm or 0.0 for part in parts),
+    ]
     if housing.camera is not None:
         widths.append(housing.camera.diameter_mm)
     if housing.shell is not None:
@@ -58,7 +61,9 @@ def outer_size(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
     return OuterSize(float(max(widths)), float(height))
 
 
-def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str | None = None) -> float:
+def mirror_mass_g(
+    mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str | None = None
+) -> float:
     """Return the mass of a mirror between its surface and a flat back behind its highest point.
 
     Examples

@@ -19,7 +19,9 @@ from ..optics.lenses import SurfaceLens
 from ..optics.materials import MATERIAL_NAMES
 from ..optics.toml_validation import did_you_mean
 
-RINGS = Parameter("mm", 1e-3, 1e3, "thicknesses of the extension rings that fit between lens and camera")
+RINGS = Parameter(
+    "mm", 1e-3, 1e3, "thicknesses of the extension rings that fit between lens and camera"
+)
 F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
 
 
@@ -30,7 +32,9 @@ TYPICAL = "typical"
 """Name of the bundled catalogue."""
 
 OUTSIDE = {
-    "price": Parameter("", 0.0, 1e7, "in a currency of the catalogue's choice, the same in all of it"),
+    "price": Parameter(
+        "", 0.0, 1e7, "in a currency of the catalogue's choice, the same in all of it"
+    ),
     "mass_g": Parameter("g", 0.0, 1e6, "mass"),
     "diameter_mm": Parameter("mm", 0.1, 1e4, "largest diameter"),
     "length_mm": Parameter("mm", 0.1, 1e4, "length along the axis"),
@@ -102,7 +106,9 @@ class LensComponent(Component):
         "focal_length_mm": Parameter("mm", 0.1, 1e4, "focal length"),
         "f_number_min": F_NUMBER,
         "f_number_max": F_NUMBER,
-        "minimum_focus_mm": Parameter("mm", 0.1, 1e6, "nearest object in focus, from the principal point"),
+        "minimum_focus_mm": Parameter(
+            "mm", 0.1, 1e6, "nearest object in focus, from the principal point"
+        ),
         "image_circle_mm": Parameter("mm", 0.1, 1e3, "diameter of the image that the lens covers"),
         "extension_rings_mm": RINGS,
     }
@@ -139,7 +145,9 @@ class TelecentricComponent(Component):
         "magnification": Parameter("", 1e-5, 1e3, "image size over object size"),
         "f_number_min": F_NUMBER,
         "f_number_max": F_NUMBER,
-        "front_diameter_mm": Parameter("mm", 0.1, 1e4, "diameter of the objects that the lens sees"),
+        "front_diameter_mm": Parameter(
+            "mm", 0.1, 1e4, "diameter of the objects that the lens sees"
+        ),
         "image_circle_mm": Parameter("mm", 0.1, 1e3, "diameter of the image that the lens covers"),
     }
 
@@ -220,7 +228,9 @@ def mounts_fit(lens: LensComponent | TelecentricComponent, imager: ImagerCompone
     >>> mounts_fit(lens, ImagerComponent("A", 1280, 960, 3.0, mount="C CS"))
     False
     """
-    return not (lens.mount and imager.mount) or bool(set(lens.mount.split()) & set(imager.mount.split()))
+    return not (lens.mount and imager.mount) or bool(
+        set(lens.mount.split()) & set(imager.mount.split())
+    )
 
 
 def _check_f_numbers(name: str, low: float, high: float) -> None:
@@ -282,27 +292,39 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     for path in paths or (TYPICAL,):
         for place, part in _read(BUNDLED if str(path) == TYPICAL else Path(path)):
             if before := names.get((part.KIND, part.name)):
-                raise OmnimirrorError(f"{place}: the {part.KIND} {shown(part.name)} is in {before} already")
+                raise OmnimirrorError(
+                    f"{place}: the {part.KIND} {shown(part.name)} is in {before} already"
+                )
             names[part.KIND, part.name] = place
             parts.append(part)
     lenses = tuple(p for p in parts if isinstance(p, LensComponent | TelecentricComponent))
     imagers = tuple(p for p in parts if isinstance(p, ImagerComponent))
     if not lenses or not imagers:
         missing = "lens" if not lenses else "imager"
-        raise OmnimirrorError(f"there is no {missing} in {', '.join(map(str, paths))}; at least one is needed")
+        raise OmnimirrorError(
+            f"there is no {missing} in {', '.join(map(str, paths))}; at least one is needed"
+        )
     balls = tuple(p for p in parts if isinstance(p, BallComponent))
     domes = tuple(p for p in parts if isinstance(p, DomeComponent))
-    return Catalogue(lenses, imagers, balls, domes, tuple(p for p in parts if isinstance(p, ExtraComponent)))
+    return Catalogue(
+        lenses, imagers, balls, domes, tuple(p for p in parts if isinstance(p, ExtraComponent))
+    )
 
 
 KINDS: dict[str, tuple[type[Component], ...]] = {
-    "lens": (LensComponent, TelecentricComponent), "imager": (ImagerComponent,), "ball": (BallComponent,),
-    "dome": (DomeComponent,), "extra": (ExtraComponent,),
-}  # fmt: skip
+    "lens": (LensComponent, TelecentricComponent),
+    "imager": (ImagerComponent,),
+    "ball": (BallComponent,),
+    "dome": (DomeComponent,),
+    "extra": (ExtraComponent,),
+}
 TELLING: dict[str, type[Component]] = {
-    "magnification": TelecentricComponent, "pixel_pitch_um": ImagerComponent, "ball_diameter_mm": BallComponent,
-    "dome_diameter_mm": DomeComponent, "use": ExtraComponent,
-}  # fmt: skip
+    "magnification": TelecentricComponent,
+    "pixel_pitch_um": ImagerComponent,
+    "ball_diameter_mm": BallComponent,
+    "dome_diameter_mm": DomeComponent,
+    "use": ExtraComponent,
+}
 """Entries that identify a kind of part; the default is a lens."""
 WORDS = ("name", "source", "material", "mount", "use", "file")
 SAME = 0.01  # relative tolerance of the focal length with respect to the file
@@ -322,10 +344,14 @@ def _read(path: Path) -> Iterable[tuple[str, Component]]:
         for number, entry in enumerate(entries, start=1):
             place = f"{path}, {kind} {number}"
             if not isinstance(entry, dict):
-                raise OmnimirrorError(f"{path}: {kind} {number} is no table; a catalogue has tables {TABLES}")
+                raise OmnimirrorError(
+                    f"{path}: {kind} {number} is no table; a catalogue has tables {TABLES}"
+                )
             part = _part(place, "", _with_file(place, entry, path.parent), KINDS[kind][0])
             if not isinstance(part, KINDS[kind]):
-                raise OmnimirrorError(f"{place} is a {part.KIND} by its entries; put it into a table [[{part.KIND}]]")
+                raise OmnimirrorError(
+                    f"{place} is a {part.KIND} by its entries; put it into a table [[{part.KIND}]]"
+                )
             yield place, part
 
 
@@ -344,7 +370,9 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) > len(header):
-            raise OmnimirrorError(f"{place} has {len(cells)} cells, and the header {len(header)} columns")
+            raise OmnimirrorError(
+                f"{place} has {len(cells)} cells, and the header {len(header)} columns"
+            )
         named = zip(header, (cell.strip() for cell in cells), strict=False)
         entry = {name: _number(name, cell) for name, cell in named if cell}
         yield place, _part(place, "column ", _with_file(place, entry, path.parent), LensComponent)
@@ -391,11 +419,17 @@ def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) 
     cls: type[Any] = next((kind for name, kind in TELLING.items() if name in entry), plain)
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:
-        raise OmnimirrorError(f"{where}: {what}{unknown[0]} is not known; valid are {', '.join(known)}")
+        raise OmnimirrorError(
+            f"{where}: {what}{unknown[0]} is not known; valid are {', '.join(known)}"
+        )
     if missing := [k for k, f in known.items() if f.default is MISSING and k not in entry]:
-        raise OmnimirrorError(f"{where}: {what}{missing[0]} is missing; needed are name and the part's own numbers")
+        raise OmnimirrorError(
+            f"{where}: {what}{missing[0]} is missing; needed are name and the part's own numbers"
+        )
     try:
-        part: Component = cls(**{key: _value(f"{where}: {what}", key, value, cls) for key, value in entry.items()})
+        part: Component = cls(
+            **{key: _value(f"{where}: {what}", key, value, cls) for key, value in entry.items()}
+        )
     except InvalidParameter as e:
         raise OmnimirrorError(f"{where}: {e}") from None
     return part

@@ -62,12 +62,18 @@ class Design:
         conflict = None
         if self.conflict is not None:
             conflict = asdict(self.conflict)
-            for entry, alternative in zip(conflict["alternatives"], self.conflict.alternatives, strict=True):
+            for entry, alternative in zip(
+                conflict["alternatives"], self.conflict.alternatives, strict=True
+            ):
                 entry["is_met"] = alternative.is_met
             for group in ("alone", "joint"):
-                for entry, relaxation in zip(conflict[group], getattr(self.conflict, group), strict=True):
+                for entry, relaxation in zip(
+                    conflict[group], getattr(self.conflict, group), strict=True
+                ):
                     entry["share"] = relaxation.share
-        data: dict[str, Any] = json_plain({**self.verdict.to_dict(), "conflict": conflict, "notes": self.notes})
+        data: dict[str, Any] = json_plain(
+            {**self.verdict.to_dict(), "conflict": conflict, "notes": self.notes}
+        )
         return data
 
 
@@ -168,7 +174,9 @@ def design_sensor(
     design = design_of(best.verdict, best.notes, None, best.optimum)
     if on_design is not None:
         on_design(design)
-    others = () if requirements.mirror.optimise else find_alternatives(requirements, best.verdict, say)
+    others = (
+        () if requirements.mirror.optimise else find_alternatives(requirements, best.verdict, say)
+    )
     return replace(design, conflict=find_conflict(space, best, say, others))
 
 
@@ -179,15 +187,25 @@ def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple
     problem = freeform.problem_of(requirements, search.mode, search.image_radius_px)
     said = search.on_progress or (lambda p: say(f"start {p.run + 1} of {p.runs}, {p.value:.4g}"))
     return freeform.solve(
-        requirements, problem, starts=search.starts, seed=search.seed, resume=search.resume, on_progress=said
+        requirements,
+        problem,
+        starts=search.starts,
+        seed=search.seed,
+        resume=search.resume,
+        on_progress=said,
     )
 
 
 def design_of(
-    verdict: Verdict, notes: tuple[str, ...], conflict: Conflict | None = None, optimum: Optimum | None = None
+    verdict: Verdict,
+    notes: tuple[str, ...],
+    conflict: Conflict | None = None,
+    optimum: Optimum | None = None,
 ) -> Design:
     """Return a checked sensor as a design, with its notes added to the sensor file."""
     said = "; ".join(notes)
-    text = "\n".join(part for part in (verdict.requirements.notes.strip(), said and f"Designed: {said}.") if part)
+    text = "\n".join(
+        part for part in (verdict.requirements.notes.strip(), said and f"Designed: {said}.") if part
+    )
     sensor = replace(verdict.sensor, notes=text)
     return Design(sensor, verdict, conflict, notes, optimum)

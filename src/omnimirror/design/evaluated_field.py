@@ -64,7 +64,10 @@ class Counted:
         InvalidParameter
             Empty range.
         """
-        begins = [(self.low_deg, "the mirror shows nothing there"), (self.hidden_deg, f"the {self.hides} hides it")]
+        begins = [
+            (self.low_deg, "the mirror shows nothing there"),
+            (self.hidden_deg, f"the {self.hides} hides it"),
+        ]
         begins += [(self.point_deg, "a pointed mirror shrinks it to nothing")]
         if asked_deg is None:
             begins += [(self.required_deg[0], "it is inside omega_min_deg")]
@@ -75,13 +78,17 @@ class Counted:
             low = high
         if asked_deg is None and begin > self.required_deg[0]:
             first = self.required_deg[0]  # angles below are not required
-        left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
+        left_out = (
+            [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
+        )
         if high < last - NO_PART:
             left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: {self._end}")
         if low > high or (low == high and first < last):
             part = f"from {first:g} to {last:g} deg" if asked_deg else "of the field"
             reason = (
-                f"{why}, up to {begin:.4g} deg" if low > first else f"the field ends at {self.hidden_from_deg:.4g} deg"
+                f"{why}, up to {begin:.4g} deg"
+                if low > first
+                else f"the field ends at {self.hidden_from_deg:.4g} deg"
             )
             raise InvalidParameter(f"nothing {part} can be judged: {reason}")
         return JudgedRange(low, high, tuple(left_out))
@@ -90,7 +97,9 @@ class Counted:
     def _end(self) -> str:
         """Return the reason for the upper end of the evaluated field."""
         hidden = self.hidden_from_deg < self.high_deg
-        return "what stands around the mirror hides it" if hidden else "the mirror's field ends there"
+        return (
+            "what stands around the mirror hides it" if hidden else "the mirror's field ends there"
+        )
 
 
 def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
@@ -109,14 +118,21 @@ def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
     clear, hidden_from = sensor.clear_field_deg
     point = 0.0
     if sensor.mirror.is_pointed:
-        edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
+        edge = sensor.meridian.trace(
+            sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px])
+        )
         point = float(np.degrees(edge.omega[0]))
     inner = [ring for ring in sensor.obscurations if ring.omega_deg[0] <= low]
     hides = max(inner, key=lambda ring: ring.omega_deg[1], default=None)
     return Counted(
-        low, high, (field.omega_min_deg, field.omega_max_deg), clear if hides else 0.0, hidden_from, point,
+        low,
+        high,
+        (field.omega_min_deg, field.omega_max_deg),
+        clear if hides else 0.0,
+        hidden_from,
+        point,
         hides.part if hides else "camera",
-    )  # fmt: skip
+    )
 
 
 # -- Object distances: fixed distances from the mirror, or intersections of rays with surfaces -----
@@ -205,4 +221,6 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
 
 def _first_radius_px(sensor: Sensor) -> float:
     """Return the image radius of the inner end of the field."""
-    return float(sensor.image_height_px(sensor.meridian.trace(np.array([sensor.meridian.x_min])))[0])
+    return float(
+        sensor.image_height_px(sensor.meridian.trace(np.array([sensor.meridian.x_min])))[0]
+    )

@@ -31,7 +31,10 @@ from .merits import OF_THE_WHOLE, FieldValues
 Array = NDArray[Any]
 
 AIRY = 2.44  # diameter of the Airy disk in wavelengths times the F-number
-NODES, PER_RADIAN = 24, 0.5  # Gauss-Legendre nodes: minimum, and number per radian of phase at the edge
+NODES, PER_RADIAN = (
+    24,
+    0.5,
+)  # Gauss-Legendre nodes: minimum, and number per radian of phase at the edge
 
 
 def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
@@ -130,10 +133,14 @@ class Limitable:
         if self.takes in ("largest", "smallest"):
             value = parts[0]
             for part in parts[1:]:
-                is_other = part.real > value.real if self.takes == "largest" else part.real < value.real
+                is_other = (
+                    part.real > value.real if self.takes == "largest" else part.real < value.real
+                )
                 value = np.where(is_other, part, value)
             return value
-        low, high = (_at(parts[0], where) for where in (parts[0].real.argmin(-1), parts[0].real.argmax(-1)))
+        low, high = (
+            _at(parts[0], where) for where in (parts[0].real.argmin(-1), parts[0].real.argmax(-1))
+        )
         return high - low if self.takes == "spread" else low / high
 
     def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
@@ -221,7 +228,11 @@ def _total_blur(name: str, *disks: Disk) -> Limitable:
 
 
 def _one(
-    name: str, takes: Takes, part: Callable[[FieldValues], Array], is_sharpness: bool = False, is_scale: bool = False
+    name: str,
+    takes: Takes,
+    part: Callable[[FieldValues], Array],
+    is_sharpness: bool = False,
+    is_scale: bool = False,
 ) -> Limitable:
     return Limitable(QUANTITIES[name], lambda f: (part(f),), takes, is_sharpness, is_scale=is_scale)
 
@@ -232,7 +243,13 @@ def _mtf(name: str, *sides: Callable[[FieldValues], Array]) -> Limitable:
     def of_frequency(cycles: float) -> Callable[[FieldValues], tuple[Array, ...]]:
         return lambda f: tuple(contrast(side(f), f.airy_px, cycles) for side in sides)
 
-    return Limitable(QUANTITIES[name], of_frequency(0.0), "smallest", is_sharpness=True, of_frequency=of_frequency)
+    return Limitable(
+        QUANTITIES[name],
+        of_frequency(0.0),
+        "smallest",
+        is_sharpness=True,
+        of_frequency=of_frequency,
+    )
 
 
 T_PX: Disk = lambda f: (f.t_px, f.disk_t_px)  # noqa: E731 - a table of four
@@ -251,7 +268,9 @@ _OURS: dict[str, Limitable] = {
         _total_blur("total_blur_t_deg", T_DEG),
         _total_blur("total_blur_s_deg", S_DEG),
         _one("floored_area_deg2", "largest", lambda f: np.exp(f.log_area), is_sharpness=True),
-        Limitable(QUANTITIES["resolution_px_per_deg"], lambda f: (f.dh, f.dw), "smallest", is_scale=True),
+        Limitable(
+            QUANTITIES["resolution_px_per_deg"], lambda f: (f.dh, f.dw), "smallest", is_scale=True
+        ),
         _one("dh_domega_px_per_deg", "smallest", lambda f: f.dh, is_scale=True),
         _one("width_px_per_deg", "smallest", lambda f: f.dw, is_scale=True),
         _one("aspect", "smallest", lambda f: f.dw / f.dh),
@@ -288,10 +307,14 @@ def _check_limitable(name: str, limitable: Any) -> None:
     if not isinstance(limitable, Limitable):
         raise WrongKind(f"{shown(limitable)} is no omnimirror.design.Limitable")
     if limitable.quantity.name != name:
-        raise InvalidParameter(f"the quantity {shown(limitable.quantity.name)} is to be known by its own name")
+        raise InvalidParameter(
+            f"the quantity {shown(limitable.quantity.name)} is to be known by its own name"
+        )
 
 
-LIMITABLE: Registry[Limitable] = Registry("omnimirror.quantities", "a quantity", _OURS, _check_limitable)
+LIMITABLE: Registry[Limitable] = Registry(
+    "omnimirror.quantities", "a quantity", _OURS, _check_limitable
+)
 """Limitable quantities by name, including registered ones."""
 
 
@@ -422,14 +445,25 @@ class Limit:
                 f"limit of {self.quantity}: {side} = {value:g} is below 0, which no {self.quantity} is; "
                 "it is valid from 0 up"
             )
-        if side == "at_most" and value == 0 and self.of.takes != "spread" and self.quantity not in MAY_BE_0:
+        if (
+            side == "at_most"
+            and value == 0
+            and self.of.takes != "spread"
+            and self.quantity not in MAY_BE_0
+        ):
             raise InvalidParameter(
                 f"limit of {self.quantity}: at_most = 0 is kept by no sensor, whose {self.quantity} is above 0; "
                 "it is valid above 0"
             )
-        if side == "at_least" and value > 1 and (self.of.takes == "ratio" or self.quantity in SHARES):
+        if (
+            side == "at_least"
+            and value > 1
+            and (self.of.takes == "ratio" or self.quantity in SHARES)
+        ):
             what = "ratio of smallest to largest" if self.of.takes == "ratio" else self.quantity
-            raise InvalidParameter(f"limit of {self.quantity}: at_least = {value:g} is above 1, which no {what} is")
+            raise InvalidParameter(
+                f"limit of {self.quantity}: at_least = {value:g} is above 1, which no {what} is"
+            )
 
     def contradicts(self, other: Limit) -> str | None:
         """Return the reason why two limits are contradictory, if their numbers imply it.
@@ -447,7 +481,10 @@ class Limit:
         for low, high in ((self, other), (other, self)):
             if low.at_least is None or high.at_most is None or low.at_least <= high.at_most:
                 continue
-            if not (high.quantity in (low.quantity, *NEVER_ABOVE.get(low.quantity, ())) and _are_comparable(low, high)):
+            if not (
+                high.quantity in (low.quantity, *NEVER_ABOVE.get(low.quantity, ()))
+                and _are_comparable(low, high)
+            ):
                 continue
             if low.cycles_per_px != high.cycles_per_px:
                 continue
@@ -474,7 +511,9 @@ class Limit:
     @property
     def name(self) -> str:
         """Return the quantity with its spatial frequency."""
-        return self.quantity + (f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else "")
+        return self.quantity + (
+            f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else ""
+        )
 
     @property
     def label(self) -> str:
@@ -496,8 +535,14 @@ class Limit:
         """
         values = self.of.values(field)
         with np.errstate(invalid="ignore"):
-            high = -np.inf if self.at_most is None else np.fmax.reduce(values, axis=-1) - self.at_most
-            low = -np.inf if self.at_least is None else self.at_least - np.fmin.reduce(values, axis=-1)
+            high = (
+                -np.inf if self.at_most is None else np.fmax.reduce(values, axis=-1) - self.at_most
+            )
+            low = (
+                -np.inf
+                if self.at_least is None
+                else self.at_least - np.fmin.reduce(values, axis=-1)
+            )
         share: Array = np.maximum(high, low) / self.scale
         return share
 

@@ -56,7 +56,9 @@ class RimRay:
                 f"{theta:g} and {180 - theta:g}, where the rim would be seen edge-on"
             )
         if not self.rim_radius_mm > 0:
-            raise InvalidParameter(f"rim_radius_mm = {self.rim_radius_mm:g} is not a radius; it is valid above 0")
+            raise InvalidParameter(
+                f"rim_radius_mm = {self.rim_radius_mm:g} is not a radius; it is valid above 0"
+            )
 
     @property
     def slope_angle_deg(self) -> float:
@@ -76,7 +78,9 @@ class RimRay:
 
     def place(self, mirror: Mirror, notes: tuple[str, ...] = ()) -> MountedMirror:
         """Return the mirror at the distance that gives the rim the viewing angle Theta."""
-        return MountedMirror(mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes)
+        return MountedMirror(
+            mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes
+        )
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,9 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
 def ellipsoid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Return the ellipsoid with a given conic constant k > -1: prolate below 0, oblate above 0."""
     if conic is None:
-        raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
+        raise InvalidParameter(
+            "an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)"
+        )
     if conic <= -1:
         raise InvalidParameter(f"conic = {conic:g} is no ellipsoid; it is valid above -1")
     R, ratio = vertex_radius(rim, conic), np.sqrt(1 + conic)  # A/B
@@ -192,7 +198,9 @@ def cone(rim: RimRay, conic: float | None = None) -> MountedMirror:
 
 def _refuse_conic(family: str, conic: float | None) -> None:
     if conic is not None:
-        raise InvalidParameter(f"conic = {conic:g} does not apply to a {family}, which is solved without it")
+        raise InvalidParameter(
+            f"conic = {conic:g} does not apply to a {family}, which is solved without it"
+        )
 
 
 FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {
@@ -257,19 +265,26 @@ def generated_mirror(
     return MountedMirror(mirror, mirror.design_distance)
 
 
-def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> Mapped:
+def mapped_mirror(
+    mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object
+) -> Mapped:
     """Return the mirror of a named mapping, which converts image heights to field angles; arguments
     as :func:`generated_mirror`.
     """
     if mapping not in MAPPINGS:
-        raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
+        raise InvalidParameter(
+            f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}"
+        )
     cls = MAPPINGS[mapping]
     given = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
     if omega_min_deg > 0 and cls is not TabulatedMapping:
         given["omega_min_deg"] = omega_min_deg
     check_entries(mapping, given)
     mirror: Mapped = cls(**given)
-    if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
+    if (
+        isinstance(mirror, TabulatedMapping)
+        and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9
+    ):
         raise InvalidParameter(
             f"the table ends at {mirror.omega_deg[-1]:g} deg and the field at omega_max_deg = {rim.omega_max_deg:g}; "
             "they must agree"
@@ -286,9 +301,13 @@ def check_entries(mapping: str, given: Collection[str]) -> None:
         Inapplicable or missing entry, with its name.
     """
     cls = MAPPINGS[mapping]
-    taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # start of its table
+    taken = (
+        (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS
+    )  # start of its table
     if wrong := [name for name in given if name not in taken]:
-        raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
+        raise InvalidParameter(
+            f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}"
+        )
     if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
         raise InvalidParameter(f"the {mapping} mapping needs {' and '.join(missing)}")
 
@@ -310,7 +329,9 @@ def _instead(name: str) -> str:
 
 
 @checked
-def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
+def mappings(
+    omega_max_deg: float = 75.0, theta_max_deg: float = 12.0
+) -> dict[str, MountedMirror | OmnimirrorError]:
     """Compute the mirror of each mapping for a field and a lens, with lengths in rim radii.
 
     Used by ``omnimirror mappings``. The mirrors follow from the law of reflection, dz/dx =
@@ -455,7 +476,9 @@ class LensAndCover:
         shell = self.housing.shell
         index = 1.0 if shell is None else shell.outer_index
         # Snell's law at parallel walls is exact for a tube and the initial value for a dome.
-        cosines = np.clip(index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG)))
+        cosines = np.clip(
+            index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG))
+        )
         inside, before = np.degrees(np.arccos(cosines)), None
         for _ in range(ENDS_STEPS):
             own = RimRay(float(inside[1]), rim.theta_max_deg, rim.rim_radius_mm)
@@ -468,10 +491,18 @@ class LensAndCover:
             # The first point with rays through the wall depends on the angle at the centre; a
             # secant step accounts for this.
             if before is not None and (change := missed[0] - before[1]):
-                step[0] = float(np.clip(-missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG))
+                step[0] = float(
+                    np.clip(
+                        -missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG
+                    )
+                )
             before = inside[0], missed[0]
             inside = inside + step
-            is_settled = abs(missed[1]) < np.degrees(CLOSE) and before[0] == MIN_CENTRE_DEG and inside[0] <= before[0]
+            is_settled = (
+                abs(missed[1]) < np.degrees(CLOSE)
+                and before[0] == MIN_CENTRE_DEG
+                and inside[0] <= before[0]
+            )
             if is_settled:  # the angle cannot be reached
                 break
             inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
@@ -479,7 +510,12 @@ class LensAndCover:
 
     def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
         """Return field angle errors at both ends of the field, deg, and d(inside)/d(outside)."""
-        begin, rim, cover, trace = 0.0, made.mirror.rim_radius_mm, self._cover(made), self._tracer(made)
+        begin, rim, cover, trace = (
+            0.0,
+            made.mirror.rim_radius_mm,
+            self._cover(made),
+            self._tracer(made),
+        )
         if cover is not None:
             begin = cover.first_seen(trace, 0.0, rim)
         rays = trace(np.array([begin, rim]))
@@ -498,7 +534,9 @@ class LensAndCover:
         inside: Array | None = None
         for _ in range(STEPS):
             made = MountedMirror(mirror, mirror.design_distance)
-            tau = x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
+            tau = (
+                x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
+            )
             tau = tau / tau[-1]
             inside = mirror.mapping(tau)[0]
             found = self.mounted(made, rim.theta_max_deg)
@@ -528,7 +566,9 @@ def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
         )
 
 
-def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int) -> float:
+def departure(
+    lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int
+) -> float:
     """Return the largest deviation of the image height from a mapping, in rim heights."""
     x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
     rays = lens_and_cover.rays(made, x)

@@ -85,7 +85,9 @@ class FittedMirror:
     slope_mrad: float
 
 
-def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> FittedMirror:
+def fit_mirror(
+    target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping"
+) -> FittedMirror:
     """Fit an even-power mirror, with or without a conic, to a target mirror.
 
     Parameters
@@ -167,7 +169,9 @@ class _Problem:
                 z, slope, _ = even_polynomial(x, tuple(p), first=1)
                 return z, slope
             z, slope, _ = conic_profile(x, p[0], p[1])
-            dz, dslope, _ = even_polynomial(x, tuple(p[2:]), first=2) if p.size > 2 else (0.0, 0.0, 0.0)
+            dz, dslope, _ = (
+                even_polynomial(x, tuple(p[2:]), first=2) if p.size > 2 else (0.0, 0.0, 0.0)
+            )
             return z + dz, slope + dslope
 
         z, slope = of(p)
@@ -183,7 +187,9 @@ class _Problem:
         if self.form.kind == "polynomial":
             return np.array([curvature / 2] + [0.0] * (self.form.terms - 1))
         slope = float(self.target.mirror.slope(self.rim))
-        return np.array([1 / curvature, 1 / curvature**2 - 1 / slope**2 - 1] + [0.0] * self.form.terms)
+        return np.array(
+            [1 / curvature, 1 / curvature**2 - 1 / slope**2 - 1] + [0.0] * self.form.terms
+        )
 
     def sag(self, p: Array) -> _Linear:
         z, _ = self.profile(p, self.nodes)
@@ -191,7 +197,11 @@ class _Problem:
 
     def deviation(self, p: Array) -> _Linear:
         """Return the first-order deviation of the image height, in rim heights."""
-        x, (z, slope), (end, _) = self.nodes, self.profile(p, self.nodes), self.profile(p, np.ones(1))
+        x, (z, slope), (end, _) = (
+            self.nodes,
+            self.profile(p, self.nodes),
+            self.profile(p, np.ones(1)),
+        )
         dbeta = slope.jacobian / (1 + slope.value**2)[:, None]
         if np.isinf(self.target.m):
             theta, tau, dtheta, dtau = 0.0, x, 0.0, np.zeros_like(z.jacobian)
@@ -218,7 +228,10 @@ class _Problem:
             tau, rate = rays.x / self.rim, rate * self.rim
         else:
             tangent = np.tan(self.target.theta_max)
-            tau, rate = rays.x / rays.w / tangent, rate * rays.w**2 / (rays.w - rays.x * rays.slope) * tangent
+            tau, rate = (
+                rays.x / rays.w / tangent,
+                rate * rays.w**2 / (rays.w - rays.x * rays.slope) * tangent,
+            )
         spline = CubicHermiteSpline(tau, rays.omega, rate)
         return spline, spline.derivative()
 
@@ -233,7 +246,9 @@ class _Problem:
             p = np.append(self._least_squares(p[:count], p[count:], residual), p[count:])
         return p
 
-    def _least_squares(self, head: Array, tail: Array, residual: Callable[[Array], _Linear]) -> Array:
+    def _least_squares(
+        self, head: Array, tail: Array, residual: Callable[[Array], _Linear]
+    ) -> Array:
         """Solve for the first unknowns by a trust-region method; the others are fixed."""
         from scipy.optimize import least_squares
 
@@ -251,7 +266,9 @@ class _Problem:
     def level(self, p: Array) -> Array:
         """Minimise the largest deviation, starting from least squares; return the best iterate."""
         q = self._levelled(p, hold=False)
-        return q if self.deviation(q).value[-1] <= 0 else self._with_rim(self._levelled(p, hold=True))
+        return (
+            q if self.deviation(q).value[-1] <= 0 else self._with_rim(self._levelled(p, hold=True))
+        )
 
     def _with_rim(self, p: Array) -> Array:
         """Apply the smallest change that gives the rim at least the target's field angle."""
@@ -263,7 +280,9 @@ class _Problem:
 
     def _levelled(self, p: Array, hold: bool) -> Array:
         """Iterate linear models with step reduction; ``hold`` constrains the rim."""
-        worst = np.inf if hold else self._worst(self.deviation(p))  # the rim constraint may increase the deviation
+        worst = (
+            np.inf if hold else self._worst(self.deviation(p))
+        )  # the rim constraint may increase the deviation
         for _ in range(MODELS):
             aim = self._lawson(p, self.deviation(p), hold)
             for share in (1.0, 0.5, 0.25, 0.1) if worst < np.inf else (1.0,):
@@ -294,7 +313,9 @@ class _Problem:
             distance = np.abs(rest)
             if distance.max() < least:
                 best, least = rest, float(distance.max())
-            if distance.max() <= (1 + SETTLED) * float(weights @ distance):  # the mean is a lower bound
+            if distance.max() <= (1 + SETTLED) * float(
+                weights @ distance
+            ):  # the mean is a lower bound
                 break
             weights = weights * distance / float(weights @ distance)
         y = np.linalg.lstsq(linear.jacobian / size @ free, best - value, rcond=None)[0]
@@ -313,7 +334,9 @@ class _Problem:
                 found = residual(p)
         except OmnimirrorError:
             return None
-        return found if np.isfinite(found.value).all() and np.isfinite(found.jacobian).all() else None
+        return (
+            found if np.isfinite(found.value).all() and np.isfinite(found.jacobian).all() else None
+        )
 
     def mirror(self, p: Array) -> Mirror:
         if self.form.kind == "polynomial":
@@ -329,7 +352,10 @@ class _Problem:
         rays = Meridian(mirror, mounted.distance_mm).trace(x)
         inside = np.minimum(rays.omega, target.omega_max)
         wanted = target.trace(target.x_from_omega(inside))
-        height, aim = (r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max)) for r in (rays, wanted))
+        height, aim = (
+            r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max))
+            for r in (rays, wanted)
+        )
         _, rate = self._target_at(np.ones(1))
         aim = aim + (rays.omega - inside) / rate
         z, slope, _ = target.mirror.profile(x)

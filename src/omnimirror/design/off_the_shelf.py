@@ -37,7 +37,10 @@ BLURRED = "more blurred than a cheaper one"
 SLACK = 0.02  # relative violation of a limit of blur permitted in the screening
 SEARCHED = 181  # field angles of the preliminary requirement check
 BEYOND_RIM = 1.2  # relative to the distance of the rim: approximate distance of the virtual images
-SETTLED, ROUNDS = 1e-6, 12  # tolerance, iterations of the rim of a ball, which depends on the viewing angle
+SETTLED, ROUNDS = (
+    1e-6,
+    12,
+)  # tolerance, iterations of the rim of a ball, which depends on the viewing angle
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,11 @@ class BoughtDesign:
         if extras := self.combination.extras:
             parts["extra"] = [part.name for part in extras]
         numbers = {
-            "ring_mm": self.ring_mm, "price": self.price, "mass_g": self.mass_g,
+            "ring_mm": self.ring_mm,
+            "price": self.price,
+            "mass_g": self.mass_g,
             "worst_floored_area_deg2": self.worst_floored_area_deg2,
-        }  # fmt: skip
+        }
         data: dict[str, Any] = json_plain({**parts, **numbers, **self.design.to_dict()})
         return data
 
@@ -110,7 +115,11 @@ def design_bought(
 
 
 def _judged(
-    asked: Requirements, own: Requirements, combination: PartsCombination, sensor: Sensor, angles: int | None = None
+    asked: Requirements,
+    own: Requirements,
+    combination: PartsCombination,
+    sensor: Sensor,
+    angles: int | None = None,
 ) -> BoughtDesign:
     verdict = judge(own, sensor) if angles is None else judge(own, sensor, angles=angles)
     assert asked.parts is not None
@@ -120,9 +129,20 @@ def _judged(
     mass = mass_g(sensor, combination.parts)
     rows = [*verdict.rows, *whole_rows(asked.parts, combination, sensor, mass)]
     if reasons:
-        nearest = combination.lens.minimum_focus_mm if isinstance(combination.lens, LensComponent) else 0.0
+        nearest = (
+            combination.lens.minimum_focus_mm
+            if isinstance(combination.lens, LensComponent)
+            else 0.0
+        )
         rows.append(
-            Judgement("minimum_focus_mm", "mm", nearest, None, sensor.lens.focus_distance_mm, remarks=tuple(reasons))
+            Judgement(
+                "minimum_focus_mm",
+                "mm",
+                nearest,
+                None,
+                sensor.lens.focus_distance_mm,
+                remarks=tuple(reasons),
+            )
         )
     notes = (f"parts: {combination.name}", *((f"extension rings of {ring:g} mm",) if ring else ()))
     design = design_of(Verdict(verdict.requirements, verdict.sensor, tuple(rows)), notes)
@@ -158,7 +178,9 @@ def whole_rows(
 # -- mirror, aperture, focus -----------------------------------------------------------------------
 
 
-def _made(own: Requirements, combination: PartsCombination, most_area_deg2: float) -> Candidate | str:
+def _made(
+    own: Requirements, combination: PartsCombination, most_area_deg2: float
+) -> Candidate | str:
     """Return the sensor at the aperture of the largest blur margin, or the reason for rejection."""
     if combination.ball is None and set(RangeSearch(own).free) - {"f_number"}:
         return RangeSearch(own).best().made
@@ -184,7 +206,9 @@ def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
     nearness = 0.0
     if isinstance(combination.lens, LensComponent):
         radius_mm, ball = own.largest_image_px * own.imager.pitch_mm, combination.ball
-        beyond = BEYOND_RIM * (ends(own.mirror.rim_radius_mm)[0] if ball is None else _rim_mm(own, 0.0, ball))
+        beyond = BEYOND_RIM * (
+            ends(own.mirror.rim_radius_mm)[0] if ball is None else _rim_mm(own, 0.0, ball)
+        )
         nearness = 1 / combination.lens.focal_length_mm / (1 + beyond / radius_mm)
     for _ in range(2):
         if combination.ball is not None:
@@ -193,13 +217,22 @@ def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
         rough = sketched(settled, nearness)
         if own.lens.is_telecentric or not own.lens.fills_imager:
             break
-        nearness = 1 / focusing(settled, rough, SCREENED).best_aperture(ends(settled.lens.f_number))[1].focus_mm
+        nearness = (
+            1
+            / focusing(settled, rough, SCREENED)
+            .best_aperture(ends(settled.lens.f_number))[1]
+            .focus_mm
+        )
     return rough
 
 
 def _rim_mm(own: Requirements, theta_deg: float, ball: BallComponent) -> float:
     """Return the rim of the cap of a ball: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
-    return ball.ball_diameter_mm / 2 * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
+    return (
+        ball.ball_diameter_mm
+        / 2
+        * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
+    )
 
 
 def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
@@ -277,7 +310,12 @@ class PartsSearch:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        counts = {"combinations": self.combinations, "cut": self.cut, "missed": self.missed, "left": self.left}
+        counts = {
+            "combinations": self.combinations,
+            "cut": self.cut,
+            "missed": self.missed,
+            "left": self.left,
+        }
         nearest = None if self.nearest is None else self.nearest.to_dict()
         data: dict[str, Any] = json_plain(
             {"found": [design.to_dict() for design in self.found], "nearest": nearest, **counts}
@@ -344,7 +382,9 @@ def design_from_parts(
     """
     instance("requirements", requirements, Requirements, "requirements")
     if requirements.parts is None:
-        raise InvalidParameter("the requirements say nothing of parts; give parts, or design_sensor designs without")
+        raise InvalidParameter(
+            "the requirements say nothing of parts; give parts, or design_sensor designs without"
+        )
     whole("most", most, 1)
     whole("processes", processes, 1)
     check_free(requirements)
@@ -357,7 +397,9 @@ def design_from_parts(
             raise InvalidParameter(f"there is no {name} in the catalogue, and parts asks for one")
     everything = combinations_of(catalogue, requirements)
     reasons = [cut(requirements, combination) for combination in everything]
-    tally = _Tally(requirements, front, most, len(everything), Counter(r for r in reasons if r is not None))
+    tally = _Tally(
+        requirements, front, most, len(everything), Counter(r for r in reasons if r is not None)
+    )
     left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
     say = on_step or (lambda words: None)
     for i, answer in enumerate(_designed(requirements, left, processes, tally)):
@@ -385,7 +427,10 @@ def _designed(
         def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:
             with _spared_signals():
                 most = tally.most_area_deg2
-                return [pool.submit(_block, requirements, block, most) for block in islice(blocks, count)]
+                return [
+                    pool.submit(_block, requirements, block, most)
+                    for block in islice(blocks, count)
+                ]
 
         under_way: list[Future[list[BoughtDesign | str]]] = []
         try:
@@ -394,7 +439,9 @@ def _designed(
                 answers = under_way.pop(0).result()
                 under_way += submit(1)
                 yield from answers
-        except BaseException:  # signal, error or sufficient designs: do not wait for the other blocks
+        except (
+            BaseException
+        ):  # signal, error or sufficient designs: do not wait for the other blocks
             for worker in set(active_children()) - others:
                 worker.terminate()
             raise
@@ -419,7 +466,9 @@ def _spared_signals() -> Iterator[None]:
 def _block(
     requirements: Requirements, combinations: list[PartsCombination], most_area_deg2: float
 ) -> list[BoughtDesign | str]:
-    return [design_bought(requirements, combination, most_area_deg2) for combination in combinations]
+    return [
+        design_bought(requirements, combination, most_area_deg2) for combination in combinations
+    ]
 
 
 @dataclass
@@ -443,7 +492,10 @@ class _Tally:
             self.missed[answer] += 1
         elif not answer.is_met:
             self.missed[answer.design.verdict.missed[0]] += 1
-            if self.nearest is None or answer.design.verdict.worst < self.nearest.design.verdict.worst:
+            if (
+                self.nearest is None
+                or answer.design.verdict.worst < self.nearest.design.verdict.worst
+            ):
                 self.nearest = answer
         elif answer.worst_floored_area_deg2 < self.most_area_deg2:
             self.found.append(answer)
@@ -464,5 +516,11 @@ class _Tally:
         left = self.combinations - self.cut.total() - self.taken
         nearest = None if self.found else self.nearest
         return PartsSearch(
-            self.requirements, tuple(self.found), nearest, self.combinations, dict(self.cut), dict(self.missed), left
+            self.requirements,
+            tuple(self.found),
+            nearest,
+            self.combinations,
+            dict(self.cut),
+            dict(self.missed),
+            left,
         )

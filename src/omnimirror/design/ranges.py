@@ -55,7 +55,9 @@ def between(low: float, high: float, endless: bool = False) -> PlainValidator:
         if endless and last == np.inf:
             last = high
         if not low <= first <= last <= high:
-            raise PydanticCustomError("range", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]")
+            raise PydanticCustomError(
+                "range", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]"
+            )
         return first if first == last else (first, last)
 
     return PlainValidator(check)

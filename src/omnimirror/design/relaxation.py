@@ -29,7 +29,9 @@ from .requirements import OF_MAPPINGS, Requirements
 
 STARTS = 1  # searches for each alternative
 IMAGERS = 3  # larger imagers of the catalogue, the smallest of them first
-MIN_GAIN = 0.01  # relative decrease of the largest violation that makes an alternative worth reporting
+MIN_GAIN = (
+    0.01  # relative decrease of the largest violation that makes an alternative worth reporting
+)
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,9 @@ class Alternative:
         return not self.missed
 
 
-def find_alternatives(requirements: Requirements, verdict: Verdict, say: Say) -> Iterator[Alternative]:
+def find_alternatives(
+    requirements: Requirements, verdict: Verdict, say: Say
+) -> Iterator[Alternative]:
     """Yield the alternatives that meet all requirements or violate them less than a design does.
 
     Parameters
@@ -94,7 +98,11 @@ def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requir
     kind = mirror.mapping or mirror.family or ""
     none = dict.fromkeys((*OF_MAPPINGS, "mapping", "family", "conic", "fit"))
     smooth = none | {"apex": "smooth"}
-    choices += [("mirror.family", kind, name, smooth | {"family": name}) for name in FAMILIES if name != kind]
+    choices += [
+        ("mirror.family", kind, name, smooth | {"family": name})
+        for name in FAMILIES
+        if name != kind
+    ]
     choices += [
         ("mirror.mapping", kind, name, smooth | {"mapping": name})
         for name in MAPPINGS
@@ -117,7 +125,11 @@ def _larger_imagers(requirements: Requirements) -> list[ImagerComponent]:
     def short_side(imager: Imager | ImagerComponent) -> int:
         return min(imager.width_px, imager.height_px)
 
-    larger = [part for part in read_catalogue().imagers if short_side(part) > short_side(requirements.imager)]
+    larger = [
+        part
+        for part in read_catalogue().imagers
+        if short_side(part) > short_side(requirements.imager)
+    ]
     return sorted(larger, key=short_side)[:IMAGERS]
 
 
@@ -232,7 +244,10 @@ Holds = Callable[[Sequence[Relaxation]], bool | None]
 
 
 def find_conflict(
-    space: Space, best: BestDesign, say: Say = lambda words: None, alternatives: Iterable[Alternative] = ()
+    space: Space,
+    best: BestDesign,
+    say: Say = lambda words: None,
+    alternatives: Iterable[Alternative] = (),
 ) -> Conflict | None:
     """Analyse the conflict of infeasible requirements; return None if all are met.
 
@@ -254,7 +269,9 @@ def find_conflict(
     is_complete = True
     count = len(_names(space, best)) + 1
     try:
-        for advice, point in _alone(space, best, lambda name: say(f"relaxation {len(alone) + 1} of {count}: {name}")):
+        for advice, point in _alone(
+            space, best, lambda name: say(f"relaxation {len(alone) + 1} of {count}: {name}")
+        ):
             holds = partial(_holds, space, point)
             alone.append(nearest(verified(advice, holds), holds))
         say(f"relaxation {count} of {count}: all requirements together")
@@ -264,7 +281,14 @@ def find_conflict(
         is_complete = False
     share = max((r.share or 0.0 for r in joint), default=None)
     others.sort(key=lambda a: a.worst)
-    return Conflict(best.verdict.missed, tuple(sorted(alone, key=_by_share)), joint, share, is_complete, tuple(others))
+    return Conflict(
+        best.verdict.missed,
+        tuple(sorted(alone, key=_by_share)),
+        joint,
+        share,
+        is_complete,
+        tuple(others),
+    )
 
 
 def _by_share(r: Relaxation) -> tuple[bool, float]:
@@ -293,7 +317,10 @@ def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirem
             more = ceil(r.needed - requirements.largest_image_px)
             centre = imager.centre_px and (imager.centre_px[0] + more, imager.centre_px[1] + more)
             imager = replace(
-                imager, width_px=imager.width_px + 2 * more, height_px=imager.height_px + 2 * more, centre_px=centre
+                imager,
+                width_px=imager.width_px + 2 * more,
+                height_px=imager.height_px + 2 * more,
+                centre_px=centre,
             )
         else:
             entries[r.name] = r.needed
@@ -302,10 +329,16 @@ def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirem
 
 def _with_side(limit: Limit, asked: float, needed: float) -> Limit:
     """Return the limit with another value of the requested bound."""
-    return replace(limit, at_most=needed) if limit.at_most == asked else replace(limit, at_least=needed)
+    return (
+        replace(limit, at_most=needed)
+        if limit.at_most == asked
+        else replace(limit, at_least=needed)
+    )
 
 
-def _holds(space: Space, point: Point, given: Sequence[Relaxation], is_local: bool = False) -> bool | None:
+def _holds(
+    space: Space, point: Point, given: Sequence[Relaxation], is_local: bool = False
+) -> bool | None:
     """Return whether a design meets the relaxed requirements; None if the mirror does not exist."""
     try:
         return space.meeting(relaxed(space.requirements, given), point, is_local) is not None
@@ -354,7 +387,9 @@ def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxa
     rounded = tuple(r.widened(0.0) for r in given)
     found = _least_wide([tuple(r.widened(more) for r in given) for more in MORE], holds)
     # a number may be at the end of its possible range; then only the limits can be widened
-    limits_wider = [tuple(r if r.limit is None else r.widened(more) for r in rounded) for more in MORE[1:]]
+    limits_wider = [
+        tuple(r if r.limit is None else r.widened(more) for r in rounded) for more in MORE[1:]
+    ]
     return tuple(found or _least_wide(limits_wider, holds))
 
 
@@ -417,13 +452,23 @@ def _alone(space: Space, best: BestDesign, say: Say) -> Iterator[tuple[Relaxatio
         yield _number_gives(space, best, name)
 
 
-def _limit_gives(space: Space, best: BestDesign, key: Key, row: Judgement) -> tuple[Relaxation, Point]:
+def _limit_gives(
+    space: Space, best: BestDesign, key: Key, row: Judgement
+) -> tuple[Relaxation, Point]:
     """Minimise the violation of one requirement with all others met."""
-    advice = Relaxation(row.label, row.unit, _asked(row), None, key if isinstance(key, int) else None)
-    if best.verdict.missed == (row.label,):  # the best design violates only this one, by the smallest amount
+    advice = Relaxation(
+        row.label, row.unit, _asked(row), None, key if isinstance(key, int) else None
+    )
+    if best.verdict.missed == (
+        row.label,
+    ):  # the best design violates only this one, by the smallest amount
         return replace(advice, needed=row.reached), best.point
     found = space.reach(best.point, Slack((key,))) if key in space.keys else None
-    if found is None and isinstance(key, int) and (begin := _without(space, best, replace(advice, needed=_far(row)))):
+    if (
+        found is None
+        and isinstance(key, int)
+        and (begin := _without(space, best, replace(advice, needed=_far(row))))
+    ):
         found = space.reach(begin, Slack((key,)))
     if found is None:
         return advice, best.point
@@ -513,7 +558,9 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[R
     holds = partial(_holds, space, found.point, is_local=True)
     advice = verified_together(found.given, holds)
     needed = without_idle(advice, holds)
-    if len(needed) < len(advice):  # repeat without the others: smaller relaxations may be sufficient
+    if len(needed) < len(
+        advice
+    ):  # repeat without the others: smaller relaxations may be sufficient
         names = {r.name for r in needed}
         again = _least_joint(
             space,
@@ -522,7 +569,11 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[R
             [(name, way) for name, way in ways if name in names],
             names,
         )
-        if again and (verified := verified_together(again.given, partial(_holds, space, again.point, is_local=True))):
+        if again and (
+            verified := verified_together(
+                again.given, partial(_holds, space, again.point, is_local=True)
+            )
+        ):
             needed = verified
     return needed if len(needed) > 1 else ()
 
@@ -535,7 +586,9 @@ def _least_joint(
     names: Container[str] | None = None,
 ) -> Joint | None:
     """Minimise the largest relative relaxation of numbers and limits; None if infeasible."""
-    rows = [(i, row) for i, row in enumerate(best.verdict.limits) if names is None or row.label in names]
+    rows = [
+        (i, row) for i, row in enumerate(best.verdict.limits) if names is None or row.label in names
+    ]
     if not rows and not ways:
         return None
     freed = space.freed(spans)
@@ -558,7 +611,9 @@ def _least_joint(
     return Joint(tuple(given), found.share, found.point)
 
 
-def _freedom(space: Space, alone: list[Relaxation]) -> tuple[dict[str, Span], list[tuple[str, int]]]:
+def _freedom(
+    space: Space, alone: list[Relaxation]
+) -> tuple[dict[str, Span], list[tuple[str, int]]]:
     """Return the joint ranges and the directions of the given numbers.
 
     An individually sufficient number moves in its own direction; any other one may support the rest
@@ -567,13 +622,20 @@ def _freedom(space: Space, alone: list[Relaxation]) -> tuple[dict[str, Span], li
     spans, ways = dict[str, Span](), list[tuple[str, int]]()
     for r in (r for r in alone if r.limit is None and r.name in space.numbers):
         signs = (-1, 1) if r.needed is None else (int(np.sign(r.needed - r.asked)),)
-        room = {way: span for way in signs if way and (span := _span(space, r.name, way))[0] < span[1]}
+        room = {
+            way: span for way in signs if way and (span := _span(space, r.name, way))[0] < span[1]
+        }
         if room:
             ways += [(r.name, way) for way in room]
-            spans[r.name] = min(low for low, _ in room.values()), max(high for _, high in room.values())
+            spans[r.name] = (
+                min(low for low, _ in room.values()),
+                max(high for _, high in room.values()),
+            )
     if all(name in spans for name in ANGLES):
         omega, theta = (space.numbers[name] for name in ANGLES)
-        room_deg = ROOM * min(180 - omega - theta, omega - theta, omega - space.requirements.field.omega_min_deg)
+        room_deg = ROOM * min(
+            180 - omega - theta, omega - theta, omega - space.requirements.field.omega_min_deg
+        )
         for name in ANGLES:
             asked, (low, high) = space.numbers[name], spans[name]
             spans[name] = max(low, asked - room_deg), min(high, asked + room_deg)

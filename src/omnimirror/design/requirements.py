@@ -20,7 +20,14 @@ from ..optics.lenses import FieldLens
 from ..optics.mirrors.mappings import MAPPINGS, check_rows
 from ..optics.sensor_files import housing_tables, lens_table
 from ..optics.thermal import Thermal
-from ..optics.toml_validation import EntryError, NoFile, SourceLocator, Table, did_you_mean, validated
+from ..optics.toml_validation import (
+    EntryError,
+    NoFile,
+    SourceLocator,
+    Table,
+    did_you_mean,
+    validated,
+)
 from .limits import Limit
 from .merits import DESIGN_MERITS
 from .mirror_construction import FAMILIES, check_entries
@@ -79,7 +86,11 @@ def _check_way(mirror: MirrorRequirements) -> None:
         raise EntryError(("mirror",), f"mirror has {said}; give one of them")
     (way,) = ways
     value = getattr(mirror, way)
-    known = {"mapping": list(MAPPINGS), "family": [*FAMILIES, "polynomial:N"], "optimise": list(DESIGN_MERITS)}[way]
+    known = {
+        "mapping": list(MAPPINGS),
+        "family": [*FAMILIES, "polynomial:N"],
+        "optimise": list(DESIGN_MERITS),
+    }[way]
     if value not in known and not (way == "family" and value.startswith("polynomial:")):
         raise EntryError(
             ("mirror", way),
@@ -95,11 +106,16 @@ def _check_forms(mirror: MirrorRequirements) -> None:
             NoFile().wrap(("mirror", name), partial(FitForm.parse, text))
     if mirror.optimise is None:
         if mirror.shape is not None:
-            raise EntryError(("mirror", "shape"), "mirror.shape belongs to an optimised mirror; give optimise too")
+            raise EntryError(
+                ("mirror", "shape"),
+                "mirror.shape belongs to an optimised mirror; give optimise too",
+            )
         return
     for name in NOT_FOR_FREEFORM:
         if getattr(mirror, name) is not None:
-            raise EntryError(("mirror", name), f"mirror.{name} does not apply to an optimised mirror")
+            raise EntryError(
+                ("mirror", name), f"mirror.{name} does not apply to an optimised mirror"
+            )
     if mirror.apex == "pointed":
         raise EntryError(("mirror", "apex"), "an optimised mirror has a smooth apex")
     if mirror.shape is not None:
@@ -146,16 +162,24 @@ def _check_conic(mirror: MirrorRequirements) -> None:
     way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
     if mirror.conic is not None and mirror.family not in OF_CONIC:
         belongs = " and ".join(OF_CONIC)
-        raise EntryError(("mirror", "conic"), f"mirror.conic does not apply to {way}; it belongs to {belongs}")
+        raise EntryError(
+            ("mirror", "conic"), f"mirror.conic does not apply to {way}; it belongs to {belongs}"
+        )
     if mirror.family is not None:
         for name in OF_MAPPINGS:
             if getattr(mirror, name) is not None:
-                raise EntryError(("mirror", name), f"mirror.{name} does not apply to {way}; it belongs to a mapping")
+                raise EntryError(
+                    ("mirror", name),
+                    f"mirror.{name} does not apply to {way}; it belongs to a mapping",
+                )
 
 
 def _check_camera(requirements: Requirements) -> None:
     """Reject a camera body that is inapplicable or too wide."""
-    camera, most = requirements.housing.camera, WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1]
+    camera, most = (
+        requirements.housing.camera,
+        WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1],
+    )
     if camera is None:
         return
     if requirements.lens.is_telecentric:
@@ -190,7 +214,10 @@ def _check_temperatures(requirements: Requirements) -> None:
             "sensor is made; it is valid around that",
         )
     if not requirements.limits:
-        raise EntryError(("thermal", "range_c"), "thermal.range_c is about limits, and there is none; give a [[limit]]")
+        raise EntryError(
+            ("thermal", "range_c"),
+            "thermal.range_c is about limits, and there is none; give a [[limit]]",
+        )
 
 
 def _check_objects(requirements: Requirements) -> None:
@@ -230,9 +257,13 @@ def _check_parts(requirements: Requirements) -> None:
             "free form for the parts that were chosen",
         )
     if parts.mirror == "ball" and (mirror.family != "sphere" or mirror.fit is not None):
-        raise EntryError(("parts", "mirror"), 'a ball is valid for mirror.family = "sphere" without a fit')
+        raise EntryError(
+            ("parts", "mirror"), 'a ball is valid for mirror.family = "sphere" without a fit'
+        )
     if parts.dome and housing.shell is not None:
-        raise EntryError(("parts", "dome"), "the housing has a cover already; leave it out, or parts.dome")
+        raise EntryError(
+            ("parts", "dome"), "the housing has a cover already; leave it out, or parts.dome"
+        )
 
 
 def _check_optics(requirements: Requirements) -> None:
@@ -241,22 +272,33 @@ def _check_optics(requirements: Requirements) -> None:
     if lens.optics is None:
         return
     if lens.is_telecentric:
-        raise EntryError(("lens", "kind"), "lens.kind = 'orthographic' does not apply beside lens.optics, a real lens")
+        raise EntryError(
+            ("lens", "kind"),
+            "lens.kind = 'orthographic' does not apply beside lens.optics, a real lens",
+        )
     if requirements.parts is not None:
-        raise EntryError(("lens", "optics"), "lens.optics does not apply where lenses are chosen from a catalogue")
+        raise EntryError(
+            ("lens", "optics"),
+            "lens.optics does not apply where lenses are chosen from a catalogue",
+        )
 
 
 def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
     if lens.is_telecentric:
         for name in OF_PERSPECTIVE:
             if getattr(lens, name) is not None:
-                raise EntryError(("lens", name), f"lens.{name} does not apply to an orthographic lens")
+                raise EntryError(
+                    ("lens", name), f"lens.{name} does not apply to an orthographic lens"
+                )
         return
     if lens.magnification is not None:
-        raise EntryError(("lens", "magnification"), "lens.magnification belongs to an orthographic lens")
+        raise EntryError(
+            ("lens", "magnification"), "lens.magnification belongs to an orthographic lens"
+        )
     if lens.focal_length_mm is None and lens.theta_max_deg is None and not is_bought:
         raise EntryError(
-            ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"
+            ("lens",),
+            "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range",
         )
     if lens.focus_mm is not None:
         least = 0.0 if lens.focal_length_mm is None else ends(lens.focal_length_mm)[0]
@@ -280,7 +322,9 @@ def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
             )
         for j, other in enumerate(limits[:i]):
             if said := limit.contradicts(other):
-                raise EntryError((f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {said}")
+                raise EntryError(
+                    (f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {said}"
+                )
 
 
 # -- Requirements on a sensor, as dataclasses with the tables and entries of a file ----------------
@@ -309,7 +353,10 @@ def _row(value: Any) -> Any:
 
 
 Most = Annotated[float, Field(gt=0, le=1e9)]
-Names = Annotated[tuple[str, ...], BeforeValidator(lambda value: (value,) if isinstance(value, str) else _row(value))]
+Names = Annotated[
+    tuple[str, ...],
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else _row(value)),
+]
 Column = Annotated[tuple[float, ...], BeforeValidator(_row)]
 
 
@@ -343,7 +390,8 @@ def _model(cls: type[Entries]) -> type[Table]:
     """Return the pydantic model that validates the entries of a table."""
     hints = get_type_hints(cls, include_extras=True)
     entries: dict[str, Any] = {
-        f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default) for f in dataclasses.fields(cls)
+        f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default)
+        for f in dataclasses.fields(cls)
     }
     model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
     return model
@@ -390,7 +438,9 @@ class FieldRequirements(Entries):
     TABLE: ClassVar[str] = "field"
 
     omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
-    omega_min_deg: Annotated[float, Field(ge=0, le=170, description="where the field begins that matters")] = 0.0
+    omega_min_deg: Annotated[
+        float, Field(ge=0, le=170, description="where the field begins that matters")
+    ] = 0.0
     object_distance_mm: Distances = np.inf
     object_plane_distance_mm: Length | None = None
     object_cylinder_radius_mm: Length | None = None
@@ -399,7 +449,9 @@ class FieldRequirements(Entries):
     @property
     def has_surfaces(self) -> bool:
         """Return whether the objects are on surfaces, with angle-dependent distances."""
-        return self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
+        return (
+            self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -537,7 +589,9 @@ class LensRequirements(Entries):
         """
         if self.is_telecentric:
             return self.magnification is None
-        return any(value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm))
+        return any(
+            value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -661,7 +715,11 @@ class Requirements:
             instance(name, getattr(self, name), kind, f"of kind {kind.__name__}")
         if self.parts is not None:
             instance("parts", self.parts, PartsRequirements, "of kind PartsRequirements")
-        object.__setattr__(self, "limits", tuple(instance("limits", self.limits, (list, tuple), "a list of limits")))
+        object.__setattr__(
+            self,
+            "limits",
+            tuple(instance("limits", self.limits, (list, tuple), "a list of limits")),
+        )
         for limit in self.limits:
             instance("limits", limit, Limit, "a list of limits")
         if self.thermal is not None:
@@ -688,7 +746,11 @@ class Requirements:
         """
         lens, imager = self.lens, self.imager
         side = imager.inscribed_radius_px if lens.fills == "short-side" else imager.long_radius_px
-        return side if lens.image_circle_mm is None else min(side, lens.image_circle_mm / 2 / imager.pitch_mm)
+        return (
+            side
+            if lens.image_circle_mm is None
+            else min(side, lens.image_circle_mm / 2 / imager.pitch_mm)
+        )
 
     def changed(self, **entries: Any) -> Requirements:
         """Return a copy with other entries of field, mirror and lens.
@@ -724,7 +786,9 @@ class Requirements:
                 f"{min(unknown)} is no entry of [field], [mirror] or [lens]{did_you_mean(min(unknown), ENTRIES)}"
             )
         changed = {
-            table: dataclasses.replace(getattr(self, table), **{name: entries[name] for name in names & entries.keys()})
+            table: dataclasses.replace(
+                getattr(self, table), **{name: entries[name] for name in names & entries.keys()}
+            )
             for table, names in NAMES.items()
             if names & entries.keys()
         }
@@ -739,9 +803,17 @@ class Requirements:
             Tables and entries of a file.
         """
         lens = dataclasses.replace(self.lens, optics=None)
-        parts = {name: asdict(part) for name, part in {**vars(self), "lens": lens}.items() if name in TABLES}
+        parts = {
+            name: asdict(part)
+            for name, part in {**vars(self), "lens": lens}.items()
+            if name in TABLES
+        }
         if (optics := self.lens.optics) is not None:
-            parts["lens"] |= {"optics": lens_table(optics), "focal_length_mm": None, "f_number": None}
+            parts["lens"] |= {
+                "optics": lens_table(optics),
+                "focal_length_mm": None,
+                "f_number": None,
+            }
         if self.field.angles == "elevation":
             parts["field"] = self._by_elevation(parts["field"])
         parts["housing"] = housing_tables(self.housing)
@@ -749,7 +821,12 @@ class Requirements:
             parts["parts"] = asdict(self.parts)
         if self.thermal is not None:
             parts["thermal"] = {**asdict(self.thermal), "range_c": self.temperatures_c}
-        data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
+        data = {
+            "name": self.name,
+            "notes": self.notes,
+            **parts,
+            "limit": [asdict(limit) for limit in self.limits],
+        }
         plain: dict[str, Any] = _plain(data)
         return plain
 
@@ -757,7 +834,10 @@ class Requirements:
         """Return the field table with elevations instead of field angles."""
         omega = field.pop("omega_min_deg"), field.pop("omega_max_deg")
         del field["angles"]
-        return {"elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)], **field}
+        return {
+            "elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)],
+            **field,
+        }
 
 
 OF_OPTICS = ("focal_length_mm", "f_number")
@@ -771,9 +851,15 @@ NAMES = {
 ENTRIES = frozenset[str]().union(*NAMES.values())
 
 KINDS: dict[str, type[Any]] = {
-    "field": FieldRequirements, "mirror": MirrorRequirements, "lens": LensRequirements, "imager": Imager,
-    "mount": Mount, "housing": Housing, "name": str, "notes": str,
-}  # fmt: skip
+    "field": FieldRequirements,
+    "mirror": MirrorRequirements,
+    "lens": LensRequirements,
+    "imager": Imager,
+    "mount": Mount,
+    "housing": Housing,
+    "name": str,
+    "notes": str,
+}
 
 
 def _plain(value: Any) -> Any:

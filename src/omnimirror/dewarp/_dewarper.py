@@ -17,7 +17,15 @@ from ._source_coordinates import is_separable, lattice_map_of, polar_map_of, sou
 from .field_of_view import annulus_of, field_of
 from .interfaces import INTERPOLATIONS, Border, Image, Interpolation, Map
 from .maps import PixelMap, Rectangle
-from .sampling import border_values, check_border, check_picture, checked_out, clear_border, remap, with_alpha
+from .sampling import (
+    border_values,
+    check_border,
+    check_picture,
+    checked_out,
+    clear_border,
+    remap,
+    with_alpha,
+)
 from .screens import Screen, View, parts_of
 from .viewpoints import Viewpoint, check_viewpoint
 from .yuv import (
@@ -109,7 +117,9 @@ class Dewarper:
             raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
-            raise InvalidParameter(f"interpolation = {shown(self.interpolation)} is not one of {known}")
+            raise InvalidParameter(
+                f"interpolation = {shown(self.interpolation)} is not one of {known}"
+            )
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 
@@ -205,7 +215,9 @@ class Dewarper:
             remap(parts[3], self._map, self.interpolation, out[3], opacity)
         if subsampling(parts) != (2, 2):
             return remap_whole_planes(parts, self._map, sitings, self.interpolation, out, border)
-        remap_planes(parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border)
+        remap_planes(
+            parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border
+        )
         return out
 
     @checked
@@ -266,7 +278,9 @@ class Dewarper:
             polar = polar_map_of(self.camera, self.view, self.viewpoint)
             # A polar map without visible pixels is inconclusive: only a pixel map determines
             # visibility.
-            return replace(polar, annulus=annulus_of(self.camera)) if polar.shows_something() else None
+            return (
+                replace(polar, annulus=annulus_of(self.camera)) if polar.shows_something() else None
+            )
         lattice = lattice_map_of(self.camera, self.view, self.viewpoint)
         if not lattice.shows_something():
             raise self._sees_nothing()
@@ -279,7 +293,9 @@ class Dewarper:
             return PixelMap.of(self._quick_map, annulus)
         views = [] if isinstance(self.view, Screen) else parts_of(self.view)
         rectangles = [Rectangle(left, top, *screen.size) for left, top, screen in views]
-        return PixelMap(self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles)
+        return PixelMap(
+            self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles
+        )
 
     def _chroma_map(self, sitings: tuple[Siting, Siting]) -> Map:
         """Return the map of 4:2:0 chroma for the siting of the source and of the view."""
@@ -340,16 +356,21 @@ class ColourDewarper:
 
     def __post_init__(self) -> None:
         if not isinstance(self.cameras, tuple | list) or len(self.cameras) != 3:
-            raise InvalidParameter(f"cameras = {shown(self.cameras)} are not three, of red, green and blue light")
+            raise InvalidParameter(
+                f"cameras = {shown(self.cameras)} are not three, of red, green and blue light"
+            )
         sizes = {dewarper.camera.image_size for dewarper in self._colours}
         if len(sizes) > 1:
             told = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-            raise InvalidParameter(f"the cameras of the colours have pictures of {told} px; valid is one size")
+            raise InvalidParameter(
+                f"the cameras of the colours have pictures of {told} px; valid is one size"
+            )
 
     @cached_property
     def _colours(self) -> tuple[Dewarper, ...]:
         return tuple(
-            Dewarper(camera, self.view, self.interpolation, self.viewpoint, 0, self.keep_map) for camera in self.cameras
+            Dewarper(camera, self.view, self.interpolation, self.viewpoint, 0, self.keep_map)
+            for camera in self.cameras
         )
 
     @property
@@ -382,7 +403,9 @@ class ColourDewarper:
         """
         check_picture(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:
-            raise InvalidParameter(f"a picture of shape {image.shape} has no colours to be straightened apart")
+            raise InvalidParameter(
+                f"a picture of shape {image.shape} has no colours to be straightened apart"
+            )
         border: Border = self.border
         if transparent:
             border = clear_border(border, image)
@@ -390,5 +413,11 @@ class ColourDewarper:
         out = checked_out(out, image, self.view.size)
         for channel, value in enumerate(border_values(border, image)):
             where = self._colours[channel if channel < len(self._colours) else GREEN]._map
-            remap(np.ascontiguousarray(image[..., channel]), where, self.interpolation, out[..., channel], value)
+            remap(
+                np.ascontiguousarray(image[..., channel]),
+                where,
+                self.interpolation,
+                out[..., channel],
+                value,
+            )
         return out

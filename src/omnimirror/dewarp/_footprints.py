@@ -91,9 +91,15 @@ class Footprints:
 
     def _worked_out(self, interpolation: Interpolation) -> Averages | None:
         rule = RULES.get(interpolation)
-        if rule is None or not self.squared_sides.size or self.squared_sides.max() <= rule.single_px**2:
+        if (
+            rule is None
+            or not self.squared_sides.size
+            or self.squared_sides.max() <= rule.single_px**2
+        ):
             return None
-        return Averages(rule.taps(_filled(self.squared_sides)), self.step, rule.sharp_px, self.annulus)
+        return Averages(
+            rule.taps(_filled(self.squared_sides)), self.step, rule.sharp_px, self.annulus
+        )
 
 
 def _filled(squares: SquaredSides) -> SquaredSides:
@@ -101,7 +107,9 @@ def _filled(squares: SquaredSides) -> SquaredSides:
     unknown = squares == 0
     if not unknown.any():
         return squares
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(squares, ((1, 1), (1, 1), (0, 0))), (3, 3), axis=(0, 1))
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(squares, ((1, 1), (1, 1), (0, 0))), (3, 3), axis=(0, 1)
+    )
     return np.where(unknown, around.max(axis=(-2, -1)), squares)
 
 
@@ -120,7 +128,10 @@ def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
     some = pixels[::every, ::every]
     neighbours = (
         (pixels[::every, 1::every], pixels[::every, every - 1 :: every]),
-        (pixels[1::every, ::every].swapaxes(0, 1), pixels[every - 1 :: every, ::every].swapaxes(0, 1)),
+        (
+            pixels[1::every, ::every].swapaxes(0, 1),
+            pixels[every - 1 :: every, ::every].swapaxes(0, 1),
+        ),
     )
     for axis, (behind, before) in enumerate(neighbours):
         sides = _sides(some.swapaxes(0, 1) if axis else some, behind, before)
@@ -135,11 +146,15 @@ def _sides(some: NDArray[Any], behind: NDArray[Any], before: NDArray[Any]) -> ND
     """
     sides = _squared(behind - some[:, : behind.shape[1]])
     count = sides.shape[1]
-    sides[:, 1:] = np.fmin(sides[:, 1:], _squared(some[:, 1:count] - before[:, : max(count - 1, 0)]))
+    sides[:, 1:] = np.fmin(
+        sides[:, 1:], _squared(some[:, 1:count] - before[:, : max(count - 1, 0)])
+    )
     return np.nan_to_num(sides, copy=False)
 
 
-def squared_sides_of_circles(radii: NDArray[np.float64], angles: NDArray[np.float64]) -> SquaredSides:
+def squared_sides_of_circles(
+    radii: NDArray[np.float64], angles: NDArray[np.float64]
+) -> SquaredSides:
     """Return the squared sides of a polar map with radii (n,) in px and angles (m,) in radians, in
     cells of 16 x 16 pixels.
 
@@ -149,7 +164,9 @@ def squared_sides_of_circles(radii: NDArray[np.float64], angles: NDArray[np.floa
     # Chord between adjacent columns: 2 r sin(dphi / 2); distance between adjacent rows: dr
     chords, steps = 2 * np.sin(_to_next(angles) / 2), _to_next(radii)
     across = _longest(radii)[:, None] * _longest(chords)
-    return np.stack([across, np.broadcast_to(_longest(steps)[:, None], across.shape)], axis=-1).astype(np.float32)
+    return np.stack(
+        [across, np.broadcast_to(_longest(steps)[:, None], across.shape)], axis=-1
+    ).astype(np.float32)
 
 
 def _to_next(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -190,7 +207,9 @@ def squared_sides_of_nodes(
 def _squares_of_patches(patches: NDArray[np.float32]) -> SquaredSides:
     some = patches[:, ::EVERY_PX, ::EVERY_PX]
     sides = (patches[:, ::EVERY_PX, 1::EVERY_PX] - some, patches[:, 1::EVERY_PX, ::EVERY_PX] - some)
-    return np.stack([np.fmax.reduce(_squared(to_next), axis=(1, 2), initial=0) for to_next in sides], axis=-1)
+    return np.stack(
+        [np.fmax.reduce(_squared(to_next), axis=(1, 2), initial=0) for to_next in sides], axis=-1
+    )
 
 
 def _squared(vectors: NDArray[Any]) -> NDArray[np.float32]:

@@ -85,10 +85,15 @@ def lattice_map(
     return LatticeMap(lattice.nodes_of_kernels(), size, source_size, lattice.step, cells, patches)
 
 
-def _pixel_by_pixel(exact: Exact, size: tuple[int, int], source_size: tuple[int, int], step: int) -> LatticeMap:
+def _pixel_by_pixel(
+    exact: Exact, size: tuple[int, int], source_size: tuple[int, int], step: int
+) -> LatticeMap:
     across, down = (-(-n // step) for n in size)
     cells = np.arange(across * down, dtype=np.int32).reshape(down, across)
-    nodes, patches = np.zeros((2, down + 3, across + 3), np.float32), _patches(exact, cells >= 0, step)
+    nodes, patches = (
+        np.zeros((2, down + 3, across + 3), np.float32),
+        _patches(exact, cells >= 0, step),
+    )
     return LatticeMap(nodes, size, source_size, step, cells, patches)
 
 
@@ -96,7 +101,9 @@ def _patches(exact: Exact, where: Mask, step: int) -> NDArray[np.float32]:
     """Return source pixels (n, step, step, 2) of the cells in a mask (down, across), row by row."""
     rows, columns = np.nonzero(where)
     steps = np.arange(step, dtype=np.float64)
-    pixels = exact(step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None])
+    pixels = exact(
+        step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None]
+    )
     return pixels.astype(np.float32)
 
 
@@ -127,7 +134,9 @@ class _Lattice:
         if outside.any():
             self.nodes[outside] = 0.0  # the sampler would spread NaN
             self.unsure = outside_within | _in_windows(np.logical_or, outside)
-            change = _in_windows(np.maximum, excess) - _in_windows(np.minimum, excess)  # over three cells
+            change = _in_windows(np.maximum, excess) - _in_windows(
+                np.minimum, excess
+            )  # over three cells
             nearest = np.minimum(_in_windows(np.minimum, excess[1:-1, 1:-1], 2), excess_within)
             self.empty = nearest > change / 2
 
@@ -136,7 +145,10 @@ class _Lattice:
         or between nodes.
         """
         miss = np.abs(_half_way(_half_way(self.nodes).swapaxes(0, 1)).swapaxes(0, 1) - self.middles)
-        down, across = (_bend(self.nodes, self.outside), _bend(self.nodes.swapaxes(0, 1), self.outside.T).T)
+        down, across = (
+            _bend(self.nodes, self.outside),
+            _bend(self.nodes.swapaxes(0, 1), self.outside.T).T,
+        )
         rough: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
         rough |= ~self.unsure & ~((down <= tolerance) & (across <= tolerance))
         return rough
@@ -151,7 +163,9 @@ class _Lattice:
             cells[patched] = np.arange(len(patches))
         if self.empty.any():  # one shared patch
             cells[self.empty] = len(patches)
-            patches = np.concatenate([patches, np.full_like(patches, np.nan, shape=(1, *patches.shape[1:]))])
+            patches = np.concatenate(
+                [patches, np.full_like(patches, np.nan, shape=(1, *patches.shape[1:]))]
+            )
         return cells, patches
 
     def nodes_of_kernels(self) -> NDArray[np.float32]:
@@ -175,14 +189,18 @@ def _bend(nodes: Array, outside: Mask) -> Array:
     """
     if len(nodes) < 5:
         return np.zeros((len(nodes) - 3, nodes.shape[1] - 3))
-    differences = np.abs(nodes[:-4] - 4 * nodes[1:-3] + 6 * nodes[2:-2] - 4 * nodes[3:-1] + nodes[4:])
+    differences = np.abs(
+        nodes[:-4] - 4 * nodes[1:-3] + 6 * nodes[2:-2] - 4 * nodes[3:-1] + nodes[4:]
+    )
     # A maximum over an axis of length 2 is slow
     fourth = 3 / 128 * np.maximum(differences[..., 0], differences[..., 1])
     if outside.any():
         fourth[np.logical_or.reduce([outside[i : len(outside) - 4 + i] for i in range(5)])] = np.nan
     padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])
     at_rows = np.fmax(padded[:-1], padded[1:])
-    bend: Array = np.maximum(at_rows[:, 1:-2], at_rows[:, 2:-1])  # the two columns that bound the cell
+    bend: Array = np.maximum(
+        at_rows[:, 1:-2], at_rows[:, 2:-1]
+    )  # the two columns that bound the cell
     return bend
 
 
@@ -200,7 +218,9 @@ def _in_windows(combine: np.ufunc, values: NDArray[Any], side: int = 4) -> NDArr
 STRIP_PX = 1 << 17  # output pixels per strip: their rays fit into the cache
 
 
-def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", exact: bool = False) -> Array:
+def source_pixels(
+    camera: Camera, view: View, viewpoint: Viewpoint = "exact", exact: bool = False
+) -> Array:
     """Return source pixels (height, width, 2) of a view as (u, v); NaN outside the field and
     between views of a mosaic.
 
@@ -229,7 +249,9 @@ def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact
     table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     if table is None:
         return lattice_map(
-            lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size, camera.image_size
+            lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)),
+            screen.size,
+            camera.image_size,
         )
     centre = centre_of_projection(camera, screen, viewpoint)
 
@@ -262,7 +284,12 @@ def rows_of_pixels(
     camera: Camera, screen: Screen, first_row: int, last_row: int, viewpoint: Viewpoint = "exact"
 ) -> Array:
     """Return source pixels (rows, width, 2) of some rows of a screen, projected individually."""
-    return _projected(camera, screen, viewpoint, screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row)))
+    return _projected(
+        camera,
+        screen,
+        viewpoint,
+        screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row)),
+    )
 
 
 def _projected(camera: Camera, screen: Screen, viewpoint: Viewpoint, targets: Array) -> Array:
@@ -280,7 +307,11 @@ def is_separable(camera: Camera, screen: Screen) -> bool:
     """Return True if rows are circles in the image: a panorama about the vertical axis of the
     camera.
     """
-    if not isinstance(screen, Panorama) or camera.symmetry is None or not is_vertical(camera.symmetry):
+    if (
+        not isinstance(screen, Panorama)
+        or camera.symmetry is None
+        or not is_vertical(camera.symmetry)
+    ):
         return False
     return screen.is_distant or not any(screen.offset_mm[:2])
 
@@ -293,14 +324,18 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
     across = pan_tilt_direction(screen.pans(), 0.0)
     angles = np.unwrap(np.arctan2(across @ symmetry.down, across @ symmetry.right))
     if screen.is_distant:
-        return PolarMap(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size)
+        return PolarMap(
+            symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size
+        )
     centre = centre_of_projection(camera, screen, viewpoint)
     # One column is sufficient by symmetry
     points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))
     points -= 0.0 if centre is None else centre
     table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     assert table is not None
-    radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, centre is None)
+    radii = table.radii_px(
+        np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, centre is None
+    )
     return PolarMap(symmetry.centre_px, radii, angles, camera.image_size)
 
 

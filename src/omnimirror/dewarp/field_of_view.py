@@ -168,7 +168,9 @@ def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:
         rim = _circle(symmetry.axis, symmetry.omega_max)
         seen = camera.project_directions(rim).valid
         if is_vertical(symmetry) and seen.any():
-            return _sorted_degrees(symmetry.axis[2] * (np.pi / 2 - np.array([symmetry.omega_min, symmetry.omega_max])))
+            return _sorted_degrees(
+                symmetry.axis[2] * (np.pi / 2 - np.array([symmetry.omega_min, symmetry.omega_max]))
+            )
         edge.append(rim[seen])
     poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     edge.append(poles[camera.project_directions(poles).valid])
@@ -215,4 +217,6 @@ def _pixels_along_the_edge(size: tuple[int, int]) -> Array:
     right, bottom = size[0] - 0.5, size[1] - 0.5
     u, v = np.linspace(-0.5, right, EDGE_SAMPLES), np.linspace(-0.5, bottom, EDGE_SAMPLES)
     sides = [(u, np.full_like(u, -0.5)), (u, np.full_like(u, bottom)), (np.full_like(v, -0.5), v)]
-    return np.concatenate([np.stack(side, axis=-1) for side in [*sides, (np.full_like(v, right), v)]])
+    return np.concatenate(
+        [np.stack(side, axis=-1) for side in [*sides, (np.full_like(v, right), v)]]
+    )

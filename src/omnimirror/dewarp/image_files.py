@@ -18,7 +18,15 @@ from ..base.errors import InvalidParameter
 from ..base.files import is_same_file, name_of
 from ..cameras.camera import Camera
 from ..io import GPano, write_image
-from ..io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES, Job, Results, expand_inputs, outputs_for, run_parallel
+from ..io.batch import (
+    IMAGE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    Job,
+    Results,
+    expand_inputs,
+    outputs_for,
+    run_parallel,
+)
 from ..io.exif import (
     ORIENTATION_NAMES,
     STORED_ORIENTATION_HINT,
@@ -28,7 +36,15 @@ from ..io.exif import (
     applied,
     exposure_of,
 )
-from ..io.images import OPAQUE, Image, ImageFormat, can_be_panorama, check_size, format_of, read_image_and_metadata
+from ..io.images import (
+    OPAQUE,
+    Image,
+    ImageFormat,
+    can_be_panorama,
+    check_size,
+    format_of,
+    read_image_and_metadata,
+)
 from . import ColourDewarper, Dewarper
 from .interfaces import Border
 from .request import BorderColour, DewarpRequest, Recording, Size, is_video
@@ -130,7 +146,9 @@ class ImageDewarper:
         self.left_out: Counter[str] = Counter()
         self.oriented: Counter[str] = Counter()
 
-    def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
+    def _dewarper(
+        self, size: Size, border: Border
+    ) -> tuple[Dewarper | ColourDewarper, GPano | None]:
         """Return the dewarper for images of one size, and the GPano metadata of its panoramas."""
         stands = self.how.camera_of(size)
         camera = self.how.drawing(stands)
@@ -163,7 +181,9 @@ class ImageDewarper:
         assert self.restoration is not None
         return self.restoration.restorer(camera, exposure)
 
-    def _restored(self, picture: Image, source: Path, camera: Camera, exposure: Exposure) -> tuple[Image, str]:
+    def _restored(
+        self, picture: Image, source: Path, camera: Camera, exposure: Exposure
+    ) -> tuple[Image, str]:
         """Return the deblurred image and a description of its blur and noise."""
         assert self.restoration is not None
         with self.alone:
@@ -187,12 +207,16 @@ class ImageDewarper:
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
-            picture, restored = self._restored(picture, source, dewarp.camera, exposure_of(carried.exif))
+            picture, restored = self._restored(
+                picture, source, dewarp.camera, exposure_of(carried.exif)
+            )
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         held = as_held(straight, kind)
         recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
         kept, left_out = carried.that_fits(output, held, recoded)
-        write_image(output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept)
+        write_image(
+            output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept
+        )
         height, width = straight.shape[:2]
         told = _change_of_depth(straight.dtype.name, held.dtype.name)
         if left_out:
@@ -220,7 +244,9 @@ class ImageDewarper:
         if folder.exists() and not folder.is_dir():
             raise InvalidParameter(f"{folder} is a file, and several pictures need a folder")
         if not folder.is_dir() and folder.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES):
-            raise InvalidParameter(f"{folder} is the name of one file, and several pictures need a folder")
+            raise InvalidParameter(
+                f"{folder} is the name of one file, and several pictures need a folder"
+            )
         paths = expand_inputs(sources)
         found = list(zip(paths, outputs_for(paths, folder), strict=True))
         pairs = [(s, o) for s, o in found if not (skip_existing and o.exists())]

@@ -100,9 +100,17 @@ def dewarp_pictures(
     ((135, 360, 4), 0)
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
+    how = DewarpRequest(
+        camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation
+    )
     names = [sources] if isinstance(sources, str | Path) else list(sources)
-    straightener = ImageDewarper(how, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm)
+    straightener = ImageDewarper(
+        how, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
+    )
     return straightener.many(
-        names, file_name("folder", folder), skip_existing=skip_existing, threads=threads, progress=progress
+        names,
+        file_name("folder", folder),
+        skip_existing=skip_existing,
+        threads=threads,
+        progress=progress,
     )

@@ -32,8 +32,12 @@ Kernel: TypeAlias = Literal["nearest", "linear", "cubic"]
 
 INTERPOLATIONS: tuple[Interpolation, ...] = ("auto", "nearest", "linear", "cubic", "area")
 KERNELS: dict[Interpolation, Kernel] = {
-    "auto": "cubic", "nearest": "nearest", "linear": "linear", "cubic": "cubic", "area": "cubic",
-}  # fmt: skip
+    "auto": "cubic",
+    "nearest": "nearest",
+    "linear": "linear",
+    "cubic": "cubic",
+    "area": "cubic",
+}
 """Kernel of the individual samples for each interpolation."""
 
 
@@ -47,7 +51,9 @@ class Annulus(NamedTuple):
 
     def halved(self, offset: tuple[float, float]) -> Annulus:
         """Return the annulus in half-resolution planes; see :meth:`Map.halved`."""
-        return Annulus((self.u - offset[0]) / 2, (self.v - offset[1]) / 2, self.inner / 2, self.outer / 2)
+        return Annulus(
+            (self.u - offset[0]) / 2, (self.v - offset[1]) / 2, self.inner / 2, self.outer / 2
+        )
 
 
 @dataclass(frozen=True, eq=False)

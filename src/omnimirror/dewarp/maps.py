@@ -92,7 +92,9 @@ def halved_pixels(
         at[mixed] = blocks[mixed][:, 0, 0]
     # A point on the outermost half pixel of the full image may be outside the half-resolution
     # plane.
-    halved: Floats = np.clip((at - np.array(in_picture)) / 2, -0.5, np.array(half(source_size)) - 0.5)
+    halved: Floats = np.clip(
+        (at - np.array(in_picture)) / 2, -0.5, np.array(half(source_size)) - 0.5
+    )
     return halved.astype(pixels.dtype, copy=False)
 
 
@@ -192,7 +194,11 @@ class PixelMap:
         """Return the averaging parameters of an interpolation; None if it does not average."""
         if interpolation not in RULES:
             return None
-        return self._averages(interpolation) if self._averages else self._footprints.averages(interpolation)
+        return (
+            self._averages(interpolation)
+            if self._averages
+            else self._footprints.averages(interpolation)
+        )
 
     @cached_property
     def _footprints(self) -> Footprints:
@@ -216,7 +222,9 @@ class PixelMap:
         kind = kernel, channels, is_deep
         if kind not in self._packed:
             number = ("nearest", "linear", "cubic").index(kernel)
-            self._packed[kind] = backend.kernels.PackedMap(self._pixels, *self.source_size, channels, is_deep, number)
+            self._packed[kind] = backend.kernels.PackedMap(
+                self._pixels, *self.source_size, channels, is_deep, number
+            )
         return self._packed[kind]
 
     def halved(self, in_picture: Offset, in_view: Offset) -> PixelMap:
@@ -281,14 +289,18 @@ class LatticeMap:
         # NaN would spread over its whole row and column
         nodes = np.where(outside, np.float32(0), self.nodes)
         (right, below), step = self._weights, self.step
-        lines = sum(nodes[:, :, i : i + across, None] * w for i, w in enumerate(right)).reshape(2, -1, 1, across * step)
+        lines = sum(nodes[:, :, i : i + across, None] * w for i, w in enumerate(right)).reshape(
+            2, -1, 1, across * step
+        )
         full = sum(lines[:, i : i + down] * w[:, None] for i, w in enumerate(below))
         tiles = full.reshape(2, down, step, across, step).transpose(1, 3, 2, 4, 0)
         tiles[np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3))] = np.nan
         exact = self.cells >= 0
         tiles[exact] = self.patches[self.cells[exact]]
         width, height = self.size
-        whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[:height, :width]
+        whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[
+            :height, :width
+        ]
         pixels: NDArray[np.float32] = whole
         return pixels
 
@@ -343,7 +355,9 @@ class LatticeMap:
         beyond = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
         if not beyond.any():
             return self.cells, self.patches
-        ends = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (self.cells < 0)
+        ends = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (
+            self.cells < 0
+        )
         windows = np.lib.stride_tricks.sliding_window_view(self.nodes, (4, 4), axis=(1, 2))[:, ends]
         across, down = self._weights
         tiles = np.einsum("cnij,ik,jl->nklc", windows, down, across)
@@ -359,7 +373,9 @@ def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
     t = (np.arange(step) + shift) / step
     outer = t * (t - 1) / 6
     inner = (t + 1) * (t - 2) / 2
-    return np.stack([-outer * (t - 2), inner * (t - 1), -inner * t, outer * (t + 1)]).astype(np.float32)
+    return np.stack([-outer * (t - 2), inner * (t - 1), -inner * t, outer * (t + 1)]).astype(
+        np.float32
+    )
 
 
 # -- Polar map: panoramas about the camera axis, whose rows are circles in the image ---------------
@@ -411,7 +427,10 @@ class PolarMap:
     def _lies_within(self) -> bool:
         """True if all circles are inside the rectangle of the outermost pixel centres."""
         reach = np.nanmax(self.radii, initial=0.0)
-        return all(reach <= c <= length - 1 - reach for c, length in zip(self.centre, self.source_size, strict=True))
+        return all(
+            reach <= c <= length - 1 - reach
+            for c, length in zip(self.centre, self.source_size, strict=True)
+        )
 
     def shows_something(self) -> bool:
         """Return True if part of the image is visible; False also for undecided cases."""
@@ -435,7 +454,9 @@ class PolarMap:
     @cached_property
     def _floats(self) -> tuple[Float32Array, Float32Array, Float32Array]:
         """Radii, cosines and sines."""
-        radii, cosines, sines = (a.astype(np.float32) for a in (self.radii, np.cos(self.angles), np.sin(self.angles)))
+        radii, cosines, sines = (
+            a.astype(np.float32) for a in (self.radii, np.cos(self.angles), np.sin(self.angles))
+        )
         return radii, cosines, sines
 
     def halved(self, in_picture: Offset, in_view: Offset) -> Map:
@@ -444,7 +465,9 @@ class PolarMap:
         """
         annulus = self.annulus and self.annulus.halved(in_picture)
         if not self._lies_within:
-            return PixelMap(self._pixels, self.source_size, self.annulus).halved(in_picture, in_view)
+            return PixelMap(self._pixels, self.source_size, self.annulus).halved(
+                in_picture, in_view
+            )
         (x, y), radii, angles = in_view, pairs(self.radii), pairs(self.angles)
         at = (1 - y) * radii[:, 0] + y * radii[:, 1]
         at = np.where(np.isnan(at), np.where(np.isnan(radii[:, 0]), radii[:, 1], radii[:, 0]), at)

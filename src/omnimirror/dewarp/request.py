@@ -63,10 +63,14 @@ class BorderColour:
             return border
         if isinstance(border, str):
             if border.startswith("#") and len(border) == 7 and set(border[1:]) <= HEX_DIGITS:
-                return cls(border, tuple(float(int(border[i : i + 2], 16)) for i in (1, 3, 5)), True)
+                return cls(
+                    border, tuple(float(int(border[i : i + 2], 16)) for i in (1, 3, 5)), True
+                )
             text, parts = border, border.split(",")
         else:
-            parts = [f"{part}" for part in border] if isinstance(border, Sequence) else [f"{border}"]
+            parts = (
+                [f"{part}" for part in border] if isinstance(border, Sequence) else [f"{border}"]
+            )
             text = ",".join(parts)
         try:
             values = tuple(float_of(part) for part in parts)
@@ -86,7 +90,9 @@ class BorderColour:
         """
         values = self._scaled(image.dtype.name)
         full = OPAQUE[image.dtype.name]
-        if image.dtype.kind == "u" and not all(0 <= value <= full and value % 1 == 0 for value in values):
+        if image.dtype.kind == "u" and not all(
+            0 <= value <= full and value % 1 == 0 for value in values
+        ):
             raise InvalidParameter(
                 f"border {self.text} is no value of a picture of {image.dtype.name}; "
                 f"valid are whole numbers from 0 to {full}"
@@ -94,7 +100,9 @@ class BorderColour:
         channels = image.shape[2] if image.ndim == 3 else 1
         if channels == 1:
             if len(set(values)) > 1:
-                raise InvalidParameter(f"border {self.text} is a colour, and the picture is grey; give one value")
+                raise InvalidParameter(
+                    f"border {self.text} is a colour, and the picture is grey; give one value"
+                )
             return values[:1]
         colour = values if len(values) == 3 else values * 3
         return colour if channels == 3 else (*colour, float(full))
@@ -176,7 +184,9 @@ class DewarpRequest:
         """Return the view drawn by a camera."""
         return self.view(camera) if callable(self.view) else self.view
 
-    def dewarper(self, camera: Camera, view: View, border: Border, keep_map: bool = False) -> Dewarper:
+    def dewarper(
+        self, camera: Camera, view: View, border: Border, keep_map: bool = False
+    ) -> Dewarper:
         """Return the dewarper for the images of a camera that draws the view."""
         return Dewarper(camera, view, self.interpolation, self.viewpoint, border, keep_map)
 
@@ -184,11 +194,17 @@ class DewarpRequest:
         """Return the GPano metadata of the view; None unless it is a distant panorama linear in
         tilt.
         """
-        if not isinstance(view, Cylinder | Sphere) or not view.is_distant or getattr(view, "rows", "tilt") != "tilt":
+        if (
+            not isinstance(view, Cylinder | Sphere)
+            or not view.is_distant
+            or getattr(view, "rows", "tilt") != "tilt"
+        ):
             return None
         mount = _mount_of(camera) if self.keep_lean else None
         lean = (0.0, 0.0) if mount is None else mount.lean_of_view(view.pan_deg)
-        return GPano.of_view(view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, lean_deg=lean)
+        return GPano.of_view(
+            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, lean_deg=lean
+        )
 
 
 @dataclass(frozen=True)
@@ -242,7 +258,9 @@ class Recording:
         dict
             Keyword arguments of the writer.
         """
-        names = ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
+        names = (
+            ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
+        )
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
@@ -252,8 +270,17 @@ def is_video(source: str) -> bool:
     >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg", "١٢٣")]
     [True, True, True, True, False, False, False]
     """
-    is_live = (source.isascii() and source.isdigit()) or source.startswith("/dev/video") or "://" in source
-    return is_live or source == "-" or is_sequence(source) or Path(source).suffix.lower() in VIDEO_SUFFIXES
+    is_live = (
+        (source.isascii() and source.isdigit())
+        or source.startswith("/dev/video")
+        or "://" in source
+    )
+    return (
+        is_live
+        or source == "-"
+        or is_sequence(source)
+        or Path(source).suffix.lower() in VIDEO_SUFFIXES
+    )
 
 
 def without_tilt(camera: C) -> C:

@@ -47,7 +47,9 @@ from .interfaces import (
 
 # -- Validation of sampling arguments, and conversion of arrays for the samplers -------------------
 
-DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {np.dtype(name).newbyteorder() for name in OPAQUE}
+DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
+    np.dtype(name).newbyteorder() for name in OPAQUE
+}
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
@@ -55,11 +57,15 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
     """Raise an error unless an array is an image of the given (width, height)."""
     check_kind(image)
     if image.shape[2:] == (2,):
-        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
+        raise InvalidParameter(
+            f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels"
+        )
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
-        advice = "; both have the same shape: scale the picture to that size first" if same_shape else ""
+        advice = (
+            "; both have the same shape: scale the picture to that size first" if same_shape else ""
+        )
         raise InvalidParameter(
             f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}"
         )
@@ -70,9 +76,13 @@ def check_kind(image: Image) -> None:
     instance("a picture", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
-        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1 to 4 channels")
+        raise InvalidParameter(
+            f"an array of shape {image.shape} is not a picture of 1 to 4 channels"
+        )
     if image.dtype not in DEPTHS:
-        raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}")
+        raise InvalidParameter(
+            f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}"
+        )
 
 
 def check_largest(image: Image, longest_side_px: int) -> None:
@@ -84,13 +94,17 @@ def check_largest(image: Image, longest_side_px: int) -> None:
             "and more with the compiled samplers"
         )
     if image.size > MAX_VALUES:
-        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values")
+        raise InvalidParameter(
+            f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values"
+        )
 
 
 def check_interpolation(interpolation: str) -> None:
     """Raise an error for an unknown interpolation."""
     if interpolation not in INTERPOLATIONS:
-        raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
+        raise InvalidParameter(
+            f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}"
+        )
 
 
 def check_pixels(pixels: Pixels) -> None:
@@ -109,7 +123,9 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
     if out is None:
         return np.empty(shape, kind)
     if out.shape != shape or out.dtype != kind:
-        raise InvalidParameter(f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}")
+        raise InvalidParameter(
+            f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}"
+        )
     if not out.flags.writeable:
         raise InvalidParameter("out cannot be written")
     return out
@@ -155,7 +171,9 @@ def check_border(border: Border) -> None:
     except ValueError:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
-        raise InvalidParameter(f"border = {shown(border)} is no colour; valid are a number, or one for every channel")
+        raise InvalidParameter(
+            f"border = {shown(border)} is no colour; valid are a number, or one for every channel"
+        )
 
 
 def _is_value(value: Any) -> bool:
@@ -233,7 +251,9 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
     """Return the values at pixels (rows, columns, 2) inside the image."""
     height, width, channels = image.shape
     if channels == 2:  # OpenCV quantises their fractions to 1/32
-        return np.concatenate([_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2)
+        return np.concatenate(
+            [_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2
+        )
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
     if kernel == "nearest":  # OpenCV versions round halves differently
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
@@ -257,7 +277,9 @@ def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
         around = _neighbourhood(where, (picture.shape[1], picture.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        job.target[top:bottom] = _band(picture, around, taps, averages, job.border, job.target.dtype)
+        job.target[top:bottom] = _band(
+            picture, around, taps, averages, job.border, job.target.dtype
+        )
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
@@ -273,7 +295,9 @@ def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
     ends = []
     for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
         last = pixels.take([end], axis)
-        ends.append([2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted)
+        ends.append(
+            [2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted
+        )
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
@@ -294,7 +318,9 @@ def _band(
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
         places = (
-            middle[chosen] + _part(i, across, [s[chosen] for s in aside]) + _part(j, down, [s[chosen] for s in upright])
+            middle[chosen]
+            + _part(i, across, [s[chosen] for s in aside])
+            + _part(j, down, [s[chosen] for s in upright])
             for i in range(across)
             for j in range(down)
         )
@@ -334,11 +360,16 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
+def _means(
+    picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None
+) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
-    sums, counts = np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32)
+    sums, counts = (
+        np.zeros((len(middle), picture.shape[2]), np.float32),
+        np.zeros(len(middle), np.float32),
+    )
     for pixels in places:
         if annulus is not None:
             square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
@@ -397,7 +428,11 @@ def sampler() -> Sampler:
 
 
 def remap(
-    image: Image, where: Map, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
+    image: Image,
+    where: Map,
+    interpolation: Interpolation = "linear",
+    out: Image | None = None,
+    border: Border = 0,
 ) -> Image:
     """Interpolate an image at the coordinates of a map.
 
@@ -441,7 +476,10 @@ def remap(
     target = whole if is_direct else np.empty(whole.shape, whole.dtype)
     source = adjoining(image if image.ndim == 3 else image[..., None])
     averages = where.averages(interpolation)
-    chosen.sample(RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages), where)
+    chosen.sample(
+        RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages),
+        where,
+    )
     if not is_direct:
         whole[...] = target
     return out

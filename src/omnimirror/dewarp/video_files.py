@@ -88,7 +88,9 @@ def dewarp_frame(
     """
     frame = workable(frame)
     kind = PixelFormat.of(frame.format.name)
-    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
+    made, target = empty_frame(
+        dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame
+    )
     is_full = is_full_range(frame)
     if is_full:
         made.color_range = FULL_RANGE
@@ -192,11 +194,15 @@ def dewarp_video(
     (3, (320, 120))
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
+    how = DewarpRequest(
+        camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation
+    )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs is empty; it is valid with one at least")
-    return dewarp_source(str(source), [str(name) for name in names], how, recording or Recording(), listener)
+    return dewarp_source(
+        str(source), [str(name) for name in names], how, recording or Recording(), listener
+    )
 
 
 def dewarp_source(
@@ -216,20 +222,33 @@ def dewarp_source(
 
 
 def _dewarp_file(
-    source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener
+    source: str,
+    outputs: Sequence[str],
+    how: DewarpRequest,
+    recording: Recording,
+    listener: Listener,
 ) -> DewarpedVideo:
     if recording.frame_rate is not None and not is_sequence(source):
         raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
     with_sound = any(_is_video_file(output) for output in outputs)
     rate = 25.0 if recording.frame_rate is None else recording.frame_rate
     with VideoReader(
-        source, recording.start_s or 0.0, recording.duration_s, with_sound, rate, how.stored_orientation
+        source,
+        recording.start_s or 0.0,
+        recording.duration_s,
+        with_sound,
+        rate,
+        how.stored_orientation,
     ) as reader:
         for note in reader.notes:
             listener.note(note)
         turn = ViewOverTime(how, reader.size, recording, reader.siting, reader.pixel_format)
         sink = _sinks(
-            outputs, turn, FrameProperties(reader.frame_rate, reader.colour, reader.display), reader, listener
+            outputs,
+            turn,
+            FrameProperties(reader.frame_rate, reader.colour, reader.display),
+            reader,
+            listener,
         )
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
@@ -241,27 +260,41 @@ def _dewarp_file(
 
 
 def _dewarp_live_source(
-    source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener
+    source: str,
+    outputs: Sequence[str],
+    how: DewarpRequest,
+    recording: Recording,
+    listener: Listener,
 ) -> DewarpedVideo:
     if recording.start_s is not None:
         raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
     live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
     try:
         first = live.first()
-        turn = ViewOverTime(how, (first.width, first.height), recording, live.siting, first.format.name)
+        turn = ViewOverTime(
+            how, (first.width, first.height), recording, live.siting, first.format.name
+        )
         told = FrameProperties(
-            live.frame_rate or UNKNOWN_RATE, ColourCoding.told_by(first), MasteringDisplay.of(first.side_data)
+            live.frame_rate or UNKNOWN_RATE,
+            ColourCoding.told_by(first),
+            MasteringDisplay.of(first.side_data),
         )
         sink = _sinks(outputs, turn, told, None, listener)
-        outcome = _run(_until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0)
+        outcome = _run(
+            _until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0
+        )
     finally:
         live.close()
     _report_stale_images(outputs, outcome.frames, recording, listener)
-    summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
+    summary = (
+        f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
+    )
     return DewarpedVideo(turn.view, outcome, summary)
 
 
-def _report_stale_images(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
+def _report_stale_images(
+    outputs: Sequence[str], count: int, recording: Recording, listener: Listener
+) -> None:
     """Report numbered images left by an earlier, longer run: readers of the pattern would continue
     with them.
     """
@@ -271,7 +304,9 @@ def _report_stale_images(outputs: Sequence[str], count: int, recording: Recordin
         pattern = Path(output)
         if others := [number for number in numbers_of(pattern) if number > count]:
             first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
-            listener.note(f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video")
+            listener.note(
+                f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video"
+            )
 
 
 def _is_file(output: str) -> bool:
@@ -297,18 +332,28 @@ def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) ->
     pictures = [output for output in outputs if _is_file(output) and is_image_output(output)]
     for pattern in map(check_pattern, pictures):
         if is_sequence(source) and may_share_a_name(source, pattern):
-            raise InvalidParameter(f"{pattern} may write over the pictures {source}; write to another folder")
+            raise InvalidParameter(
+                f"{pattern} may write over the pictures {source}; write to another folder"
+            )
     if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
         raise InvalidParameter(
             f"what is there already is skipped of one output alone; leave out others than {pictures[0]}"
         )
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
-    if not is_coded and (asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]):
-        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made")
+    if not is_coded and (
+        asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]
+    ):
+        raise InvalidParameter(
+            f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made"
+        )
     if recording.pipe_format is not None and "-" not in outputs:
-        raise InvalidParameter("a format of the pipe says what '-' writes; other outputs are named by themselves")
+        raise InvalidParameter(
+            "a format of the pipe says what '-' writes; other outputs are named by themselves"
+        )
     if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
-        raise InvalidParameter("a pixel format belongs to files of videos, streams and a pipe of raw video")
+        raise InvalidParameter(
+            "a pixel format belongs to files of videos, streams and a pipe of raw video"
+        )
 
 
 class ViewOverTime:
@@ -316,19 +361,35 @@ class ViewOverTime:
 
     border: Border
 
-    def __init__(self, how: DewarpRequest, size: Size, recording: Recording, siting: Siting, pixel_format: str) -> None:
+    def __init__(
+        self,
+        how: DewarpRequest,
+        size: Size,
+        recording: Recording,
+        siting: Siting,
+        pixel_format: str,
+    ) -> None:
         stands = how.camera_of(size)
-        self.how, self.recording, self.siting, self.pixel_format = how, recording, siting, pixel_format
+        self.how, self.recording, self.siting, self.pixel_format = (
+            how,
+            recording,
+            siting,
+            pixel_format,
+        )
         self.camera = how.drawing(stands)
         self.colour, self.border = how.border, 0
         self.view: View = how.view_of(self.camera)
         self.panorama = how.panorama_of(stands, self.view)
-        self.keyframes = None if recording.keyframes is None else Keyframes.load(recording.keyframes)
+        self.keyframes = (
+            None if recording.keyframes is None else Keyframes.load(recording.keyframes)
+        )
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
-                raise InvalidParameter(f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}")
+                raise InvalidParameter(
+                    f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}"
+                )
 
     def _dewarper(self, view: View) -> Dewarper:
         return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
@@ -355,7 +416,11 @@ class FrameProperties(NamedTuple):
 
 
 def _sinks(
-    outputs: Sequence[str], turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener
+    outputs: Sequence[str],
+    turn: ViewOverTime,
+    told: FrameProperties,
+    source: VideoReader | None,
+    listener: Listener,
 ) -> Sink:
     """Open all outputs as one sink; opened outputs are discarded if one fails."""
     with ExitStack() as opened:
@@ -372,7 +437,11 @@ def _sinks(
 
 
 def _sink(
-    output: str, turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener
+    output: str,
+    turn: ViewOverTime,
+    told: FrameProperties,
+    source: VideoReader | None,
+    listener: Listener,
 ) -> Sink:
     size, recording, rate = turn.view.size, turn.recording, told.rate
     if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
@@ -382,34 +451,60 @@ def _sink(
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
     if is_image_output(output) and "://" not in output:
-        panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
+        panorama = (
+            turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
+        )
         return ImageSequenceWriter(
-            output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing
-        )  # fmt: skip
+            output,
+            size,
+            turn.pixel_format,
+            told.colour,
+            panorama,
+            skip_existing=recording.skip_existing,
+        )
     encoding: dict[str, Any] = recording.encoding()
     # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
-    if is_for_any and "pixel_format" not in encoding and (lost := conversion_losses(turn.pixel_format, PixelFormat())):
+    if (
+        is_for_any
+        and "pixel_format" not in encoding
+        and (lost := conversion_losses(turn.pixel_format, PixelFormat()))
+    ):
         listener.note(f"{output}: {lost}; --pixel-format names another choice")
     if is_for_any:  # use the range assumed by players
-        encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
+        encoding |= {
+            "colour": replace(told.colour, range=min(told.colour.range, 1)),
+            "display": told.display,
+        }
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
     if can_be_spherical(output) and recording.keyframes is None:
         encoding["panorama"] = turn.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
-    return VideoWriter.like(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
+    return VideoWriter.like(
+        source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding
+    )
 
 
 def _run(
-    items: Iterable[Item], sink: Sink, turn: ViewOverTime, total: int | None, listener: Listener, ahead: int = 4
+    items: Iterable[Item],
+    sink: Sink,
+    turn: ViewOverTime,
+    total: int | None,
+    listener: Listener,
+    ahead: int = 4,
 ) -> video_processing.ProcessingResult:
     """Dewarp all frames."""
     return video_processing.process(
-        items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, ahead=ahead,
+        items,
+        sink,
+        partial(turn, to_siting=sink.siting),
+        "frame",
+        total=total,
+        ahead=ahead,
         progress=listener.progress,
-    )  # fmt: skip
+    )
 
 
 def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
@@ -417,6 +512,10 @@ def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
     start = None
     for frame in frames:
         start = frame.time if start is None else start
-        if duration_s is not None and frame.time is not None and frame.time - (start or 0.0) >= duration_s:
+        if (
+            duration_s is not None
+            and frame.time is not None
+            and frame.time - (start or 0.0) >= duration_s
+        ):
             return
         yield frame

@@ -21,7 +21,10 @@ from .screens import Screen
 Viewpoint: TypeAlias = float | Literal["exact", "single"]
 
 PLACES = 16  # sampled rows and columns of a screen for its distance
-AZIMUTHS, ANGLES = 8, 257  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
+AZIMUTHS, ANGLES = (
+    8,
+    257,
+)  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
 PRECISION = 1e-7  # relative to the search range
 SIDEWAYS = 1e-6  # minimum sine of the angle from the axis for an intersection with the axis
 
@@ -34,10 +37,14 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
     else:
         number("viewpoint", viewpoint, unit="mm")
         return
-    raise InvalidParameter(f"viewpoint = {shown(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm")
+    raise InvalidParameter(
+        f"viewpoint = {shown(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm"
+    )
 
 
-def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:
+def projection_of(
+    camera: Camera, screen: Screen, viewpoint: Viewpoint
+) -> Callable[[Array], Projection]:
     """Return the projection of screen targets (n, 3) by a camera."""
     centre = centre_of_projection(camera, screen, viewpoint)
     if centre is None:
@@ -130,7 +137,9 @@ def single_viewpoint(camera: Camera, distance_mm: float) -> float:
 
     from scipy.optimize import minimize_scalar
 
-    best = minimize_scalar(worst_px, bounds=(low, high), method="bounded", options={"xatol": PRECISION * (high - low)})
+    best = minimize_scalar(
+        worst_px, bounds=(low, high), method="bounded", options={"xatol": PRECISION * (high - low)}
+    )
     return float(best.x)
 
 
@@ -141,11 +150,15 @@ def _pixels_of_the_field(camera: Camera) -> Array:
     s = camera.symmetry
     if s is None:
         width, height = camera.image_size
-        return np.stack(np.meshgrid([0.0, (width - 1) / 2, width - 1.0], [0.0, (height - 1) / 2]), -1).reshape(-1, 2)
+        return np.stack(
+            np.meshgrid([0.0, (width - 1) / 2, width - 1.0], [0.0, (height - 1) / 2]), -1
+        ).reshape(-1, 2)
     phi = np.linspace(0, 2 * np.pi, AZIMUTHS, endpoint=False)
     across = np.outer(np.cos(phi), s.right) + np.outer(np.sin(phi), s.down)
     omega = np.linspace(s.omega_min, s.omega_max, ANGLES)[:, None, None]
-    pixels, seen = camera.project_directions((np.cos(omega) * s.axis + np.sin(omega) * across).reshape(-1, 3))
+    pixels, seen = camera.project_directions(
+        (np.cos(omega) * s.axis + np.sin(omega) * across).reshape(-1, 3)
+    )
     return pixels[seen]
 
 
@@ -158,7 +171,9 @@ def _seen_in(camera: Camera, apparent: Array, true: Array) -> Array:
     pixels, seen = camera.project_directions(apparent)
     unit = apparent[~seen] / np.linalg.norm(apparent[~seen], axis=1, keepdims=True)
     axis = true[~seen]
-    pixels[~seen] = camera.project_directions(2 * (unit * axis).sum(axis=1, keepdims=True) * axis - unit).pixels
+    pixels[~seen] = camera.project_directions(
+        2 * (unit * axis).sum(axis=1, keepdims=True) * axis - unit
+    ).pixels
     return pixels
 
 
@@ -169,7 +184,9 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
     if np.ptp(origins, axis=0).max() == 0 and not origins[0].any():
         return np.zeros(1)
     if camera.symmetry is None:
-        raise InvalidParameter("the camera's viewpoints lie about no axis, so none of them is best; use 'exact'")
+        raise InvalidParameter(
+            "the camera's viewpoints lie about no axis, so none of them is best; use 'exact'"
+        )
     up = -camera.symmetry.axis
     along, sideways = directions @ up, directions - np.outer(directions @ up, up)
     tilted = np.linalg.norm(sideways, axis=1) > SIDEWAYS

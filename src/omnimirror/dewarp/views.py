@@ -145,7 +145,9 @@ def screen_resolution(camera: Camera, screen: Screen) -> float:
         pixels = rows_of_pixels(camera, screen, row, row + 2)
         across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
         area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
-        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
+        distances = np.where(
+            np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle)
+        )
         best = int(np.argmin(distances))
         if distances[best] < nearest:
             nearest, found = float(distances[best]), float(np.sqrt(area[best]))
@@ -161,7 +163,9 @@ def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
         raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
-    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
+    width, height = (
+        side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size
+    )
     if width is not None and height is not None:
         return width, height
     if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
@@ -248,7 +252,9 @@ def panorama(
     if rows == "height" and -90 < low < high < 90:
         tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
     natural = span_deg * seen.pixels_per_degree, tall * seen.pixels_per_degree
-    return Cylinder(completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
+    return Cylinder(
+        completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm
+    )
 
 
 @checked
@@ -357,7 +363,15 @@ def perspective(
     >>> om.views.perspective(hfov_deg=40.0).size
     (1280, 720)
     """
-    return Plane(completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
+    return Plane(
+        completed(size, PERSPECTIVE_SIZE),
+        pan_deg,
+        tilt_deg,
+        roll_deg,
+        hfov_deg,
+        distance_mm,
+        offset_mm,
+    )
 
 
 @checked
@@ -407,7 +421,9 @@ def dome(
     pole = pole or pole_of(camera)
     first, last = omega_deg or (0.0, field_end(seen, pole))
     diameter = 2 * last * seen.pixels_per_degree
-    return Dome(completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
+    return Dome(
+        completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm
+    )
 
 
 @checked
@@ -457,7 +473,9 @@ def planet(
     pole = pole or pole_of(camera)
     hfov = hfov_deg or min(2 * field_end(seen, pole), WIDEST_PLANET_DEG)
     diameter = hfov * seen.pixels_per_degree
-    return LittlePlanet(completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
+    return LittlePlanet(
+        completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm
+    )
 
 
 @checked
@@ -546,7 +564,9 @@ def cube(
     """
     face = _even(90 * field_of(camera).pixels_per_degree)
     columns, rows = CubeMap.grid(layout)
-    return CubeMap(completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
+    return CubeMap(
+        completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm
+    )
 
 
 @checked
@@ -605,10 +625,19 @@ def mosaic(
     """
     width, height = size
     if height is not None:
-        raise InvalidParameter(f"the height of a mosaic, {height} px, follows from its width; give the width only")
-    part = round((width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC)
+        raise InvalidParameter(
+            f"the height of a mosaic, {height} px, follows from its width; give the width only"
+        )
+    part = round(
+        (width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC
+    )
     part_size = max(1, part), max(1, round(part * 3 / 4))
-    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg=pan_deg + 45, elevation_deg=elevation_deg)
+    over = panorama(
+        camera,
+        (VIEWS_IN_MOSAIC * part_size[0], None),
+        pan_deg=pan_deg + 45,
+        elevation_deg=elevation_deg,
+    )
     pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
     under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
     return Mosaic.panorama_over_views(over, under)
@@ -628,9 +657,15 @@ class Preset(NamedTuple):
 
 
 PRESETS: dict[str, Preset] = {
-    "distant": Preset(2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"),
-    "wide": Preset(0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"),
-    "super-wide": Preset(1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"),
+    "distant": Preset(
+        2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"
+    ),
+    "wide": Preset(
+        0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"
+    ),
+    "super-wide": Preset(
+        1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"
+    ),
 }
 """Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.
 

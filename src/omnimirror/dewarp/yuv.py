@@ -45,10 +45,14 @@ def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
     check_shapes(parts, size)
     kinds = {part.dtype for part in parts}
     if len(kinds) != 1 or not kinds <= {np.dtype(np.uint8), np.dtype(np.uint16)}:
-        raise InvalidParameter(f"planes hold {', '.join(sorted(map(str, kinds)))}; valid are uint8, or all uint16")
+        raise InvalidParameter(
+            f"planes hold {', '.join(sorted(map(str, kinds)))}; valid are uint8, or all uint16"
+        )
     low, high = (8, 8) if parts[0].dtype == np.uint8 else (9, 16)
     if not low <= bits <= high:
-        raise InvalidParameter(f"bits = {bits} does not go with {parts[0].dtype} planes; valid are {low} to {high}")
+        raise InvalidParameter(
+            f"bits = {bits} does not go with {parts[0].dtype} planes; valid are {low} to {high}"
+        )
 
 
 def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> None:
@@ -58,7 +62,9 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
     (across, down), luma = half(size), (size[1], size[0])
     pairs: list[tuple[int, ...]] = [luma, (down, across, 2)]
     of_colours = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
-    three: dict[tuple[int, int], list[tuple[int, ...]]] = {by: [luma, c, c] for by, c in of_colours.items()}
+    three: dict[tuple[int, int], list[tuple[int, ...]]] = {
+        by: [luma, c, c] for by, c in of_colours.items()
+    }
     if not like:
         valid = [pairs, *three.values(), *([*part, luma] for part in three.values())]
     elif len(like) == 2:
@@ -67,7 +73,11 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
         valid = [three[subsampling(like)] + [luma] * (len(like) - 3)]
     if [part.shape for part in parts] not in valid:
         found, wanted = ", ".join(str(part.shape) for part in parts), ", ".join(map(str, valid[0]))
-        also = "" if like else f", or three, of which the last two are {', '.join(map(str, of_colours.values()))}"
+        also = (
+            ""
+            if like
+            else f", or three, of which the last two are {', '.join(map(str, of_colours.values()))}"
+        )
         raise InvalidParameter(
             f"planes of shapes {found} are no picture of {size[0]} x {size[1]} px; valid are {wanted}{also}"
         )
@@ -94,11 +104,15 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
     """
     if isinstance(border, Sequence):
         if len(border) != 3:
-            raise InvalidParameter(f"border = {border} is no colour of a 4:2:0 frame; valid are a grey, or y, u and v")
+            raise InvalidParameter(
+                f"border = {border} is no colour of a 4:2:0 frame; valid are a grey, or y, u and v"
+            )
         return border[0], border[1], border[2]
     most = (1 << bits) - 1
     if not 0 <= border <= most:
-        raise InvalidParameter(f"border = {border} is no grey of {bits} bits; valid are 0 to {most}")
+        raise InvalidParameter(
+            f"border = {border} is no grey of {bits} bits; valid are 0 to {most}"
+        )
     y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / most
     return round(y), 1 << (bits - 1), 1 << (bits - 1)
 
@@ -119,7 +133,12 @@ def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
 
 
 def remap_planes(
-    parts: Planes, luma: Map, chroma: Map, interpolation: Interpolation, out: Planes, border: tuple[float, float, float]
+    parts: Planes,
+    luma: Map,
+    chroma: Map,
+    interpolation: Interpolation,
+    out: Planes,
+    border: tuple[float, float, float],
 ) -> Planes:
     """Fill the planes ``out`` from the 4:2:0 planes ``parts``; outside the field with the border as
     y, u and v.
@@ -148,7 +167,9 @@ def remap_whole_planes(
     is_shared = subsampling(parts) == (2, 1)
     for part, target, value in zip(parts[1:3], out[1:3], border[1:], strict=True):
         if is_shared:
-            whole = remap(widened(part, parts[0].shape[1], sitings[0]), luma, interpolation, None, value)
+            whole = remap(
+                widened(part, parts[0].shape[1], sitings[0]), luma, interpolation, None, value
+            )
             target[:] = narrowed(whole, sitings[1])
         else:
             remap(part, luma, interpolation, target, value)
@@ -187,5 +208,7 @@ def narrowed(colours: Image, siting: Siting) -> Image:
     if siting == "center":
         mean = (first + second + 1) >> 1
     else:
-        mean = (np.concatenate([first[:, :1], second[:, :-1]], axis=1) + 2 * first + second + 2) >> 2
+        mean = (
+            np.concatenate([first[:, :1], second[:, :-1]], axis=1) + 2 * first + second + 2
+        ) >> 2
     return mean.astype(colours.dtype)

@@ -197,7 +197,9 @@ def write_colmap(
 
 def _check_poses(poses: int, images: int) -> None:
     if poses != images:
-        raise InvalidParameter(f"poses must have one entry per image; got {poses} poses for {images} images")
+        raise InvalidParameter(
+            f"poses must have one entry per image; got {poses} poses for {images} images"
+        )
 
 
 # -- source images -------------------------------------------------------------------------------
@@ -210,7 +212,9 @@ class _SourceImages(NamedTuple):
     """Selected images in the order of capture with their output names."""
 
 
-def _open_images(sources: Iterable[str | Path] | str | Path, every: int, *, stored_orientation: bool) -> _SourceImages:
+def _open_images(
+    sources: Iterable[str | Path] | str | Path, every: int, *, stored_orientation: bool
+) -> _SourceImages:
     """Return every n-th image of files or of a folder, or every n-th frame of a video."""
     paths = [sources] if isinstance(sources, str | Path) else list(sources)
     if not any(is_video(str(path)) for path in paths):
@@ -219,7 +223,9 @@ def _open_images(sources: Iterable[str | Path] | str | Path, every: int, *, stor
         images = (read_image(f, stored_orientation=stored_orientation) for f in files[::every])
         return _SourceImages(len(files), zip(names, images, strict=True))
     if len(paths) > 1:
-        raise InvalidParameter(f"images must be image files or a single video; got {len(paths)} entries with a video")
+        raise InvalidParameter(
+            f"images must be image files or a single video; got {len(paths)} entries with a video"
+        )
     from ..io.video_reader import VideoReader
 
     with VideoReader(paths[0], with_sound=False) as reader:
@@ -227,7 +233,9 @@ def _open_images(sources: Iterable[str | Path] | str | Path, every: int, *, stor
     return _SourceImages(total, _video_frames(paths[0], every, stored_orientation))
 
 
-def _video_frames(video: str | Path, every: int, stored_orientation: bool) -> Iterator[tuple[str, NDArray[Any]]]:
+def _video_frames(
+    video: str | Path, every: int, stored_orientation: bool
+) -> Iterator[tuple[str, NDArray[Any]]]:
     from ..io.video_frames import image_of_frame
     from ..io.video_reader import VideoReader
 
@@ -240,7 +248,9 @@ def _video_frames(video: str | Path, every: int, stored_orientation: bool) -> It
 def _output_names(files: Sequence[Path]) -> list[str]:
     names = [f"{file.stem}.png" for file in files]
     if duplicate := next((name for name in names if names.count(name) > 1), None):
-        raise InvalidParameter(f"images must have different names; two of them would be written as {duplicate}")
+        raise InvalidParameter(
+            f"images must have different names; two of them would be written as {duplicate}"
+        )
     return names
 
 
@@ -266,7 +276,9 @@ def rig_config(rig: Sequence[RigCamera]) -> list[dict[str, Any]]:
     return [{"cameras": cameras}]
 
 
-def transforms(rig: Sequence[RigCamera], names: Sequence[str], poses: Sequence[Pose]) -> dict[str, Any]:
+def transforms(
+    rig: Sequence[RigCamera], names: Sequence[str], poses: Sequence[Pose]
+) -> dict[str, Any]:
     """Return the content of ``transforms.json`` for Nerfstudio and gsplat.
 
     Raises
@@ -275,7 +287,9 @@ def transforms(rig: Sequence[RigCamera], names: Sequence[str], poses: Sequence[P
         If the rig is a panorama, which gsplat does not support.
     """
     if any(view.model != "PINHOLE" for view in rig):
-        raise InvalidParameter("transforms.json requires pinhole cameras; omit the panorama or the poses")
+        raise InvalidParameter(
+            "transforms.json requires pinhole cameras; omit the panorama or the poses"
+        )
     frames = []
     for name, pose in zip(names, poses, strict=True):
         for view in rig:

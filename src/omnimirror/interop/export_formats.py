@@ -122,7 +122,9 @@ def format_registry(group: str, kind: str, builtin: dict[str, ExportFormat[T]]) 
 
     def check(name: str, value: Any) -> None:
         if not isinstance(value, ExportFormat):
-            raise WrongKind(f"{name} must be an omnimirror.interop.export_formats.ExportFormat; got {shown(value)}")
+            raise WrongKind(
+                f"{name} must be an omnimirror.interop.export_formats.ExportFormat; got {shown(value)}"
+            )
 
     return Registry(group, kind, builtin, check)
 
@@ -183,7 +185,9 @@ def write_formats(
     return exported
 
 
-def _requested_formats(formats: Iterable[str] | str | None, known: ExportFormats[T]) -> list[str] | None:
+def _requested_formats(
+    formats: Iterable[str] | str | None, known: ExportFormats[T]
+) -> list[str] | None:
     """Return the requested formats without duplicates; None if the suffix selects the format."""
     if formats is None:
         return None
@@ -199,7 +203,9 @@ def _requested_formats(formats: Iterable[str] | str | None, known: ExportFormats
     return names
 
 
-def _targets(known: ExportFormats[T], name: str, path: Path, names: list[str] | None) -> dict[str, tuple[Path, ...]]:
+def _targets(
+    known: ExportFormats[T], name: str, path: Path, names: list[str] | None
+) -> dict[str, tuple[Path, ...]]:
     """Return the files to write by format."""
     if path.suffix and not path.is_dir():
         kind = _format_of_file(known, path, names)
@@ -213,9 +219,14 @@ def _targets(known: ExportFormats[T], name: str, path: Path, names: list[str] | 
             )
         return {kind: tuple(path.with_name(path.stem + ending) for ending in endings)}
     if names is None:
-        raise InvalidParameter(f"formats must be given for the folder {path}; choose from {', '.join(known)}")
+        raise InvalidParameter(
+            f"formats must be given for the folder {path}; choose from {', '.join(known)}"
+        )
     stem = file_stem(name, "camera")
-    return {kind: tuple(path / f"{stem}-{kind}{ending}" for ending in known[kind].endings) for kind in names}
+    return {
+        kind: tuple(path / f"{stem}-{kind}{ending}" for ending in known[kind].endings)
+        for kind in names
+    }
 
 
 def _format_of_file(known: ExportFormats[T], path: Path, names: list[str] | None) -> str:
@@ -229,9 +240,13 @@ def _format_of_file(known: ExportFormats[T], path: Path, names: list[str] | None
                 f"the suffix of {path.name} must be one of {valid}; alternatively give a folder and --format"
             )
     if len(names) > 1:
-        raise InvalidParameter(f"{path.name} is a single file and cannot hold {', '.join(names)}; give a folder")
+        raise InvalidParameter(
+            f"{path.name} is a single file and cannot hold {', '.join(names)}; give a folder"
+        )
     if known[names[0]].suffix != suffix:
-        raise InvalidParameter(f"the suffix of {names[0]} files must be {known[names[0]].suffix}; got {path.name}")
+        raise InvalidParameter(
+            f"the suffix of {names[0]} files must be {known[names[0]].suffix}; got {path.name}"
+        )
     return names[0]
 
 

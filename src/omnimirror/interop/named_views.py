@@ -62,12 +62,18 @@ class NamedView:
         check_fields(self)
         check_view_name(self.name)
         if self.kind not in views.VIEWS:
-            raise InvalidParameter(f"view must be one of {', '.join(views.VIEWS)}; got {self.kind!r}")
+            raise InvalidParameter(
+                f"view must be one of {', '.join(views.VIEWS)}; got {self.kind!r}"
+            )
         if self.steerable and self.kind != STEERABLE_KIND:
-            raise InvalidParameter(f"a steerable view must be {STEERABLE_KIND}; {self.name!r} is a {self.kind} view")
+            raise InvalidParameter(
+                f"a steerable view must be {STEERABLE_KIND}; {self.name!r} is a {self.kind} view"
+            )
         valid = _option_names(self.kind)
         if unknown := next((name for name in self.options if name not in valid), None):
-            raise InvalidParameter(f"options of a {self.kind} view must be from {', '.join(valid)}; got {unknown!r}")
+            raise InvalidParameter(
+                f"options of a {self.kind} view must be from {', '.join(valid)}; got {unknown!r}"
+            )
 
     def __call__(self, camera: Camera) -> View:
         """Construct the view for a camera.
@@ -132,7 +138,8 @@ def load_views(path: str | Path) -> dict[str, NamedView]:
 
 def _parse_view(name: str, table: dict[str, Any], source: str) -> NamedView:
     options = {
-        key: tuple(value) if key in TUPLE_OPTIONS and isinstance(value, list) else value for key, value in table.items()
+        key: tuple(value) if key in TUPLE_OPTIONS and isinstance(value, list) else value
+        for key, value in table.items()
     }
     kind, steerable = options.pop("view", STEERABLE_KIND), options.pop("steerable", False)
     try:

@@ -77,7 +77,9 @@ class EquivalentPinhole(NamedTuple):
         return float(np.linalg.norm(projected[:, :2] - pixels, axis=1).max())
 
 
-def equivalent_pinhole(camera: Camera, view: Plane, viewpoint: Viewpoint = "exact") -> EquivalentPinhole:
+def equivalent_pinhole(
+    camera: Camera, view: Plane, viewpoint: Viewpoint = "exact"
+) -> EquivalentPinhole:
     """Return the pinhole camera that best approximates a perspective view.
 
     Parameters
@@ -118,7 +120,9 @@ def equivalent_pinhole(camera: Camera, view: Plane, viewpoint: Viewpoint = "exac
     return EquivalentPinhole(view.size, matrix, rotation, position, rays)
 
 
-def _sampled_rays(camera: Camera, view: Screen, viewpoint: Viewpoint = "exact") -> tuple[Array, Array, Array]:
+def _sampled_rays(
+    camera: Camera, view: Screen, viewpoint: Viewpoint = "exact"
+) -> tuple[Array, Array, Array]:
     """Sample pixels of a view and their rays; see :attr:`EquivalentPinhole.rays`."""
     width, height = view.size
     grid = np.meshgrid(*(np.linspace(0, n - 1, SAMPLES_PER_SIDE) for n in (width, height)))

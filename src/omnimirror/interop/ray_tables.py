@@ -135,7 +135,9 @@ def ray_table(camera: Camera, step: int = 1) -> RayTable:
     chunks = [_trace(camera, pixels[i : i + CHUNK_RAYS]) for i in range(0, len(pixels), CHUNK_RAYS)]
     origins, directions, weights = (np.concatenate(parts) for parts in zip(*chunks, strict=True))
     if not weights.any():
-        raise OutsideField(f"all {len(columns)} x {len(rows)} sampled pixels are outside the field of the camera")
+        raise OutsideField(
+            f"all {len(columns)} x {len(rows)} sampled pixels are outside the field of the camera"
+        )
     shape = len(rows), len(columns)
     return RayTable(
         origins.reshape(*shape, 3),
@@ -213,7 +215,11 @@ def _rotated(table: RayTable, axes: Array) -> tuple[Array, Array]:
 def exr_channels(table: RayTable) -> dict[str, NDArray[np.float32]]:
     """Return the OpenEXR channels (rows, columns) of a table by name."""
     layers = (("origin", table.origins), ("direction", table.directions))
-    channels = {f"{layer}.{axis}": values[..., i] for layer, values in layers for i, axis in enumerate("XYZ")}
+    channels = {
+        f"{layer}.{axis}": values[..., i]
+        for layer, values in layers
+        for i, axis in enumerate("XYZ")
+    }
     channels["weight.Y"] = table.weights
     return {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
 

@@ -60,7 +60,9 @@ def _xmp_in_jpeg(data: bytes, packet: bytes) -> bytes:
 
 def _xmp_in_png(data: bytes, packet: bytes) -> bytes:
     """Insert the packet in an uncompressed iTXt chunk after the header chunk."""
-    body = XMP_PNG_NAME + b"\0\0\0\0\0" + packet  # not compressed, no language, no translated keyword
+    body = (
+        XMP_PNG_NAME + b"\0\0\0\0\0" + packet
+    )  # not compressed, no language, no translated keyword
     chunk = b"iTXt" + body
     after_header = 8 + 12 + 13
     written = struct.pack(">I", len(body)) + chunk + struct.pack(">I", zlib.crc32(chunk))
@@ -71,7 +73,15 @@ def _xmp_in_webp(data: bytes, packet: bytes) -> bytes:
     """Append the packet in an XMP chunk, with the extended header that it requires."""
     flags, canvas, chunks = _webp_header(data)
     header = b"VP8X" + struct.pack("<I", 10) + bytes([flags | WEBP_HAS_XMP, 0, 0, 0]) + canvas
-    body = b"WEBP" + header + chunks + b"XMP " + struct.pack("<I", len(packet)) + packet + b"\0" * (len(packet) % 2)
+    body = (
+        b"WEBP"
+        + header
+        + chunks
+        + b"XMP "
+        + struct.pack("<I", len(packet))
+        + packet
+        + b"\0" * (len(packet) % 2)
+    )
     return b"RIFF" + struct.pack("<I", len(body)) + body
 
 
@@ -86,9 +96,15 @@ def _webp_header(data: bytes) -> tuple[int, bytes, bytes]:
         bits = int.from_bytes(chunks[9:13], "little")
         width, height, alpha = bits & 0x3FFF, bits >> 14 & 0x3FFF, bits >> 28 & 1
     else:  # lossy: 14 bits each after a start code
-        width, height, alpha = (int.from_bytes(chunks[at : at + 2], "little") & 0x3FFF for at in (14, 16, 18))
+        width, height, alpha = (
+            int.from_bytes(chunks[at : at + 2], "little") & 0x3FFF for at in (14, 16, 18)
+        )
         width, height, alpha = width - 1, height - 1, 0
-    return WEBP_HAS_ALPHA * alpha, width.to_bytes(3, "little") + height.to_bytes(3, "little"), chunks
+    return (
+        WEBP_HAS_ALPHA * alpha,
+        width.to_bytes(3, "little") + height.to_bytes(3, "little"),
+        chunks,
+    )
 
 
 def _xmp_in_tiff(data: bytes, packet: bytes) -> bytes:
@@ -108,10 +124,18 @@ def _tiff_with(data: bytes, more: Directory) -> bytes:
     data += b"\0" * (len(data) % 2)  # directories start at even offsets
     values_at, values = len(data) + 2 + 12 * len(entries | dict.fromkeys(more, b"")) + 4, b""
     for tag, (kind, number, content) in more.items():
-        field = content.ljust(4, b"\0") if len(content) <= 4 else struct.pack("<I", values_at + len(values))
+        field = (
+            content.ljust(4, b"\0")
+            if len(content) <= 4
+            else struct.pack("<I", values_at + len(values))
+        )
         values += b"" if len(content) <= 4 else content + b"\0" * (len(content) % 2)
         entries[tag] = struct.pack("<HHI", tag, kind, number) + field
-    directory = struct.pack("<H", len(entries)) + b"".join(entries[tag] for tag in sorted(entries)) + following
+    directory = (
+        struct.pack("<H", len(entries))
+        + b"".join(entries[tag] for tag in sorted(entries))
+        + following
+    )
     return data[:4] + struct.pack("<I", len(data)) + data[8:] + directory + values
 
 
@@ -167,15 +191,32 @@ class ImageMetadata(NamedTuple):
         profile, exif = self.profile, self.exif
         why = []
         if suffix not in METADATA_WRITERS:
-            names = [name for name, part in (("the colour profile", profile), ("EXIF", exif)) if part is not None]
-            return ImageMetadata(), f"without {' and '.join(names)}, which {suffix} cannot hold" if names else ""
+            names = [
+                name
+                for name, part in (("the colour profile", profile), ("EXIF", exif))
+                if part is not None
+            ]
+            return (
+                ImageMetadata(),
+                f"without {' and '.join(names)}, which {suffix} cannot hold" if names else "",
+            )
         channels = image.shape[2] if image.ndim == 3 else 1
         if profile is not None and recoded:
-            profile, why = None, ["without the colour profile, which is not of light, or of light alone"]
+            profile, why = (
+                None,
+                ["without the colour profile, which is not of light, or of light alone"],
+            )
         elif profile is not None and profile[16:20] != COLOUR_SPACES[channels]:
             had = profile[16:20].decode("ascii", "replace").strip()
-            profile, why = None, [f"without the colour profile, which is of {had} and not of these colours"]
-        if exif is not None and suffix in (".jpg", ".jpeg") and len(exif.block()) > MAX_SEGMENT_BYTES - len(EXIF_NAME):
+            profile, why = (
+                None,
+                [f"without the colour profile, which is of {had} and not of these colours"],
+            )
+        if (
+            exif is not None
+            and suffix in (".jpg", ".jpeg")
+            and len(exif.block()) > MAX_SEGMENT_BYTES - len(EXIF_NAME)
+        ):
             exif, why = None, [*why, f"without EXIF, which is longer than {suffix} can hold"]
         return ImageMetadata(profile, exif), ", ".join(why)
 
@@ -232,7 +273,9 @@ def _in_jpeg(data: bytes, carried: ImageMetadata) -> bytes:
     if carried.exif is not None:
         segments += _segment(0xE1, EXIF_NAME + carried.exif.block())
     profile = carried.profile or b""
-    pieces = [profile[k : k + MAX_ICC_PIECE_BYTES] for k in range(0, len(profile), MAX_ICC_PIECE_BYTES)]
+    pieces = [
+        profile[k : k + MAX_ICC_PIECE_BYTES] for k in range(0, len(profile), MAX_ICC_PIECE_BYTES)
+    ]
     for number, piece in enumerate(pieces, start=1):
         segments += _segment(0xE2, ICC_NAME + bytes([number, len(pieces)]) + piece)
     at = 2
@@ -300,7 +343,9 @@ def _in_webp(data: bytes, carried: ImageMetadata) -> bytes:
         flags, before = flags | WEBP_HAS_ICC, _webp_chunk(b"ICCP", carried.profile)
     if carried.exif is not None:
         flags, after = flags | WEBP_HAS_EXIF, _webp_chunk(b"EXIF", carried.exif.block())
-    body = b"WEBP" + _webp_chunk(b"VP8X", bytes([flags, 0, 0, 0]) + canvas) + before + chunks + after
+    body = (
+        b"WEBP" + _webp_chunk(b"VP8X", bytes([flags, 0, 0, 0]) + canvas) + before + chunks + after
+    )
     return b"RIFF" + struct.pack("<I", len(body)) + body
 
 

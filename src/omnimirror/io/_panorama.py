@@ -112,14 +112,26 @@ class GPano:
         full_width = max(width, round(width * 360 / span_deg))
         full_height = max(height, round(height * 180 / (high - low)))
         top = min(round(full_height * (90 - high) / 180), full_height - height)
-        return cls((full_width, full_height), size, ((full_width - width) // 2, top), heading_deg, *lean_deg)
+        return cls(
+            (full_width, full_height),
+            size,
+            ((full_width - width) // 2, top),
+            heading_deg,
+            *lean_deg,
+        )
 
     @property
     def bounds(self) -> Bounds:
         """Fractions of the full panorama outside the crop."""
-        (full_width, full_height), (width, height), (left, top) = self.full_size, self.cropped_size, self.cropped_at
+        (full_width, full_height), (width, height), (left, top) = (
+            self.full_size,
+            self.cropped_size,
+            self.cropped_at,
+        )
         right, bottom = full_width - width - left, full_height - height - top
-        return Bounds(left / full_width, top / full_height, right / full_width, bottom / full_height)
+        return Bounds(
+            left / full_width, top / full_height, right / full_width, bottom / full_height
+        )
 
     @property
     def pose_heading_deg(self) -> float | None:
@@ -151,7 +163,10 @@ class GPano:
         if self.pose_heading_deg is not None:
             fields["PoseHeadingDegrees"] = f"{self.pose_heading_deg:g}"
         # Written for level panoramas too: without it, the tilt would be unknown.
-        fields |= {"PosePitchDegrees": f"{self.pitch_deg:g}", "PoseRollDegrees": f"{self.roll_deg:g}"}
+        fields |= {
+            "PosePitchDegrees": f"{self.pitch_deg:g}",
+            "PoseRollDegrees": f"{self.roll_deg:g}",
+        }
         attributes = "\n   ".join(f'GPano:{name}="{value}"' for name, value in fields.items())
         return (
             '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>\n'

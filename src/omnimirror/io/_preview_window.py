@@ -33,7 +33,9 @@ class Window:
         self.root = tkinter.Tk(className=title)
         self.root.title(title)
         screen = self.root.winfo_screenwidth(), self.root.winfo_screenheight()
-        scale = min(1.0, *(LARGEST_SHARE * most / side for most, side in zip(screen, size, strict=True)))
+        scale = min(
+            1.0, *(LARGEST_SHARE * most / side for most, side in zip(screen, size, strict=True))
+        )
         width, height = (max(1, round(scale * side)) for side in size)
         self.root.geometry(f"{width}x{height}")
         self.picture = tkinter.PhotoImage(master=self.root, width=width, height=height)
@@ -68,9 +70,13 @@ class Window:
         scale = min(there / side for there, side in zip(room, self.size, strict=True))
         if room[0] > 1 and scale != 1:  # 1: not drawn yet
             width, height = (max(1, round(scale * side)) for side in self.size)
-            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else 1)
+            picture = cv2.resize(
+                picture, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else 1
+            )
         height, width = picture.shape[:2]
-        self.picture.configure(width=width, height=height, data=b"P6 %d %d 255\n" % (width, height) + picture.tobytes())
+        self.picture.configure(
+            width=width, height=height, data=b"P6 %d %d 255\n" % (width, height) + picture.tobytes()
+        )
 
 
 def main() -> None:

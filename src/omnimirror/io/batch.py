@@ -51,7 +51,9 @@ class Results:
         return self.stopped_by if self.not_begun else 1 if self.failed else 0
 
 
-def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = IMAGE_SUFFIXES) -> list[Path]:
+def expand_inputs(
+    patterns: Iterable[str | Path], suffixes: Sequence[str] = IMAGE_SUFFIXES
+) -> list[Path]:
     """Expand names, folders and patterns such as ``*.jpg`` to files, each once, in order.
 
     A folder expands to its files with one of ``suffixes``.
@@ -67,11 +69,15 @@ def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = IMAG
         if path.is_dir():
             matches = sorted(child for child in path.iterdir() if child.suffix.lower() in suffixes)
             if not matches:
-                raise MediaError(f"there is no picture in the folder {path}; looked for {', '.join(suffixes)}")
+                raise MediaError(
+                    f"there is no picture in the folder {path}; looked for {', '.join(suffixes)}"
+                )
         elif path.exists() or not glob.has_magic(str(pattern)):
             matches = [path]
         else:
-            matches = [match for match in map(Path, sorted(glob.glob(str(pattern)))) if match.is_file()]
+            matches = [
+                match for match in map(Path, sorted(glob.glob(str(pattern)))) if match.is_file()
+            ]
         if not matches or not all(match.exists() for match in matches):
             raise MediaError(f"there is no file {pattern}")
         found.update(dict.fromkeys(matches))
@@ -96,7 +102,9 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     return output
 
 
-def outputs_for(sources: Sequence[Path], folder: str | Path, suffix: str | None = None) -> list[Path]:
+def outputs_for(
+    sources: Sequence[Path], folder: str | Path, suffix: str | None = None
+) -> list[Path]:
     """Return the output paths of several files in a folder, all different.
 
     Raises
@@ -114,7 +122,9 @@ def outputs_for(sources: Sequence[Path], folder: str | Path, suffix: str | None 
 
 
 def run_parallel(
-    jobs: Sequence[Job], workers: int | None = None, progress: Callable[[int, int], None] | None = None
+    jobs: Sequence[Job],
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Results:
     """Run jobs in parallel threads; the failure of one does not affect the others.
 

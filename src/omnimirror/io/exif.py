@@ -24,8 +24,10 @@ DROPPED_EXPOSURE_TAGS = frozenset({0x927C, 0x9214, 0xA002, 0xA003, 0xA005, 0xA21
 """Dropped tags of the exposure: maker notes, positions in the image, its size, other directories,
 focal length in 35 mm film.
 """
-TYPE_SIZES = {1: (1, 1), 2: (1, 1), 3: (2, 2), 4: (4, 4), 5: (8, 4), 6: (1, 1), 7: (1, 1), 8: (2, 2), 9: (4, 4), 10: (8, 4),
-         11: (4, 4), 12: (8, 8)}  # fmt: skip
+TYPE_SIZES = {
+    1: (1, 1), 2: (1, 1), 3: (2, 2), 4: (4, 4), 5: (8, 4), 6: (1, 1),
+    7: (1, 1), 8: (2, 2), 9: (4, 4), 10: (8, 4), 11: (4, 4), 12: (8, 8),
+}  # fmt: skip
 """Size of a value of each type in bytes, and of the units to which the byte order applies."""
 MAX_ENTRIES = 1000
 
@@ -62,7 +64,12 @@ class Exif(NamedTuple):
         for tag, directory in self._others.items():
             pointers[tag] = Entry(4, 1, struct.pack("<I", end + len(rest)))
             rest += serialised_directory(directory, end + len(rest))
-        return b"II*\0" + struct.pack("<I", head) + serialised_directory(self.picture | pointers, head) + rest
+        return (
+            b"II*\0"
+            + struct.pack("<I", head)
+            + serialised_directory(self.picture | pointers, head)
+            + rest
+        )
 
     @property
     def _others(self) -> dict[int, Directory]:
@@ -117,7 +124,9 @@ def parse_exif(block: bytes) -> Exif | None:
     try:
         first = _directory(block, order, struct.unpack_from(order + "I", block, 4)[0])
         exposure, place = (
-            _directory(block, order, struct.unpack("<I", first[tag].values)[0]) if tag in first else {}
+            _directory(block, order, struct.unpack("<I", first[tag].values)[0])
+            if tag in first
+            else {}
             for tag in (EXPOSURE, PLACE)
         )
     except (struct.error, KeyError, ValueError):
@@ -166,7 +175,12 @@ Pixels = TypeVar("Pixels", bound=np.generic)
 ORIENTATION_TAG = 0x0112
 UPRIGHT = 1
 SHORT, LONG = 3, 4
-TIFF_SIGNATURES = {b"II*\0": ("<", False), b"MM\0*": (">", False), b"II+\0": ("<", True), b"MM\0+": (">", True)}
+TIFF_SIGNATURES = {
+    b"II*\0": ("<", False),
+    b"MM\0*": (">", False),
+    b"II+\0": ("<", True),
+    b"MM\0+": (">", True),
+}
 """Byte order and whether it is a BigTIFF file, by signature."""
 ORIENTATION_NAMES = {
     1: "as stored",
@@ -179,7 +193,9 @@ ORIENTATION_NAMES = {
     8: "turned by 90 deg anticlockwise",
 }
 """Operation that each orientation requires for display."""
-STORED_ORIENTATION_HINT = "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
+STORED_ORIENTATION_HINT = (
+    "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
+)
 TRANSPOSING_ORIENTATIONS = (5, 6, 7, 8)
 """Orientations that exchange width and height."""
 
@@ -191,7 +207,9 @@ def oriented(image: NDArray[Pixels], orientation: int) -> NDArray[Pixels]:
     >>> oriented(np.array([[1, 2, 3], [4, 5, 6]]), 6).tolist()
     [[4, 1], [5, 2], [6, 3]]
     """
-    turned: NDArray[Any] = np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
+    turned: NDArray[Any] = (
+        np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
+    )
     if orientation in (2, 3, 6, 7):
         turned = turned[:, ::-1]
     if orientation in (3, 4, 7, 8):
@@ -208,7 +226,9 @@ def applied(orientation: int, is_stored: bool) -> str:
     """
     if is_stored:
         return f"as stored; their EXIF data requires that they are {ORIENTATION_NAMES[orientation]}"
-    return f"{ORIENTATION_NAMES[orientation]}, as their EXIF data requires; {STORED_ORIENTATION_HINT}"
+    return (
+        f"{ORIENTATION_NAMES[orientation]}, as their EXIF data requires; {STORED_ORIENTATION_HINT}"
+    )
 
 
 def orientation_of_block(block: bytes) -> int:
@@ -241,7 +261,11 @@ def _found(block: bytes) -> tuple[int, int, str]:
             if tag == ORIENTATION_TAG and kind in (SHORT, LONG):
                 number = order + ("H" if kind == SHORT else "I")
                 (orientation,) = struct.unpack_from(number, block, entry + value)
-                return (orientation, entry + value, number) if orientation in ORIENTATION_NAMES else nothing
+                return (
+                    (orientation, entry + value, number)
+                    if orientation in ORIENTATION_NAMES
+                    else nothing
+                )
     except struct.error:
         pass
     return nothing

@@ -50,10 +50,14 @@ def read_exr(path: Path, data: bytes) -> Image:
     names = next((n for n in ("RGBA", "RGB", "Y") if set(n) <= set(channels)), None)
     if names is None:
         found = ", ".join(channels)
-        raise MediaError(f"the picture {path} has the channels {found}; valid are R, G, B, perhaps A, or Y alone")
+        raise MediaError(
+            f"the picture {path} has the channels {found}; valid are R, G, B, perhaps A, or Y alone"
+        )
     taken = [channels[name] for name in names]
     if any(channel.dtype.kind != "f" for channel in taken):
-        raise MediaError(f"the picture {path} holds {taken[0].dtype} values; valid are half and float")
+        raise MediaError(
+            f"the picture {path} holds {taken[0].dtype} values; valid are half and float"
+        )
     image: Image = np.stack(taken, axis=-1).astype(np.float32)
     return image[..., 0] if image.shape[-1] == 1 else image
 
@@ -70,11 +74,15 @@ def write_exr(path: Path, image: Image) -> None:
     """
     image = image.reshape(*image.shape[:2], -1)
     names = CHANNELS[image.shape[2]]
-    write_channels(path, {name: np.ascontiguousarray(image[..., i]) for i, name in enumerate(names)})
+    write_channels(
+        path, {name: np.ascontiguousarray(image[..., i]) for i, name in enumerate(names)}
+    )
 
 
 def write_channels(
-    path: Path, channels: Mapping[str, NDArray[np.float32]], told: Mapping[str, str | int] | None = None
+    path: Path,
+    channels: Mapping[str, NDArray[np.float32]],
+    told: Mapping[str, str | int] | None = None,
 ) -> None:
     """Write channels (h, w) of any names, losslessly; ``told`` is added to the header.
 

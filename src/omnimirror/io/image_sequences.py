@@ -27,7 +27,9 @@ def is_sequence(name: str | Path) -> bool:
     """
     path = Path(name)
     return (
-        len(NUMBER_PATTERN.findall(path.name)) == 1 and path.suffix.lower() in SEQUENCE_SUFFIXES and not path.exists()
+        len(NUMBER_PATTERN.findall(path.name)) == 1
+        and path.suffix.lower() in SEQUENCE_SUFFIXES
+        and not path.exists()
     )
 
 
@@ -83,7 +85,10 @@ def may_share_a_name(a: str | Path, b: str | Path) -> bool:
     (True, False)
     """
     first, second = Path(a), Path(b)
-    (before, *_, after), (other, *_, end) = NUMBER_PATTERN.split(first.name), NUMBER_PATTERN.split(second.name)
+    (before, *_, after), (other, *_, end) = (
+        NUMBER_PATTERN.split(first.name),
+        NUMBER_PATTERN.split(second.name),
+    )
     is_beside = is_same_file(first.parent, second.parent) and after == end
     return is_beside and (before.startswith(other) or other.startswith(before))
 

@@ -62,7 +62,12 @@ def _of_png(data: bytes) -> int:
     colours.
     """
     width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
-    return int(width * height * (2 if depth == 16 else 1) * (4 if colour == 3 else PNG_SAMPLES.get(colour, 4)))
+    return int(
+        width
+        * height
+        * (2 if depth == 16 else 1)
+        * (4 if colour == 3 else PNG_SAMPLES.get(colour, 4))
+    )
 
 
 # -- Size of an image in memory, from the header of its file: a few bytes can declare gigabytes of pixels
@@ -136,7 +141,11 @@ def _of_tiff(data: bytes) -> int:
     for i in range(min(count, 4096)):
         entry = at + head + size * i
         tag, kind, length = struct.unpack_from(order + ("HHQ" if is_big else "HHI"), data, entry)
-        if tag in (TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_SAMPLES) and kind in TIFF_NUMBERS and 1 <= length <= 64:
+        if (
+            tag in (TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_SAMPLES)
+            and kind in TIFF_NUMBERS
+            and 1 <= length <= 64
+        ):
             numbers = struct.Struct(f"{order}{length}{TIFF_NUMBERS[kind]}")
             place = entry + size - room
             if numbers.size > room:
@@ -155,7 +164,11 @@ def _by_pillow(data: bytes) -> int:
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=PILLOW_FORMATS) as picture:
                 width, height = picture.size
-                is_palette, channels, kind = picture.mode in ("P", "PA"), len(picture.getbands()), picture.format
+                is_palette, channels, kind = (
+                    picture.mode in ("P", "PA"),
+                    len(picture.getbands()),
+                    picture.format,
+                )
     except Image.DecompressionBombError:
         return MAX_DECODED_BYTES + 1
     except Exception:  # damaged or of another type: the decoder reports the reason
@@ -206,7 +219,19 @@ OPAQUE = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 """Brands of ISO/IEC 23008-12 for HEVC-coded images, which OpenCV does not decode."""
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf", ".pef")
-READABLE_FORMATS = ("PNG", "JPEG", "TIFF", "WebP", "AVIF", "JPEG 2000", "BMP", "GIF", "PPM", "HDR", "EXR")
+READABLE_FORMATS = (
+    "PNG",
+    "JPEG",
+    "TIFF",
+    "WebP",
+    "AVIF",
+    "JPEG 2000",
+    "BMP",
+    "GIF",
+    "PPM",
+    "HDR",
+    "EXR",
+)
 """Names of the formats that can be read."""
 MAX_FILE_BYTES = 2 << 30
 """Maximum size of an image file in bytes."""
@@ -257,7 +282,9 @@ def can_be_panorama(path: str | Path) -> bool:
     return Path(path).suffix.lower() in _image_metadata.XMP_WRITERS
 
 
-def read_image_and_metadata(path: str | Path, *, stored_orientation: bool = False) -> tuple[Image, ImageMetadata]:
+def read_image_and_metadata(
+    path: str | Path, *, stored_orientation: bool = False
+) -> tuple[Image, ImageMetadata]:
     """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF,
     orientation.
     """
@@ -267,7 +294,9 @@ def read_image_and_metadata(path: str | Path, *, stored_orientation: bool = Fals
     if carried.orientation == UPRIGHT:
         return _decoded(path, data), carried
     image = _decoded(path, without_orientation(data))
-    return image if stored_orientation else np.ascontiguousarray(oriented(image, carried.orientation)), carried
+    return image if stored_orientation else np.ascontiguousarray(
+        oriented(image, carried.orientation)
+    ), carried
 
 
 def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
@@ -301,7 +330,9 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     ...     om.read_image(f"{folder}/red.png")[0, 0]
     array([255,   0,   0], dtype=uint8)
     """
-    return read_image_and_metadata(file_name("path", path), stored_orientation=stored_orientation)[0]
+    return read_image_and_metadata(file_name("path", path), stored_orientation=stored_orientation)[
+        0
+    ]
 
 
 def orientation_of(path: str | Path) -> int:
@@ -364,7 +395,9 @@ def decoded(path: str | Path, data: bytes) -> Image:
     if image is None:
         raise MediaError(_why_unread(path, data))
     if image.dtype.name not in OPAQUE:
-        raise MediaError(f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}")
+        raise MediaError(
+            f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}"
+        )
     return _red_and_blue_exchanged(image)
 
 
@@ -372,17 +405,23 @@ def _why_unread(path: str | Path, data: bytes) -> str:
     """Return the reason for a decoding failure, with a remedy for common formats."""
     if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC_BRANDS):
         return (
-            f"{path} is an HEIC picture, which is not read; save it as JPEG (iPhones: Camera, Formats, Most Compatible)"
+            f"{path} is an HEIC picture, which is not read; save it as JPEG "
+            f"(iPhones: Camera, Formats, Most Compatible)"
         )
     if Path(path).suffix.lower() in RAW_SUFFIXES:
         return f"{path} is a camera's raw file, which is not read; develop it to .tif or .png"
     return (
-        f"{path} is not a picture that can be read, or is damaged or cut short; valid are {', '.join(READABLE_FORMATS)}"
+        f"{path} is not a picture that can be read, or is damaged or cut short; "
+        f"valid are {', '.join(READABLE_FORMATS)}"
     )
 
 
 def write_image(
-    path: str | Path, image: Image, *, panorama: GPano | None = None, carried: ImageMetadata | None = None
+    path: str | Path,
+    image: Image,
+    *,
+    panorama: GPano | None = None,
+    carried: ImageMetadata | None = None,
 ) -> None:
     """Write an image file atomically; an existing file is unchanged on errors.
 
@@ -430,7 +469,9 @@ def write_image(
     if panorama is not None:
         _check_panorama(path, image, panorama)
     if carried and Path(path).suffix.lower() not in METADATA_WRITERS:
-        raise MediaError(f"{path} cannot hold a colour profile or EXIF; valid are {', '.join(METADATA_WRITERS)}")
+        raise MediaError(
+            f"{path} cannot hold a colour profile or EXIF; valid are {', '.join(METADATA_WRITERS)}"
+        )
     try:
         with replacing(path) as temporary:
             if temporary.suffix.lower() == ".exr":
@@ -445,14 +486,20 @@ def write_image(
 
 def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
     if not can_be_panorama(path):
-        raise MediaError(f"{path} cannot say that it is a panorama; valid are {', '.join(_image_metadata.XMP_WRITERS)}")
+        raise MediaError(
+            f"{path} cannot say that it is a panorama; valid are {', '.join(_image_metadata.XMP_WRITERS)}"
+        )
     height, width = image.shape[:2]
     if panorama.cropped_size != (width, height):
         told = " x ".join(map(str, panorama.cropped_size))
-        raise MediaError(f"cannot write {path}: the picture has {width} x {height} px, and the panorama {told} px")
+        raise MediaError(
+            f"cannot write {path}: the picture has {width} x {height} px, and the panorama {told} px"
+        )
 
 
-def _encoded(path: Path, image: Image, panorama: GPano | None, carried: ImageMetadata | None) -> bytes:
+def _encoded(
+    path: Path, image: Image, panorama: GPano | None, carried: ImageMetadata | None
+) -> bytes:
     """Return the bytes of the file."""
     suffix = path.suffix.lower()
     try:
@@ -467,7 +514,9 @@ def _encoded(path: Path, image: Image, panorama: GPano | None, carried: ImageMet
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
     """Encode a grey, RGB or RGBA image with OpenCV's encoder for ``suffix``."""
     with _quiet():
-        is_done, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
+        is_done, buffer = cv2.imencode(
+            suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters
+        )
     if not is_done:
         height, width = image.shape[:2]
         raise MediaError(f"a picture of {width} x {height} px cannot be written as {suffix}")
@@ -480,7 +529,9 @@ def _red_and_blue_exchanged(image: Image) -> Image:
     channels = image.shape[2] if image.ndim == 3 else 1
     if channels not in (3, 4):
         return image
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB if channels == 3 else cv2.COLOR_BGRA2RGBA))
+    return np.asarray(
+        cv2.cvtColor(image, cv2.COLOR_BGR2RGB if channels == 3 else cv2.COLOR_BGRA2RGBA)
+    )
 
 
 def _is_cut_short(data: bytes) -> bool:

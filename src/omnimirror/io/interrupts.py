@@ -15,7 +15,9 @@ from contextlib import contextmanager
 from types import FrameType
 
 POLL_S = 0.1  # polling period of all waits
-STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+STOPPING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 HANGUP = getattr(signal, "SIGHUP", None)
 BY_SIGNAL = 128
 """Offset of signal numbers in exit codes (130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP),

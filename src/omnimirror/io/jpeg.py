@@ -15,7 +15,13 @@ from .images import MAX_FILE_BYTES
 
 BLOCK = 8
 START_OF_SCAN, TABLES = 0xDA, 0xDB
-SUPPORTED_FRAMES = {0xC0, 0xC1, 0xC2, 0xC9, 0xCA}  # supported by decoders: baseline, extended, progressive
+SUPPORTED_FRAMES = {
+    0xC0,
+    0xC1,
+    0xC2,
+    0xC9,
+    0xCA,
+}  # supported by decoders: baseline, extended, progressive
 MARKERS_WITHOUT_SEGMENT = {0x01, *range(0xD0, 0xD9)}  # markers without a segment
 
 
@@ -64,7 +70,11 @@ def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
     count = frame[5] if len(frame) > 5 else 0
     parts = [frame[6 + 3 * i : 9 + 3 * i] for i in range(count)]
     names = bytes(part[0] for part in parts if part)
-    if count not in (1, 3) or names == b"RGB" or any(len(part) < 3 or part[2] not in known for part in parts):
+    if (
+        count not in (1, 3)
+        or names == b"RGB"
+        or any(len(part) < 3 or part[2] not in known for part in parts)
+    ):
         return None
     tables = tuple(known[part[2]] for part in parts)
     finest, coarse = parts[0][1], parts[-1][1]

@@ -78,7 +78,9 @@ class Keyframes:
         {'pan_deg': 10.0, 'tilt_deg': 0.0}
         """
         path = Path(path)
-        text = files.read_text(path, "keyframes", MediaError, f"there are no keyframes {shown(str(path))}")
+        text = files.read_text(
+            path, "keyframes", MediaError, f"there are no keyframes {shown(str(path))}"
+        )
         if path.suffix.lower() not in (".csv", ".toml"):
             raise MediaError(f"keyframes are read from .csv and .toml files, and {path} is neither")
         return (parse_csv if path.suffix.lower() == ".csv" else parse_toml)(text, str(path), names)
@@ -106,7 +108,9 @@ class Keyframes:
         return curves
 
 
-def _curve(times: list[float], values: list[float], interpolation: Interpolation) -> Callable[[float], float]:
+def _curve(
+    times: list[float], values: list[float], interpolation: Interpolation
+) -> Callable[[float], float]:
     if interpolation == "smooth" and len(times) > 1:
         # Slopes without overshoot (Fritsch and Butland), zero at both ends: the motion starts and
         # stops smoothly, and angles stay within the given range.
@@ -116,7 +120,9 @@ def _curve(times: list[float], values: list[float], interpolation: Interpolation
     return lambda time: float(np.interp(time, times, values))
 
 
-def _slope(before: tuple[float, float], here: tuple[float, float], after: tuple[float, float]) -> float:
+def _slope(
+    before: tuple[float, float], here: tuple[float, float], after: tuple[float, float]
+) -> float:
     h0, h1 = here[0] - before[0], after[0] - here[0]
     d0, d1 = (here[1] - before[1]) / h0, (after[1] - here[1]) / h1
     if d0 * d1 <= 0:
@@ -148,9 +154,15 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
     {'pan_deg': 45.0}
     """
     source = shortened(source)
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and line[0] != "#"
+    ]
     if not lines:
-        raise MediaError(f"{source} holds no keyframes; its first line should be such as {TIME},{','.join(names[:2])}")
+        raise MediaError(
+            f"{source} holds no keyframes; its first line should be such as {TIME},{','.join(names[:2])}"
+        )
     (head_line, head), *rows = lines
     columns = [name.strip() for name in next(csv.reader([head]))]
     _check_names(columns, names, f"line {head_line} of {source}")
@@ -159,7 +171,9 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
         cells = [cell.strip() for cell in next(csv.reader([line]))]
         where = f"line {number} of {source}"
         if len(cells) > len(columns):
-            raise MediaError(f"{where} has {len(cells)} values, and the first line names {len(columns)}")
+            raise MediaError(
+                f"{where} has {len(cells)} values, and the first line names {len(columns)}"
+            )
         entries = {name: cell for name, cell in zip(columns, cells, strict=False) if cell}
         points.append((where, entries))
     return _keyframes(points, source, "smooth")
@@ -176,12 +190,19 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
         data = files.parse_toml(text, source)
     except SpecError as e:
         raise MediaError(str(e)) from None
-    heads = [n for n, line in enumerate(text.splitlines(), 1) if re.match(r"\s*\[\[\s*keyframe\s*\]\]", line)]
+    heads = [
+        n
+        for n, line in enumerate(text.splitlines(), 1)
+        if re.match(r"\s*\[\[\s*keyframe\s*\]\]", line)
+    ]
     return keyframes_of(data, source, names, heads)
 
 
 def keyframes_of(
-    data: dict[str, Any], source: str = "keyframes", names: Sequence[str] = NAMES, lines: Sequence[int] = ()
+    data: dict[str, Any],
+    source: str = "keyframes",
+    names: Sequence[str] = NAMES,
+    lines: Sequence[int] = (),
 ) -> Keyframes:
     """Convert a table of a TOML file to keyframes, optionally with their line numbers.
 
@@ -191,13 +212,21 @@ def keyframes_of(
     data = dict(data)
     interpolation = data.pop("interpolation", "smooth")
     if interpolation not in get_args(Interpolation):
-        raise MediaError(f"interpolation = {shown(interpolation)} in {source} is not one of smooth, linear")
+        raise MediaError(
+            f"interpolation = {shown(interpolation)} in {source} is not one of smooth, linear"
+        )
     tables = data.pop("keyframe", [])
     if data or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise MediaError(f"{source} should hold [[keyframe]] tables, and perhaps interpolation, and nothing else")
+        raise MediaError(
+            f"{source} should hold [[keyframe]] tables, and perhaps interpolation, and nothing else"
+        )
     points = []
     for i, table in enumerate(tables):
-        where = f"the keyframe in line {lines[i]} of {source}" if i < len(lines) else f"keyframe {i + 1} of {source}"
+        where = (
+            f"the keyframe in line {lines[i]} of {source}"
+            if i < len(lines)
+            else f"keyframe {i + 1} of {source}"
+        )
         _check_names(list(table), names, where)
         points.append((where, table))
     return _keyframes(points, source, interpolation)
@@ -211,7 +240,9 @@ def _check_names(found: list[str], names: Sequence[str], where: str) -> None:
             raise MediaError(f"{where} has {name!r}; valid are {', '.join((TIME, *names))}")
 
 
-def _keyframes(points: list[tuple[str, dict[str, Any]]], source: str, interpolation: Interpolation) -> Keyframes:
+def _keyframes(
+    points: list[tuple[str, dict[str, Any]]], source: str, interpolation: Interpolation
+) -> Keyframes:
     """Return the tracks of the keyframes, whose times must increase."""
     tracks: dict[str, list[tuple[float, float]]] = {}
     first, latest = math.nan, -math.inf
@@ -221,14 +252,18 @@ def _keyframes(points: list[tuple[str, dict[str, Any]]], source: str, interpolat
         numbers = {name: _number(name, value, where) for name, value in entries.items()}
         time = numbers.pop(TIME)
         if time <= latest:
-            raise MediaError(f"{where} is at {time:g} s, and the one before at {latest:g} s; times must grow")
+            raise MediaError(
+                f"{where} is at {time:g} s, and the one before at {latest:g} s; times must grow"
+            )
         if latest == -math.inf:
             first = time
         latest = time
         for name, value in numbers.items():
             if name not in tracks and time > first:
                 if name in WITHOUT_ZERO:
-                    raise MediaError(f"{name} must be in the first keyframe of {source}; got it first in {where}")
+                    raise MediaError(
+                        f"{name} must be in the first keyframe of {source}; got it first in {where}"
+                    )
                 tracks[name] = [(first, 0.0)]
             tracks.setdefault(name, []).append((time, value))
     if not tracks:
@@ -238,7 +273,13 @@ def _keyframes(points: list[tuple[str, dict[str, Any]]], source: str, interpolat
 
 def _number(name: str, value: Any, where: str) -> float:
     try:
-        number = float_of(value) if isinstance(value, str) else math.nan if isinstance(value, bool) else float(value)
+        number = (
+            float_of(value)
+            if isinstance(value, str)
+            else math.nan
+            if isinstance(value, bool)
+            else float(value)
+        )
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):

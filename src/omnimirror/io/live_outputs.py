@@ -21,11 +21,30 @@ from av.packet import Packet
 from ..base.errors import InvalidParameter, MediaError
 from . import interrupts
 from .video_encoder import DEFAULT_CODEC, Encoder, media_errors
-from .video_frames import ChromaSiting, Image, PixelFormat, converted, image_of_frame, is_full_range, planes, siting_of
+from .video_frames import (
+    ChromaSiting,
+    Image,
+    PixelFormat,
+    converted,
+    image_of_frame,
+    is_full_range,
+    planes,
+    siting_of,
+)
 
-STREAM_FORMATS = {"udp": "mpegts", "tcp": "mpegts", "http": "mpegts", "rtsp": "rtsp", "rtmp": "flv", "srt": "mpegts"}
+STREAM_FORMATS = {
+    "udp": "mpegts",
+    "tcp": "mpegts",
+    "http": "mpegts",
+    "rtsp": "rtsp",
+    "rtmp": "flv",
+    "srt": "mpegts",
+}
 """Container format of a stream by the scheme of its address."""
-LIVE_OPTIONS = {"libx264": {"tune": "zerolatency", "preset": "veryfast"}, "libx265": {"tune": "zerolatency"}}
+LIVE_OPTIONS = {
+    "libx264": {"tune": "zerolatency", "preset": "veryfast"},
+    "libx265": {"tune": "zerolatency"},
+}
 KEY_FRAME_EVERY_S = 1.0  # maximum delay until a new viewer receives an image
 VIRTUAL_CAMERAS = Path("/sys/devices/virtual/video4linux")
 
@@ -34,7 +53,9 @@ def stream_format(url: str) -> str:
     """Return the container format for an address; raise an error for unsupported schemes."""
     scheme, separator, _ = url.partition("://")
     if not separator or scheme.lower() not in STREAM_FORMATS:
-        raise MediaError(f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}")
+        raise MediaError(
+            f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}"
+        )
     return STREAM_FORMATS[scheme.lower()]
 
 
@@ -63,7 +84,10 @@ class SinkBase:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if error is None or isinstance(error, KeyboardInterrupt):
             self.close()
@@ -88,13 +112,21 @@ class StreamSink(SinkBase):
         The scheme is unknown, or the connection fails.
     """
 
-    def __init__(self, url: str, size: tuple[int, int], frame_rate: Fraction | float, **encoding: Any) -> None:
+    def __init__(
+        self, url: str, size: tuple[int, int], frame_rate: Fraction | float, **encoding: Any
+    ) -> None:
         packed_as = stream_format(url)
         codec = encoding.setdefault("codec", DEFAULT_CODEC)
         key_frames = {"g": str(max(1, round(KEY_FRAME_EVERY_S * float(frame_rate))))}
-        encoding["options"] = {**key_frames, **LIVE_OPTIONS.get(codec, {}), **encoding.get("options", {})}
+        encoding["options"] = {
+            **key_frames,
+            **LIVE_OPTIONS.get(codec, {}),
+            **encoding.get("options", {}),
+        }
         with media_errors(url):
-            self._encoder = Encoder(url, size, frame_rate, container_format=packed_as, is_live=True, **encoding)
+            self._encoder = Encoder(
+                url, size, frame_rate, container_format=packed_as, is_live=True, **encoding
+            )
         self.siting = siting_of(codec)
         self.notes = [f"{url}: {self._encoder.lost}"] if self._encoder.lost else []
         """Remarks on the stream for the user, in sentences."""
@@ -152,7 +184,9 @@ class PipeSink(SinkBase):
         stream: BinaryIO | None = None,
     ) -> None:
         if kind not in ("y4m", "rawvideo"):
-            raise InvalidParameter(f"a pipe of kind {kind!r} is not known; valid are y4m and rawvideo")
+            raise InvalidParameter(
+                f"a pipe of kind {kind!r} is not known; valid are y4m and rawvideo"
+            )
         self._stream = stream or sys.stdout.buffer
         self.siting = "center" if kind == "y4m" else "left"
         self._rate = Fraction(frame_rate).limit_denominator(1_000_000)
@@ -177,7 +211,9 @@ class PipeSink(SinkBase):
         except BrokenPipeError:
             raise
         except ValueError as e:
-            raise MediaError(f"cannot write frames of pixel format {self._pixel_format}: {e}") from None
+            raise MediaError(
+                f"cannot write frames of pixel format {self._pixel_format}: {e}"
+            ) from None
         except OSError as e:
             raise MediaError(f"cannot write to the pipe: {e.strerror or e}") from None
         self.frames_written += 1
@@ -186,7 +222,11 @@ class PipeSink(SinkBase):
         is_full = is_full_range(frame)
         is_yuv = frame.format.name.startswith(("yuv", "nv"))  # RGB images are left-sited by default
         kind = replace(PixelFormat.of(frame.format.name), alpha=False) if is_yuv else PixelFormat()
-        frame = frame if frame.format.name.replace("yuvj", "yuv") == kind.name else converted(frame, kind.name)
+        frame = (
+            frame
+            if frame.format.name.replace("yuvj", "yuv") == kind.name
+            else converted(frame, kind.name)
+        )
         if not self.frames_written:
             rate = f"{self._rate.numerator}:{self._rate.denominator}"
             colours = "FULL" if is_full else "LIMITED"
@@ -211,14 +251,20 @@ class VirtualCamera(SinkBase):
     def __init__(self, device: str, size: tuple[int, int], frame_rate: Fraction | float) -> None:
         name = Path(device).name
         if not (VIRTUAL_CAMERAS / name).exists():
-            found = sorted(path.name for path in VIRTUAL_CAMERAS.glob("video*")) if VIRTUAL_CAMERAS.is_dir() else []
+            found = (
+                sorted(path.name for path in VIRTUAL_CAMERAS.glob("video*"))
+                if VIRTUAL_CAMERAS.is_dir()
+                else []
+            )
             here = f"here are {', '.join('/dev/' + n for n in found)}" if found else "here is none"
             raise MediaError(
                 f"{device} is no virtual camera; {here}. On Linux 'sudo modprobe v4l2loopback' makes one, if the "
                 "module is installed"
             )
         with media_errors(device):
-            self._encoder = Encoder(device, size, frame_rate, codec="rawvideo", container_format="v4l2")
+            self._encoder = Encoder(
+                device, size, frame_rate, codec="rawvideo", container_format="v4l2"
+            )
         self._is_open = True
 
     def write(self, frame: av.VideoFrame) -> None:
@@ -250,10 +296,14 @@ class Preview(SinkBase):
     """
 
     def __init__(self, size: tuple[int, int], title: str = "omnimirror") -> None:
-        if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        if sys.platform.startswith("linux") and not (
+            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        ):
             raise MediaError("there is no display for a preview window")
         if find_spec("tkinter") is None or find_spec("_tkinter") is None:
-            raise MediaError("a preview window needs Tk, which this Python lacks; on Debian 'apt install python3-tk'")
+            raise MediaError(
+                "a preview window needs Tk, which this Python lacks; on Debian 'apt install python3-tk'"
+            )
         self._newest: Image | None = None
         self._news = threading.Condition()
         self._is_over = False
@@ -261,7 +311,9 @@ class Preview(SinkBase):
         # In a session of its own, the window does not receive signals of the terminal.
         try:
             with interrupts.postponed():
-                self._window = Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, start_new_session=True)
+                self._window = Popen(
+                    command, stdin=PIPE, stdout=PIPE, stderr=PIPE, start_new_session=True
+                )
             assert self._window.stdout is not None
             is_open = self._window.stdout.readline().strip() == b"ready"
         except KeyboardInterrupt:
@@ -270,7 +322,9 @@ class Preview(SinkBase):
             raise
         if not is_open:
             _, said = self._window.communicate()
-            reason = (said.decode(errors="replace").strip().splitlines() or ["it does not say why"])[-1]
+            reason = (
+                said.decode(errors="replace").strip().splitlines() or ["it does not say why"]
+            )[-1]
             raise MediaError(f"cannot open a preview window: {reason}")
         self._thread = threading.Thread(target=self._feed, name="preview", daemon=True)
         self._thread.start()

@@ -25,7 +25,11 @@ from .video_reader import VideoReader
 TICKS = Fraction(1, 90_000)  # s, unit of the frame times
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "tcp", "rtp", "rtmp", "srt", "file")
 SCHEMES_WITH_PORT = ("udp", "tcp", "rtp", "srt")
-PERMANENT_ERRORS = (av.error.LookupError, av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError)
+PERMANENT_ERRORS = (
+    av.error.LookupError,
+    av.error.HTTPUnauthorizedError,
+    av.error.HTTPForbiddenError,
+)
 """Errors for which retrying is useless: unknown protocol or decoder, access denied."""
 CLOSE_TIMEOUT_S = 0.2  # longer than the frame interval of any running stream
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
@@ -158,7 +162,9 @@ class LiveSource:
         """
         while not interrupts.is_pending():
             with self._news:
-                self._news.wait_for(lambda: self._newest is not None or self._is_over, interrupts.POLL_S)
+                self._news.wait_for(
+                    lambda: self._newest is not None or self._is_over, interrupts.POLL_S
+                )
                 frame, self._newest = self._newest, None
             if frame is not None:
                 yield frame
@@ -181,7 +187,10 @@ class LiveSource:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -202,7 +211,9 @@ class LiveSource:
                 wait = first
             if self._left_s() < wait:
                 silent_s = time.monotonic() - self._heard
-                self._end(MediaError(f"nothing has come from {self.name} for {silent_s:.1f} s: {reason}"))
+                self._end(
+                    MediaError(f"nothing has come from {self.name} for {silent_s:.1f} s: {reason}")
+                )
                 return
             self._report(f"{self.name} is lost: {reason}; trying again in {wait:g} s")
             self._stopping.wait(wait)
@@ -235,7 +246,9 @@ class LiveSource:
 
     def _open(self) -> InputContainer:
         times = (self.timeout_s, self.timeout_s)
-        container = av.open(self.url, "r", format=self._format, options=self._options, timeout=times)
+        container = av.open(
+            self.url, "r", format=self._format, options=self._options, timeout=times
+        )
         if not container.streams.video:
             container.close()
             raise av.error.InvalidDataError(0, "there is no video in it")
@@ -257,7 +270,9 @@ class LiveSource:
             for frame in (whole for coded in frames for whole in fields(coded)):
                 if is_found_again:
                     self.reconnects += 1
-                    self._report(f"{self.name} is back after {time.monotonic() - self._heard:.1f} s")
+                    self._report(
+                        f"{self.name} is back after {time.monotonic() - self._heard:.1f} s"
+                    )
                     is_found_again = False
                 orientation = None if self._stored_orientation else frame_orientation(frame)
                 self._offer(upright(frame, orientation or UPRIGHT))
@@ -303,7 +318,9 @@ def checked(url: str) -> tuple[str, str | None]:
     if url.startswith("/dev/video"):
         if not Path(url).exists():
             found = sorted(str(path) for path in Path("/dev").glob("video*"))
-            raise MediaError(f"there is no camera {url}; here are {', '.join(found) if found else 'none at all'}")
+            raise MediaError(
+                f"there is no camera {url}; here are {', '.join(found) if found else 'none at all'}"
+            )
         return url, "v4l2"
     scheme, colon, rest = url.partition("://")
     if scheme.lower() not in SCHEMES or not colon:
@@ -353,7 +370,11 @@ class Playback:
     """
 
     def __init__(
-        self, place: str, is_live: bool, report: Callable[[str], None], opening_s: float = float("inf")
+        self,
+        place: str,
+        is_live: bool,
+        report: Callable[[str], None],
+        opening_s: float = float("inf"),
     ) -> None:
         self.place, self.is_live = place, is_live
         self.siting: ChromaSiting = "left"
@@ -379,7 +400,9 @@ class Playback:
 
     def _live(self) -> Iterator[av.VideoFrame]:
         endless = float("inf")
-        with LiveSource(self.place, patience_s=endless, opening_s=self._opening_s, report=self._report) as source:
+        with LiveSource(
+            self.place, patience_s=endless, opening_s=self._opening_s, report=self._report
+        ) as source:
 
             def close() -> None:
                 self._stopping.wait()

@@ -136,7 +136,9 @@ def _with_extended_durations(index: bytes) -> bytes:
             body, length = _track(body, scale)
             latest = max(latest, length)
         told += make_box(kind, body)
-    return change_box(told, [b"mvhd"], lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], latest))
+    return change_box(
+        told, [b"mvhd"], lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], latest)
+    )
 
 
 def _track(body: bytes, scale: int) -> tuple[bytes, int]:
@@ -144,10 +146,16 @@ def _track(body: bytes, scale: int) -> tuple[bytes, int]:
     media = dict(iterate_boxes(dict(iterate_boxes(body))[b"mdia"]))
     units = _presentation_duration(media)
     shown = -(-units * scale // _scale(media[b"mdhd"]))  # rounded up, as in FFmpeg
-    body = change_box(body, [b"mdia", b"mdhd"], lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], units))
+    body = change_box(
+        body,
+        [b"mdia", b"mdhd"],
+        lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], units),
+    )
     body = change_box(body, [b"edts", b"elst"], lambda edits: _extended_edit_list(edits, shown))
     length = _track_duration(body, shown)
-    return change_box(body, [b"tkhd"], lambda head: _at_least(head, *TRACK_HEADER_LAYOUT[head[0]], length)), length
+    return change_box(
+        body, [b"tkhd"], lambda head: _at_least(head, *TRACK_HEADER_LAYOUT[head[0]], length)
+    ), length
 
 
 def _presentation_duration(media: dict[bytes, bytes]) -> int:
@@ -173,7 +181,9 @@ def _scale(head: bytes) -> int:
 def _extended_edit_list(edits: bytes, shown: int) -> bytes:
     """Return an edit list whose last entry, with the frames, covers all of them."""
     form, step = EDIT_LIST_LAYOUT[edits[0]]
-    return _at_least(edits, form, FIRST_EDIT_OFFSET + step * (int.from_bytes(edits[4:8], "big") - 1), shown)
+    return _at_least(
+        edits, form, FIRST_EDIT_OFFSET + step * (int.from_bytes(edits[4:8], "big") - 1), shown
+    )
 
 
 def _track_duration(track: bytes, shown: int) -> int:
@@ -182,13 +192,19 @@ def _track_duration(track: bytes, shown: int) -> int:
     if edits is None:
         return shown
     form, step = EDIT_LIST_LAYOUT[edits[0]]
-    return sum(struct.unpack_from(form, edits, at)[0] for at in range(FIRST_EDIT_OFFSET, len(edits), step))
+    return sum(
+        struct.unpack_from(form, edits, at)[0] for at in range(FIRST_EDIT_OFFSET, len(edits), step)
+    )
 
 
 def _at_least(body: bytes, form: str, at: int, least: int) -> bytes:
     """Return the body of a box with the number at an offset raised to a minimum."""
     found = struct.unpack_from(form, body, at)[0]
-    return body if found >= least else body[:at] + struct.pack(form, least) + body[at + struct.calcsize(form) :]
+    return (
+        body
+        if found >= least
+        else body[:at] + struct.pack(form, least) + body[at + struct.calcsize(form) :]
+    )
 
 
 # -- Panorama metadata of MP4 files: Spherical Video, version 1 and version 2 ----------------------
@@ -233,7 +249,9 @@ def _with_metadata(index: bytes, panorama: GPano) -> bytes:
     for kind, body in iterate_boxes(index):
         if kind == b"trak" and not is_done and is_video(body):
             body = change_box(
-                body, [b"mdia", b"minf", b"stbl", b"stsd"], lambda stsd: _sample_descriptions(stsd, panorama)
+                body,
+                [b"mdia", b"minf", b"stbl", b"stsd"],
+                lambda stsd: _sample_descriptions(stsd, panorama),
             )
             body += make_box(b"uuid", V1_UUID + v1_text(panorama))
             is_done = True
@@ -248,7 +266,9 @@ def _sample_descriptions(stsd: bytes, panorama: GPano) -> bytes:
     (kind, entry), *others = iterate_boxes(stsd[8:])
     codec, *optional = (make_box(*part) for part in iterate_boxes(entry[SAMPLE_ENTRY_BYTES:]))
     # Version 2 requires a position after the codec's own box and before the optional ones.
-    first = make_box(kind, entry[:SAMPLE_ENTRY_BYTES] + codec + v2_boxes(panorama) + b"".join(optional))
+    first = make_box(
+        kind, entry[:SAMPLE_ENTRY_BYTES] + codec + v2_boxes(panorama) + b"".join(optional)
+    )
     return stsd[:8] + first + b"".join(make_box(*other) for other in others)
 
 
@@ -260,7 +280,10 @@ def v2_boxes(panorama: GPano) -> bytes:
     yaw = round(((180.0 - heading) % 360.0 - 180.0) * 65536)
     pitch, roll = round(panorama.pitch_deg * 65536), round(panorama.roll_deg * 65536)
     bounds = panorama.bounds
-    shares = (min(round(share * 2**32), 2**32 - 1) for share in (bounds.top, bounds.bottom, bounds.left, bounds.right))
+    shares = (
+        min(round(share * 2**32), 2**32 - 1)
+        for share in (bounds.top, bounds.bottom, bounds.left, bounds.right)
+    )
     projection = make_box(b"prhd", _full_box(struct.pack(">iii", yaw, pitch, roll))) + make_box(
         b"equi", _full_box(struct.pack(">4I", *shares))
     )
@@ -276,7 +299,9 @@ def v1_text(panorama: GPano) -> bytes:
         "StitchingSoftware": SOURCE_NAME.decode(),
         **panorama.area(),
     }
-    elements = "".join(f"<GSpherical:{name}>{value}</GSpherical:{name}>" for name, value in fields.items())
+    elements = "".join(
+        f"<GSpherical:{name}>{value}</GSpherical:{name}>" for name, value in fields.items()
+    )
     return (
         '<?xml version="1.0"?><rdf:SphericalVideo xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" '
         f'xmlns:GSpherical="http://ns.google.com/videos/1.0/spherical/">{elements}</rdf:SphericalVideo>'

@@ -161,13 +161,21 @@ class Encoder:
             context = self._stream.codec_context
             self._time_base = time_base or 1 / rate
             context.time_base = self._stream.time_base = self._time_base
-            self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size, like, pixel_format)
-            self.lost = "" if pixel_format else conversion_losses(like, PixelFormat.of(self.pixel_format))
+            self.pixel_format = context.pix_fmt = _pixel_format(
+                context.codec, size, like, pixel_format
+            )
+            self.lost = (
+                "" if pixel_format else conversion_losses(like, PixelFormat.of(self.pixel_format))
+            )
             """Losses of images in the pixel format ``like``, as a phrase."""
             context.width, context.height = size
             context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
-            self.colour = ColourCoding() if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING else colour
+            self.colour = (
+                ColourCoding()
+                if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING
+                else colour
+            )
             self.colour.put_on(context)
             if (
                 colour is not None
@@ -185,11 +193,20 @@ class Encoder:
             self.lost_tracks = unsupported_tracks(name, audio, subtitles, chapters)
             """Subtitles and chapters that the container does not support, as a phrase."""
             held = subtitles if name in SUBTITLE_CODECS else ()
-            self._subtitles = {stream.index: SubtitleTrack(self.container, stream) for stream in held}
+            self._subtitles = {
+                stream.index: SubtitleTrack(self.container, stream) for stream in held
+            }
             if chapters and name in CHAPTER_FORMATS:
-                moved = (c._replace(start_s=c.start_s + begins_s, end_s=c.end_s + begins_s) for c in chapters)
-                self.container.set_chapters([chapter.to_av(number) for number, chapter in enumerate(moved, 1)])
-            kept = {key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA}
+                moved = (
+                    c._replace(start_s=c.start_s + begins_s, end_s=c.end_s + begins_s)
+                    for c in chapters
+                )
+                self.container.set_chapters(
+                    [chapter.to_av(number) for number, chapter in enumerate(moved, 1)]
+                )
+            kept = {
+                key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA
+            }
             self.container.metadata.update(kept)
             with media_errors(self.target):
                 context.open()
@@ -211,7 +228,9 @@ class Encoder:
         frame = self._converted(frame)
         self._set_time(frame)
         # key frames of the source are not forced
-        frame.pict_type = av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
+        frame.pict_type = (
+            av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
+        )
         with media_errors(self.target):
             self.container.mux(self._stream.encode(frame))
         self.frames_written += 1
@@ -225,14 +244,21 @@ class Encoder:
         is_full = is_full_range(frame)
         if is_full != self.colour.is_full_range:
             return converted(frame, self.pixel_format, dst_color_range=1 if is_full else FULL_RANGE)
-        return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
+        return (
+            frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
+        )
 
     def _set_time(self, frame: av.VideoFrame) -> None:
         """Set increasing times in the unit of the target, as encoders and players require."""
         if frame.pts is None:
-            pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
+            pts = self._latest_pts + round(
+                1 / self._stream.codec_context.framerate / self._time_base
+            )
         else:
-            pts = round((frame.pts * (frame.time_base or self._time_base) + self._begins_s) / self._time_base)
+            pts = round(
+                (frame.pts * (frame.time_base or self._time_base) + self._begins_s)
+                / self._time_base
+            )
         if frame.duration and frame.time_base:
             frame.duration = round(frame.duration * frame.time_base / self._time_base)
         if self.frames_written:
@@ -274,12 +300,17 @@ class Encoder:
         try:
             stream = self.container.add_stream(codec, rate=rate, options=options)
         except ValueError:
-            raise MediaError(f"{name} cannot hold video encoded by {codec}; mp4 and mkv hold most kinds") from None
+            raise MediaError(
+                f"{name} cannot hold video encoded by {codec}; mp4 and mkv hold most kinds"
+            ) from None
         assert isinstance(stream, VideoStream)
         return stream
 
     def _audio_stream(self, source: AudioStream) -> AudioStream:
-        is_private = self.container.format.name == "mpegts" and source.codec_context.name not in MPEG_TS_AUDIO_CODECS
+        is_private = (
+            self.container.format.name == "mpegts"
+            and source.codec_context.name not in MPEG_TS_AUDIO_CODECS
+        )
         try:
             if not is_private:
                 stream = self.container.add_stream_from_template(source)
@@ -313,12 +344,19 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
     try:
         context = av.CodecContext.create(codec, "w")
     except ValueError:
-        raise MediaError(f"there is no encoder {codec!r}; valid are {', '.join(KNOWN_CODECS)}, among others") from None
+        raise MediaError(
+            f"there is no encoder {codec!r}; valid are {', '.join(KNOWN_CODECS)}, among others"
+        ) from None
     if codec == "libsvtav1":
         os.environ.setdefault("SVT_LOG", "0")  # suppresses terminal output
     if context.type != "video":
-        raise MediaError(f"{codec} does not encode pictures; valid are {', '.join(KNOWN_CODECS)}, among others")
-    known = {option.name for option in (*context.supported_options.generic, *context.supported_options.private)}
+        raise MediaError(
+            f"{codec} does not encode pictures; valid are {', '.join(KNOWN_CODECS)}, among others"
+        )
+    known = {
+        option.name
+        for option in (*context.supported_options.generic, *context.supported_options.private)
+    }
     wanted = {**({} if crf is None else {"crf": str(crf)}), **options}
     for name in wanted:
         if name not in known:
@@ -332,13 +370,19 @@ def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | Non
     """Return the requested pixel format, or that closest to the input; check the image size."""
     known = [pixel_format.name for pixel_format in codec.video_formats or []]
     if asked is not None and known and asked not in known:
-        raise InvalidParameter(f"{codec.name} does not encode {asked}; valid are {', '.join(known)}")
+        raise InvalidParameter(
+            f"{codec.name} does not encode {asked}; valid are {', '.join(known)}"
+        )
     chosen = asked or nearest_format(_required_format(codec.name, like), known)
     try:
         kind = PixelFormat.of(chosen)
     except ValueError:
-        raise InvalidParameter(f"pixel format {chosen} is not known; yuv420p is one, and yuv422p10le") from None
-    sides = [side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)]
+        raise InvalidParameter(
+            f"pixel format {chosen} is not known; yuv420p is one, and yuv422p10le"
+        ) from None
+    sides = [
+        side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)
+    ]
     if sides != [*size] and codec.name not in CHROMA_444_CODECS:
         raise InvalidParameter(
             f"a video of {size[0]} x {size[1]} px cannot be encoded by {codec.name}, which halves the colours' "

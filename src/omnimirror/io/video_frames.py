@@ -93,11 +93,18 @@ def nearest_format(wanted: PixelFormat, known: Sequence[str]) -> str:
         colour = int(kind.colours) - int(wanted.colours)
         bits = kind.bits - wanted.bits
         is_lost = (wanted.alpha > kind.alpha, max(0, -colour), max(0, -bits))
-        is_added = (max(0, colour), max(0, bits), kind.alpha > wanted.alpha, name.startswith("yuvj"))
+        is_added = (
+            max(0, colour),
+            max(0, bits),
+            kind.alpha > wanted.alpha,
+            name.startswith("yuvj"),
+        )
         return (*map(int, is_lost), *map(int, is_added))
 
     planar = [
-        name for name in known if name.startswith("yuv") and PixelFormat.of(name).name in (name, name.replace("j", ""))
+        name
+        for name in known
+        if name.startswith("yuv") and PixelFormat.of(name).name in (name, name.replace("j", ""))
     ]
     return min(planar, key=costs, default=known[0] if known else PixelFormat().name)
 
@@ -172,7 +179,12 @@ class ColourCoding:
     @classmethod
     def of(cls, coded: Any) -> ColourCoding:
         """Return the colour coding of a frame, or of a codec context."""
-        return cls(int(coded.color_range), int(coded.colorspace), int(coded.color_primaries), int(coded.color_trc))
+        return cls(
+            int(coded.color_range),
+            int(coded.colorspace),
+            int(coded.color_primaries),
+            int(coded.color_trc),
+        )
 
     @classmethod
     def told_by(cls, frame: av.VideoFrame) -> ColourCoding:
@@ -210,7 +222,9 @@ def planes(frame: av.VideoFrame) -> Planes:
     ([(47, 63), (24, 32), (24, 32)], np.uint8(128))
     """
     if not has_planes(frame):
-        raise MediaError(f"frames of pixel format {frame.format.name} have no planes; valid are nv12 and planar YUV")
+        raise MediaError(
+            f"frames of pixel format {frame.format.name} have no planes; valid are nv12 and planar YUV"
+        )
     kind = np.dtype(np.uint8 if PixelFormat.of(frame.format.name).bits == 8 else "<u2")
     views: list[NDArray[Any]] = []
     for plane in frame.planes:
@@ -219,7 +233,11 @@ def planes(frame: av.VideoFrame) -> Planes:
         if plane.line_size < 0:  # stored bottom-up
             rows = rows[::-1]
         is_pairs = len(frame.planes) == 2 and bool(views)
-        views.append(rows[:, : 2 * plane.width].reshape(plane.height, -1, 2) if is_pairs else rows[:, : plane.width])
+        views.append(
+            rows[:, : 2 * plane.width].reshape(plane.height, -1, 2)
+            if is_pairs
+            else rows[:, : plane.width]
+        )
     return tuple(views)
 
 
@@ -305,7 +323,9 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
     frame, into = empty_frame((width, height), "nv12" if len(parts) == 2 else "yuv420p", like)
     if [part.shape for part in parts] != [plane.shape for plane in into]:
         shapes = ", ".join(str(part.shape) for part in parts)
-        raise MediaError(f"planes of shapes {shapes} are not one 4:2:0 picture of {width} x {height} px")
+        raise MediaError(
+            f"planes of shapes {shapes} are not one 4:2:0 picture of {width} x {height} px"
+        )
     for part, plane in zip(parts, into, strict=True):
         plane[:] = part
     return frame
@@ -332,14 +352,21 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
         The array is not such an image.
     """
     channels = image.shape[2] if image.ndim == 3 else 1
-    if image.ndim not in (2, 3) or channels not in PACKED_FORMATS or image.dtype != np.uint8 or 0 in image.shape:
+    if (
+        image.ndim not in (2, 3)
+        or channels not in PACKED_FORMATS
+        or image.dtype != np.uint8
+        or 0 in image.shape
+    ):
         raise MediaError(
             f"an array of {image.dtype} and shape {image.shape} is no frame; valid are uint8 pictures of 1, 3 or 4 "
             "channels"
         )
     if channels == 1:
         image = image.reshape(image.shape[:2])
-    frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format=PACKED_FORMATS[channels])
+    frame = av.VideoFrame.from_numpy_buffer(
+        np.ascontiguousarray(image), format=PACKED_FORMATS[channels]
+    )
     if like is not None:
         _copy_time(like, frame)
         frame.colorspace, frame.color_range = like.colorspace, like.color_range

@@ -126,10 +126,26 @@ QUICKTIME_LANGUAGES = frozenset(
 )
 """Languages that FFmpeg writes to QuickTime files."""
 QUICKTIME_LANGUAGE_CODES = {
-    "deu": "ger", "fre": "fra", "nld": "dut", "swe": "sve", "ell": "gre", "isl": "ice", "zho": "chi", "sqi": "alb",
-    "rum": "ron", "cze": "ces", "slo": "slk", "mkd": "mac", "hye": "arm", "kat": "geo", "bod": "tib", "mya": "bur",
-    "msa": "may", "cym": "wel", "eus": "baq",
-}  # fmt: skip
+    "deu": "ger",
+    "fre": "fra",
+    "nld": "dut",
+    "swe": "sve",
+    "ell": "gre",
+    "isl": "ice",
+    "zho": "chi",
+    "sqi": "alb",
+    "rum": "ron",
+    "cze": "ces",
+    "slo": "slk",
+    "mkd": "mac",
+    "hye": "arm",
+    "kat": "geo",
+    "bod": "tib",
+    "mya": "bur",
+    "msa": "may",
+    "cym": "wel",
+    "eus": "baq",
+}
 """Alternative codes of ISO 639-2 for them."""
 ARBITRARY_ORIGIN_FORMATS = ("mpegts", "mpeg")
 """Formats with an arbitrary time origin, whose start time has no meaning."""
@@ -146,7 +162,13 @@ class Chapter(NamedTuple):
     def to_av(self, number: int) -> Any:
         """Return the chapter as PyAV expects it."""
         start, end = (round(time / MILLISECOND) for time in (self.start_s, self.end_s))
-        return {"id": number, "start": start, "end": end, "time_base": MILLISECOND, "metadata": self.metadata}
+        return {
+            "id": number,
+            "start": start,
+            "end": end,
+            "time_base": MILLISECOND,
+            "metadata": self.metadata,
+        }
 
 
 def chapters_between(container: Any, start: Fraction, end: Fraction | None) -> tuple[Chapter, ...]:
@@ -162,12 +184,16 @@ def chapters_between(container: Any, start: Fraction, end: Fraction | None) -> t
 
 def text_subtitles(container: Any) -> tuple[Any, ...]:
     """Return the subtitle streams of a file that are text."""
-    return tuple(stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES)
+    return tuple(
+        stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES
+    )
 
 
 def lost_tracks(container: Any) -> Iterable[str]:
     """Yield descriptions of the tracks of a file that no output keeps."""
-    images = [stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES]
+    images = [
+        stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES
+    ]
     if images:
         yield f"{_number(images, 'subtitle track')} with images instead of text"
     if container.streams.attachments:
@@ -186,8 +212,14 @@ def unsupported_tracks(
     """
     lost = []
     if format_name == "mov":
-        languages = dict.fromkeys(language_code(format_name, track) for track in (*audio, *subtitles))
-        lost += [f"the language {name!r}" for name in languages if name and name not in QUICKTIME_LANGUAGES]
+        languages = dict.fromkeys(
+            language_code(format_name, track) for track in (*audio, *subtitles)
+        )
+        lost += [
+            f"the language {name!r}"
+            for name in languages
+            if name and name not in QUICKTIME_LANGUAGES
+        ]
     if format_name in FORMATS_WITHOUT_TITLES and any(
         {"title", "name"} & set(track.metadata) for track in (*audio, *subtitles)
     ):
@@ -210,7 +242,11 @@ def language_code(format_name: str, source: Any) -> str:
 def copy_track_metadata(stream: Any, source: Any, format_name: str) -> None:
     """Copy language, title and disposition of a track to the output."""
     stream.metadata.update(
-        {TRACK_METADATA[key]: text for key, text in source.metadata.items() if key in TRACK_METADATA}
+        {
+            TRACK_METADATA[key]: text
+            for key, text in source.metadata.items()
+            if key in TRACK_METADATA
+        }
     )
     if language := language_code(format_name, source):
         stream.metadata["language"] = language
@@ -293,9 +329,16 @@ def advance_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     dropped = a_second // 15 if parts[4] != ":" else 0  # per minute, except every tenth
     a_minute, ten_minutes = 60 * a_second - dropped, 600 * a_second - 9 * dropped
     minutes += 60 * hours
-    count = (60 * minutes + seconds) * a_second + frame - dropped * (minutes - minutes // 10) + frames
+    count = (
+        (60 * minutes + seconds) * a_second + frame - dropped * (minutes - minutes // 10) + frames
+    )
     tens, rest = divmod(count % (144 * ten_minutes), ten_minutes)
-    number = rest + tens * 9 * dropped + tens * ten_minutes + (max(0, rest - dropped) // a_minute) * dropped
+    number = (
+        rest
+        + tens * 9 * dropped
+        + tens * ten_minutes
+        + (max(0, rest - dropped) // a_minute) * dropped
+    )
     seconds, frame = divmod(number, a_second)
     return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}{parts[4]}{frame:02}"
 
@@ -356,7 +399,9 @@ class MasteringDisplay:
         told = []
         if has_mastering:
             xy = [f"{float(v):.6f}" if is_av1 else str(round(50_000 * v)) for v in self.primaries]
-            least, most = (f"{float(v):.6f}" if is_av1 else str(round(10_000 * v)) for v in self.luminance)
+            least, most = (
+                f"{float(v):.6f}" if is_av1 else str(round(10_000 * v)) for v in self.luminance
+            )
             red, green, blue, white = (f"({xy[i]},{xy[i + 1]})" for i in range(0, 8, 2))
             told.append(f"{mastering}=G{green}B{blue}R{red}WP{white}L({most},{least})")
         if self.light:
@@ -366,4 +411,6 @@ class MasteringDisplay:
 
 def dynamic_hdr_names(side_data: Any) -> str:
     """Return the names of the dynamic HDR metadata as a phrase; empty if there are none."""
-    return " and ".join(dict.fromkeys(name for kind, name in DYNAMIC_HDR.items() if side_data.get(kind) is not None))
+    return " and ".join(
+        dict.fromkeys(name for kind, name in DYNAMIC_HDR.items() if side_data.get(kind) is not None)
+    )

@@ -103,7 +103,11 @@ def process(
     """
     meter = ProgressMeter(progress, total)
     with interrupts.deferred():
-        source = _ReaderThread(items, pixels, ahead) if ahead else (_prepared(item, pixels) for item in items)
+        source = (
+            _ReaderThread(items, pixels, ahead)
+            if ahead
+            else (_prepared(item, pixels) for item in items)
+        )
         writing = _WriterThread(sink, max(1, ahead))
         problem: MediaError | None = None
         try:
@@ -133,13 +137,18 @@ def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
     for item in items:
         if isinstance(item, av.VideoFrame):
             start = time.monotonic() - (item.time or 0.0) if start is None else start
-            while (left := start + (item.time or 0.0) - time.monotonic()) > 0 and not interrupts.is_pending():
+            while (
+                left := start + (item.time or 0.0) - time.monotonic()
+            ) > 0 and not interrupts.is_pending():
                 time.sleep(min(left, interrupts.POLL_S))
         yield item
 
 
 def _work(
-    source: Iterable[PreparedItem], function: FrameFunction, writing: _WriterThread, meter: ProgressMeter
+    source: Iterable[PreparedItem],
+    function: FrameFunction,
+    writing: _WriterThread,
+    meter: ProgressMeter,
 ) -> None:
     """Process all items of the source until its end or a requested stop."""
     for item, pixels_of_item in source:
@@ -178,7 +187,9 @@ class _ReaderThread:
     def __init__(self, items: Iterable[Item], pixels: FrameInput, ahead: int) -> None:
         self._waiting: queue.Queue[PreparedItem | BaseException | None] = queue.Queue(ahead)
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(items, pixels), name="reading", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(items, pixels), name="reading", daemon=True
+        )
         self._thread.start()
 
     def __iter__(self) -> Iterator[PreparedItem]:

@@ -20,7 +20,14 @@ from ..base.errors import InvalidParameter, MediaError
 from ..base.files import check_file
 from .exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
-from .video_frames import SITING_AFTER_ORIENTATION, ColourCoding, Deinterlacer, frame_orientation, siting_of, upright
+from .video_frames import (
+    SITING_AFTER_ORIENTATION,
+    ColourCoding,
+    Deinterlacer,
+    frame_orientation,
+    siting_of,
+    upright,
+)
 from .video_metadata import (
     ARBITRARY_ORIGIN_FORMATS,
     MasteringDisplay,
@@ -97,13 +104,19 @@ class VideoReader:
         self._options: dict[str, str] = {}
         if is_sequence(path):
             if not 0 < frame_rate < math.inf:
-                raise InvalidParameter(f"a frame rate of {frame_rate:g} is not valid; it is a number above 0")
+                raise InvalidParameter(
+                    f"a frame rate of {frame_rate:g} is not valid; it is a number above 0"
+                )
             rate = Fraction(frame_rate).limit_denominator(1001)
             self._options = {"start_number": str(first_number(self.path)), "framerate": str(rate)}
         if not (math.isfinite(start_s) and start_s >= 0):
-            raise InvalidParameter(f"a start at {start_s:g} s is not in a video; it is valid from 0")
+            raise InvalidParameter(
+                f"a start at {start_s:g} s is not in a video; it is valid from 0"
+            )
         if duration_s is not None and not duration_s > 0:
-            raise InvalidParameter(f"a duration of {duration_s:g} s holds nothing; it is valid above 0")
+            raise InvalidParameter(
+                f"a duration of {duration_s:g} s holds nothing; it is valid above 0"
+            )
         self.start_s = start_s
         self.duration_s = duration_s
         self.with_sound = with_sound
@@ -120,12 +133,16 @@ class VideoReader:
         stream = self._container.streams.video[0]
         first = next(_decoded(self._container, stream), None)
         if first is None:
-            raise MediaError(f"no frame of the video {self.path} can be decoded; it is damaged or cut short")
+            raise MediaError(
+                f"no frame of the video {self.path} can be decoded; it is damaged or cut short"
+            )
         found = frame_orientation(first)
         self.orientation = UPRIGHT if found is None or self.stored_orientation else found
         """Orientation applied to the stored frames, as in EXIF, 1 to 8."""
         is_quarter_turn = self.orientation in TRANSPOSING_ORIENTATIONS
-        self.size: tuple[int, int] = (first.height, first.width) if is_quarter_turn else (first.width, first.height)
+        self.size: tuple[int, int] = (
+            (first.height, first.width) if is_quarter_turn else (first.width, first.height)
+        )
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
         self.colour = ColourCoding.told_by(first)
@@ -139,32 +156,52 @@ class VideoReader:
                 f"{self.path}: {ORIENTATION_NAMES[self.orientation]}, as the file requires; {STORED_ORIENTATION_HINT}"
             )
         elif found is None:
-            self.notes.append(f"{self.path}: its rotation is not a multiple of 90 deg and is not applied")
+            self.notes.append(
+                f"{self.path}: its rotation is not a multiple of 90 deg and is not applied"
+            )
         elif found != UPRIGHT:
-            self.notes.append(f"{self.path}: frames as stored; for display they are {ORIENTATION_NAMES[found]}")
+            self.notes.append(
+                f"{self.path}: frames as stored; for display they are {ORIENTATION_NAMES[found]}"
+            )
         if first.interlaced_frame:
-            self.notes.append(f"{self.path} is interlaced; each picture is made whole from its first field")
+            self.notes.append(
+                f"{self.path} is interlaced; each picture is made whole from its first field"
+            )
         beside: Any = first.side_data
         self.display = MasteringDisplay.of(beside)
         if dynamic := dynamic_hdr_names(beside):
-            self.notes.append(f"{self.path} tells players by {dynamic} how to show each picture, which is not kept")
+            self.notes.append(
+                f"{self.path} tells players by {dynamic} how to show each picture, which is not kept"
+            )
         self.rotation_deg: int = first.rotation if self.orientation == UPRIGHT else 0
         aspect = stream.sample_aspect_ratio or Fraction(1)
         self.pixel_aspect = 1 / aspect if is_quarter_turn else aspect
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
         self.time_base: Fraction = stream.time_base or 1 / self.frame_rate
         self.metadata: dict[str, str] = dict(self._container.metadata)
-        if timecode := read_timecode([self.metadata, *(stream.metadata for stream in self._container.streams)]):
+        if timecode := read_timecode(
+            [self.metadata, *(stream.metadata for stream in self._container.streams)]
+        ):
             frames = round(Fraction(self.start_s) * self.frame_rate)
             self.metadata["timecode"] = advance_timecode(timecode, frames, self.frame_rate)
-        self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_sound else ()
+        self.audio_streams: tuple[AudioStream, ...] = (
+            tuple(self._container.streams.audio) if self.with_sound else ()
+        )
         self.subtitle_streams = text_subtitles(self._container) if self.with_sound else ()
         """Text subtitle streams, whose packets are returned with those of the audio."""
         origin = _origin(self._container)
         start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
-        length = None if self.duration_s is None else Fraction(self.duration_s).limit_denominator(1_000_000)
-        self.chapters = chapters_between(self._container, start, None if length is None else start + length)
-        is_clocked = any(name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(","))
+        length = (
+            None
+            if self.duration_s is None
+            else Fraction(self.duration_s).limit_denominator(1_000_000)
+        )
+        self.chapters = chapters_between(
+            self._container, start, None if length is None else start + length
+        )
+        is_clocked = any(
+            name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(",")
+        )
         self.begins_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
         """Start time in the file; times of frames and packets are relative to it."""
         if self.with_sound and (lost := " and ".join(lost_tracks(self._container))):
@@ -186,7 +223,9 @@ class VideoReader:
         if self.whole_s is None:
             return None if self.duration_s is None else round(self.duration_s * self.frame_rate)
         rest = self.whole_s - max(self.start_s, self._first_s)
-        return round((rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate)
+        return round(
+            (rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate
+        )
 
     def frames(self) -> Iterator[av.VideoFrame]:
         """Yield the frames in presentation order, as :meth:`items` without audio."""
@@ -211,7 +250,10 @@ class VideoReader:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -220,7 +262,9 @@ class VideoReader:
             kind = "image2" if self._options else None
             for path in numbered_files(self.path) if self._options else (self.path,):
                 check_file(path)  # FFmpeg would block on a pipe
-            container = av.open(str(self.path), "r", format=kind, options=self._options, metadata_errors="replace")
+            container = av.open(
+                str(self.path), "r", format=kind, options=self._options, metadata_errors="replace"
+            )
         except FileNotFoundError:
             raise MediaError(f"there is no video {self.path}") from None
         except (av.FFmpegError, OSError) as e:
@@ -250,7 +294,9 @@ class _Pass:
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
         length = reader.duration_s
-        self.end = None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
+        self.end = (
+            None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
+        )
         self.fields = Deinterlacer()
         self.packets = 0
         self.damaged = 0
@@ -347,7 +393,9 @@ class _Pass:
         if packet.size:
             self.packets += isinstance(packet.stream, VideoStream)
             self.damaged += packet.is_corrupt and isinstance(packet.stream, VideoStream)
-            self.reached = max(self.reached, _time(packet) + (packet.duration or 0) * packet.time_base)
+            self.reached = max(
+                self.reached, _time(packet) + (packet.duration or 0) * packet.time_base
+            )
 
     def _is_inside(self, item: Item, time: Fraction) -> bool:
         # File times are rounded to the ticks of the stream; half a tick before the start is inside.
@@ -367,7 +415,9 @@ class _Pass:
         """Report missing data in one sentence."""
         path, count = self.reader.path, self.given
         if problem is not None:
-            raise MediaError(f"the video {path} is damaged: {problem} after {count} frames, which were read")
+            raise MediaError(
+                f"the video {path} is damaged: {problem} after {count} frames, which were read"
+            )
         if self.damaged:
             raise MediaError(
                 f"the video {path} is damaged: {self.damaged} of its {self.packets} pictures cannot be decoded; "
@@ -377,11 +427,17 @@ class _Pass:
         says = self.reader.whole_s
         counts = "mov" in self.container.format.name  # other formats count skipped frames, or none
         lacks = is_whole and counts and self.packets < self.video.frames
-        ends_early = self.end is None and says is not None and self.reached + Fraction(CUT_SHORT_S) < says
+        ends_early = (
+            self.end is None and says is not None and self.reached + Fraction(CUT_SHORT_S) < says
+        )
         if lacks or ends_early:
-            raise MediaError(f"the video {path} is cut short: its end is missing after {count} frames, which were read")
+            raise MediaError(
+                f"the video {path} is cut short: its end is missing after {count} frames, which were read"
+            )
         if not count:
-            raise MediaError(f"there is no frame of the video {path} in the part that was asked for")
+            raise MediaError(
+                f"there is no frame of the video {path} in the part that was asked for"
+            )
 
 
 def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.VideoFrame]:

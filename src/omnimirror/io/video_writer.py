@@ -33,10 +33,17 @@ DEFAULT_CODECS = {".webm": "libvpx-vp9"}
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
 CLUSTERS = {"cluster_time_limit": "1000"}
 MAX_RESCUED_FILES = 999
-LOSS_HINT = "--codec ffv1 in .mkv and prores_ks in .mov keep most, --pixel-format names another choice"
+LOSS_HINT = (
+    "--codec ffv1 in .mkv and prores_ks in .mov keep most, --pixel-format names another choice"
+)
 RECOVERABLE_OPTIONS = {
-    ".mp4": FRAGMENTS, ".m4v": FRAGMENTS, ".mov": FRAGMENTS, ".mkv": CLUSTERS, ".webm": CLUSTERS, ".ts": {},
-}  # fmt: skip
+    ".mp4": FRAGMENTS,
+    ".m4v": FRAGMENTS,
+    ".mov": FRAGMENTS,
+    ".mkv": CLUSTERS,
+    ".webm": CLUSTERS,
+    ".ts": {},
+}
 """Container options for files that play up to the last second after any termination of the writer.
 MP4 and MOV are fragmented, and are converted to one ordinary file at the end.
 """
@@ -119,10 +126,14 @@ class VideoWriter:
         self.path = Path(path)
         suffix = check_video_name(path)
         if panorama is not None and not can_be_spherical(path):
-            raise MediaError(f"{path} cannot say that it is a panorama; valid are {', '.join(SPHERICAL_SUFFIXES)}")
+            raise MediaError(
+                f"{path} cannot say that it is a panorama; valid are {', '.join(SPHERICAL_SUFFIXES)}"
+            )
         if panorama is not None and panorama.cropped_size != size:
             told = " x ".join(map(str, panorama.cropped_size))
-            raise MediaError(f"cannot write {path}: the video has {size[0]} x {size[1]} px, and the panorama {told} px")
+            raise MediaError(
+                f"cannot write {path}: the video has {size[0]} x {size[1]} px, and the panorama {told} px"
+            )
         self._panorama = panorama
         encoding.setdefault("codec", DEFAULT_CODECS.get(suffix, DEFAULT_CODEC))
         encoding["container_options"] = {"flush_packets": "1", **RECOVERABLE_OPTIONS[suffix]}
@@ -136,7 +147,9 @@ class VideoWriter:
             if self._encoder.lost:
                 self.notes.append(f"{path}: {self._encoder.lost}; {LOSS_HINT}")
             if self._encoder.lost_tracks:
-                self.notes.append(f"{path}: not kept are {self._encoder.lost_tracks}; .mkv keeps them")
+                self.notes.append(
+                    f"{path}: not kept are {self._encoder.lost_tracks}; .mkv keeps them"
+                )
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
                 self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv keep it")
             self._stack = self._stack.pop_all()
@@ -164,7 +177,12 @@ class VideoWriter:
             "begins_s": source.begins_s,
             "metadata": source.metadata,
         }
-        return cls(path, size or source.size, more.pop("frame_rate", source.frame_rate), **{**as_source, **more})
+        return cls(
+            path,
+            size or source.size,
+            more.pop("frame_rate", source.frame_rate),
+            **{**as_source, **more},
+        )
 
     def _rescue(self, leftover: Path) -> Path | None:
         """Return a name for the output of a killed run, if it contains any frame."""
@@ -174,7 +192,8 @@ class VideoWriter:
             return None
         stem, suffix = f"{self.path.stem}.rescued", self.path.suffix
         names = (
-            leftover.with_name(f"{stem}{n}{suffix}") for n in ("", *(f"-{i}" for i in range(2, MAX_RESCUED_FILES + 1)))
+            leftover.with_name(f"{stem}{n}{suffix}")
+            for n in ("", *(f"-{i}" for i in range(2, MAX_RESCUED_FILES + 1)))
         )
         name = next((name for name in names if not name.exists()), None)
         if name is not None:
@@ -244,7 +263,10 @@ class VideoWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         is_stopped = isinstance(error, KeyboardInterrupt) and self.frames_written > 0
         if error is None or is_stopped:
@@ -267,7 +289,9 @@ def check_video_name(path: str | Path) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in WRITABLE_VIDEO_SUFFIXES:
         what = f"videos of kind {suffix!r} are" if suffix else "a video without a suffix is"
-        raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(WRITABLE_VIDEO_SUFFIXES)}")
+        raise MediaError(
+            f"cannot write {path}: {what} not known; valid are {', '.join(WRITABLE_VIDEO_SUFFIXES)}"
+        )
     return suffix
 
 
@@ -338,13 +362,17 @@ class ImageSequenceWriter:
         held = av.VideoFormat(like, 64, 64)
         kind, of = PixelFormat.of(like), format_of(self.pattern)
         self._is_deep = kind.bits > 8 and "uint16" in of.depths
-        self._has_alpha = of.has_alpha and (any(part.is_alpha for part in held.components) or held.has_palette)
+        self._has_alpha = of.has_alpha and (
+            any(part.is_alpha for part in held.components) or held.has_palette
+        )
         self._there = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
         self._numbers = (number for number in count(1) if number not in self._there)
         self.notes = [f"{pattern}: {lost}" for lost in self._losses(kind, of, colour)]
         """Remarks on the images for the user, in sentences."""
 
-    def _losses(self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None) -> Iterator[str]:
+    def _losses(
+        self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None
+    ) -> Iterator[str]:
         told = []
         if kind.bits > 8 and not self._is_deep:
             told.append(f"{kind.bits} bits become 8")
@@ -372,12 +400,18 @@ class ImageSequenceWriter:
         MediaError
             The image cannot be written, for example because the disk is full.
         """
-        write_image(numbered(self.pattern, next(self._numbers)), self._picture(frame), panorama=self._panorama)
+        write_image(
+            numbered(self.pattern, next(self._numbers)),
+            self._picture(frame),
+            panorama=self._panorama,
+        )
         self.frames_written += 1
 
     def _picture(self, frame: av.VideoFrame) -> Image:
         if not self._is_deep:
-            return converted(frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION).to_ndarray()
+            return converted(
+                frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION
+            ).to_ndarray()
         image: Image = converted(
             frame, "rgba64le" if self._has_alpha else "rgb48le", interpolation=EXACT_CONVERSION
         ).to_ndarray()
@@ -428,12 +462,18 @@ def check_pattern(pattern: str | Path) -> Path:
     found = NUMBER_PATTERN.findall(path.name)
     valid = "such as f%04d.png"
     if path.suffix.lower() not in SEQUENCE_SUFFIXES:
-        raise MediaError(f"cannot write {pattern}: numbered pictures are {', '.join(SEQUENCE_SUFFIXES)}")
+        raise MediaError(
+            f"cannot write {pattern}: numbered pictures are {', '.join(SEQUENCE_SUFFIXES)}"
+        )
     if not found:
         raise MediaError(f"cannot write {pattern}: a video becomes numbered pictures, {valid}")
     if len(found) > 1 or "%" in NUMBER_PATTERN.sub("", str(pattern)):
-        raise MediaError(f"cannot write {pattern}: the name takes one number and no other %, {valid}")
+        raise MediaError(
+            f"cannot write {pattern}: the name takes one number and no other %, {valid}"
+        )
     zero, width = found[0]
     if width and (not zero or int(width) > 9):
-        raise MediaError(f"cannot write {pattern}: a number has up to 9 digits and zeros before it, {valid}")
+        raise MediaError(
+            f"cannot write {pattern}: a number has up to 9 digits and zeros before it, {valid}"
+        )
     return path

@@ -3,11 +3,26 @@
 from .body import Body
 from .drawings.drawing import Drawing, draw_sheets
 from .drawings.image_shift import ImageShift, image_shifts
-from .exporter import DEFAULT_FORMATS, FORMATS, Content, ExportedFile, Format, export, register_format
+from .exporter import (
+    DEFAULT_FORMATS,
+    FORMATS,
+    Content,
+    ExportedFile,
+    Format,
+    export,
+    register_format,
+)
 from .formats.sag import format_grid_sag, format_table, sag_table, table_points
 from .formats.tool_paths import Tool, ToolPath, format_gcode, format_points, tool_path
 from .formats.zmx import format_zmx
-from .surface_approximation import Asphere, BestFitSphere, ProfileCurve, best_fit_sphere, fit_asphere, profile_curve
+from .surface_approximation import (
+    Asphere,
+    BestFitSphere,
+    ProfileCurve,
+    best_fit_sphere,
+    fit_asphere,
+    profile_curve,
+)
 from .workshop import PartSpecification, TitleBlock, Workshop, load_workshop
 
 __all__ = [

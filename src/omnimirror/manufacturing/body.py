@@ -82,12 +82,20 @@ class Body:
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "thickness_mm": Parameter("mm", 1e-3, 1e4, "thickness from the rim to the back"),
-        "bore_diameter_mm": Parameter("mm", 0.0, 1e4, "diameter of a bore on the axis, from the back"),
-        "bore_depth_mm": Parameter("mm", 1e-3, np.inf, "depth of the full diameter; inf for a through bore"),
-        "thread": Parameter("", 0, 0, "ISO metric thread instead of a bore diameter", ("", *TAP_DRILLS_MM)),
+        "bore_diameter_mm": Parameter(
+            "mm", 0.0, 1e4, "diameter of a bore on the axis, from the back"
+        ),
+        "bore_depth_mm": Parameter(
+            "mm", 1e-3, np.inf, "depth of the full diameter; inf for a through bore"
+        ),
+        "thread": Parameter(
+            "", 0, 0, "ISO metric thread instead of a bore diameter", ("", *TAP_DRILLS_MM)
+        ),
         "flange_width_mm": Parameter("mm", 0.0, 1e4, "radial width of a flange at the back"),
         "flange_thickness_mm": Parameter("mm", 1e-3, 1e4, "thickness of the flange"),
-        "counterbore_diameter_mm": Parameter("mm", 0.0, 1e4, "diameter of a counterbore for the camera, from the back"),
+        "counterbore_diameter_mm": Parameter(
+            "mm", 0.0, 1e4, "diameter of a counterbore for the camera, from the back"
+        ),
         "counterbore_depth_mm": Parameter("mm", 1e-3, 1e4, "depth of the counterbore"),
     }
 
@@ -193,7 +201,9 @@ class Body:
         Rim
             Visible edge around the mirror surface.
         """
-        front = self.back_mm(mirror) - (self.flange_thickness_mm if self.flange_width_mm else self.thickness_mm)
+        front = self.back_mm(mirror) - (
+            self.flange_thickness_mm if self.flange_width_mm else self.thickness_mm
+        )
         setback = max(front - float(mirror.sag(mirror.rim_radius_mm)), 0.0)
         return Rim(self.flange_width_mm, setback, self.thickness_mm)
 
@@ -246,7 +256,11 @@ class Body:
         corners = [(rim, float(mirror.sag(rim)))]
         if self.flange_width_mm:
             front = back - self.flange_thickness_mm
-            corners += [(rim, front), (rim + self.flange_width_mm, front), (rim + self.flange_width_mm, back)]
+            corners += [
+                (rim, front),
+                (rim + self.flange_width_mm, front),
+                (rim + self.flange_width_mm, back),
+            ]
         else:
             corners += [(rim, back)]
         corners += self._bore(mirror, back) if self.bore_mm else [(0.0, back), (0.0, 0.0)]
@@ -262,14 +276,22 @@ class Body:
             )
         if self.bore_goes_through:
             edge = (radius, float(mirror.sag(radius)))
-            return [*self._counterbore(mirror, back), edge] if self.counterbore_diameter_mm else [(radius, back), edge]
+            return (
+                [*self._counterbore(mirror, back), edge]
+                if self.counterbore_diameter_mm
+                else [(radius, back), edge]
+            )
         point = radius / np.tan(DRILL_POINT)
         r = np.linspace(0.0, radius, 129)
         bottom = back - self.bore_depth_mm - point * (1 - r / radius)
         wall = float((bottom - mirror.sag(r)).min())
         if wall < MIN_WALL_MM:
             deepest = self.bore_depth_mm + wall - MIN_WALL_MM
-            advice = f"use at most {np.floor(100 * deepest) / 100:g}" if deepest > 0 else "increase thickness_mm"
+            advice = (
+                f"use at most {np.floor(100 * deepest) / 100:g}"
+                if deepest > 0
+                else "increase thickness_mm"
+            )
             left = f"{wall:.3g} mm" if wall > 0 else "a hole"
             raise InvalidParameter(
                 f"bore_depth_mm = {self.bore_depth_mm:g} must leave a wall of {MIN_WALL_MM:g} mm to the mirror "
@@ -284,7 +306,9 @@ class Body:
         wide = self.counterbore_diameter_mm / 2
         deepest = max_counterbore_depth_mm(self, mirror)
         if not wide < mirror.rim_radius_mm or self.counterbore_depth_mm > deepest:
-            deep = f"; use a depth of at most {np.floor(100 * deepest) / 100:g}" if deepest > 0 else ""
+            deep = (
+                f"; use a depth of at most {np.floor(100 * deepest) / 100:g}" if deepest > 0 else ""
+            )
             raise InvalidParameter(
                 f"a counterbore must leave a wall of {MIN_WALL_MM:g} mm to the mirror surface; got {2 * wide:g} mm, "
                 f"{self.counterbore_depth_mm:g} mm deep{deep}"
@@ -318,9 +342,13 @@ class Body:
         u, weight = np.polynomial.legendre.leggauss(POINTS)
         start, rim = self.start_mm(), mirror.rim_radius_mm
         x = start + (rim - start) * (u + 1) / 2
-        behind = (rim - start) / 2 * float((x * (float(mirror.sag(rim)) - mirror.sag(x)) * weight).sum())
+        behind = (
+            (rim - start) / 2 * float((x * (float(mirror.sag(rim)) - mirror.sag(x)) * weight).sum())
+        )
         # straight sides, by Green's theorem: volume = 2 pi times the integral of x^2 / 2 dz
-        (x0, z0), (x1, z1) = (np.array(c) for c in (self.outline(mirror)[:-1].T, self.outline(mirror)[1:].T))
+        (x0, z0), (x1, z1) = (
+            np.array(c) for c in (self.outline(mirror)[:-1].T, self.outline(mirror)[1:].T)
+        )
         sides = float(((x0 * x0 + x0 * x1 + x1 * x1) / 6 * (z1 - z0)).sum())
         # the meridian closes the outline, from its start to the rim
         level = float(mirror.sag(rim)) - float(mirror.sag(start))
@@ -347,7 +375,9 @@ class Body:
             hole = f"{self.thread} {depth} (drill {self.bore_mm:g} mm)" if self.thread else ""
             parts.append(hole or f"bore {self.bore_mm:g} mm, {depth}")
         if self.counterbore_diameter_mm:
-            parts.append(f"counterbore {self.counterbore_diameter_mm:g} x {self.counterbore_depth_mm:g} mm")
+            parts.append(
+                f"counterbore {self.counterbore_diameter_mm:g} x {self.counterbore_depth_mm:g} mm"
+            )
         return ", ".join(parts)
 
 
@@ -355,7 +385,9 @@ def max_counterbore_depth_mm(body: Body, mirror: Mirror) -> float:
     """Return the largest depth of the counterbore that leaves the minimum wall and the edge of the
     bore.
     """
-    r = np.linspace(body.bore_mm / 2, min(body.counterbore_diameter_mm / 2, mirror.rim_radius_mm), 129)
+    r = np.linspace(
+        body.bore_mm / 2, min(body.counterbore_diameter_mm / 2, mirror.rim_radius_mm), 129
+    )
     return body.back_mm(mirror) - float(mirror.sag(r).max()) - MIN_WALL_MM
 
 
@@ -388,7 +420,9 @@ class Part:
         return f"{self.sensor.name} secondary" if self.is_secondary else self.sensor.name
 
 
-def parts_of(sensor: Sensor, body: Body | None = None, secondary_body: Body | None = None) -> list[Part]:
+def parts_of(
+    sensor: Sensor, body: Body | None = None, secondary_body: Body | None = None
+) -> list[Part]:
     """Return the primary mirror, and the secondary mirror if present, with their bodies.
 
     The body of a primary mirror with a camera behind it receives the required bore. Missing bodies
@@ -443,7 +477,9 @@ def bored(sensor: Sensor, body: Body) -> Body:
         return body
     needed = 2 * sensor.secondary.bore_radius_mm
     if not body.bore_mm:
-        return _counterbored(sensor, replace(body, bore_diameter_mm=needed, bore_depth_mm=np.inf), lens)
+        return _counterbored(
+            sensor, replace(body, bore_diameter_mm=needed, bore_depth_mm=np.inf), lens
+        )
     if not body.bore_goes_through or body.bore_mm < needed:
         raise InvalidParameter(
             f"bore_diameter_mm must be at least {needed:g}, with bore_depth_mm = inf, for the camera of "
@@ -460,7 +496,10 @@ def _counterbored(sensor: Sensor, body: Body, lens: float) -> Body:
     imager = sensor.imager
     diagonal = imager.pitch_mm * float(np.hypot(imager.width_px, imager.height_px))
     wide = replace(body, counterbore_diameter_mm=max(LENS_HEAD_MM, body.bore_mm + 2, diagonal + 2))
-    depth = min(body.back_mm(sensor.mirror) - lens + BEFORE_LENS_MM, max_counterbore_depth_mm(wide, sensor.mirror))
+    depth = min(
+        body.back_mm(sensor.mirror) - lens + BEFORE_LENS_MM,
+        max_counterbore_depth_mm(wide, sensor.mirror),
+    )
     fits = depth > 0 and wide.counterbore_diameter_mm / 2 < sensor.mirror.rim_radius_mm
     return replace(wide, counterbore_depth_mm=float(np.floor(100 * depth) / 100)) if fits else body
 
@@ -470,7 +509,9 @@ def mirror_of(sensor: Sensor, secondary: bool = False) -> Mirror:
     if not secondary:
         return sensor.mirror
     if sensor.secondary is None:
-        raise InvalidParameter(f"secondary must be False for {sensor.name!r}, which has one mirror; got True")
+        raise InvalidParameter(
+            f"secondary must be False for {sensor.name!r}, which has one mirror; got True"
+        )
     return sensor.secondary.mirror
 
 

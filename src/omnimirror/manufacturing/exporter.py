@@ -210,10 +210,15 @@ def export(
     """
     check_sensor(sensor)
     if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
-        raise WrongKind(f"formats must be a list of names from {', '.join(FORMATS)}; got {shown(formats)}")
+        raise WrongKind(
+            f"formats must be a list of names from {', '.join(FORMATS)}; got {shown(formats)}"
+        )
     formats = None if formats is None else list(formats)
     path = file_name("path", path)
-    digits, grid_points = whole("digits", digits, 0, 15), whole("grid_points", grid_points, 3, 10_001)
+    digits, grid_points = (
+        whole("digits", digits, 0, 15),
+        whole("grid_points", grid_points, 3, 10_001),
+    )
     chord_tolerance_um = number("chord_tolerance_um", chord_tolerance_um, above=0.0, unit="um")
     step_mm, step_deg = optional_number("step_mm", step_mm), optional_number("step_deg", step_deg)
     scale = optional_number("scale", scale, above=0.0)
@@ -247,7 +252,8 @@ def export(
     with TemporaryDirectory() as folder, ExitStack() as stack:
         temporary = {target: Path(folder) / _plain(target.name) for target in targets}
         written = [
-            ExportedFile(target, *_write(plan, *what, temporary[target], target)) for target, what in targets.items()
+            ExportedFile(target, *_write(plan, *what, temporary[target], target))
+            for target, what in targets.items()
         ]
         for target, file in temporary.items():
             copyfile(file, stack.enter_context(replacing(target)))
@@ -267,11 +273,15 @@ def _write(plan: Plan, name: str, part: Part, page: int, path: Path, target: Pat
         raise OmnimirrorError(f"cannot write {target}: {e.strerror or e}") from None
 
 
-def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part, int]]:
+def _targets(
+    plan: Plan, path: Path, formats: list[str] | None
+) -> dict[Path, tuple[str, Part, int]]:
     """Return the files to write with format, part and sheet of the drawing."""
     for name in formats or ():
         if not isinstance(name, str) or name not in FORMATS:
-            raise InvalidParameter(f"formats must be names from {', '.join(FORMATS)}; got {shown(name)}")
+            raise InvalidParameter(
+                f"formats must be names from {', '.join(FORMATS)}; got {shown(name)}"
+            )
     by_suffix = {suffix: name for name, f in FORMATS.items() for suffix in f.suffixes}
     suffix = path.suffix.lower()
     if suffix in by_suffix and not path.is_dir():
@@ -280,14 +290,21 @@ def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tu
             raise InvalidParameter(
                 f"path must be a folder for the formats {', '.join(formats)}; got the {name} file {path.name}"
             )
-        return {path.with_stem(path.stem + mark): (name, part, page) for mark, part, page in _marked(plan, name)}
+        return {
+            path.with_stem(path.stem + mark): (name, part, page)
+            for mark, part, page in _marked(plan, name)
+        }
     if suffix and formats is None and not path.is_dir():
         raise InvalidParameter(
             f"path must be a folder or a file with one of the suffixes {', '.join(by_suffix)}; got {path.name}"
         )
     chosen = DEFAULT_FORMATS if formats is None else tuple(dict.fromkeys(formats))
     return {
-        path / f"{plan.stem}{mark}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": (name, part, page)
+        path / f"{plan.stem}{mark}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": (
+            name,
+            part,
+            page,
+        )
         for name in chosen
         for mark, part, page in _marked(plan, name)
     }
@@ -299,7 +316,10 @@ def _marked(plan: Plan, name: str) -> list[tuple[str, Part, int]]:
     marked = [(SECONDARY_MARK if part.is_secondary else "", part, 0) for part in plan.parts]
     if kind.is_one_sheet:
         marks = (MIRROR_MARK, SECONDARY_MARK)
-        sheets = [(mark, part, i) for i, (mark, part) in enumerate(zip(marks, plan.parts, strict=False), start=1)]
+        sheets = [
+            (mark, part, i)
+            for i, (mark, part) in enumerate(zip(marks, plan.parts, strict=False), start=1)
+        ]
         return [marked[0], *sheets]
     return marked[:1] if kind.shows_sensor else marked
 
@@ -345,7 +365,12 @@ def _dxf(plan: Plan, part: Part, path: Path) -> Content:
 
     i = int(part.is_secondary)
     curve = write_dxf(
-        path, part, plan.workshop, plan.data_file(part), sheet=plan.sheet, place=(i + 2, 1 + len(plan.parts))
+        path,
+        part,
+        plan.workshop,
+        plan.data_file(part),
+        sheet=plan.sheet,
+        place=(i + 2, 1 + len(plan.parts)),
     )
     return Content(f"half-section with dimensions, {curve.words}", curve.deviation_um)
 
@@ -353,7 +378,11 @@ def _dxf(plan: Plan, part: Part, path: Path) -> Content:
 def _zmx(plan: Plan, part: Part, path: Path) -> Content:
     aspheres = write_zmx(path, plan.sensor)
     words = " and ".join(asphere.words() for asphere in aspheres)
-    return Content(f"OpticStudio, {words}", max(a.deviation_um for a in aspheres), max(a.ray_deg for a in aspheres))
+    return Content(
+        f"OpticStudio, {words}",
+        max(a.deviation_um for a in aspheres),
+        max(a.ray_deg for a in aspheres),
+    )
 
 
 def _grid_sag(plan: Plan, part: Part, path: Path) -> Content:
@@ -363,7 +392,9 @@ def _grid_sag(plan: Plan, part: Part, path: Path) -> Content:
 
 def _table(plan: Plan, part: Part, path: Path) -> Content:
     x = table_points(plan.sensor, plan.step_mm, plan.step_deg, part.is_secondary)
-    path.write_text(sag_text(part, plan.step_mm, plan.step_deg, plan.digits), encoding="utf-8", newline="")
+    path.write_text(
+        sag_text(part, plan.step_mm, plan.step_deg, plan.digits), encoding="utf-8", newline=""
+    )
     return Content(f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits)
 
 
@@ -384,7 +415,9 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
         )
     (drawing,) = plan.drawn
     write_drawing(path, drawing, plan.page)
-    shown = "drawing" if path.suffix.lower() == ".pdf" else f"drawing of the {drawing.names[plan.page]}"
+    shown = (
+        "drawing" if path.suffix.lower() == ".pdf" else f"drawing of the {drawing.names[plan.page]}"
+    )
     return Content(f"{shown}, {plan.sheet}, {scale_words(drawing.scales[plan.page])}", None)
 
 
@@ -418,7 +451,9 @@ def _check_format(name: str, kind: Any) -> None:
         raise InvalidParameter(f"suffixes must not belong to another format; got {taken[0]}")
 
 
-FORMATS: Registry[Format] = Registry("omnimirror.formats", "a format", BUILT_IN_FORMATS, _check_format)
+FORMATS: Registry[Format] = Registry(
+    "omnimirror.formats", "a format", BUILT_IN_FORMATS, _check_format
+)
 """Export formats by name."""
 DEFAULT_FORMATS = tuple(BUILT_IN_FORMATS)[:8]
 """Formats that are written to a folder by default."""
@@ -476,7 +511,10 @@ def sensor_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
     'rim hides nothing -> 129.3 to 135 deg'
     """
     evaluated, exported = evaluated.aligned(), exported.aligned()
-    result = [*_cover_changes(evaluated, exported), *_ring_changes(evaluated.obscurations, exported.obscurations)]
+    result = [
+        *_cover_changes(evaluated, exported),
+        *_ring_changes(evaluated.obscurations, exported.obscurations),
+    ]
     if not result and _rounded(evaluated.field_deg) == _rounded(exported.field_deg):
         return []
     pair = compare([evaluated, exported])
@@ -488,7 +526,9 @@ def sensor_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
     return [*result, *rows]
 
 
-def requirement_changes(evaluated: Sensor, exported: Sensor, requirements: Requirements | str | Path) -> list[str]:
+def requirement_changes(
+    evaluated: Sensor, exported: Sensor, requirements: Requirements | str | Path
+) -> list[str]:
     """List requirement entries whose margin differs between two sensors, with both margins.
 
     Examples
@@ -515,7 +555,10 @@ def requirement_changes(evaluated: Sensor, exported: Sensor, requirements: Requi
         if _rounded((old.margin,)) != _rounded((new.margin,)) or old.is_met != new.is_met
     ]
     if not changes:
-        changes = [f"no margin of the requirements, but {change}" for change in sensor_changes(evaluated, exported)]
+        changes = [
+            f"no margin of the requirements, but {change}"
+            for change in sensor_changes(evaluated, exported)
+        ]
     return changes
 
 
@@ -543,7 +586,10 @@ def _cover_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
 def _ring_changes(before: tuple[Obscuration, ...], after: tuple[Obscuration, ...]) -> list[str]:
     """List components whose obscuration differs."""
     rings = [
-        {part: " and ".join(_ring_words(ring) for ring in result if ring.part == part) for part in _parts(result)}
+        {
+            part: " and ".join(_ring_words(ring) for ring in result if ring.part == part)
+            for part in _parts(result)
+        }
         for result in (before, after)
     ]
     names = list(dict.fromkeys([*rings[0], *rings[1]]))

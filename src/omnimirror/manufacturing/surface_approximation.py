@@ -133,7 +133,9 @@ class Asphere:
 
     def reversed(self) -> Asphere:
         """Return the surface with the direction of z inverted."""
-        return replace(self, curvature=-self.curvature, coefficients=tuple(-a for a in self.coefficients))
+        return replace(
+            self, curvature=-self.curvature, coefficients=tuple(-a for a in self.coefficients)
+        )
 
     def words(self) -> str:
         """Describe the surface type.
@@ -201,7 +203,9 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
         c = c[:-1]
     if len(c) > MAX_TERMS - 1:
         return None
-    if len(c) > TERMS - 1:  # mirror coefficients are heights over N, asphere coefficients are heights
+    if (
+        len(c) > TERMS - 1
+    ):  # mirror coefficients are heights over N, asphere coefficients are heights
         return Asphere("even", first, k, (0.0, *(N * a for a in c)), N)
     terms = [a * N ** (1 - 2 * i) for i, a in enumerate(c, start=2)]
     return Asphere("even", first, k, (0.0, *terms, *(0.0,) * (TERMS - 1 - len(terms))))
@@ -221,7 +225,9 @@ def _fitted_asphere(mirror: Mirror, terms: int) -> Asphere:
     fit = _Fit(mirror, tuple(2 * i for i in range(2, terms + 1)))
     whole = _Fit(mirror, tuple(2 * i for i in range(1, terms + 1))).coefficients(0.0, 0.0, 1.0)
     vertex = [float(mirror.curvature(0.0)), 2 * whole[0]]
-    shapes = [(c, _best_conic(lambda k, c=c: fit.worst(c, k), c, fit.M) if c > 0 else 0.0) for c in vertex]  # type: ignore[misc]
+    shapes = [
+        (c, _best_conic(lambda k, c=c: fit.worst(c, k), c, fit.M) if c > 0 else 0.0) for c in vertex
+    ]  # type: ignore[misc]
     c, k = min(shapes, key=lambda shape: fit.worst(*shape))
     return Asphere("even", c, k, (0.0, *fit.coefficients(c, k, N)), N)
 
@@ -268,7 +274,11 @@ def _best_conic(worst: Callable[[float], float], c: float, M: float) -> float:
     tries = [k for k in np.linspace(-6.0, 6.0, 97) if conic_reach(1 / c, float(k)) > 1.001 * M]
     middle = min(tries, key=worst)
     high = min(middle + 0.125, (1 / (1.001 * M * c)) ** 2 - 1)
-    return float(minimize_scalar(worst, bounds=(middle - 0.125, high), method="bounded", options={"xatol": 1e-9}).x)
+    return float(
+        minimize_scalar(
+            worst, bounds=(middle - 0.125, high), method="bounded", options={"xatol": 1e-9}
+        ).x
+    )
 
 
 # -- CAD curves ------------------------------------------------------------------------------------
@@ -306,7 +316,9 @@ class ProfileCurve:
     """Description of the curve."""
 
 
-def profile_curve(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) -> ProfileCurve:
+def profile_curve(
+    mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01
+) -> ProfileCurve:
     """Convert the meridian from ``start_mm`` to the rim to a CAD curve.
 
     Conics and straight lines are exact. Other meridians become a quintic spline with as many points
@@ -372,8 +384,13 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> ProfileCurve:
         x[0], x[-1] = start, rim
         z, slope, curvature = mirror.profile(x)
         points, last = np.stack([x, z], axis=-1), slice(None, None, len(x) - 1)
-        first = np.stack([np.ones(2), slope[last]], axis=-1) / np.sqrt(1 + slope[last] ** 2)[:, None]
-        second = np.stack([-slope[last], np.ones(2)], axis=-1) * (curvature / (1 + slope**2) ** 2)[last][:, None]
+        first = (
+            np.stack([np.ones(2), slope[last]], axis=-1) / np.sqrt(1 + slope[last] ** 2)[:, None]
+        )
+        second = (
+            np.stack([-slope[last], np.ones(2)], axis=-1)
+            * (curvature / (1 + slope**2) ** 2)[last][:, None]
+        )
         conditions = [[(1, first[i]), (2, second[i])] for i in (0, 1)]
         spline = make_interp_spline(s, points, k=5, bc_type=tuple(conditions))
         x_on, z_on = spline(np.linspace(0.0, length[-1], 32 * spans + 1)).T
@@ -381,7 +398,9 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> ProfileCurve:
         if best is None or worst < best.deviation_um:
             poles = tuple((float(px), float(pz)) for px, pz in spline.c)
             words = f"quintic spline of {len(poles)} poles"
-            best = ProfileCurve("spline", ends, 0.0, 5, tuple(map(float, spline.t)), poles, None, worst, words)
+            best = ProfileCurve(
+                "spline", ends, 0.0, 5, tuple(map(float, spline.t)), poles, None, worst, words
+            )
         if worst <= tolerance_um:
             break
     assert best is not None
@@ -399,7 +418,9 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
     _, slope, curvature = mirror.profile(fine)
     kappa = np.abs(curvature) / (1 + slope**2) ** 1.5
     # steps per mm of arc from the local curvature; at least eight for nearly straight meridians
-    total, share = step_density(fine, np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um)))
+    total, share = step_density(
+        fine, np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um))
+    )
     if total <= 1 and not np.any(curvature):
         return fine[[0, -1]]
     total = max(total, 8)
@@ -408,13 +429,17 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
         worst = _worst_chord_um(mirror, points)
         if worst <= tolerance_um or total >= fine.size:
             return points
-        total = int(np.ceil(1.01 * total * np.sqrt(worst / tolerance_um)))  # a long step next to an inflection
+        total = int(
+            np.ceil(1.01 * total * np.sqrt(worst / tolerance_um))
+        )  # a long step next to an inflection
 
 
 def step_density(x: Array, density: Array) -> tuple[int, Array]:
     """Return the number of steps for a density (n,) along x, and the normalised cumulative count."""
     count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(x))])
-    floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), x.size)  # keeps the count strictly increasing
+    floor = np.linspace(
+        0.0, 1e-3 * max(count[-1], 1.0), x.size
+    )  # keeps the count strictly increasing
     return int(np.ceil(count[-1])), (count + floor) / (count + floor)[-1]
 
 
@@ -482,7 +507,9 @@ def best_fit_sphere(mirror: Mirror, criterion: SphereCriterion = "least-squares"
     (101.0, 5.0)
     """
     if criterion not in SPHERE_CRITERIA:
-        raise InvalidParameter(f"criterion must be one of {', '.join(SPHERE_CRITERIA)}; got {criterion!r}")
+        raise InvalidParameter(
+            f"criterion must be one of {', '.join(SPHERE_CRITERIA)}; got {criterion!r}"
+        )
     x = nodes(mirror, 2001)
     z, slope, _ = mirror.profile(x)
     if not np.any(z):
@@ -532,4 +559,6 @@ def _min_departure_centre(x: Array, z: Array, start: float) -> float:
         return float(np.ptp(np.hypot(x, 1 / bow - z) - 1 / bow))
 
     bounds = (0.3 / start, 3 / start)
-    return 1 / float(minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-13 / start}).x)
+    return 1 / float(
+        minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-13 / start}).x
+    )

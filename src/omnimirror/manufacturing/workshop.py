@@ -89,7 +89,9 @@ class TitleBlock(_Sheeted):
         try:
             _ = self.date and calendar_date.fromisoformat(self.date)
         except ValueError:
-            raise InvalidParameter(f"date must have the format 2026-11-22; got {self.date!r}") from None
+            raise InvalidParameter(
+                f"date must have the format 2026-11-22; got {self.date!r}"
+            ) from None
 
 
 @dataclass(frozen=True)
@@ -151,8 +153,12 @@ class PartSpecification(_Sheeted):
         "surface_roughness_nm": Parameter("nm", 1e-2, 1e5, "Rq of the mirror surface"),
         "roughness_um": Parameter("um", 1e-3, 100.0, "Ra of all other surfaces"),
         "form_um": Parameter("um", 1e-4, 1e4, "form error of the mirror surface, P-V"),
-        "centring_deg": Parameter("deg", 1e-6, 10.0, "tilt of the mirror surface's axis to the datums"),
-        "centring_mm": Parameter("mm", 1e-6, 10.0, "distance of the mirror surface's axis from the datum axis"),
+        "centring_deg": Parameter(
+            "deg", 1e-6, 10.0, "tilt of the mirror surface's axis to the datums"
+        ),
+        "centring_mm": Parameter(
+            "mm", 1e-6, 10.0, "distance of the mirror surface's axis from the datum axis"
+        ),
         "chamfer_mm": Parameter("mm", 0.0, 10.0, "chamfer of edges"),
         "diameter_tolerance_mm": Parameter("mm", 1e-6, 10.0, "tolerance of the rim diameter"),
         "thickness_tolerance_mm": Parameter("mm", 1e-6, 10.0, "tolerance of the thickness"),
@@ -166,7 +172,9 @@ class PartSpecification(_Sheeted):
             return self.density_g_per_cm3
         words = self.material.lower()
         known = sorted(DENSITIES_G_PER_CM3, key=len, reverse=True)  # stainless steel before steel
-        return next((DENSITIES_G_PER_CM3[name] for name in known if name.replace("_", " ") in words), None)
+        return next(
+            (DENSITIES_G_PER_CM3[name] for name in known if name.replace("_", " ") in words), None
+        )
 
 
 @dataclass(frozen=True)
@@ -217,7 +225,9 @@ class Workshop:
         list of str
             Names of the entries in the workshop file.
         """
-        names = [name for name in ("number", "owner", "approved_by") if not getattr(self.title, name)]
+        names = [
+            name for name in ("number", "owner", "approved_by") if not getattr(self.title, name)
+        ]
         for part in parts:
             specification: PartSpecification = getattr(self, part)
             names += [
@@ -230,7 +240,11 @@ class Workshop:
         return names
 
 
-TABLES: dict[str, type[Any]] = {"title": TitleBlock, "mirror": PartSpecification, "secondary": PartSpecification}
+TABLES: dict[str, type[Any]] = {
+    "title": TitleBlock,
+    "mirror": PartSpecification,
+    "secondary": PartSpecification,
+}
 
 
 @checked
@@ -270,7 +284,13 @@ def parse_workshop(text: str, source: str = "workshop file") -> Workshop:
     """Parse the text of a workshop file; ``source`` names it in messages."""
     where, data = SourceLocator(text, source), parse_toml(text, source)
     check_entries(data, {"format": int, **dict.fromkeys(TABLES, dict)}, FORMAT, where)
-    return Workshop(**{name: _built(name, kind, data[name], where) for name, kind in TABLES.items() if name in data})
+    return Workshop(
+        **{
+            name: _built(name, kind, data[name], where)
+            for name, kind in TABLES.items()
+            if name in data
+        }
+    )
 
 
 def _built(section: str, kind: type[T], table: dict[str, Any], where: SourceLocator) -> T:
@@ -279,7 +299,10 @@ def _built(section: str, kind: type[T], table: dict[str, Any], where: SourceLoca
     for name in table:
         if name not in names:
             hint = did_you_mean(name, names)
-            raise where.error((section, name), f"unknown entry {section}.{name}{hint}; valid are {', '.join(names)}")
+            raise where.error(
+                (section, name),
+                f"unknown entry {section}.{name}{hint}; valid are {', '.join(names)}",
+            )
         # validate single entries, so that errors refer to their line
         where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]
     return kind(**table)

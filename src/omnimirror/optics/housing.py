@@ -84,7 +84,9 @@ WALL = {
     "medium_index": Parameter("", 1.0, 4.0, "refractive index of what is outside"),
     "decentre_x_mm": Parameter("mm", -1e4, 1e4, "shift to the right in the image"),
     "decentre_y_mm": Parameter("mm", -1e4, 1e4, "shift down in the image"),
-    "tilt_x_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"),
+    "tilt_x_deg": Parameter(
+        "deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"
+    ),
     "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
 }
 WALL_INDEX = 1.49
@@ -162,7 +164,10 @@ class ClearWall(HousingPart):
         """Return the cover with the indices of its named materials at a wavelength, nm."""
         indices: dict[str, Any] = {}
         if self.material is not None:
-            indices |= {"material": None, "refractive_index": index_of(self.material, wavelength_nm)}
+            indices |= {
+                "material": None,
+                "refractive_index": index_of(self.material, wavelength_nm),
+            }
         if self.medium is not None:
             indices |= {"medium": None, "medium_index": index_of(self.medium, wavelength_nm)}
         return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
@@ -299,7 +304,9 @@ class Dome(ClearWall):
     KIND: ClassVar[str] = "dome"
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
         "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre over the mirror's vertex"),
-        "inner_shift_mm": Parameter("mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"),
+        "inner_shift_mm": Parameter(
+            "mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -394,7 +401,9 @@ class FlatWindow(ClearWall):
     KIND: ClassVar[str] = "window"
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
         "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the clear opening"),
-        "height_mm": Parameter("mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"),
+        "height_mm": Parameter(
+            "mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"
+        ),
     }
 
     def _check_room(self) -> None:
@@ -418,7 +427,9 @@ class FlatWindow(ClearWall):
 
 
 Shell = Tube | Dome | FlatWindow
-SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {kind.KIND: kind for kind in (Tube, Dome, FlatWindow)}
+SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {
+    kind.KIND: kind for kind in (Tube, Dome, FlatWindow)
+}
 """Clear walls by their name in sensor files."""
 
 
@@ -458,8 +469,12 @@ class CameraBody(HousingPart):
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the camera as the mirror shows it"),
-        "height_mm": Parameter("mm", -1e5, 1e5, "height of the camera's front over the lens, towards the mirror"),
-        "lens_diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the front ring of the camera's lens"),
+        "height_mm": Parameter(
+            "mm", -1e5, 1e5, "height of the camera's front over the lens, towards the mirror"
+        ),
+        "lens_diameter_mm": Parameter(
+            "mm", 1e-3, 1e5, "diameter of the front ring of the camera's lens"
+        ),
     }
 
 
@@ -497,7 +512,9 @@ class Rod(HousingPart):
         """Return the rod with dimensions fitted to the sensor."""
         gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
         if not gap < -envelope.lens_mm:
-            raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm")
+            raise InvalidParameter(
+                f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm"
+            )
         end = self.diameter_mm if self.end_diameter_mm is None else self.end_diameter_mm
         if end > 2 * envelope.outer_mm:
             entry = "diameter_mm" if self.end_diameter_mm is None else "end_diameter_mm"
@@ -532,9 +549,15 @@ class Rim(HousingPart):
     thickness_mm: float = 5.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "width_mm": Parameter("mm", 0.0, 1e4, "how far the rim's edge or flange stands out over the mirror"),
-        "setback_mm": Parameter("mm", 0.0, 1e4, "how far the front of the edge or flange lies behind the rim"),
-        "thickness_mm": Parameter("mm", 1e-3, 1e4, "from the mirror's surface to the back of its body"),
+        "width_mm": Parameter(
+            "mm", 0.0, 1e4, "how far the rim's edge or flange stands out over the mirror"
+        ),
+        "setback_mm": Parameter(
+            "mm", 0.0, 1e4, "how far the front of the edge or flange lies behind the rim"
+        ),
+        "thickness_mm": Parameter(
+            "mm", 1e-3, 1e4, "from the mirror's surface to the back of its body"
+        ),
     }
 
 
@@ -577,7 +600,12 @@ class Housing:
         kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
         for name, kind in kinds.items():
             if (part := getattr(self, name)) is not None:
-                instance(name, part, kind, f"a part such as omnimirror.optics.housing.{_name_of(kind)} makes")
+                instance(
+                    name,
+                    part,
+                    kind,
+                    f"a part such as omnimirror.optics.housing.{_name_of(kind)} makes",
+                )
 
     @property
     def is_empty(self) -> bool:
@@ -596,12 +624,17 @@ class Housing:
         """
         if envelope.has_secondary:
             self._check_beside_secondary()
-        rod, shell = self.rod and self.rod.fitted(envelope), self.shell and self.shell.fitted(envelope)
+        rod, shell = (
+            self.rod and self.rod.fitted(envelope),
+            self.shell and self.shell.fitted(envelope),
+        )
         return replace(self, rod=rod, shell=shell)
 
     def _check_beside_secondary(self) -> None:
         if self.rod is not None:
-            raise InvalidParameter("a rod would stand in the view of the secondary; valid supports are tube and none")
+            raise InvalidParameter(
+                "a rod would stand in the view of the secondary; valid supports are tube and none"
+            )
         if isinstance(self.shell, Dome | FlatWindow):
             raise InvalidParameter(
                 f"a {self.shell.KIND} is for sensors of one mirror; beside a secondary valid are tube and none"

@@ -59,11 +59,17 @@ class Imager:
         for name in ("width_px", "height_px"):
             value = numbers(name, getattr(self, name), "(it takes one)")
             if value.ndim or int(value) != value:
-                raise InvalidParameter(f"{name} = {getattr(self, name)} is not a whole number of pixels")
+                raise InvalidParameter(
+                    f"{name} = {getattr(self, name)} is not a whole number of pixels"
+                )
         if self.centre_px is not None:
             if len(self.centre_px) != 2:
-                raise InvalidParameter(f"centre_px has {len(self.centre_px)} numbers; it needs two, u and v")
-            object.__setattr__(self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1])))
+                raise InvalidParameter(
+                    f"centre_px has {len(self.centre_px)} numbers; it needs two, u and v"
+                )
+            object.__setattr__(
+                self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1]))
+            )
 
     @property
     def pitch_mm(self) -> float:
@@ -134,7 +140,9 @@ class ImagerPose:
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "tilt_x_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's X"),
         "tilt_y_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's Y"),
-        "rotation_deg": Parameter("deg", -360.0, 360.0, "the imager is turned in its plane; applied first"),
+        "rotation_deg": Parameter(
+            "deg", -360.0, 360.0, "the imager is turned in its plane; applied first"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -149,8 +157,12 @@ class ImagerPose:
     def _plane(self) -> Array:
         """Return the directions (3, 2) of the imager's right and down axes."""
         x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
-        about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
+        about_x = np.array(
+            [[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]]
+        )
+        about_y = np.array(
+            [[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]]
+        )
         within = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)], [0.0, 0.0]])
         plane: Array = about_y @ about_x @ within
         return plane

@@ -56,8 +56,12 @@ MATERIALS: dict[str, Material] = {
     "fused_silica": Material(1.45846, 67.82, "Malitson, J. Opt. Soc. Am. 55, 1205 (1965)"),
     "sapphire": Material(1.7682, 72.3, "ordinary ray; Malitson, J. Opt. Soc. Am. 52, 1377 (1962)"),
     "water": Material(1.3331, 55.8, "20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"),
-    "sea_water": Material(1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"),
-    "mineral_oil": Material(1.467, None, "light paraffin oil, 20 C, as suppliers give it; oils differ: measure yours"),
+    "sea_water": Material(
+        1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"
+    ),
+    "mineral_oil": Material(
+        1.467, None, "light paraffin oil, 20 C, as suppliers give it; oils differ: measure yours"
+    ),
 }
 """Materials by their name in sensor files."""
 
@@ -202,7 +206,9 @@ def read_agf(path: Path) -> GlassCatalogue:
     found: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
     numbers: tuple[float, ...] = ()
-    for line_number, line in enumerate(read_text(path, "glass catalogue", SpecError).splitlines(), start=1):
+    for line_number, line in enumerate(
+        read_text(path, "glass catalogue", SpecError).splitlines(), start=1
+    ):
         words = line.split()
         try:
             if line.startswith("NM "):
@@ -211,15 +217,23 @@ def read_agf(path: Path) -> GlassCatalogue:
                 numbers = tuple(float(v) for v in words[1:])
                 found[maker, name] = _of_agf(name, formula, numbers)
             elif line.startswith("LD ") and (maker, name) in found:
-                found[maker, name] = _of_agf(name, formula, numbers, float(words[1]), float(words[2]))
+                found[maker, name] = _of_agf(
+                    name, formula, numbers, float(words[1]), float(words[2])
+                )
         except (ValueError, IndexError):
-            raise SpecError(f"{path} line {line_number}: {line.strip()!r} is not a line of a glass catalogue") from None
+            raise SpecError(
+                f"{path} line {line_number}: {line.strip()!r} is not a line of a glass catalogue"
+            ) from None
     if not found:
-        raise SpecError(f"{path} holds no glass; a glass catalogue (.agf) has lines NM and CD for each")
+        raise SpecError(
+            f"{path} holds no glass; a glass catalogue (.agf) has lines NM and CD for each"
+        )
     return GlassCatalogue(found, str(path))
 
 
-def _of_agf(name: str, formula: int, numbers: tuple[float, ...], low: float = 0.0, high: float = np.inf) -> Glass:
+def _of_agf(
+    name: str, formula: int, numbers: tuple[float, ...], low: float = 0.0, high: float = np.inf
+) -> Glass:
     numbers = (*numbers, *[0.0] * 12)
     if formula in SELLMEIER:
         return Glass(name, "sellmeier", (0.0, *numbers[: 2 * SELLMEIER[formula]]), low, high)
@@ -301,13 +315,19 @@ def _metal_index(reflectivity: Reflectivity) -> float | complex:
     """Return a constant as float, or a refractive index as complex."""
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
-            raise InvalidParameter(f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}")
+            raise InvalidParameter(
+                f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}"
+            )
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):
         if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):
-            raise InvalidParameter(f"reflectivity = {reflectivity} is not an index n + k j with n > 0 and k >= 0")
+            raise InvalidParameter(
+                f"reflectivity = {reflectivity} is not an index n + k j with n > 0 and k >= 0"
+            )
         return reflectivity
     share = number("reflectivity", reflectivity)
     if not 0 < share <= 1:
-        raise InvalidParameter(f"reflectivity = {share:g} is not a share; it is valid above 0, up to 1")
+        raise InvalidParameter(
+            f"reflectivity = {share:g} is not a share; it is valid above 0, up to 1"
+        )
     return share

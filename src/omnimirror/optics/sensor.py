@@ -112,7 +112,9 @@ class Sensor:
             instance(name, getattr(self, name), kind, f"one of omnimirror's {name}s")
         instance("housing", self.housing, Housing, "a Housing of omnimirror.optics.housing")
         if numbers("mirror_distance_mm", self.mirror_distance_mm, "(it takes one)").ndim:
-            raise InvalidParameter(f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number")
+            raise InvalidParameter(
+                f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number"
+            )
         if self.lens.TELECENTRIC:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
         elif not (np.isfinite(self.mirror_distance_mm) and self.mirror_distance_mm > 0):
@@ -125,7 +127,9 @@ class Sensor:
                 "mirror_pose is not valid beside a secondary: two mirrors are traced on one axis; leave one of them out"
             )
         if self.secondary is not None and not self.mirror_form.is_empty:
-            raise InvalidParameter("mirror_form is not valid beside a secondary; leave one of them out")
+            raise InvalidParameter(
+                "mirror_form is not valid beside a secondary; leave one of them out"
+            )
         if not self.imager_pose.is_square and (self.lens.TELECENTRIC or not self.lens.IS_THIN):
             raise InvalidParameter(
                 f"imager_pose leans, which is valid behind a perspective lens; behind a {self.lens.KIND} one the "
@@ -152,7 +156,9 @@ class Sensor:
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         if self.secondary is None:
             return Meridian(self.mirror, m, self.lens.pupil, cover=self._cover)
-        return TwoMirrorMeridian(self.mirror, m, self.lens.pupil, cover=self._cover, secondary=self.secondary)
+        return TwoMirrorMeridian(
+            self.mirror, m, self.lens.pupil, cover=self._cover, secondary=self.secondary
+        )
 
     @property
     def _cover(self) -> Cover | None:
@@ -175,7 +181,9 @@ class Sensor:
         """
         other = replace(self, lens=lens)
         if lens.pupil == self.lens.pupil:
-            other.__dict__.update((name, self.__dict__[name]) for name in MIRROR_PROPERTIES if name in self.__dict__)
+            other.__dict__.update(
+                (name, self.__dict__[name]) for name in MIRROR_PROPERTIES if name in self.__dict__
+            )
         return other
 
     @property
@@ -261,13 +269,19 @@ class Sensor:
         shell = self.housing.shell
         housing = self.housing if shell is None else replace(self.housing, shell=shell.centred())
         return replace(
-            self, mirror_pose=MirrorPose(), housing=housing, mirror_form=MirrorForm(), imager_pose=ImagerPose()
+            self,
+            mirror_pose=MirrorPose(),
+            housing=housing,
+            mirror_form=MirrorForm(),
+            imager_pose=ImagerPose(),
         )
 
     @property
     def field_deg(self) -> tuple[float, float]:
         """Smallest and largest field angle Omega, degrees from the axis towards the lens."""
-        return float(np.degrees(self.meridian.omega_min)), float(np.degrees(self.meridian.omega_max))
+        return float(np.degrees(self.meridian.omega_min)), float(
+            np.degrees(self.meridian.omega_max)
+        )
 
     def image_height_px(self, rays: ChiefRays) -> Array:
         """Compute the image height h of chief rays, px (Eq. 7).
@@ -311,7 +325,10 @@ class Sensor:
             If the argument is not a bundle of chief rays.
         """
         first = instance("rays", rays, ChiefRays, "chief rays of a meridian").first
-        rate = self.lens.image_height_rate(first.x, first.w, first.slope, first.drift) * rays.dfirst_dx()
+        rate = (
+            self.lens.image_height_rate(first.x, first.w, first.slope, first.drift)
+            * rays.dfirst_dx()
+        )
         with np.errstate(divide="ignore"):
             return rate / rays.domega_dx() / self.imager.pitch_mm
 
@@ -367,7 +384,10 @@ class Sensor:
         if self.lens.is_symmetric:
             return np.hypot(image[..., 0], image[..., 1]) / self.imager.pitch_mm
         ideal = self.lens.undistorted(image)
-        return self.lens.distorted_height(np.hypot(ideal[..., 0], ideal[..., 1])) / self.imager.pitch_mm
+        return (
+            self.lens.distorted_height(np.hypot(ideal[..., 0], ideal[..., 1]))
+            / self.imager.pitch_mm
+        )
 
     @property
     def rim_radius_px(self) -> float:
@@ -377,7 +397,9 @@ class Sensor:
     @cached_property
     def _edges_mm(self) -> tuple[float, float]:
         """Undistorted image heights of the ends of the field."""
-        first = self.meridian.trace(np.array([self.meridian.x_min, self.mirror.rim_radius_mm])).first
+        first = self.meridian.trace(
+            np.array([self.meridian.x_min, self.mirror.rim_radius_mm])
+        ).first
         inner, outer = self.lens.ideal_height(first.x, first.w)
         self.lens.distorted_height(np.array([outer]))  # checks that the distortion is monotonic
         return float(inner), float(outer)
@@ -421,7 +443,11 @@ class Sensor:
         """Obscured rings with overlapping ones merged; their image fractions are additive."""
         rings = tuple(sorted(self.obscurations, key=lambda ring: ring.omega_deg))
         apart = all(one.omega_deg[1] < other.omega_deg[0] for one, other in pairwise(rings))
-        return rings if apart else obscured_rings(self.meridian, self._hidden_merged, self._image_share)
+        return (
+            rings
+            if apart
+            else obscured_rings(self.meridian, self._hidden_merged, self._image_share)
+        )
 
     @property
     def clear_field_deg(self) -> tuple[float, float]:
@@ -475,7 +501,9 @@ class Sensor:
         return {part: (found.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()}
 
     def _in_the_way(self, merged: bool) -> tuple[HiddenPart, ...]:
-        return hidden_parts(self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged)
+        return hidden_parts(
+            self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged
+        )
 
     def _image_share(self, rays: ChiefRays) -> Array:
         """Return the fraction (n,) of the image circle's area within chief rays."""
@@ -531,7 +559,9 @@ class Sensor:
 
         A second mirror reverses the direction of the lens.
         """
-        axes: Array = self.mount.rotation() * np.array([1.0, 1.0, 1.0 if self.secondary is None else -1.0])
+        axes: Array = self.mount.rotation() * np.array(
+            [1.0, 1.0, 1.0 if self.secondary is None else -1.0]
+        )
         return axes
 
     def backproject(self, pixels: ArrayLike) -> Rays:
@@ -573,7 +603,9 @@ class Sensor:
         z = z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
         origins[valid] = turned(np.stack([x * cos, x * sin, z], axis=-1), rotation)
-        directions[valid] = turned(np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation)
+        directions[valid] = turned(
+            np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation
+        )
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
@@ -599,7 +631,9 @@ class Sensor:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
         distance, cos, sin = _unit(x, y)
-        return self._image(self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin)
+        return self._image(
+            self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin
+        )
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Project infinitely distant points in directions (n, 3) of any non-zero length.
@@ -744,14 +778,20 @@ class Sensor:
         """
         pixels = vectors("pixels", pixels, 2)
         flat = pixels.reshape(-1, 2)
-        pupil = finite("pupil", pupil, -MAX_PUPIL_COORDINATE, MAX_PUPIL_COORDINATE, last=2) if flat.size else flat
+        pupil = (
+            finite("pupil", pupil, -MAX_PUPIL_COORDINATE, MAX_PUPIL_COORDINATE, last=2)
+            if flat.size
+            else flat
+        )
         _check_pupil(pupil, pixels)
         pupil = np.broadcast_to(pupil, pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         start, towards = self.lens_rays(flat[valid], pupil[valid])
         found = self.optical_train.seen_mirror.trace(start, towards)
-        passes = found.valid & (self.optical_train.passes_lens(start, towards) if pupil.any() else True)
+        passes = found.valid & (
+            self.optical_train.passes_lens(start, towards) if pupil.any() else True
+        )
         rotation = self._axes.T
         origins[valid] = turned(found.points, rotation)
         directions[valid] = turned(found.directions, rotation)
@@ -799,7 +839,9 @@ def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:
 
 def _check_pupil(pupil: Array, pixels: Array) -> None:
     if pupil.shape not in (pixels.shape, (2,)):
-        raise InvalidParameter(f"pupil has shape {pupil.shape}; it is valid as {pixels.shape}, or as one point")
+        raise InvalidParameter(
+            f"pupil has shape {pupil.shape}; it is valid as {pixels.shape}, or as one point"
+        )
 
 
 def check_sensor(value: Any, name: str = "sensor") -> None:
@@ -826,7 +868,11 @@ def sensor_card(sensor: Sensor) -> str:
     except OmnimirrorError as e:
         drawing, field = "", {"Invalid": str(e)}
     lens, imager, mount = sensor.lens, sensor.imager, sensor.mount
-    distance = {} if lens.TELECENTRIC else {"Distance": f"{sensor.mirror_distance_mm:.4g} mm from lens to mirror"}
+    distance = (
+        {}
+        if lens.TELECENTRIC
+        else {"Distance": f"{sensor.mirror_distance_mm:.4g} mm from lens to mirror"}
+    )
     parts = {
         "Mirror": f"{sensor.mirror.KIND}, rim radius {sensor.mirror.rim_radius_mm:.4g} mm{_secondary(sensor)}",
         "Lens": f"{lens.KIND}, {_focal(lens)}F/{lens.image_f_number():.3g} at the image",
@@ -839,7 +885,9 @@ def sensor_card(sensor: Sensor) -> str:
         "mirror sensor",
         drawing,
         {**field, **parts, **_misalignment(sensor)},
-        origin(getattr(sensor, "notes", ""), len(sensor.uncertainty.names) if sensor.uncertainty else 0),
+        origin(
+            getattr(sensor, "notes", ""), len(sensor.uncertainty.names) if sensor.uncertainty else 0
+        ),
     )
 
 
@@ -856,18 +904,27 @@ def _section(sensor: Sensor) -> Iterator[Line]:
     yield line(x, sensor.mirror.sag(np.abs(x)), "strong")
     lens = -meridian.m if np.isfinite(meridian.m) else -TELECENTRIC_LENS_RADII * rim
     if second is not None:
-        wide = np.linspace(-second.mirror.rim_radius_mm, second.mirror.rim_radius_mm, PROFILE_POINTS)
+        wide = np.linspace(
+            -second.mirror.rim_radius_mm, second.mirror.rim_radius_mm, PROFILE_POINTS
+        )
         yield line(wide, second.height(np.abs(wide)), "strong")
         lens = second.lens_height(meridian.m) if np.isfinite(meridian.m) else rim
-    rays = meridian.trace(meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, CHIEF_RAYS)))
+    rays = meridian.trace(
+        meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, CHIEF_RAYS))
+    )
     first = rays.first.x
     end = first if sensor.lens.TELECENTRIC else np.zeros_like(first)
     half = float(end.max()) or 0.12 * rim
     yield line(np.array([-half, half]), np.full(2, lens), "plain")
     path = np.array([rays.x + OBJECT_RAY_RADII * rim * np.sin(rays.omega), rays.x, end])
-    heights = np.array([rays.z - OBJECT_RAY_RADII * rim * np.cos(rays.omega), rays.z, np.full_like(end, lens)])
+    heights = np.array(
+        [rays.z - OBJECT_RAY_RADII * rim * np.cos(rays.omega), rays.z, np.full_like(end, lens)]
+    )
     if second is not None:
-        path, heights = np.insert(path, 2, first, axis=0), np.insert(heights, 2, second.height(first), axis=0)
+        path, heights = (
+            np.insert(path, 2, first, axis=0),
+            np.insert(heights, 2, second.height(first), axis=0),
+        )
     for k in range(CHIEF_RAYS):
         for side in (-1, 1):
             yield line(side * path[:, k], heights[:, k], "fine")
@@ -876,7 +933,9 @@ def _section(sensor: Sensor) -> Iterator[Line]:
 def _field_properties(sensor: Sensor) -> dict[str, str]:
     """Return field, image size, resolution and obscuration."""
     meridian = sensor.meridian
-    rays = meridian.trace(meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, PROFILE_POINTS)))
+    rays = meridian.trace(
+        meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, PROFILE_POINTS))
+    )
     rate = np.abs(sensor.image_height_rate_px(rays)) * np.pi / 180
     rate = rate[np.isfinite(rate)]
     properties = {
@@ -885,7 +944,9 @@ def _field_properties(sensor: Sensor) -> dict[str, str]:
         "Resolution": f"{rate.min():.3g} to {rate.max():.3g} px/° radial",
     }
     return (
-        {**properties, "Obscuration": f"{sensor.hidden_percent:.3g} % of the image"} if sensor.obscured else properties
+        {**properties, "Obscuration": f"{sensor.hidden_percent:.3g} % of the image"}
+        if sensor.obscured
+        else properties
     )
 
 
@@ -901,7 +962,11 @@ def _misalignment(sensor: Sensor) -> dict[str, str]:
     if pose.is_axial:
         return {"Misaligned": "cover, imager or form of the mirror"}
     shift, tilt = (pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg)
-    return {"Misaligned": "mirror decentred by {:g} and {:g} mm, tilted by {:g} and {:g}°".format(*shift, *tilt)}
+    return {
+        "Misaligned": "mirror decentred by {:g} and {:g} mm, tilted by {:g} and {:g}°".format(
+            *shift, *tilt
+        )
+    }
 
 
 def _focal(lens: Lens) -> str:

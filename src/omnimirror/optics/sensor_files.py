@@ -133,7 +133,10 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
         path = SENSOR_FOLDER / f"{name_or_path}.toml"
     hint = did_you_mean(str(name_or_path), bundled)
     others = f"{hint} Bundled are" if hint else "; bundled are"
-    return path, f"there is no {kinds} or bundled sensor {str(name_or_path)!r}{others} {', '.join(bundled)}"
+    return (
+        path,
+        f"there is no {kinds} or bundled sensor {str(name_or_path)!r}{others} {', '.join(bundled)}",
+    )
 
 
 @checked
@@ -298,30 +301,51 @@ class MountTable(StandTable):
 def _table(part: Any) -> dict[str, Any]:
     """Return a part's parameters for the file; default zeros and None values are omitted."""
     values = {name: getattr(part, name) for name in part.PARAMETERS}
-    unset = {f.name for f in dataclasses.fields(part) if f.default in (None, 0.0) and values.get(f.name) == f.default}
+    unset = {
+        f.name
+        for f in dataclasses.fields(part)
+        if f.default in (None, 0.0) and values.get(f.name) == f.default
+    }
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
 
 
 def _check_table_names(data: dict[str, Any], where: SourceLocator) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    parts = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "mirror_form", "imager_pose")
+    parts = (
+        "mirror",
+        "secondary",
+        "lens",
+        "imager",
+        "mount",
+        "mirror_pose",
+        "mirror_form",
+        "imager_pose",
+    )
     tables = (*parts, "housing", "uncertainty", "thermal")
     known |= dict.fromkeys(tables, dict)
     check_entries(data, known, SENSOR_FILE_FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
-            raise where.error((), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]")
+            raise where.error(
+                (), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]"
+            )
 
 
 def _part(
-    section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: SourceLocator
+    section: str,
+    data: dict[str, Any],
+    registry: Mapping[str, type[T]],
+    folder: Path | None,
+    where: SourceLocator,
 ) -> T:
     """Create the part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
-def lens_of(table: dict[str, Any], where: SourceLocator, folder: Path | None, section: str = "lens") -> Lens:
+def lens_of(
+    table: dict[str, Any], where: SourceLocator, folder: Path | None, section: str = "lens"
+) -> Lens:
     """Create the lens of a table such as ``[lens]`` of a sensor file."""
     return _part(section, {section: table}, LENSES, folder, where)
 
@@ -332,7 +356,11 @@ def lens_table(lens: Lens) -> dict[str, Any]:
 
 
 def _class_and_table(
-    section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: SourceLocator
+    section: str,
+    data: dict[str, Any],
+    registry: Mapping[str, type[T]],
+    folder: Path | None,
+    where: SourceLocator,
 ) -> tuple[type[T], dict[str, Any]]:
     """Return the class named by a table's kind, and its other entries."""
     cls = class_of(section, data, registry, where)
@@ -374,7 +402,10 @@ def uncertainty_of(table: dict[str, Any], where: SourceLocator) -> Uncertainty:
 
 def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
     """Return the table ``[uncertainty]`` as plain data."""
-    table: dict[str, Any] = {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
+    table: dict[str, Any] = {
+        "names": list(known.names),
+        "covariance": [list(row) for row in known.covariance],
+    }
     if known.field_deg is not None:
         table["field_deg"] = known.field_deg
     if known.marginal_sigmas is not None:
@@ -382,7 +413,13 @@ def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
     return table
 
 
-HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
+HOUSING_PARTS: dict[str, type[Any]] = {
+    "camera": CameraBody,
+    "rod": Rod,
+    **SHELLS,
+    "rim": Rim,
+    "secondary_rim": Rim,
+}
 """Housing parts by their tables, ``[housing.camera]`` and so on."""
 
 
@@ -392,13 +429,21 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
         if name not in HOUSING_PARTS:
             valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
             raise where.error(
-                ("housing", name), f"housing.{name} is not known{did_you_mean(name, HOUSING_PARTS)}; valid are {valid}"
+                ("housing", name),
+                f"housing.{name} is not known{did_you_mean(name, HOUSING_PARTS)}; valid are {valid}",
             )
         if not isinstance(part, dict):
-            raise where.error(("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]")
+            raise where.error(
+                ("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]"
+            )
     if len(shells := [name for name in SHELLS if name in table]) > 1:
-        raise where.error(("housing", shells[1]), f"housing has both a {' and a '.join(shells)}; give one of them")
-    parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}
+        raise where.error(
+            ("housing", shells[1]), f"housing has both a {' and a '.join(shells)}; give one of them"
+        )
+    parts = {
+        name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where)
+        for name, part in table.items()
+    }
     shell = next((parts.pop(name) for name in SHELLS if name in parts), None)
     return Housing(shell=shell, **parts)
 
@@ -409,7 +454,10 @@ def _check_fit(sensor: Sensor, tables: dict[str, Any], where: SourceLocator) -> 
     for name in tables:
         field = "shell" if name in SHELLS else name
         alone = dataclasses.replace(body, **{field: getattr(sensor.housing, field)})
-        where.wrap((f"housing.{name}",), partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"))
+        where.wrap(
+            (f"housing.{name}",),
+            partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"),
+        )
 
 
 def housing_tables(housing: Housing) -> dict[str, Any]:
@@ -420,7 +468,9 @@ def housing_tables(housing: Housing) -> dict[str, Any]:
     return {name: _table(part) for name, part in parts.items() if part is not None}
 
 
-def _values(model: type[Table], section: str, table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
+def _values(
+    model: type[Table], section: str, table: dict[str, Any], where: SourceLocator
+) -> dict[str, Any]:
     """Return the validated entries of a table, with lists as tuples."""
     values = validated(model, section, table, where).model_dump()
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
@@ -524,13 +574,20 @@ def is_ocam_text(text: str) -> bool:
     >>> is_ocam_text("#polynomial\\n\\n5 -131.4 0 1e-3"), is_ocam_text("format = 1")
     (True, False)
     """
-    first = next((words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"])
+    first = next(
+        (words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"]
+    )
     return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in first)
 
 
 def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     """Create a camera model from the tables of a camera file; ``where`` locates errors."""
-    check_entries(data, {"format": int, "camera": dict, "mount": dict, "uncertainty": dict}, CAMERA_FILE_FORMAT, where)
+    check_entries(
+        data,
+        {"format": int, "camera": dict, "mount": dict, "uncertainty": dict},
+        CAMERA_FILE_FORMAT,
+        where,
+    )
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
     values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
@@ -576,10 +633,19 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     True
     """
     kinds: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
-    instance("camera", camera, kinds, f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}")
+    instance(
+        "camera",
+        camera,
+        kinds,
+        f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}",
+    )
     instance("notes", notes, str, "text")
     comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())
-    return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
+    return comment + (
+        format_sensor(camera)
+        if isinstance(camera, Sensor)
+        else tomli_w.dumps(camera_tables(camera))
+    )
 
 
 def camera_tables(camera: RadialModel) -> dict[str, Any]:

@@ -56,10 +56,15 @@ def check_mirror(mirror: Mirror) -> None:
 
 def parts_are_the_profile(mirror: Mirror) -> None:
     """Check that ``sag``, ``slope`` and ``curvature`` equal ``profile`` and have the shape of x."""
-    for x in (np.linspace(0, mirror.rim_radius_mm, 11), np.full((2, 3), 0.4 * mirror.rim_radius_mm)):
+    for x in (
+        np.linspace(0, mirror.rim_radius_mm, 11),
+        np.full((2, 3), 0.4 * mirror.rim_radius_mm),
+    ):
         for name, part in zip(("sag", "slope", "curvature"), mirror.profile(x), strict=True):
             own = np.asarray(getattr(mirror, name)(x))
-            assert np.shape(part) == x.shape, f"{name} of x {x.shape} has the shape {np.shape(part)}"
+            assert np.shape(part) == x.shape, (
+                f"{name} of x {x.shape} has the shape {np.shape(part)}"
+            )
             assert np.array_equal(np.asarray(part), own), f"{name} is not that of the profile"
 
 
@@ -70,7 +75,9 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
         ("slope", mirror.sag, mirror.slope(x)),
         ("curvature", mirror.slope, mirror.curvature(x)),
     ):
-        difference = (8 * (function(x + h) - function(x - h)) - function(x + 2 * h) + function(x - 2 * h)) / (12 * h)
+        difference = (
+            8 * (function(x + h) - function(x - h)) - function(x + 2 * h) + function(x - 2 * h)
+        ) / (12 * h)
         scale = np.abs(difference).max() + 1 / mirror.rim_radius_mm
         error = np.abs(derivative - difference) / scale
         worst = int(error.argmax())
@@ -82,21 +89,31 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
 
 def vertex_is_the_origin(mirror: Mirror) -> None:
     """Check that the sag of the vertex is 0, and its slope too for a mirror without an apex."""
-    assert abs(float(mirror.sag(0.0))) < 1e-13, f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
+    assert abs(float(mirror.sag(0.0))) < 1e-13, (
+        f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
+    )
     slope = float(mirror.slope(0.0))
-    assert mirror.is_pointed == (slope != 0.0), f"is_pointed is {mirror.is_pointed}, but the vertex has slope {slope:g}"
+    assert mirror.is_pointed == (slope != 0.0), (
+        f"is_pointed is {mirror.is_pointed}, but the vertex has slope {slope:g}"
+    )
 
 
 def radii_are_those_of_the_normals(mirror: Mirror) -> None:
     """Check R_s (Eq. 18) against the normal, and the radii at a smooth apex."""
     x = SHARES * mirror.rim_radius_mm
     slope: Array = mirror.slope(x)
-    normal = np.where(slope == 0, np.inf, np.hypot(x, np.divide(x, slope, where=slope != 0, out=np.zeros_like(x))))
+    normal = np.where(
+        slope == 0, np.inf, np.hypot(x, np.divide(x, slope, where=slope != 0, out=np.zeros_like(x)))
+    )
     length = np.abs(np.asarray(mirror.radius_s(x)))
-    assert np.allclose(length[slope != 0], normal[slope != 0], rtol=1e-12), "radius_s is not the normal's length"
+    assert np.allclose(length[slope != 0], normal[slope != 0], rtol=1e-12), (
+        "radius_s is not the normal's length"
+    )
     if not mirror.is_pointed:
         apex = float(mirror.radius_s(0.0)), float(mirror.radius_t(0.0))
-        assert apex[0] == apex[1] or np.isclose(*apex, rtol=1e-12), f"at the apex the radii are {apex}"
+        assert apex[0] == apex[1] or np.isclose(*apex, rtol=1e-12), (
+            f"at the apex the radii are {apex}"
+        )
 
 
 def bounds_hold_the_meridian(mirror: Mirror) -> None:
@@ -104,8 +121,12 @@ def bounds_hold_the_meridian(mirror: Mirror) -> None:
     (x0, x1), (z0, z1) = mirror.bounds
     z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
     assert (x0, x1) == (0.0, mirror.rim_radius_mm), f"bounds reach from x = {x0:g} mm to {x1:g} mm"
-    assert abs(z0 - z.min()) < 1e-12, f"bounds begin at z = {z0:g} mm, but the meridian at {z.min():g} mm"
-    assert abs(z1 - z.max()) < 1e-12, f"bounds end at z = {z1:g} mm, but the meridian at {z.max():g} mm"
+    assert abs(z0 - z.min()) < 1e-12, (
+        f"bounds begin at z = {z0:g} mm, but the meridian at {z.min():g} mm"
+    )
+    assert abs(z1 - z.max()) < 1e-12, (
+        f"bounds end at z = {z1:g} mm, but the meridian at {z.max():g} mm"
+    )
 
 
 def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
@@ -121,13 +142,19 @@ def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
 def describes_every_parameter(mirror: Mirror) -> None:
     """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
     names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
-    assert list(mirror.PARAMETERS) == names, f"{list(mirror.PARAMETERS)} do not describe the fields {names}"
+    assert list(mirror.PARAMETERS) == names, (
+        f"{list(mirror.PARAMETERS)} do not describe the fields {names}"
+    )
     for name, p in mirror.PARAMETERS.items():
         assert p.description, f"{name} has no description"
         assert p.choices or p.low < p.high, f"{name} has an empty range"
-        assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), f"{name} does not end with its unit"
+        assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), (
+            f"{name} does not end with its unit"
+        )
     entries = set(table_model(type(mirror)).model_fields)
-    assert entries == set(names), f"a sensor file has the entries {sorted(entries)}, and the fields are {names}"
+    assert entries == set(names), (
+        f"a sensor file has the entries {sorted(entries)}, and the fields are {names}"
+    )
 
 
 def refuses_what_is_out_of_range(mirror: Mirror) -> None:

@@ -112,7 +112,9 @@ class Thermal:
     held_at: str = "vertex"
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "reference_c": Parameter("C", -273.0, 1000.0, "temperature at which the sensor's numbers hold"),
+        "reference_c": Parameter(
+            "C", -273.0, 1000.0, "temperature at which the sensor's numbers hold"
+        ),
         "mirror_material": MATERIAL,
         "mirror_ppm_per_k": EXPANSION,
         "spacer_material": MATERIAL,

@@ -41,7 +41,9 @@ class StandTable(Table):
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
     image_flipped: bool = False
-    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="of forward over the horizon")] = 0.0
+    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="of forward over the horizon")] = (
+        0.0
+    )
     roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise about forward")] = 0.0
 
 
@@ -49,7 +51,10 @@ class StandTable(Table):
 def table_model(cls: type[Any]) -> type[Table]:
     """Create the pydantic model of a part from its PARAMETERS."""
     hints = typing.get_type_hints(cls)
-    defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
+    defaults = {
+        f.name: ... if f.default is dataclasses.MISSING else f.default
+        for f in dataclasses.fields(cls)
+    }
     parameters: dict[str, Parameter] = cls.PARAMETERS
     entries: dict[str, Any] = {
         name: (_annotation(hints[name], p), Field(defaults[name], description=p.description))
@@ -91,7 +96,9 @@ STRING_OR_COMMENT = re.compile(
 
 def _entries(text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield line numbers of a TOML text's tables and keys, with their names from the outermost."""
-    plain = STRING_OR_COMMENT.sub(lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text)
+    plain = STRING_OR_COMMENT.sub(
+        lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text
+    )
     table: list[str] = []
     counts: Counter[str] = Counter()
     for number, line in enumerate(plain.splitlines(), start=1):
@@ -127,7 +134,14 @@ class SourceLocator:
         """
         wanted = ".".join(path).split(".")
         shared = [
-            (len(list(takewhile(lambda pair: pair[0] == pair[1], zip(wanted, entry, strict=False)))), -number)
+            (
+                len(
+                    list(
+                        takewhile(lambda pair: pair[0] == pair[1], zip(wanted, entry, strict=False))
+                    )
+                ),
+                -number,
+            )
             for number, entry in self.entries
         ]
         most, line = max(shared, default=(0, 0))
@@ -158,16 +172,23 @@ class NoFile(SourceLocator):
 NOUNS = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables"}
 
 
-def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator) -> None:
+def check_entries(
+    data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator
+) -> None:
     """Check that entries outside tables are known, of the right type and of this file format."""
     for key, value in data.items():
         if key not in known:
             name = shown(key)[1:-1]
-            raise where.error((key,), f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
+            raise where.error(
+                (key,),
+                f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}",
+            )
         if not isinstance(value, known[key]) or isinstance(value, bool):
             raise where.error((key,), f"{key} = {shown(value)} is not {NOUNS[known[key]]}")
     if (found := data.get("format", file_format)) != file_format:
-        raise where.error(("format",), f"format = {found} is not known to this version, which reads {file_format}")
+        raise where.error(
+            ("format",), f"format = {found} is not known to this version, which reads {file_format}"
+        )
 
 
 def validated(model: type[M], section: str, table: dict[str, Any], where: SourceLocator) -> M:
@@ -190,7 +211,9 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
             return f"{name} is missing{_describe(model, path[1])}"
         case "extra_forbidden":
             names = list(model.model_fields)
-            return f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
+            return (
+                f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
+            )
         case "literal_error":
             return f"{name} = {shown(value)} is not one of {problem['ctx']['expected']}"
         case _:
@@ -208,7 +231,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]}?" if close else ""
 
 
-def class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: SourceLocator) -> type[Any]:
+def class_of(
+    section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: SourceLocator
+) -> type[Any]:
     """Return the class named by the entry ``kind`` of a table."""
     kind = data[section].get("kind")
     if kind is None:
@@ -216,6 +241,7 @@ def class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any
     if not isinstance(kind, str) or kind not in registry:
         hint = did_you_mean(str(kind), registry)
         raise where.error(
-            (section, "kind"), f"{section}.kind = {shown(kind)} is not known{hint}; valid are {', '.join(registry)}"
+            (section, "kind"),
+            f"{section}.kind = {shown(kind)} is not known{hint}; valid are {', '.join(registry)}",
         )
     return registry[kind]

@@ -51,7 +51,12 @@ class SceneFrame(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, frame: SceneFrame = SceneFrame()) -> object:  # noqa: B008
+def native_optics(
+    sensor: Sensor,
+    radiometry: Radiometry,
+    blur: bool,
+    frame: SceneFrame = SceneFrame(),  # noqa: B008
+) -> object:
     """Create the compiled optics of a sensor with rays in the frame of a scene.
 
     The origin is the entrance pupil.
@@ -107,7 +112,9 @@ def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
 
 
 REFLECTANCE_TERMS = 8
-INCIDENCE_MARGIN = np.radians(2.0)  # margin of the angle of incidence for rays through the edge of the aperture
+INCIDENCE_MARGIN = np.radians(
+    2.0
+)  # margin of the angle of incidence for rays through the edge of the aperture
 
 
 def steepest_incidence(sensor: Sensor) -> float:
@@ -127,7 +134,11 @@ def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
     top = 1 - np.cos(gamma_max)
     points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))
     values = radiometry.returned(np.arccos(1 - points))
-    fitted = np.polynomial.Polynomial.fit(points, values, REFLECTANCE_TERMS - 1, domain=[0, top]).convert().coef
+    fitted = (
+        np.polynomial.Polynomial.fit(points, values, REFLECTANCE_TERMS - 1, domain=[0, top])
+        .convert()
+        .coef
+    )
     series: Array = np.zeros(REFLECTANCE_TERMS)
     series[: len(fitted)] = fitted
     return series
@@ -233,11 +244,15 @@ def compiled_light(
         starts = turned(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
         starts = np.where(placed.distant, placed.shift_mm, starts)
         margin = 0.0 if placed.distant else BESIDE * sensor.mirror.rim_radius_mm
-        surroundings = placed.scene.surroundings_from(starts.min(axis=0) - margin, starts.max(axis=0) + margin)
+        surroundings = placed.scene.surroundings_from(
+            starts.min(axis=0) - margin, starts.max(axis=0) + margin
+        )
         if surroundings is not None:
             optics = native_optics(sensor, radiometry, plan.blur, placed.frame())
             light_of = partial(_of_surfaces, optics, surroundings, plan)
-            return render_tiles(light_of, sensor.image_size, len(plan.points), progress, workers, medium)
+            return render_tiles(
+                light_of, sensor.image_size, len(plan.points), progress, workers, medium
+            )
     return None
 
 
@@ -256,7 +271,9 @@ def _of_environment(
     picture = medium.empty((width, height))
     for top in range(0, height, ROWS_AT_ONCE):
         light = np.empty((min(ROWS_AT_ONCE, height - top), width, 3), np.float32)
-        backend.kernels.expose_environment(optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light)
+        backend.kernels.expose_environment(
+            optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light
+        )
         picture[top : top + len(light)] = medium.read(light)
         if progress is not None:
             progress(top + len(light), height)
@@ -275,7 +292,9 @@ def _of_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile
     )
     if behind is not None and count:
         share, origins, directions = np.split(rays[:count].astype(float), (1, 4), axis=1)
-        first = np.flatnonzero(np.diff(pixels[:count], prepend=-1))  # rays of a pixel are consecutive
+        first = np.flatnonzero(
+            np.diff(pixels[:count], prepend=-1)
+        )  # rays of a pixel are consecutive
         sums = np.add.reduceat(share * behind.radiance(origins, directions), first, axis=0)
         light.reshape(-1, 3)[pixels[first]] += sums.astype(np.float32)
     return light

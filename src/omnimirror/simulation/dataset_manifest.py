@@ -28,8 +28,12 @@ from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
 
 DESCRIPTION = "dataset.json"
 FRAMES = "frames"
-LEFTOVER = re.compile(r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)")
-REWRITE_FRACTION = 50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
+LEFTOVER = re.compile(
+    r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)"
+)
+REWRITE_FRACTION = (
+    50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
+)
 
 
 class Manifest:
@@ -60,7 +64,9 @@ class Manifest:
             _check_same(folder, before, described["recipe"])
             _remove_leftovers(folder)
             named = before.get("files", {})
-            self.files = {name: sha for name, sha in named.items() if _is_the_same(folder / name, sha)}
+            self.files = {
+                name: sha for name, sha in named.items() if _is_the_same(folder / name, sha)
+            }
             changing = before.keys() - described.keys() - {"files", "complete"}
             self.entries = {name: before[name] for name in before if name in changing}
             self.is_complete = bool(before.get("complete")) and len(self.files) == len(named)
@@ -89,7 +95,10 @@ class Manifest:
     def write(self) -> None:
         """Write dataset.json in its current state, atomically."""
         whole = (
-            self.described | {"complete": self.is_complete} | self.entries | {"files": dict(sorted(self.files.items()))}
+            self.described
+            | {"complete": self.is_complete}
+            | self.entries
+            | {"files": dict(sorted(self.files.items()))}
         )
         write_text(self.folder / DESCRIPTION, json.dumps(whole) + "\n")
         self._noted = len(self.files)
@@ -126,13 +135,19 @@ def _description(folder: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as e:
-        raise MediaError(f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}") from None
+        raise MediaError(
+            f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}"
+        ) from None
     return found if isinstance(found, dict) else {}
 
 
 def _check_same(folder: Path, before: dict[str, Any], recipe: dict[str, Any]) -> None:
     old = before.get("recipe", {})
-    different = [name for name in (*recipe, *(old.keys() - recipe.keys())) if old.get(name) != recipe.get(name)]
+    different = [
+        name
+        for name in (*recipe, *(old.keys() - recipe.keys()))
+        if old.get(name) != recipe.get(name)
+    ]
     if different:
         raise InvalidParameter(
             f"{folder} holds another set, which differs in {', '.join(different)}; take another folder or remove it"
@@ -206,7 +221,9 @@ def recipe_record(recipe: Recipe) -> dict[str, Any]:
     encoders: dict[str, Any] = {
         "sensor": format_camera,
         "hall": asdict,
-        "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
+        "radiometry": lambda r: (
+            r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)}
+        ),
         "detector": _detector_record,
         "scene": record_of,
         "path": _path_record,
@@ -225,14 +242,18 @@ def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | Vide
     decoders: dict[str, Any] = {
         "sensor": parse_camera,
         "hall": lambda r: Hall(**r),
-        "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
+        "radiometry": lambda r: (
+            r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])})
+        ),
         "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
         "scene": lambda r: source_of(r, folder),
         "path": _path_of,
         "bodies": lambda r: tuple(map(_body_of, r)),
     }
     same: Any = lambda value: value  # noqa: E731
-    return KINDS[record["kind"]](**{name: decoders.get(name, same)(value) for name, value in given.items()})
+    return KINDS[record["kind"]](
+        **{name: decoders.get(name, same)(value) for name, value in given.items()}
+    )
 
 
 class StoredRecipe(NamedTuple):
@@ -268,29 +289,44 @@ def _record_in(path: str | Path) -> dict[str, Any]:
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror}") from None
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise MediaError(f"{path} does not say how a set is made; dataset.json of this release's sets does") from None
+        raise MediaError(
+            f"{path} does not say how a set is made; dataset.json of this release's sets does"
+        ) from None
     if kind not in KINDS:
         raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
     if told != format_of(kind):
-        raise MediaError(f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew")
+        raise MediaError(
+            f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew"
+        )
     return record  # type: ignore[no-any-return]
 
 
 def _path_record(path: Keyframes) -> dict[str, Any]:
-    return {"tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()}, "between": path.interpolation}
+    return {
+        "tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()},
+        "between": path.interpolation,
+    }
 
 
 def _path_of(record: dict[str, Any]) -> Keyframes:
-    return Keyframes({n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"])
+    return Keyframes(
+        {n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"]
+    )
 
 
 def _body_of(record: dict[str, Any]) -> MovingBox:
-    return MovingBox(**record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])})
+    return MovingBox(
+        **record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])}
+    )
 
 
 def _detector_record(detector: Detector) -> dict[str, Any]:
-    record = asdict(detector) | {"black_level_dn": detector.offset_dn if detector.curve == "linear" else None}
-    return record | {"full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None}
+    record = asdict(detector) | {
+        "black_level_dn": detector.offset_dn if detector.curve == "linear" else None
+    }
+    return record | {
+        "full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None
+    }
 
 
 def _reflectivity_text(value: Any) -> Any:

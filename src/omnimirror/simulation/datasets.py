@@ -75,7 +75,10 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     chance = np.random.default_rng(whole("seed", seed))
     places = POSITION_RANGE_MM * chance.uniform(-1, 1, (count - 1, 3))
     turns = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
-    return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
+    return [
+        Pose(),
+        *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1)),
+    ]
 
 
 def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, Array]:
@@ -92,7 +95,9 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
         origins = sights(sensor, pixels[valid]).origins
         ways = corners[valid] - origins
         met = distances_mm(scene, origins, ways)
-        pixels[np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - VISIBILITY_TOLERANCE_MM]] = np.nan
+        pixels[
+            np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - VISIBILITY_TOLERANCE_MM]
+        ] = np.nan
         found[name] = pixels.reshape(7, 11, 2)
     return found
 
@@ -156,22 +161,37 @@ def write_calibration_set(
     """
     return render_views(
         CalibrationRecipe(
-            sensor=sensor, views=views, samples=samples, blur=blur, radiometry=radiometry,
-            detector=detector or Detector(), seed=seed, hall=hall or Hall(), truth=truth,
+            sensor=sensor,
+            views=views,
+            samples=samples,
+            blur=blur,
+            radiometry=radiometry,
+            detector=detector or Detector(),
+            seed=seed,
+            hall=hall or Hall(),
+            truth=truth,
         ),
         Path(folder),
-    )  # fmt: skip
+    )
 
 
 def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
     """Write the dataset of a recipe; see :func:`write_calibration_set`."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
-    ledger = _begin(folder, recipe, {
-        "square_mm": SQUARE_MM,
-        "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
-    })  # fmt: skip
-    records = {view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])}
+    ledger = _begin(
+        folder,
+        recipe,
+        {
+            "square_mm": SQUARE_MM,
+            "boards_mm": {
+                name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards
+            },
+        },
+    )
+    records = {
+        view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])
+    }
     with _to_its_end(ledger):
         for number, pose in enumerate(poses):
             name = f"view-{number:03d}"
@@ -192,7 +212,9 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
                 corners = _lists(visible_corners_px(sensor, hall, pose))
                 record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
                 records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
-                ledger.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
+                ledger.entries["views"] = [
+                    records[name] for name in sorted(records, key=lambda n: (len(n), n))
+                ]
                 ledger.add(*files)
             yield folder / files[0]
     ledger.finish(complete=True)
@@ -283,19 +305,35 @@ def write_video_set(
     2
     """
     recipe = VideoRecipe(
-        sensor=sensor, scene=scene, path=path, bodies=tuple(bodies), frame_rate=frame_rate, duration_s=duration_s,
-        samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth,
-    )  # fmt: skip
+        sensor=sensor,
+        scene=scene,
+        path=path,
+        bodies=tuple(bodies),
+        frame_rate=frame_rate,
+        duration_s=duration_s,
+        samples=samples,
+        blur=blur,
+        radiometry=radiometry,
+        detector=detector or Detector(),
+        seed=seed,
+        truth=truth,
+    )
     return render_frames(recipe, Path(folder), progress)
 
 
-def render_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None) -> int:
+def render_frames(
+    recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None
+) -> int:
     """Write the dataset of a recipe and return its number of frames; see :func:`write_video_set`."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
     world = scene.load() if isinstance(scene, SceneSource) else scene
-    described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": recipe.frame_rate}
+    described: dict[str, Any] = {
+        "video": "video.mp4",
+        "poses": "poses.csv",
+        "frame_rate": recipe.frame_rate,
+    }
     ledger = _begin(folder, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
     if ledger.is_complete:
         return len(times)
@@ -304,9 +342,13 @@ def render_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, in
     def expose_frame(number: int, picture: str, exr: str) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
         seen = with_bodies(world, recipe.bodies, time)
-        light = frame_at(sensor, seen, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
+        light = frame_at(
+            sensor, seen, path, time, recipe.samples, bool(recipe.blur), radiometry, seed
+        )
         if truth:
-            write_truth(folder / exr, sensor, PosedScene(seen, Pose(**path.at(time))), light, radiometry)
+            write_truth(
+                folder / exr, sensor, PosedScene(seen, Pose(**path.at(time))), light, radiometry
+            )
         write_image(folder / picture, recipe.detector.read(light, seed))
         ledger.add(picture, *([exr] if truth else []))
 
@@ -331,12 +373,19 @@ def render_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, in
     return len(times)
 
 
-def _join(ledger: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float) -> None:
+def _join(
+    ledger: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float
+) -> None:
     """Write the video of the existing frames, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
-    rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
+    rows += [
+        ",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values()))
+        for time in times
+    ]
     write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
-    pictures = (read_image(ledger.folder / (FRAME_PATTERN % number)) for number in range(len(times)))
+    pictures = (
+        read_image(ledger.folder / (FRAME_PATTERN % number)) for number in range(len(times))
+    )
     encode(ledger.folder / "video.mp4", sensor.image_size, frame_rate, pictures)
     ledger.entries["frames"] = len(times)
     ledger.add("poses.csv", "video.mp4")
@@ -382,7 +431,10 @@ def _to_its_end(ledger: Manifest) -> Iterator[None]:
 def _lists(corners: dict[str, Array]) -> dict[str, Any]:
     """Convert corners to JSON with null for missing ones; invisible boards are omitted."""
     return {
-        name: [[None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row] for row in pixels]
+        name: [
+            [None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row]
+            for row in pixels
+        ]
         for name, pixels in corners.items()
         if np.isfinite(pixels).any()
     }
@@ -463,7 +515,9 @@ def write_learning_set(
     folder, per_shard = file_name("folder", folder), whole("per_shard", per_shard, 1, 1_000_000)
     times = frame_times(path, frame_rate, duration_s)
     if (folder / CARD).exists():
-        raise InvalidParameter(f"{folder} holds a set already; remove {folder / CARD} or take another folder")
+        raise InvalidParameter(
+            f"{folder} holds a set already; remove {folder / CARD} or take another folder"
+        )
     reading, moving = detector or Detector(), tuple(bodies)
 
     def moment(time: float) -> Moment:
@@ -471,25 +525,39 @@ def write_learning_set(
 
     def sample(number: int) -> dict[str, bytes]:
         now, following = moment(times[number]), moment(times[min(number + 1, len(times) - 1)])
-        light = expose(camera, now.seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number)
+        light = expose(
+            camera, now.seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number
+        )
         picture = encoded(reading.read(light, seed + number), ".png")
         found = learning_truth(camera, now, following, radiometry)
         if progress is not None:
             progress(number + 1, len(times))
-        return {"png": picture, "npz": _arrays(found), "json": _record(now, times[number], number + 1 == len(times))}
+        return {
+            "png": picture,
+            "npz": _arrays(found),
+            "json": _record(now, times[number], number + 1 == len(times)),
+        }
 
     shards = []
     for number, first in enumerate(range(0, len(times), per_shard)):
         shards.append(folder / f"set-{number:06d}.tar")
-        _write_shard(shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times)))))
+        _write_shard(
+            shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times))))
+        )
     save_camera(camera, folder / "sensor.toml")
-    write_text(folder / CARD, _card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]))
+    write_text(
+        folder / CARD,
+        _card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]),
+    )
     return shards
 
 
 def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
     """Write a tar file that is reproducible byte by byte."""
-    with replacing(path) as temporary, tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard:
+    with (
+        replacing(path) as temporary,
+        tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard,
+    ):
         for number, files in samples:
             for ending, content in files.items():
                 entry = tarfile.TarInfo(f"{number:06d}.{ending}")
@@ -519,10 +587,15 @@ def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
     return json.dumps(record).encode()
 
 
-def _card(camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]) -> str:
+def _card(
+    camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]
+) -> str:
     width, height = camera.image_size
     name: Any = getattr(camera, "name", "camera")
-    labels = "\n".join(f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("nothing", *scene.label_names)))
+    labels = "\n".join(
+        f"| {i} | {markdown_text(label)} |"
+        for i, label in enumerate(("nothing", *scene.label_names))
+    )
     return f"""---
 pretty_name: {yaml_string(f"simulated pictures of {name}")}
 task_categories: [depth-estimation, image-segmentation]

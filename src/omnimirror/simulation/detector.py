@@ -135,7 +135,9 @@ class Detector:
             return self.black_level_dn
         if self.curve != "linear":
             return 0.0
-        return float(np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn))
+        return float(
+            np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn)
+        )
 
     @property
     def counts(self) -> bool:
@@ -187,7 +189,9 @@ def filtered_light(detector: Detector, light: Light, first_row: int = 0) -> Ligh
     light = _checked(light)
     if detector.bayer == "none":
         return light
-    return mosaic(light, detector.bayer[2:] + detector.bayer[:2] if first_row % 2 else detector.bayer)
+    return mosaic(
+        light, detector.bayer[2:] + detector.bayer[:2] if first_row % 2 else detector.bayer
+    )
 
 
 def digital_values(detector: Detector, light: Light) -> NDArray[Any]:
@@ -243,7 +247,9 @@ class Electrons:
         values, counts = light.reshape(-1), electrons.reshape(-1)
         for part in stretches(light.size):
             exposed = (self.detector.exposure * values[part]).astype(float)
-            counts[part] = self._chance.poisson(np.clip(exposed * self.detector.full_well_e, 0, self._most))
+            counts[part] = self._chance.poisson(
+                np.clip(exposed * self.detector.full_well_e, 0, self._most)
+            )
         return electrons
 
     def read(self, electrons: NDArray[Any]) -> NDArray[Any]:
@@ -262,7 +268,9 @@ class Electrons:
 def _checked(light: Light) -> Light:
     light = np.asarray(light)
     if light.ndim != 3 or light.shape[2] != 3 or light.dtype.kind not in "fiu":
-        raise InvalidParameter(f"light is numbers (rows, columns, 3), not {light.shape} of {light.dtype}")
+        raise InvalidParameter(
+            f"light is numbers (rows, columns, 3), not {light.shape} of {light.dtype}"
+        )
     if any(np.isnan(row).any() for row in light):
         raise InvalidParameter("light holds NaN; it is valid from 0 on")
     return light
@@ -321,7 +329,11 @@ class Readout:
     def _read(self, light: Light) -> NDArray[Any]:
         kept = filtered_light(self._detector, light, self._rows)
         self._rows += len(light)
-        return digital_values(self._detector, kept) if self._electrons is None else self._electrons.counted(kept)
+        return (
+            digital_values(self._detector, kept)
+            if self._electrons is None
+            else self._electrons.counted(kept)
+        )
 
     def numbers(self, taken: NDArray[Any]) -> NDArray[Any]:
         """Return the values of the image recorded on :attr:`medium`, possibly in its memory."""

@@ -101,10 +101,15 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
         pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
         seen = sights(camera, pixels, radiometry)
         band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
-        origins[band], directions[band] = seen.origins.reshape(*shape, 3), seen.directions.reshape(*shape, 3)
+        origins[band], directions[band] = (
+            seen.origins.reshape(*shape, 3),
+            seen.directions.reshape(*shape, 3),
+        )
         hidden[band] = seen.hidden.reshape(shape)
         valid = seen.valid
-        depth[band][valid.reshape(shape)] = distances_mm(scene, seen.origins[valid], seen.directions[valid])
+        depth[band][valid.reshape(shape)] = distances_mm(
+            scene, seen.origins[valid], seen.directions[valid]
+        )
     return Truth(origins, directions, depth, hidden)
 
 
@@ -152,7 +157,11 @@ def learning_truth(
     truth = ground_truth(camera, now.seen, radiometry)
     shape = truth.depth_mm.shape
     valid = np.isfinite(truth.directions[..., 0])
-    origins, towards, depth = truth.origins_mm[valid], truth.directions[valid], truth.depth_mm[valid]
+    origins, towards, depth = (
+        truth.origins_mm[valid],
+        truth.directions[valid],
+        truth.depth_mm[valid],
+    )
     normals, flow = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
     labels, again = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
     normals[valid] = _normals(now.seen, origins, towards, depth)
@@ -172,7 +181,10 @@ def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) ->
     helper = np.eye(3)[np.abs(towards).argmin(axis=1)]
     across = np.cross(towards, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    one, other = (_along(scene, origins, towards, points, axis) for axis in (across, np.cross(towards, across)))
+    one, other = (
+        _along(scene, origins, towards, points, axis)
+        for axis in (across, np.cross(towards, across))
+    )
     normal: Array = np.cross(one, other)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal *= -np.sign(np.einsum("ni,ni->n", normal, towards))[:, None]
@@ -221,7 +233,9 @@ def _moved(
         ok = there.valid
         ends[ok] = distances_mm(following.seen, there.origins[ok], there.directions[ok])
         wanted = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - there.origins, axis=1))
-        same = (ends == wanted) | (np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted)
+        same = (ends == wanted) | (
+            np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted
+        )
     again[valid] = ok & ~there.hidden & same
     pixels[~valid] = np.nan
     return pixels, again

@@ -95,7 +95,11 @@ def render_tiles(
 
 
 def _as_they_come(
-    picture: NDArray[Any], light_of: Callable[[Tile], Light], tiles: Iterator[Tile], medium: Medium, workers: int
+    picture: NDArray[Any],
+    light_of: Callable[[Tile], Light],
+    tiles: Iterator[Tile],
+    medium: Medium,
+    workers: int,
 ) -> Iterator[int]:
     """Fill an image, with readout in each thread; yield the number of finished rows."""
 
@@ -108,7 +112,11 @@ def _as_they_come(
 
 
 def _row_by_row(
-    picture: NDArray[Any], light_of: Callable[[Tile], Light], tiles: Iterator[Tile], medium: Medium, workers: int
+    picture: NDArray[Any],
+    light_of: Callable[[Tile], Light],
+    tiles: Iterator[Tile],
+    medium: Medium,
+    workers: int,
 ) -> Iterator[int]:
     """Fill an image in consecutive rows, with readout in this thread while others render the next
     rows.

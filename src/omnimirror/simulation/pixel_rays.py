@@ -69,7 +69,9 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
         if numbers(name, value, "(it takes one)").ndim:
             raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
     if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}")
+        raise InvalidParameter(
+            f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
+        )
     if not (0 <= seed < 1 << 32 and int(seed) == seed):
         raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")
     points = np.zeros((samples, 4))
@@ -135,14 +137,18 @@ ORIGIN_TOLERANCE_MM = 1e-4  # tolerance of a ray origin on a surface: single pre
 ORIGIN_OFFSET_MM = 1e-6  # offset of a ray origin from the surface that it leaves
 
 
-def intersects_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array) -> NDArray[np.bool_]:
+def intersects_lid(
+    shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array
+) -> NDArray[np.bool_]:
     """Return the mask of rays (n, 3), (n, 3) from inside that end at opaque parts of a shell before
     its wall.
 
     Opaque parts are the discs that close it at heights; for a window, all except its opening.
     """
     if isinstance(shell, FlatWindow):
-        return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
+        return ~_meets_disc(
+            points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2
+        )
     meets = np.zeros(len(points), dtype=bool)
     for height in lids_mm:
         meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
@@ -151,11 +157,15 @@ def intersects_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, dire
     return meets
 
 
-def _meets_disc(points: Array, directions: Array, height: float, radius: float) -> NDArray[np.bool_]:
+def _meets_disc(
+    points: Array, directions: Array, height: float, radius: float
+) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (height - points[:, 2]) / directions[:, 2]
         across = points[:, :2] + t[:, None] * directions[:, :2]
-        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (np.hypot(*across.T) < radius)
+        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (
+            np.hypot(*across.T) < radius
+        )
     return meets
 
 
@@ -217,7 +227,9 @@ class ThroughShell:
         points, towards, share = points[left], towards[left], np.ones(len(left))
         for _ in range(1 + MAX_GHOST_ORDER):
             left_by = passage(self.shell, points, towards)
-            seen = self.scene.radiance(turned(left_by.points, turn.T), turned(left_by.directions, turn.T))
+            seen = self.scene.radiance(
+                turned(left_by.points, turn.T), turned(left_by.directions, turn.T)
+            )
             light[left] += (share * left_by.passed)[:, None] * seen
             ghosts = self._ghosts(left_by)
             left, share = left[ghosts.alive], (share * (1 - left_by.passed))[ghosts.alive]
@@ -227,14 +239,22 @@ class ThroughShell:
     def _ghosts(self, passage: ShellTransit) -> _Ghosts:
         """Return the continuation of reflected rays."""
         mirror = self.sensor.optical_train.posed_mirror
-        points, directions = passage.met + ORIGIN_OFFSET_MM * passage.thrown_back, passage.thrown_back
+        points, directions = (
+            passage.met + ORIGIN_OFFSET_MM * passage.thrown_back,
+            passage.thrown_back,
+        )
         again = mirror.trace(points, directions)
-        points = np.where(again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points)
+        points = np.where(
+            again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points
+        )
         directions = np.where(again.valid[:, None], again.directions, directions)
         rim = self.sensor.mirror.rim_radius_mm
-        back = float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
+        back = (
+            float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
+        )
         alive = ~(
-            _meets_disc(points, directions, back, rim) | intersects_lid(self.shell, self.lids_mm, points, directions)
+            _meets_disc(points, directions, back, rim)
+            | intersects_lid(self.shell, self.lids_mm, points, directions)
         )
         return _Ghosts(points, directions, alive)
 
@@ -245,7 +265,9 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
         return scene
     standing = camera.obstructions
     assert standing.housing.shell is not None
-    return ThroughShell(scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids))
+    return ThroughShell(
+        scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids)
+    )
 
 
 # -- Pixel rays and obstructions: reflection at the mirror, past rod, camera and rim, through a wall
@@ -282,7 +304,10 @@ def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) 
     start, towards = sensor.lens_rays(pixels, pupil)
     found = sensor.optical_train.posed_mirror.trace(start, towards)
     hit = found.valid
-    points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
+    points, directions = (
+        np.where(hit[:, None], found.points, start),
+        np.where(hit[:, None], found.directions, towards),
+    )
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
@@ -302,7 +327,9 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
         return np.ones(len(points))
     meets, across = standing.camera.met_by(points, directions)
     if standing.rod is not None:
-        meets &= ~(standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens))
+        meets &= ~(
+            standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens)
+        )
     return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
 
 
@@ -403,8 +430,15 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
             hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
             hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
         return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
-    followed, standing = follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions
-    points, directions, hidden = followed.points, _unit(followed.directions), followed.fate == HIDDEN
+    followed, standing = (
+        follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
+        camera.obstructions,
+    )
+    points, directions, hidden = (
+        followed.points,
+        _unit(followed.directions),
+        followed.fate == HIDDEN,
+    )
     valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
     if (shell := standing.housing.shell) is not None:
         for disc in standing.discs:  # lids and the frame of a window

@@ -57,7 +57,9 @@ class Radiometry:
         for f in fields(self):
             if f.name in self.PARAMETERS:
                 self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
-        for each in self.reflectivity if isinstance(self.reflectivity, tuple) else (self.reflectivity,):
+        for each in (
+            self.reflectivity if isinstance(self.reflectivity, tuple) else (self.reflectivity,)
+        ):
             reflectance(0.0, each)
 
     def returned(self, gamma: Array) -> Array:
@@ -99,7 +101,13 @@ def camera_front(place: Array) -> Array:
         glint = np.hypot(x + 0.2, y + 0.25) < 0.12
         mark = (np.abs(x) < 0.12) & (y < 0) & (q > 1.15) & (q < 1.55)
         parts = [
-            (glint & (q < 0.62), 12.0), (q < 0.55, 0.25), (q < 0.62, 1.0), (q < 0.74, 6.0), (q < 1.0, 1.5),
-            (q < 1.06, 0.3), (mark, 12.0), (q < 2.2, 1.0),
-        ]  # fmt: skip
+            (glint & (q < 0.62), 12.0),
+            (q < 0.55, 0.25),
+            (q < 0.62, 1.0),
+            (q < 0.74, 6.0),
+            (q < 1.0, 1.5),
+            (q < 1.06, 0.3),
+            (mark, 12.0),
+            (q < 2.2, 1.0),
+        ]
     return np.select([where for where, _ in parts], [light for _, light in parts], 0.7)

@@ -129,9 +129,18 @@ def expose(
     ((64, 64, 3), dtype('float32'))
     """
     return exposed(
-        camera, scene, LIGHT, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed,
-        progress=progress, workers=workers, wavelengths_nm=wavelengths_nm,
-    )  # fmt: skip
+        camera,
+        scene,
+        LIGHT,
+        samples=samples,
+        blur=blur,
+        distant=distant,
+        radiometry=radiometry,
+        seed=seed,
+        progress=progress,
+        workers=workers,
+        wavelengths_nm=wavelengths_nm,
+    )
 
 
 def exposed(
@@ -158,7 +167,9 @@ def exposed(
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
-        raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
+        raise InvalidParameter(
+            "only a sensor has blur; a calibrated camera says nothing of its aperture"
+        )
     if radiometry is not None and not _has_one_mirror(camera):
         raise InvalidParameter(
             "only a sensor of one mirror has radiometry; a calibrated camera says nothing of it, and two mirrors dim "
@@ -174,9 +185,16 @@ def exposed(
     cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
     if cameras is not None or coloured is not None:
         plain = partial(
-            exposed, scene=scene, medium=LIGHT if medium.in_order else medium, samples=samples, blur=blur,
-            distant=distant, seed=seed, progress=progress, workers=workers,
-        )  # fmt: skip
+            exposed,
+            scene=scene,
+            medium=LIGHT if medium.in_order else medium,
+            samples=samples,
+            blur=blur,
+            distant=distant,
+            seed=seed,
+            progress=progress,
+            workers=workers,
+        )
         seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
         each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
         shares = [plain(seen, radiometry=light) for seen, light in each]
@@ -190,12 +208,16 @@ def exposed(
     return _of_scene(camera, seen, plan, radiometry, progress, workers, medium)
 
 
-def _of_colours(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
+def _of_colours(
+    camera: Camera, wavelengths_nm: tuple[float, float, float] | None
+) -> list[Sensor] | None:
     """Return the sensor for red, green and blue light; None if all colours are equal."""
     if wavelengths_nm is None:
         return None
     if not isinstance(camera, Sensor):
-        raise InvalidParameter("only a sensor has colours; a calibrated camera says nothing of its lens")
+        raise InvalidParameter(
+            "only a sensor has colours; a calibrated camera says nothing of its lens"
+        )
     three = finite("wavelengths_nm", wavelengths_nm, last=3)
     return [at_wavelength(camera, float(nm)) for nm in three]
 
@@ -211,7 +233,11 @@ def _check_size(camera: Camera) -> None:
 
 def _distant(scene: Scene) -> Scene:
     """Return the scene at infinity; a tube or a dome is unchanged."""
-    return replace(scene, scene=_distant(scene.scene)) if isinstance(scene, ThroughShell) else Distant(scene)
+    return (
+        replace(scene, scene=_distant(scene.scene))
+        if isinstance(scene, ThroughShell)
+        else Distant(scene)
+    )
 
 
 def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
@@ -228,7 +254,9 @@ def _of_scene(
     medium: Medium,
 ) -> NDArray[Any]:
     def light_of(tile: Tile) -> Light:
-        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
+        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(
+            axis=2
+        )
         return light
 
     return render_tiles(light_of, camera.image_size, len(plan.points), progress, workers, medium)
@@ -245,33 +273,52 @@ def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     return light
 
 
-def trace(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def trace(
+    camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
+) -> Bundle:
     """Trace the rays of a tile of the image."""
     if not _has_one_mirror(camera):
         pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
         if isinstance(camera, Sensor) and plan.blur:
-            origins, directions, valid = camera.aperture_rays(flat, pupil.reshape(-1, 2) * plan.blur)
+            origins, directions, valid = camera.aperture_rays(
+                flat, pupil.reshape(-1, 2) * plan.blur
+            )
         else:
             origins, directions, valid = camera.backproject(flat)
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
-        return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
+        return Bundle(
+            origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate
+        )
     trace_sensor = _trace_natively if is_for_kernels(camera) else _trace_sensor
     return trace_sensor(camera, plan, radiometry, rows, columns)
 
 
-def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def _trace_natively(
+    sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
+) -> Bundle:
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
     weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     optics = native_optics(sensor, radiometry, plan.blur)
     backend.kernels.expose_rays(
-        optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate
+        optics,
+        plan.points,
+        plan.blur,
+        plan.seed,
+        columns.start,
+        rows.start,
+        origins,
+        directions,
+        weight,
+        fate,
     )
     return Bundle(origins, directions, weight, fate)
 
 
-def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def _trace_sensor(
+    sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
+) -> Bundle:
     """Trace the same rays without the compiled module."""
     pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
@@ -282,7 +329,9 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     image = sensor.image_plane.flat_mm(pixels)[0]
     # Edges of a real lens vignette rays through its aperture; chief rays represent all of them
     clipped = plan.blur and not sensor.lens.IS_THIN
-    weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
+    weight = 1 - radiometry.vignetting * (
+        1 - sensor.lens.falloff(image, pupil if clipped else None)
+    )
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
     weight[hit] *= front_shade(sensor, points[hit], directions[hit], -towards[hit])
     weight[fate == LOST] = 0.0
@@ -385,9 +434,17 @@ def take_picture(
         )
         return srgb_bytes(_low_passed(light))
     return exposed(
-        camera, scene, BYTES, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed,
-        progress=progress, workers=workers,
-    )  # fmt: skip
+        camera,
+        scene,
+        BYTES,
+        samples=samples,
+        blur=blur,
+        distant=distant,
+        radiometry=radiometry,
+        seed=seed,
+        progress=progress,
+        workers=workers,
+    )
 
 
 TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
@@ -402,16 +459,25 @@ def _finer(camera: Camera) -> Sensor:
         )
     imager = camera.imager
     u, v = imager.centre
-    finer = Imager(2 * imager.width_px, 2 * imager.height_px, imager.pixel_pitch_um / 2, (2 * u + 0.5, 2 * v + 0.5))
+    finer = Imager(
+        2 * imager.width_px,
+        2 * imager.height_px,
+        imager.pixel_pitch_um / 2,
+        (2 * u + 0.5, 2 * v + 0.5),
+    )
     return replace(camera, imager=finer)
 
 
 def _low_passed(light: Light) -> Light:
     """Filter light (2 n, 2 m, 3) on half-width pixels to pixels (n, m, 3)."""
     for axis in (0, 1):
-        padded = np.moveaxis(np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0)
+        padded = np.moveaxis(
+            np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0
+        )
         count = light.shape[axis] // 2
-        light = np.moveaxis(sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis)
+        light = np.moveaxis(
+            sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis
+        )
     return np.ascontiguousarray(light, np.float32)
 
 
@@ -446,7 +512,12 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
     """
     _check_samples(samples)
     towards = np.asarray(directions, dtype=float)
-    if towards.ndim != 3 or towards.shape[2] != 3 or towards.shape[0] % samples or towards.shape[1] % samples:
+    if (
+        towards.ndim != 3
+        or towards.shape[2] != 3
+        or towards.shape[0] % samples
+        or towards.shape[1] % samples
+    ):
         raise InvalidParameter(
             f"directions have the shape {towards.shape}; it must be (rows, columns, 3), both a multiple of "
             f"samples = {samples}"
@@ -459,10 +530,14 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
 
 def _check_samples(samples: int) -> None:
     if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(f"samples = {samples} is not a whole number from 1 to {MOST_SAMPLES}")
+        raise InvalidParameter(
+            f"samples = {samples} is not a whole number from 1 to {MOST_SAMPLES}"
+        )
 
 
 def _develop(light: Light, samples: int) -> Picture:
     """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
-    return srgb_bytes(light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3)))
+    return srgb_bytes(
+        light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3))
+    )

@@ -107,9 +107,14 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     room = PosedScene(Room(texel_mm, max(texel_mm, ELSEWHERE_MM)), POSE)
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
-    exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)
+    exact, single = (
+        Dewarper(sensor, VIEW, "cubic"),
+        Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm),
+    )
     if not np.isfinite(exact.coordinates()[LETTERS]).all():
-        raise OutsideField(f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead")
+        raise OutsideField(
+            f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead"
+        )
     sharp = _picture(sensor, room, samples)
     straight, guessed = exact(sharp), single(sharp)
     blurred_db = np.nan
@@ -136,7 +141,9 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     )
 
 
-def _picture(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) -> NDArray[np.float32]:
+def _picture(
+    sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False
+) -> NDArray[np.float32]:
     """Render an sRGB image, converted in place in bands of rows."""
     picture = expose(sensor, scene, samples=samples, blur=blur)
     for rows in np.array_split(picture, max(1, len(picture) // ROWS)):
@@ -147,7 +154,9 @@ def _picture(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) 
 def _truth(scene: Scene) -> NDArray[np.float32]:
     """Render the wall with a pinhole at the sensor, 4 x 4 rays per pixel."""
     fine = replace(VIEW, size=(4 * SIZE[0], 4 * SIZE[1]))
-    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # processed in parts: three million rays take 0.5 GB
+    edges = range(
+        0, fine.size[1] + 1, 4 * ROWS
+    )  # processed in parts: three million rays take 0.5 GB
     parts = [pinhole_picture(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
     return (np.concatenate(parts) / 255).astype(np.float32)
 
@@ -166,7 +175,9 @@ def _middle(dewarp: Dewarper, sensor: Sensor) -> Array:
     return sensor.radius_from_centre_px(dewarp.coordinates()[:, SIZE[0] // 2])
 
 
-def _shifts(picture: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor) -> Array:
+def _shifts(
+    picture: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor
+) -> Array:
     """Return the downward shift (strips,) of an image relative to the reference by least squares;
     source px.
 
@@ -181,7 +192,10 @@ def _shifts(picture: NDArray[np.float32], truth: NDArray[np.float32], exact: Dew
         shift = 0.0
         for _ in range(STEPS):
             moved = cv2.warpAffine(
-                smooth, np.array([[1.0, 0, 0], [0, 1.0, shift]]), SIZE, borderMode=cv2.BORDER_REPLICATE
+                smooth,
+                np.array([[1.0, 0, 0], [0, 1.0, shift]]),
+                SIZE,
+                borderMode=cv2.BORDER_REPLICATE,
             )
             slope = np.gradient(moved, axis=0)[rows, columns].ravel()
             shift += float(slope @ (moved - seen)[rows, columns].ravel() / (slope @ slope))

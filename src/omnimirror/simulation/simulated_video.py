@@ -75,7 +75,11 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     number("frame_rate", frame_rate, low=MIN_FRAME_RATE, high=1e6)
     if duration_s is None:
         duration_s = max(time for track in path.tracks.values() for time, _ in track)
-    count = int(np.floor(duration_s * frame_rate + 1e-9)) + 1 if duration_s >= 0 and frame_rate > 0 else 0
+    count = (
+        int(np.floor(duration_s * frame_rate + 1e-9)) + 1
+        if duration_s >= 0 and frame_rate > 0
+        else 0
+    )
     if not 1 <= count <= MOST_FRAMES:
         raise InvalidParameter(
             f"{duration_s:g} s at {frame_rate:g} frames a second make no video; valid are 1 to {MOST_FRAMES} frames"
@@ -104,7 +108,15 @@ def frame_at(
         a sensor.
     """
     seen = PosedScene(scene, Pose(**path.at(time_s)))
-    return expose(camera, seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed, progress=progress)
+    return expose(
+        camera,
+        seen,
+        samples=samples,
+        blur=blur,
+        radiometry=radiometry,
+        seed=seed,
+        progress=progress,
+    )
 
 
 class VideoFrame(NamedTuple):
@@ -209,7 +221,9 @@ def write_video(
     return len(times)
 
 
-def encode(output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]) -> None:
+def encode(
+    output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]
+) -> None:
     """Write RGB images (h, w, 3) as a video."""
     from ..io.video_frames import frame_of_image
     from ..io.video_writer import VideoWriter

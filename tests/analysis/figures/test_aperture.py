@@ -23,7 +23,9 @@ def line(figure, gid):
     return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
 
 
-@pytest.mark.parametrize("focuses", [[212.0], pytest.param([205.0, 212.0, 219.0], marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "focuses", [[212.0], pytest.param([205.0, 212.0, 219.0], marks=pytest.mark.full)]
+)
 def test_spots_are_where_rays_land(focuses):
     found = om.spots(SPH, [0.0, 90.0, 135.0], focus_mm=focuses)
     figure = spot_matrix(found, 1.1)
@@ -55,7 +57,8 @@ def test_psf_pictures_keep_tangential_to_the_right():
     figure = psf_pictures(found)
     (image,) = figure.axes[0].get_images()
     spread = [
-        np.sqrt((found[0].density.sum(axis=a) @ found[0].offset_px ** 2) / found[0].density.sum()) for a in (0, 1)
+        np.sqrt((found[0].density.sum(axis=a) @ found[0].offset_px ** 2) / found[0].density.sum())
+        for a in (0, 1)
     ]
     assert spread[1] > 2 * spread[0]
     left, right, bottom, top = image.get_extent()

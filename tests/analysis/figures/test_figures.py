@@ -71,7 +71,17 @@ def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
 @pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig8", "fig11"))
 def test_every_figure_draws_a_cone_and_six_sensors(name):
     """A cone has a pointed apex, a hole in its image and no tangential image of distant objects."""
-    render(draw(name, [sensor_of("cone"), sensor_of("ellipsoid"), *SENSORS, sensor_of("sphere", "orthographic")]))
+    render(
+        draw(
+            name,
+            [
+                sensor_of("cone"),
+                sensor_of("ellipsoid"),
+                *SENSORS,
+                sensor_of("sphere", "orthographic"),
+            ],
+        )
+    )
 
 
 @pytest.mark.parametrize(
@@ -114,9 +124,18 @@ def test_virtual_images_and_depth_of_field_of_figure_4():
             result = om.evaluate(sensor, omega, object_distance_mm=distance)
             for way in "TS":
                 x, z = line(figure, f"{sensor.name}:{way}{name}")
-                np.testing.assert_allclose(x, getattr(result, f"image_{way.lower()}_x_mm"), rtol=1e-12)
-                np.testing.assert_allclose(z, getattr(result, f"image_{way.lower()}_z_mm"), rtol=1e-12)
-        bands = [p for ax in figure.axes for p in ax.patches if p.get_gid() == f"{sensor.name}:depth-of-field"]
+                np.testing.assert_allclose(
+                    x, getattr(result, f"image_{way.lower()}_x_mm"), rtol=1e-12
+                )
+                np.testing.assert_allclose(
+                    z, getattr(result, f"image_{way.lower()}_z_mm"), rtol=1e-12
+                )
+        bands = [
+            p
+            for ax in figure.axes
+            for p in ax.patches
+            if p.get_gid() == f"{sensor.name}:depth-of-field"
+        ]
         near, far = om.evaluate(sensor, mode="paper").depth_of_field_mm
         assert [b.get_height() for b in bands] == pytest.approx([far - near] * 2)
         assert bands[0].get_y() == pytest.approx(near - sensor.mirror_distance_mm)
@@ -127,7 +146,9 @@ def test_rays_of_figure_4_obey_the_law_of_reflection():
     (xs, x, foot), (zs, z, lens) = line(figure, "SPH:ray:75")
     slope = SENSORS[0].mirror.slope(x)
     normal = np.array([slope, -1]) / np.hypot(slope, 1)
-    to_object, to_lens = (v / np.linalg.norm(v) for v in (np.array([xs - x, zs - z]), np.array([foot - x, lens - z])))
+    to_object, to_lens = (
+        v / np.linalg.norm(v) for v in (np.array([xs - x, zs - z]), np.array([foot - x, lens - z]))
+    )
     assert to_object @ normal == pytest.approx(to_lens @ normal, abs=1e-9)
     assert lens == -SENSORS[0].mirror_distance_mm
 
@@ -135,7 +156,11 @@ def test_rays_of_figure_4_obey_the_law_of_reflection():
 def test_rectangles_of_figure_8_are_fifteen_degrees():
     figure = drawn("fig8")
     result = om.evaluate(SENSORS[0], [90.0], image_radius_px=500)
-    (patch,) = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p.get_gid() == "SPH:rectangle:90"]
+    (patch,) = [
+        p
+        for p in figure.axes[0].patches
+        if isinstance(p, Rectangle) and p.get_gid() == "SPH:rectangle:90"
+    ]
     assert patch.get_width() == pytest.approx(15 * result.dh_domega_px_per_deg[0])
     assert patch.get_height() == pytest.approx(15 * result.width_px_per_deg[0])
     assert patch.get_x() + patch.get_width() / 2 == pytest.approx(result.h_px[0])
@@ -144,7 +169,9 @@ def test_rectangles_of_figure_8_are_fifteen_degrees():
 def test_spots_of_figure_11_are_ten_times_the_blur():
     figure = drawn("fig11")
     result = om.evaluate(SENSORS[0], [90.0], mode="paper", image_radius_px=500)
-    (spot,) = [p for p in figure.axes[0].patches if isinstance(p, Ellipse) and p.get_gid() == "SPH:spot:90"]
+    (spot,) = [
+        p for p in figure.axes[0].patches if isinstance(p, Ellipse) and p.get_gid() == "SPH:spot:90"
+    ]
     assert spot.height == pytest.approx(10 * abs(result.blur_t_deg[0]))
     assert spot.width == pytest.approx(10 * abs(result.blur_s_deg[0]))
     assert "(0.212°)²" in texts(figure)
@@ -158,7 +185,9 @@ def test_each_sensor_keeps_its_colour():
     for name in ("fig5", "fig6", "fig9"):
         lines = [a for ax in drawn(name).axes for a in ax.get_lines() if a.get_gid()]
         for i, sensor in enumerate(SENSORS):
-            assert {a.get_color() for a in lines if a.get_gid().startswith(f"{sensor.name}:")} == {PALETTE[i]}
+            assert {a.get_color() for a in lines if a.get_gid().startswith(f"{sensor.name}:")} == {
+                PALETTE[i]
+            }
 
 
 @pytest.mark.parametrize("name", few(["fig5", "fig7", "fig9", "fig12", "fig15"], "fig7", "fig12"))
@@ -269,7 +298,9 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
     up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
     assert shown_points(ax, up).tolist() == [True] * 5 + [False]
     assert not shown_points(ax, outside).any()
-    edges = ax.plot([2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0])[0]
+    edges = ax.plot(
+        [2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0]
+    )[0]
     assert shown_points(ax, edges).tolist() == [True, False, True, False, True, True, False, False]
     labels = EndLabels(figure)
     labels.of_line(ax, up, "up")
@@ -317,7 +348,9 @@ def test_end_labels_follow_axes_that_the_layout_moves():
         (text,) = ax.texts
         box = Text.get_window_extent(text)
         assert text.get_fontsize() == 9.0
-        assert (box.y0 + box.y1) / 2 == pytest.approx(ax.transData.transform((1.0, 4.0))[1], abs=box.height / 4)
+        assert (box.y0 + box.y1) / 2 == pytest.approx(
+            ax.transData.transform((1.0, 4.0))[1], abs=box.height / 4
+        )
         assert box.x0 - ax.get_window_extent().x1 == pytest.approx(7.0, abs=0.5)
         assert box.x1 < figure.bbox.x1
 
@@ -339,25 +372,38 @@ def test_labels_of_axes_hold_symbols_and_units(label, text):
 
 def test_figures_draw_what_was_evaluated():
     """Every option that changes numbers changes the lines of the figure accordingly."""
-    asked = {"object_distance_mm": 50.0, "mode": "paper", "image_radius_px": 500, "wavelength_nm": 850.0}
+    asked = {
+        "object_distance_mm": 50.0,
+        "mode": "paper",
+        "image_radius_px": 500,
+        "wavelength_nm": 850.0,
+    }
     sensor = om.load_sensor("paper-spherical")
     result = om.evaluate(sensor, [0.0, 90.0], tolerance_px=2.0, **asked)
     figure = draw("fig9", [sensor], Conditions.of(result))
     for column in ("blur_t_px", "blur_s_px", "blur_t_deg", "floored_area_deg2"):
         omega, drawn = line(figure, f"{sensor.name}:{column}")
-        np.testing.assert_allclose(drawn, getattr(om.evaluate(sensor, omega, **asked), column), rtol=1e-12)
+        np.testing.assert_allclose(
+            drawn, getattr(om.evaluate(sensor, omega, **asked), column), rtol=1e-12
+        )
     assert "±2 px" in texts(figure)
     assert "objects at 50 mm" in figure.axes[0].get_title(loc="left")
     close_up = draw("fig4", [sensor], Conditions.of(result))
     near = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), **asked)
-    np.testing.assert_allclose(line(close_up, f"{sensor.name}:T50mm")[1], near.distance_t_mm - 180.429, rtol=1e-9)
+    np.testing.assert_allclose(
+        line(close_up, f"{sensor.name}:T50mm")[1], near.distance_t_mm - 180.429, rtol=1e-9
+    )
 
 
 def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or [])
+    monkeypatch.setattr(
+        figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or []
+    )
     options = "--paper-mode --image-radius-px 500 --object-distance-mm 50 --wavelength-nm 850 --tolerance-px 2"
-    run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)])
+    run = CliRunner().invoke(
+        command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)]
+    )
     assert run.exit_code == 0, run.output
     assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
 
@@ -381,13 +427,23 @@ def test_angles_that_are_hidden_are_a_band(name, obscured):
 def test_what_is_hidden_in_the_picture_is_a_ring(name, obscured):
     (ring,) = obscured.obscured
     edge = float(om.evaluate(obscured, [ring.omega_deg[1]]).h_px[0])
-    (patch,) = [p for ax in draw(name, [obscured]).axes for p in ax.patches if p.get_gid() == f"{obscured.name}:hidden"]
+    (patch,) = [
+        p
+        for ax in draw(name, [obscured]).axes
+        for p in ax.patches
+        if p.get_gid() == f"{obscured.name}:hidden"
+    ]
     box = patch.get_extents().transformed(patch.axes.transData.inverted())
-    np.testing.assert_allclose([box.x0, box.x1], [-edge if name == "fig3" else 0.0, edge], rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(
+        [box.x0, box.x1], [-edge if name == "fig3" else 0.0, edge], rtol=1e-3, atol=1e-6
+    )
 
 
 def test_spots_that_are_hidden_say_so(obscured):
-    assert [t for t in texts(draw("fig11", [obscured])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
+    assert [t for t in texts(draw("fig11", [obscured])) if "hidden" in t] == [
+        "0°, hidden",
+        "15°, hidden",
+    ]
 
 
 @pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig11"))
@@ -403,16 +459,22 @@ def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, mo
         draw("fig5", sensors).savefig(saved, format=kind, metadata=undated)
     laid_out, layout = [], ConstrainedLayoutEngine.execute
     monkeypatch.setattr(
-        ConstrainedLayoutEngine, "execute", lambda self, figure: laid_out.append(figure) or layout(self, figure)
+        ConstrainedLayoutEngine,
+        "execute",
+        lambda self, figure: laid_out.append(figure) or layout(self, figure),
     )
     figure, whole = draw("fig5", sensors), Figure.draw
-    monkeypatch.setattr(Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer))
+    monkeypatch.setattr(
+        Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer)
+    )
     assert render(figure, kind) == saved.getvalue()
     assert drawn == laid_out == [figure]
     assert figure.get_layout_engine() is not None  # for the next format
 
 
-@pytest.mark.parametrize("names", [["paper-hyperboloidal"], ["paper-spherical", "paper-equidistant"]])
+@pytest.mark.parametrize(
+    "names", [["paper-hyperboloidal"], ["paper-spherical", "paper-equidistant"]]
+)
 def test_no_word_beside_ray_traces_is_cut_off(names):
     with styled():
         figure = ray_traces(subjects_of([om.load_sensor(name) for name in names], Conditions()))

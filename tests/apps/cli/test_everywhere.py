@@ -35,7 +35,9 @@ NUMBER = re.compile(r"^-?\d+(\.\d+)?$")
 
 
 def run(*words):
-    return CliRunner().invoke(app, [str(w) for w in words], catch_exceptions=False, standalone_mode=False)
+    return CliRunner().invoke(
+        app, [str(w) for w in words], catch_exceptions=False, standalone_mode=False
+    )
 
 
 @pytest.mark.parametrize("name", few(TABLES, *(TABLES.keys() - {"parts", "simulate roundtrip"})))
@@ -47,9 +49,9 @@ def test_json_holds_every_line_of_the_table(name, tmp_path):
     if name == "mtf":  # the terminal shows a selection of columns
         assert [r["cycles_per_px"] for r in records] == [0.1, 0.2]
         return
-    lines = [line for line in shown.stdout.splitlines() if line.strip() and not line.startswith("Wrote")][
-        -len(records) :
-    ]
+    lines = [
+        line for line in shown.stdout.splitlines() if line.strip() and not line.startswith("Wrote")
+    ][-len(records) :]
     for line, record in zip(lines, records, strict=True):
         first, told = line.split()[0], next(iter(record.values()))
         if name == "parts":
@@ -62,7 +64,16 @@ def test_json_holds_every_line_of_the_table(name, tmp_path):
 
 
 def test_json_of_files_says_what_was_written(tmp_path):
-    run("export", "paper-spherical", "-o", tmp_path / "x", "--formats", "csv", "--json", tmp_path / "x.json")
+    run(
+        "export",
+        "paper-spherical",
+        "-o",
+        tmp_path / "x",
+        "--formats",
+        "csv",
+        "--json",
+        tmp_path / "x.json",
+    )
     (record,) = json.loads((tmp_path / "x.json").read_text())
     assert os.path.exists(record["path"])
     assert record["deviation_um"] < 0.01
@@ -73,7 +84,10 @@ def test_every_command_that_prints_a_table_writes_json():
     without = {
         name
         for name, command in COMMANDS.items()
-        if re.search("plain_table\\(|print_(rows|verdict|design)\\(|_table\\(", inspect.getsource(command.callback))
+        if re.search(
+            "plain_table\\(|print_(rows|verdict|design)\\(|_table\\(",
+            inspect.getsource(command.callback),
+        )
         and not any("--json" in p.opts for p in command.params)
     }
     assert without <= {"reproduce"}
@@ -82,11 +96,23 @@ def test_every_command_that_prints_a_table_writes_json():
 def whole(*words, **environment):
     """Run a separate process; return its output and messages."""
     program = [sys.executable, "-m", "omnimirror", *words]
-    return subprocess.run(program, capture_output=True, text=True, env={**os.environ, **environment})
+    return subprocess.run(
+        program, capture_output=True, text=True, env={**os.environ, **environment}
+    )
 
 
 def test_quiet_says_nothing_and_writes_all_the_same(tmp_path, capsys):
-    main(["evaluate", "paper-spherical", "--omega-deg", "30", "--quiet", "--csv", str(tmp_path / "a.csv")])
+    main(
+        [
+            "evaluate",
+            "paper-spherical",
+            "--omega-deg",
+            "30",
+            "--quiet",
+            "--csv",
+            str(tmp_path / "a.csv"),
+        ]
+    )
     assert capsys.readouterr() == ("", "")
     assert (tmp_path / "a.csv").read_text().startswith("omega_deg")
     with pytest.raises(SystemExit, match=r"^1$"):
@@ -112,7 +138,9 @@ def test_quiet_leaves_standard_output_to_files(capsys):
 def test_verbose_ends_with_what_it_took(capsys):
     main(["sensors", "--verbose"])
     said = capsys.readouterr().err.strip()
-    assert re.fullmatch(r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: [\w-]+", said)
+    assert re.fullmatch(
+        r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: [\w-]+", said
+    )
 
 
 def test_what_stands_after_two_dashes_is_nobodys_option(capsys):
@@ -122,7 +150,13 @@ def test_what_stands_after_two_dashes_is_nobodys_option(capsys):
 
 
 def test_a_shell_completes_sensors_and_commands():
-    found = whole(_OMNIMIRROR_COMPLETE="bash_complete", COMP_WORDS="omnimirror evaluate paper-s", COMP_CWORD="2")
+    found = whole(
+        _OMNIMIRROR_COMPLETE="bash_complete",
+        COMP_WORDS="omnimirror evaluate paper-s",
+        COMP_CWORD="2",
+    )
     assert found.stdout.splitlines() == ["plain,paper-spherical", "file,paper-s"]
-    found = whole(_OMNIMIRROR_COMPLETE="bash_complete", COMP_WORDS="omnimirror illu", COMP_CWORD="1")
+    found = whole(
+        _OMNIMIRROR_COMPLETE="bash_complete", COMP_WORDS="omnimirror illu", COMP_CWORD="1"
+    )
     assert found.stdout.splitlines() == ["plain,illumination"]

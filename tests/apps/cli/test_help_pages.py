@@ -16,7 +16,9 @@ from omnimirror.apps.cli._declarations import DocumentedCommand
 DOCS = Path(__file__).parents[3] / "docs"
 
 
-def commands(group: click.Group = app, words: tuple[str, ...] = ()) -> Iterator[tuple[str, click.Command]]:
+def commands(
+    group: click.Group = app, words: tuple[str, ...] = ()
+) -> Iterator[tuple[str, click.Command]]:
     for name in group.list_commands(click.Context(group)):
         command = group.get_command(click.Context(group), name)
         if isinstance(command, click.Group):
@@ -76,11 +78,17 @@ def test_commands_that_pages_only_show_are_understood(line, tmp_path, monkeypatc
 
 def test_options_stand_in_their_groups_and_each_once():
     shown = COMMANDS["dewarp"].get_help(click.Context(COMMANDS["dewarp"], info_name="dewarp"))
-    headings = [line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")]
+    headings = [
+        line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")
+    ]
     assert headings[0] == "Options:"
     assert len(headings) >= 7
     camera = shown.split("Camera model:")[1].split("\n\n")[0]
     assert "--ocam" in camera
     assert "--crf" not in camera
     flags = [line.split()[0].rstrip(",") for line in shown.splitlines() if line.startswith("  -")]
-    assert len(flags) == len(set(flags)) == len(COMMANDS["dewarp"].get_params(click.Context(COMMANDS["dewarp"]))) - 1
+    assert (
+        len(flags)
+        == len(set(flags))
+        == len(COMMANDS["dewarp"].get_params(click.Context(COMMANDS["dewarp"]))) - 1
+    )

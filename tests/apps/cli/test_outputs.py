@@ -20,7 +20,9 @@ FEW = ["--omega-deg", "0:90:45"]
 
 
 def run(*args):
-    return CliRunner().invoke(app, [str(a) for a in args], catch_exceptions=False, standalone_mode=False)
+    return CliRunner().invoke(
+        app, [str(a) for a in args], catch_exceptions=False, standalone_mode=False
+    )
 
 
 def test_a_table_on_standard_output_is_all_there_is(tmp_path):
@@ -29,7 +31,9 @@ def test_a_table_on_standard_output_is_all_there_is(tmp_path):
     assert piped.stdout == (tmp_path / "a.csv").read_text()
     assert "best focus" in piped.stderr  # messages are preserved
     assert "Wrote" in written.stdout
-    assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"]["omega_deg"] == [
+    assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"][
+        "omega_deg"
+    ] == [
         0,
         45,
         90,
@@ -45,20 +49,32 @@ def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
         piped = run(*words, "-o", "-", *(["--format", kind] if kind else []))
         assert piped.stdout_bytes.startswith(magic)
         if kind != "jpg":
-            picture = cv2.imdecode(np.frombuffer(piped.stdout_bytes, np.uint8), cv2.IMREAD_UNCHANGED)
-            assert np.array_equal(picture, cv2.imread(str(tmp_path / "out.tif"), cv2.IMREAD_UNCHANGED))
+            picture = cv2.imdecode(
+                np.frombuffer(piped.stdout_bytes, np.uint8), cv2.IMREAD_UNCHANGED
+            )
+            assert np.array_equal(
+                picture, cv2.imread(str(tmp_path / "out.tif"), cv2.IMREAD_UNCHANGED)
+            )
 
 
 def test_a_figure_on_standard_output():
     assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
-    assert b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
+    assert (
+        b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
+    )
 
 
 @pytest.mark.parametrize(
     ("args", "sentence"),
     [
-        (["evaluate", "paper-spherical", "--csv", "-", "--json", "-"], "--csv and --json cannot both be written"),
-        (["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"], "--format says what '-' writes"),
+        (
+            ["evaluate", "paper-spherical", "--csv", "-", "--json", "-"],
+            "--csv and --json cannot both be written",
+        ),
+        (
+            ["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"],
+            "--format says what '-' writes",
+        ),
         (["evaluate", "paper-spherical", "--csv", ""], "this one is empty"),
     ],
 )
@@ -71,7 +87,15 @@ def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, 
 
 
 def test_the_reader_may_leave():
-    command = [sys.executable, "-m", "omnimirror", "evaluate", "paper-spherical", "--omega-deg", "0:130:.01"]
+    command = [
+        sys.executable,
+        "-m",
+        "omnimirror",
+        "evaluate",
+        "paper-spherical",
+        "--omega-deg",
+        "0:130:.01",
+    ]
     for words in (command, [*command, "--csv", "-"]):
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             assert process.stdout.readline()
@@ -96,7 +120,10 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
     for name in COMMANDS:
         for path, command in leaves(app.get_command(context, name), name):
             for parameter in command.params:
-                is_folder = getattr(parameter.type, "file_okay", True) is False or path in ("reproduce", "demo")
+                is_folder = getattr(parameter.type, "file_okay", True) is False or path in (
+                    "reproduce",
+                    "demo",
+                )
                 if parameter.name in writes and not is_folder and not parameter.is_flag:
                     assert isinstance(parameter.type, Output), f"{path} {parameter.opts}"
 
@@ -104,15 +131,32 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("rim a.png --figure ./a.png", "--figure would be written over a.png, which is read; name another file"),
-        ("evaluate s.toml --omega-deg 0 --csv link.toml", "--csv would be written over link.toml, which is read"),
+        (
+            "rim a.png --figure ./a.png",
+            "--figure would be written over a.png, which is read; name another file",
+        ),
+        (
+            "evaluate s.toml --omega-deg 0 --csv link.toml",
+            "--csv would be written over link.toml, which is read",
+        ),
         ("convert s.toml s.toml", "target would be written over s.toml, which is read"),
-        ("evaluate s.toml --omega-deg 0 --csv x --json ./x", "--csv and --json would both be written to x"),
-        ("evaluate s.toml --omega-deg 0 --csv x --json ./s.toml", "--json would be written over s.toml, which is read"),
-        ("evaluate s.toml --omega-deg 0 --csv /dev/null --json ./s.toml", "--json would be written over s.toml"),
+        (
+            "evaluate s.toml --omega-deg 0 --csv x --json ./x",
+            "--csv and --json would both be written to x",
+        ),
+        (
+            "evaluate s.toml --omega-deg 0 --csv x --json ./s.toml",
+            "--json would be written over s.toml, which is read",
+        ),
+        (
+            "evaluate s.toml --omega-deg 0 --csv /dev/null --json ./s.toml",
+            "--json would be written over s.toml",
+        ),
     ],
 )
-def test_nothing_is_written_over_what_is_read_or_over_another_output(words, sentence, tmp_path, monkeypatch, capsys):
+def test_nothing_is_written_over_what_is_read_or_over_another_output(
+    words, sentence, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.zeros((64, 64, 3), np.uint8))
     main(["init", "s.toml"])
@@ -151,7 +195,9 @@ def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     _output.say("12.5 mm 'a' True ", ("e.csv", "bold"))
     _output.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
-    assert screen.getvalue() == ("12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n")
+    assert screen.getvalue() == (
+        "12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n"
+    )
 
 
 def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):

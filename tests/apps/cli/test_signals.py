@@ -49,17 +49,29 @@ VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "reproduce": (("reproduce", "--out", "out"), "out/*"),
     "tolerance": (
-        ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"), "out/trials/*",
+        ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"),
+        "out/trials/*",
     ),
     "design": (
-        ("design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--starts", "99", "--resume", "s.json"),
+        (
+            "design",
+            "--like",
+            "paper-spherical",
+            "--optimise",
+            "worst_blur_deg",
+            "--starts",
+            "99",
+            "--resume",
+            "s.json",
+        ),
         "s.json",
     ),
     "simulate": (("simulate", "paper-spherical", "--spp", "4000", "-o", "a.png"), ""),
     "dataset": (("simulate", "dataset", "paper-spherical", "--views", "500", "-o", "set"), "set/*"),
     "demo": (("demo", "--out", "out"), "out/*"),
     "dewarp a video": (
-        ("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"), ".view*",
+        ("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"),
+        ".view*",
     ),
     "dewarp a folder": (("dewarp", "many", *BALL, "--size", "1600x800", "-o", "out"), "out/*"),
     "bracket": (("bracket", "plan", "paper-spherical"), ""),
@@ -70,21 +82,52 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "view": (("view", "long.mp4", *BALL, "--no-open"), "stdout"),
     "serve": (("serve", "long.mp4", "--views", "views.toml", *BALL), "stdout"),
     "serve and publish": (
-        ("serve", "long.mp4", "--views", "views.toml", *BALL, "--publish", "udp://127.0.0.1:9/{view}"), "2 processes",
+        (
+            "serve",
+            "long.mp4",
+            "--views",
+            "views.toml",
+            *BALL,
+            "--publish",
+            "udp://127.0.0.1:9/{view}",
+        ),
+        "2 processes",
     ),
-    "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
-    "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
+    "dewarp a bag": (
+        ("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"),
+        "*.omnimirror-*",
+    ),
+    "dewarp with a preview": (
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"),
+        "2 processes",
+    ),
     "dewarp in a preview": (
-        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "io.live_outputs:Preview.write",
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"),
+        "io.live_outputs:Preview.write",
     ),
     "calibrate": (
-        ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes",
+        ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"),
+        "2 processes",
     ),
-    "design with parts": (("design", "parts.toml", "--processes", "2", "--most", "999"), "3 processes"),
+    "design with parts": (
+        ("design", "parts.toml", "--processes", "2", "--most", "999"),
+        "3 processes",
+    ),
     "learning": (
-        ("simulate", "learning", "paper-spherical", "--path", "path.csv", "--spp", "1", "-o", "set"), "set/*",
+        (
+            "simulate",
+            "learning",
+            "paper-spherical",
+            "--path",
+            "path.csv",
+            "--spp",
+            "1",
+            "-o",
+            "set",
+        ),
+        "set/*",
     ),
-}  # fmt: skip
+}
 """Running commands and the evidence of their progress: a file, a line of output, processes, a call,
 or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
@@ -92,7 +135,10 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "init": (("init", "new.toml", "--force"), "apps.cli.commands.init:write_text"),
     "judge": (("judge", "lens.toml", "paper-spherical"), "apps.cli.commands.judge:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
-    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "apps.cli.commands.rays:write_rays"),
+    "rays": (
+        ("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"),
+        "apps.cli.commands.rays:write_rays",
+    ),
     "maps": (
         ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
         "apps.cli.commands.maps:write_maps",
@@ -104,7 +150,10 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.spots:spots"),
     "psf": (("psf", "paper-spherical"), "apps.cli.commands.psf:psf"),
     "mtf": (("mtf", "paper-spherical"), "apps.cli.commands.mtf:mtf"),
-    "illumination": (("illumination", "paper-spherical"), "apps.cli.commands.illumination:illumination"),
+    "illumination": (
+        ("illumination", "paper-spherical"),
+        "apps.cli.commands.illumination:illumination",
+    ),
     "form": (
         ("form", "paper-spherical", "points.csv", "-o", "made.toml"),
         "apps.cli.commands.form:form_error",
@@ -114,14 +163,25 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         "apps.cli.commands.compare:compare",
     ),
     "roundtrip": (
-        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "apps.cli.commands.simulate:load_sensor",
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"),
+        "apps.cli.commands.simulate:load_sensor",
     ),
     "bracket take": (
         ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
         "apps.cli.commands.bracket:expose",
     ),
     "bracket merge": (
-        ("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"),
+        (
+            "bracket",
+            "merge",
+            "paper-spherical",
+            "large/0.png",
+            "large/0.png",
+            "--focus-mm",
+            "212,228",
+            "-o",
+            "a.png",
+        ),
         "apps.cli.commands.bracket:merge_bracket",
     ),
     "board": (
@@ -133,13 +193,16 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         ("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"),
         "apps.cli.commands.lines:load_camera",
     ),
-    "uncertainty": (("uncertainty", "paper-spherical"), "apps.cli.commands.uncertainty:load_camera"),
+    "uncertainty": (
+        ("uncertainty", "paper-spherical"),
+        "apps.cli.commands.uncertainty:load_camera",
+    ),
     "convert": (
         ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
         "apps.cli.commands.convert:convert",
     ),
     "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.apertures:best_apertures"),
-}  # fmt: skip
+}
 """Short commands, and the function of their module that a test repeats until a signal arrives."""
 REPEAT = """
 import functools, importlib, pathlib, sys
@@ -161,22 +224,39 @@ run()
 KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
 """Commands that first report completed work."""
 EVERYDAY = [
-    ("reproduce", signal.SIGTERM), ("tolerance", signal.SIGHUP), ("dewarp a video", signal.SIGHUP),
-    ("simulate", signal.SIGTERM), ("studio", signal.SIGHUP), ("serve", signal.SIGTERM), ("evaluate", signal.SIGINT),
-    ("calibrate", signal.SIGTERM), ("serve and publish", signal.SIGHUP), ("dewarp a bag", signal.SIGTERM),
-    ("dewarp with a preview", signal.SIGTERM), ("dewarp in a preview", signal.SIGHUP),
-    ("design with parts", signal.SIGINT), ("rim", signal.SIGHUP),
-    ("lines", signal.SIGTERM), ("form", signal.SIGTERM), ("colmap", signal.SIGINT), ("rays", signal.SIGHUP),
-    ("maps", signal.SIGTERM), ("judge", signal.SIGHUP),
-]  # fmt: skip
+    ("reproduce", signal.SIGTERM),
+    ("tolerance", signal.SIGHUP),
+    ("dewarp a video", signal.SIGHUP),
+    ("simulate", signal.SIGTERM),
+    ("studio", signal.SIGHUP),
+    ("serve", signal.SIGTERM),
+    ("evaluate", signal.SIGINT),
+    ("calibrate", signal.SIGTERM),
+    ("serve and publish", signal.SIGHUP),
+    ("dewarp a bag", signal.SIGTERM),
+    ("dewarp with a preview", signal.SIGTERM),
+    ("dewarp in a preview", signal.SIGHUP),
+    ("design with parts", signal.SIGINT),
+    ("rim", signal.SIGHUP),
+    ("lines", signal.SIGTERM),
+    ("form", signal.SIGTERM),
+    ("colmap", signal.SIGINT),
+    ("rays", signal.SIGHUP),
+    ("maps", signal.SIGTERM),
+    ("judge", signal.SIGHUP),
+]
 
-pytestmark = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc")
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/environ").exists(), reason="looks for processes in /proc"
+)
 
 
 def listens(process: int, number: int) -> bool:
     """Check if a process has a handler for a signal, other than the interpreter's for Ctrl-C."""
     caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
-    return bool(int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1)
+    return bool(
+        int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1
+    )
 
 
 def processes_of(mark: str) -> list[int]:
@@ -234,7 +314,9 @@ def prepare(folder: Path, words: tuple[str, ...]) -> None:
     if "ride" in words:
         ride(folder / "ride", picture)
     if "points.csv" in words:
-        x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30)))
+        x, y = (
+            grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30))
+        )
         z = om.load_sensor("paper-spherical").mirror.sag(np.hypot(x, y))
         np.savetxt(folder / "points.csv", np.column_stack([x, y, z]), delimiter=",")
     (folder / "views.toml").write_text(VIEWS)
@@ -257,13 +339,16 @@ def ride(folder: Path, picture: np.ndarray) -> None:
         kind = "sensor_msgs/msg/Image"
         connection = writer.add_connection("/camera/image_raw", kind, typestore=store)
         for number in range(500):
-            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](number, 0), "camera")
+            header = types["std_msgs/msg/Header"](
+                types["builtin_interfaces/msg/Time"](number, 0), "camera"
+            )
             message = types[kind](header, height, width, "rgb8", 0, 3 * width, picture.ravel())
             writer.write(connection, number * 10**9, store.serialize_cdr(message, kind))
 
 
 @pytest.mark.parametrize(
-    ("name", "number"), few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY)
+    ("name", "number"),
+    few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY),
 )
 def test_a_signal_ends_a_command_without_leftovers(name, number, place, request):
     program = ["-m", "omnimirror"]
@@ -277,10 +362,16 @@ def test_a_signal_ends_a_command_without_leftovers(name, number, place, request)
     prepare(work, words)
     environment = {**os.environ, MARK: str(place), "TMPDIR": str(temporary)}
     with subprocess.Popen(
-        [sys.executable, *program, *words], cwd=work, env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, process_group=0,
+        [sys.executable, *program, *words],
+        cwd=work,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        process_group=0,
         preexec_fn=unignored,
-    ) as run:  # fmt: skip
+    ) as run:
         if file == "stdout":
             assert run.stdout.readline()
         elif file.endswith("processes"):
@@ -297,7 +388,9 @@ def test_a_signal_ends_a_command_without_leftovers(name, number, place, request)
     assert run.returncode == 128 + number, said
     assert "Traceback" not in said
     assert "ignored" not in said
-    lines = [line for line in said.split("\n") if not line.endswith("retrying")]  # of a publisher, at any time
+    lines = [
+        line for line in said.split("\n") if not line.endswith("retrying")
+    ]  # of a publisher, at any time
     assert sum("omnimirror: stopped" in line for line in lines) == 1, said
     assert len([line for line in lines if line]) <= 1 + name.startswith(KEEP), said
     assert [path.name for path in work.rglob("*") if ".omnimirror-" in path.name] == []
@@ -333,7 +426,9 @@ def in_an_import():
         raise OmnimirrorError("one more package is needed: pip install 'omnimirror[exr]'") from None
 
 
-@pytest.mark.parametrize("wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import])
+@pytest.mark.parametrize(
+    "wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import]
+)
 def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, capsys):
     monkeypatch.setattr(sensors, "bundled_sensors", wrapped)
     with pytest.raises(SystemExit) as ended:
@@ -345,15 +440,20 @@ def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, 
 def test_signals_are_sent_to_every_command():
     called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
     called.append(("simulate", "picture"))  # to which "simulate SENSOR" expands
-    assert [words for words in leaves(app) if not any(words == those[: len(words)] for those in called)] == []
+    assert [
+        words for words in leaves(app) if not any(words == those[: len(words)] for those in called)
+    ] == []
 
 
 def test_hang_ups_that_are_ignored_stay_so(tmp_path):
     """The command continues under nohup, and another signal ends it."""
     with subprocess.Popen(
-        [sys.executable, "-m", "omnimirror", "studio", "--no-open"], text=True, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
-    ) as run:  # fmt: skip
+        [sys.executable, "-m", "omnimirror", "studio", "--no-open"],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    ) as run:
         assert run.stdout.readline()
         run.send_signal(signal.SIGHUP)
         run.send_signal(signal.SIGTERM)
@@ -369,12 +469,20 @@ def state() -> dict[str, object]:
     """Return the process state that a command could change."""
     return {
         "signals": {n: signal.getsignal(n) for n in signal.valid_signals()},
-        "environment": dict(os.environ), "warnings": list(warnings.filters), "showwarning": warnings.showwarning,
-        "hooks": (sys.excepthook, sys.unraisablehook, sys.displayhook), "argv": list(sys.argv), "path": list(sys.path),
-        "streams": (sys.stdin, sys.stdout, sys.stderr), "errors": (sys.stdout.errors, sys.stderr.errors),
+        "environment": dict(os.environ),
+        "warnings": list(warnings.filters),
+        "showwarning": warnings.showwarning,
+        "hooks": (sys.excepthook, sys.unraisablehook, sys.displayhook),
+        "argv": list(sys.argv),
+        "path": list(sys.path),
+        "streams": (sys.stdin, sys.stdout, sys.stderr),
+        "errors": (sys.stdout.errors, sys.stderr.errors),
         "descriptors": [(os.fstat(n).st_dev, os.fstat(n).st_ino) for n in range(3)],
-        "folder": Path.cwd(), "numbers": np.geterr(), "threads": backend.threads, "recursion": sys.getrecursionlimit(),
-    }  # fmt: skip
+        "folder": Path.cwd(),
+        "numbers": np.geterr(),
+        "threads": backend.threads,
+        "recursion": sys.getrecursionlimit(),
+    }
 
 
 CALLS = {
@@ -406,7 +514,9 @@ def test_main_leaves_the_process_as_it_was(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatch, capsys):
-    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by background jobs
+    inherited = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # ignored by background jobs
     try:
         before = state()
         monkeypatch.setattr(sensors, "bundled_sensors", lambda: signal.raise_signal(number))
@@ -433,7 +543,9 @@ def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
         "assert 'OPENBLAS_NUM_THREADS' not in os.environ\n"
     )
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path)
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path
+    )
     assert (run.returncode, run.stdout) == (0, "1\n"), run.stderr
     assert run.stderr.startswith("omnimirror: ")
     assert run.stderr.endswith("by the caller")
@@ -452,9 +564,13 @@ def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
         "run()\n"
     )
     run = subprocess.run(
-        [sys.executable, "-m", "interrupted"], capture_output=True, text=True, timeout=300, cwd=tmp_path,
+        [sys.executable, "-m", "interrupted"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=tmp_path,
         preexec_fn=unignored,
-    )  # fmt: skip
+    )
     assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGINT, "omnimirror: stopped")
 
 
@@ -478,10 +594,8 @@ def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
 def test_a_signal_during_an_import_is_sent_again(tmp_path):
     """Extension modules such as OpenEXR discard exceptions during their initialisation."""
     (tmp_path / "discarding.py").write_text(
-        "import signal\n"
-        "try: signal.raise_signal(signal.SIGTERM)\n"
-        "except KeyboardInterrupt: pass\n"
-    )  # fmt: skip
+        "import signal\ntry: signal.raise_signal(signal.SIGTERM)\nexcept KeyboardInterrupt: pass\n"
+    )
     code = (
         "import time, omnimirror.apps.cli as cli\n"
         "def work(*args, **more):\n"
@@ -490,5 +604,7 @@ def test_a_signal_during_an_import_is_sent_again(tmp_path):
         "cli.app.invoke = work\n"
         "cli.main(['sensors'])\n"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=tmp_path
+    )
     assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGTERM, "omnimirror: stopped")

@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.reports.calibration import calibration_figures, calibration_html, direction_sigmas
+from omnimirror.apps.reports.calibration import (
+    calibration_figures,
+    calibration_html,
+    direction_sigmas,
+)
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)
 TRUTH = om.Unified(0.95, (158.0, 158.0), (326.0, 236.0), (640, 480))
@@ -20,7 +24,9 @@ def found() -> om.Calibration:
     seen = om.simulate_detections(TRUTH, BOARD, 6, noise_px=0.1)
     seen[2].corners_px[7] += 3.0
     seen.append(om.Detection("<dark>.png", (640, 480), reason="no board was found"))
-    return om.calibrate_camera(seen, BOARD, model="unified", fixed=("k1", "k2", "k3"), board_shape=False)
+    return om.calibrate_camera(
+        seen, BOARD, model="unified", fixed=("k1", "k2", "k3"), board_shape=False
+    )
 
 
 def test_the_page_holds_everything_and_fetches_nothing(found):
@@ -58,7 +64,9 @@ def test_the_error_of_directions_is_that_of_repeated_pictures(found):
         random = np.random.default_rng(seed)
         for detection in seen:
             detection.corners_px[:] += random.normal(0, 0.1, detection.corners_px.shape)
-        again = om.calibrate_camera(seen, BOARD, model="unified", fixed=("k1", "k2", "k3"), board_shape=False)
+        again = om.calibrate_camera(
+            seen, BOARD, model="unified", fixed=("k1", "k2", "k3"), board_shape=False
+        )
         rays.append(again.model.backproject(pixels).directions)
     scatter = np.degrees(np.sqrt(np.sum(np.var(rays, axis=0), axis=1)))
     told = found.direction_sigma_deg(directions)

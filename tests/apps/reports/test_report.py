@@ -84,7 +84,9 @@ def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
 )
 def test_other_sensors_in_few_pixels(name, told, tmp_path):
     sensor = om.load_sensor(name)
-    pixels = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um)
+    pixels = replace(
+        sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um
+    )
     assert told in write_demo(replace(sensor, imager=pixels), tmp_path).read_text()
 
 
@@ -99,14 +101,22 @@ def test_what_is_hidden_is_said_and_how_far_a_report_is(tmp_path, monkeypatch):
 
     monkeypatch.setattr(report, "FIGURES_SHOWN", report.FIGURES_SHOWN[3:])
     sensor = om.load_sensor("paper-spherical")
-    small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    small = replace(
+        sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)
+    )
     told = []
     page = write_demo(
-        replace(small, housing=Housing(CameraBody(60.0))), tmp_path, blur=False, progress=lambda *now: told.append(now)
+        replace(small, housing=Housing(CameraBody(60.0))),
+        tmp_path,
+        blur=False,
+        progress=lambda *now: told.append(now),
     )
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.8 < shares[-1] < 1
     assert {what for what, _ in told} == {"Taking the picture", "Drawing the figures"}
-    assert "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>" in page.read_text()
+    assert (
+        "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>"
+        in page.read_text()
+    )

@@ -23,7 +23,9 @@ ERRORS = {
     "lens.k1": om.Tolerance(0.01),
 }
 PLAN = om.TolerancePlan(
-    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, objects={"angles": 2, "azimuths": 6}
+    om.Tolerances(SENSOR, ERRORS),
+    {"motion_px after affine": 0.3},
+    objects={"angles": 2, "azimuths": 6},
 )
 
 
@@ -51,13 +53,17 @@ def test_the_page_says_what_the_report_found(tmp_path, wanted):
         assert float(words) == pytest.approx(held[name], rel=5e-3)
     prices = [float(p) for p in re.findall(r"<td>uniform</td><td>([\d.e+-]+)</td>", page)]
     told = sum(prices)
-    assert told == pytest.approx(len(ERRORS) if found.allocation is None else found.allocation.cost, rel=1e-2)
+    assert told == pytest.approx(
+        len(ERRORS) if found.allocation is None else found.allocation.cost, rel=1e-2
+    )
 
 
 def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text('[[error]]\nname = "lens.k1"\ntolerance = 0.1\n')
-    done = omnimirror("tolerance", "paper-spherical", "t.toml", "--trials", "50", "--report", "order.html")
+    done = omnimirror(
+        "tolerance", "paper-spherical", "t.toml", "--trials", "50", "--report", "order.html"
+    )
     assert done.returncode == 0, done.stderr
     assert "Tolerances of paper-spherical" in (tmp_path / "order.html").read_text(encoding="utf-8")
     found = om.tolerance(SENSOR, PLAN, trials=10)

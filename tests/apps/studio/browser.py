@@ -18,13 +18,25 @@ from tests.serving import served
 # WebGL is used by the views only and not for compositing, because software rendering takes half of
 # the time of most tests.
 FLAGS = [
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",
-]  # fmt: skip
-BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")  # the first is twice as fast as the others
-FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2,fps=5", "--use-fake-ui-for-media-stream"]  # granted
+]
+BROWSERS = (
+    "chromium-headless-shell",
+    "chromium",
+    "google-chrome",
+)  # the first is twice as fast as the others
+FAKE_CAMERA = [
+    "--use-fake-device-for-media-stream=device-count=2,fps=5",
+    "--use-fake-ui-for-media-stream",
+]  # granted
 REFUSED_CAMERA = [FAKE_CAMERA[0], "--use-fake-ui-for-media-stream=deny"]
-COARSE = {"device_scale_factor": 0.5}  # half the resolution per side: software rendering takes 25 % of the time
+COARSE = {
+    "device_scale_factor": 0.5
+}  # half the resolution per side: software rendering takes 25 % of the time
 PATIENCE_MS = 300_000  # sufficient for slow machines
 BASE64 = """(values) => {
   let text = "";

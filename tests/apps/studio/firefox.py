@@ -52,13 +52,25 @@ def firefox() -> str:
 @contextmanager
 def running(folder: Path) -> Iterator[Firefox]:
     """Run a headless browser with its profile in a folder."""
-    lines = [f"user_pref({json.dumps(name)}, {json.dumps(value)});" for name, value in PREFERENCES.items()]
+    lines = [
+        f"user_pref({json.dumps(name)}, {json.dumps(value)});"
+        for name, value in PREFERENCES.items()
+    ]
     (folder / "user.js").write_text("\n".join(lines))
-    command = [firefox(), "--headless", "--no-remote", "--remote-debugging-port=0", "--profile", str(folder)]
+    command = [
+        firefox(),
+        "--headless",
+        "--no-remote",
+        "--remote-debugging-port=0",
+        "--profile",
+        str(folder),
+    ]
     environment, told = {**os.environ, **SOFTWARE, "HOME": str(folder)}, folder / "told.txt"
     with (
         told.open("w") as out,
-        subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=out, env=environment) as process,
+        subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=out, env=environment
+        ) as process,
     ):
         try:
             address = _listening(process, told)
@@ -138,7 +150,12 @@ class Firefox:
             {"type": "pointerDown", "button": 0},
             {"type": "pointerUp", "button": 0},
         ]
-        mouse = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": steps}
+        mouse = {
+            "type": "pointer",
+            "id": "mouse",
+            "parameters": {"pointerType": "mouse"},
+            "actions": steps,
+        }
         self.tell("input.performActions", context=self.context, actions=[mouse])
 
     def keys(self, *strokes: str) -> None:
@@ -161,7 +178,10 @@ class Firefox:
 
     def choose(self, selector: str, path: Path) -> None:
         """Set the file of an input element."""
-        asked = {"expression": f"document.querySelector({json.dumps(selector)})", "target": {"context": self.context}}
+        asked = {
+            "expression": f"document.querySelector({json.dumps(selector)})",
+            "target": {"context": self.context},
+        }
         found = self.tell("script.evaluate", awaitPromise=False, **asked)["result"]
         element = {"sharedId": found["sharedId"]}
         self.tell("input.setFiles", context=self.context, element=element, files=[str(path)])

@@ -44,9 +44,14 @@ def python_view(line: str, folder: Path) -> om.Dewarper:
     from omnimirror.apps.cli._view_options import ViewOptions
 
     words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
-    given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params
+    given = dewarp.make_context(
+        "dewarp", words, parent=click.Context(click.Command("omnimirror"))
+    ).params
     height, width = read_image(given["sources"][0]).shape[:2]
-    options = [kind(**{f.name: given[f.name] for f in fields(kind)}) for kind in (CameraOptions, ViewOptions)]
+    options = [
+        kind(**{f.name: given[f.name] for f in fields(kind)})
+        for kind in (CameraOptions, ViewOptions)
+    ]
     camera = options[0].camera((width, height))
     return om.Dewarper(camera, options[1].of(camera), given["interpolation"])
 

@@ -60,7 +60,11 @@ def page(browser, server):
 def no_rooms(monkeypatch) -> None:
     """Replace room rendering by an immediate placeholder; tests check the selection, not the
     content."""
-    monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
+    monkeypatch.setattr(
+        _look_routes,
+        "room_picture",
+        lambda known: encoded(pattern(known.camera.image_size), ".png"),
+    )
 
 
 @pytest.fixture
@@ -72,7 +76,9 @@ def rooms(no_rooms):
 
 def bench_at(browser, address: str, context=None):
     """Return the page with the bench at an address, and its errors."""
-    context = context or browser.new_context(viewport={"width": 1000, "height": 700}, bypass_csp=True)
+    context = context or browser.new_context(
+        viewport={"width": 1000, "height": 700}, bypass_csp=True
+    )
     context.add_init_script(WITHOUT_PICTURES)
     page = context.new_page()
     page.problems = []
@@ -93,17 +99,23 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
     [
         pytest.param('{"tables":{}}', "[mirror]", marks=pytest.mark.full),
         pytest.param(
-            '{"tables":{"mirror":{"kind":"moon"},"lens":{},"imager":{}}}', "mirror.kind", marks=pytest.mark.full
+            '{"tables":{"mirror":{"kind":"moon"},"lens":{},"imager":{}}}',
+            "mirror.kind",
+            marks=pytest.mark.full,
         ),
         pytest.param(
-            json.dumps({"tables": {"mirror": {**GOOD, "radius_mm": "w"}, "lens": {}, "imager": {}}}),
+            json.dumps(
+                {"tables": {"mirror": {**GOOD, "radius_mm": "w"}, "lens": {}, "imager": {}}}
+            ),
             "mirror.radius_mm",
             marks=pytest.mark.full,
         ),
         ('{"tables":{"mirror":', "cannot be read"),
     ],
 )
-def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(design, lacks, browser, server):
+def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(
+    design, lacks, browser, server
+):
     page = bench_at(browser, f"{server}#tab=design&design={quote(design)}")
     said = banner(page)
     assert lacks in said
@@ -114,7 +126,9 @@ def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(design, l
     assert page.get_by_role("button", name="Undo", exact=True).count() == 1
     assert page.locator("#bench > aside").count() == 1
     assert page.evaluate(f"{NOW}.tables.name") == "paper-spherical"
-    page.wait_for_function("location.hash.includes('radius_mm')")  # the address corresponds to the displayed design
+    page.wait_for_function(
+        "location.hash.includes('radius_mm')"
+    )  # the address corresponds to the displayed design
     assert page.problems == []
     page.context.close()
 
@@ -263,7 +277,9 @@ def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, se
     assert "no camera 'nope'" in banner(page)
     page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-spherical'")
     go(page, "source=server:nope")
-    page.wait_for_function("document.querySelector('#banner').textContent.includes('server does not offer')")
+    page.wait_for_function(
+        "document.querySelector('#banner').textContent.includes('server does not offer')"
+    )
     assert "does not answer" not in page.locator("#banner").inner_text()
     go(page, "source=kept")
     assert page.get_by_text("a picture that it does not name").is_visible()
@@ -291,7 +307,10 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
             page.wait_for_timeout(20)
         names = "[document.querySelector('#sensor').value, window.omnimirror.look.sensor.camera.model.id]"
         assert page.evaluate(names) == ["paper-spherical"] * 2  # its tables have not arrived
-        assert "paper-spherical" in page.locator("#sensor-words").inner_text() or "sphere" in page.content()
+        assert (
+            "paper-spherical" in page.locator("#sensor-words").inner_text()
+            or "sphere" in page.content()
+        )
         held[0].continue_()
         page.unroute("**/api/camera?*")
         page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
@@ -301,7 +320,9 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
     assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     assert state(page)["sensor"] == "paper-hyperboloidal"
     page.locator("#looks label").filter(has_text="down").click()
-    page.wait_for_function("document.querySelector('#looks input[value=up]').checked")  # still oriented upwards
+    page.wait_for_function(
+        "document.querySelector('#looks input[value=up]').checked"
+    )  # still oriented upwards
     page.context.close()
 
 
@@ -319,7 +340,10 @@ def test_the_demo_room_of_another_sensor_comes_with_it(browser, rooms):
     page.locator("#sensor").select_option("folded-hyperboloidal")
     page.wait_for_function("window.omnimirror.store.state.sensor === 'folded-hyperboloidal'")
     width = om.load_sensor("folded-hyperboloidal").image_size[0]
-    assert set(page.evaluate("[...window.pairs]")) <= {"paper-spherical 1024", f"folded-hyperboloidal {width}"}
+    assert set(page.evaluate("[...window.pairs]")) <= {
+        "paper-spherical 1024",
+        f"folded-hyperboloidal {width}",
+    }
     assert page.evaluate("window.omnimirror.look.sources.shown") == "room of folded-hyperboloidal"
     page.context.close()
 
@@ -331,7 +355,10 @@ def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server)
         box = button.bounding_box()
         assert box["y"] + box["height"] <= 740
         under = "([x, y]) => document.elementFromPoint(x, y).textContent"
-        assert page.evaluate(under, [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]) == name
+        assert (
+            page.evaluate(under, [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
+            == name
+        )
     page.context.close()
 
 
@@ -343,6 +370,8 @@ def test_pictures_alike_but_for_one_pixel_are_two(page, tmp_path):
         picture[i, 5] = 91
         cv2.imwrite(str(tmp_path / "p.bmp"), picture)
         drop(page, tmp_path / "p.bmp")
-        page.wait_for_function("(old) => !old.includes(window.omnimirror.store.state.source)", arg=[*found, ""])
+        page.wait_for_function(
+            "(old) => !old.includes(window.omnimirror.store.state.source)", arg=[*found, ""]
+        )
         found.add(state(page)["source"])
     assert len(found) == 3

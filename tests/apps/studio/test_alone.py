@@ -32,7 +32,8 @@ def address(tmp_path_factory) -> str:
 
 def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, address, tmp_path):
     page = open_page(
-        browser, f"{address}#mode=perspective&pan=60&tilt=20&hfov=50&looks=down&forward=30&pitch=8&roll=-4"
+        browser,
+        f"{address}#mode=perspective&pan=60&tilt=20&hfov=50&looks=down&forward=30&pitch=8&roll=-4",
     )
     page.get_by_role("button", name="Try the demo room").click()
     page.wait_for_function("window.omnimirror.look.feed")
@@ -40,7 +41,13 @@ def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, a
     (tmp_path / "circle.jpg").write_bytes(base64.b64decode(held.partition(",")[2]))
     line = command(page, 200, 150)
     assert all(
-        word in line for word in ("circle.jpg", "--camera-looks down", "--forward-azimuth-deg 30", "--level=8,-4")
+        word in line
+        for word in (
+            "circle.jpg",
+            "--camera-looks down",
+            "--forward-azimuth-deg 30",
+            "--level=8,-4",
+        )
     )
     wanted = python_view(line, tmp_path)(read_image(tmp_path / "circle.jpg"))
     seen = drawn(page, 200, 150)
@@ -51,7 +58,9 @@ def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, a
     page.context.close()
 
 
-def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_a_server(browser, address, tmp_path):
+def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_a_server(
+    browser, address, tmp_path
+):
     write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
     page = open_page(browser, address)
     for name in ("Calibrate", "Restore", "Find circle", "Find level", "Load…"):
@@ -85,10 +94,17 @@ def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_
 def test_a_sensor_stands_as_asked(opened, sensor, mount):
     """The page rotates the camera itself; the view is compared with the Python camera."""
     wanted = Cameras().find(sensor).model(mount)
-    state = {"sensor": sensor, "looks": mount.camera_looks, "forward": mount.forward_azimuth_deg,
-             "flipped": mount.image_flipped, "pitch": mount.pitch_deg, "roll": mount.roll_deg}  # fmt: skip
+    state = {
+        "sensor": sensor,
+        "looks": mount.camera_looks,
+        "forward": mount.forward_azimuth_deg,
+        "flipped": mount.image_flipped,
+        "pitch": mount.pitch_deg,
+        "roll": mount.roll_deg,
+    }
     found = opened.evaluate(
-        "async (s) => (await window.omnimirror.look.sensor.want(s), window.omnimirror.look.sensor.camera.model)", state
+        "async (s) => (await window.omnimirror.look.sensor.want(s), window.omnimirror.look.sensor.camera.model)",
+        state,
     )
     for name in ("axis", "right", "down"):
         np.testing.assert_allclose(found[name], getattr(wanted, name), atol=1e-12)
@@ -108,7 +124,8 @@ def opened(browser, address):
 
 def test_what_it_does_not_know_is_refused_with_a_sentence(tmp_path):
     with pytest.raises(
-        om.base.errors.InvalidParameter, match=r"sensors holds 'paper-sperical'; it is valid with exact"
+        om.base.errors.InvalidParameter,
+        match=r"sensors holds 'paper-sperical'; it is valid with exact",
     ):
         page_alone(["paper-sperical"])
     assert "HTML" in fails("studio", "--page", tmp_path / "look.png")

@@ -75,7 +75,9 @@ def test_axe_finds_nothing_serious_in_any_state(scheme, size, browser, server, t
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     write_image(tmp_path / "waves.png", pattern((500, 400)))
-    page = open_page(browser, server, *size, color_scheme=scheme, reduced_motion="reduce", device_scale_factor=1)
+    page = open_page(
+        browser, server, *size, color_scheme=scheme, reduced_motion="reduce", device_scale_factor=1
+    )
     page.evaluate(WITHOUT_PICTURES)
     page.add_script_tag(path=AXE)
     serious = {}

@@ -44,7 +44,9 @@ new MutationObserver((_, observer) => {
 def bench(browser, server):
     """The bench with the spherical sensor of the paper; page errors fail the test."""
     viewport = {"width": 1280, "height": 800}
-    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
+    context = browser.new_context(
+        viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE
+    )
     context.add_init_script(WITHOUT_PICTURES)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
@@ -104,7 +106,11 @@ def enter(page, name: str, value: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "mirror", ["equidistant", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("sphere", "even polynomial"))]
+    "mirror",
+    [
+        "equidistant",
+        *(pytest.param(kind, marks=pytest.mark.full) for kind in ("sphere", "even polynomial")),
+    ],
 )
 def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
     if mirror != "sphere":
@@ -149,12 +155,21 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
     section = bench.locator("svg.section").first
     section.hover(position={"x": 300, "y": 70})
     omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
-    assert figures.filter(has_text="Cross-section").locator("output").inner_text().startswith(f"{omega:.1f}°")
+    assert (
+        figures.filter(has_text="Cross-section")
+        .locator("output")
+        .inner_text()
+        .startswith(f"{omega:.1f}°")
+    )
     read = section.locator(".read circle")
-    assert float(read.get_attribute("cy")) == pytest.approx(70, abs=1.5)  # mirror point at the height of the pointer
+    assert float(read.get_attribute("cy")) == pytest.approx(
+        70, abs=1.5
+    )  # mirror point at the height of the pointer
     chart.focus()
     bench.keyboard.press("ArrowRight")
-    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(omega + 1)
+    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(
+        omega + 1
+    )
 
 
 def test_undo_redo_and_a_reload_lose_nothing(bench):
@@ -176,7 +191,9 @@ def test_undo_redo_and_a_reload_lose_nothing(bench):
     bench.reload()
     drawn(bench)
     assert sensor_on(bench) == second
-    bench.get_by_role("button", name=re.compile("^Unpin")).wait_for()  # with the response for the pinned design
+    bench.get_by_role(
+        "button", name=re.compile("^Unpin")
+    ).wait_for()  # with the response for the pinned design
     bench.get_by_label("Quantity").wait_for()
     bench.get_by_role("button", name="Undo", exact=True).click()  # removes the requirement
     bench.get_by_role("button", name="Undo", exact=True).click()
@@ -246,7 +263,9 @@ def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
     unbounded width."""
     sphere = om.load_sensor("paper-spherical")
     slopes = sphere.mirror.profile(np.linspace(0, sphere.mirror.rim_radius_mm, 8))[1]
-    ring = replace(sphere, name="ring", mirror=SlopeSpline((-1e-3, *slopes[1:]), sphere.mirror.rim_radius_mm))
+    ring = replace(
+        sphere, name="ring", mirror=SlopeSpline((-1e-3, *slopes[1:]), sphere.mirror.rim_radius_mm)
+    )
     save_sensor(ring, tmp_path / "ring.toml")
     sides = "[...document.querySelectorAll('#bench .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
     before = bench.evaluate(f"{sides}.length")
@@ -262,7 +281,9 @@ def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
 def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path):
     sensor = sensor_on(bench)
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))
-    blur = np.hypot(np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px)  # including the Airy disk
+    blur = np.hypot(
+        np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px
+    )  # including the Airy disk
     worst = blur.max()
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
@@ -286,11 +307,15 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
     bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
     farthest = bench.get_by_label("Farthest object, mm; empty is infinite")
     # An empty one existed before the file was opened.
-    bench.wait_for_function("[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')")
+    bench.wait_for_function(
+        "[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')"
+    )
     assert farthest.input_value() == "12000"
     size = bench.viewport_size
     bench.set_viewport_size({"width": 1280, "height": 800})
-    assert farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0  # the number is fully visible
+    assert (
+        farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0
+    )  # the number is fully visible
     bench.set_viewport_size(size)
     bench.get_by_role("button", name="Design from requirements").click()
     bench.wait_for_function(f"{NOW}.tables.mirror.kind === 'equiangular'")
@@ -315,8 +340,12 @@ def test_a_mirror_is_optimised_cancelled_and_undone(bench):
     bench.get_by_role("button", name="Optimise").click()
     bench.wait_for_function(f"{NOW}.tables.name === 'optimised-worst-blur-deg'")
     settled(bench)
-    e, before = (om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(bench), first))
-    blur, blur_before = (np.maximum(np.abs(x.blur_t_deg), np.abs(x.blur_s_deg)).max() for x in (e, before))
+    e, before = (
+        om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(bench), first)
+    )
+    blur, blur_before = (
+        np.maximum(np.abs(x.blur_t_deg), np.abs(x.blur_s_deg)).max() for x in (e, before)
+    )
     assert blur < 0.95 * blur_before
     bench.keyboard.press("Control+z")
     assert sensor_on(bench) == first
@@ -325,7 +354,9 @@ def test_a_mirror_is_optimised_cancelled_and_undone(bench):
 @pytest.mark.full
 def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tmp_path):
     pose = MirrorPose(decentre_x_mm=1.7, tilt_y_deg=-0.5)
-    save_sensor(replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml")
+    save_sensor(
+        replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml"
+    )
     before = plotted(bench, "Image height")
     bench.set_input_files("#bench-file", tmp_path / "mine.toml")
     bench.get_by_text("The mirror is out of its place").wait_for()
@@ -338,7 +369,9 @@ def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tm
     assert sensor_on(bench).mirror_pose.decentre_x_mm == 2
     bench.get_by_role("button", name="Put the mirror in its place").click()
     settled(bench)
-    assert sensor_on(bench) == replace(om.load_sensor("paper-hyperboloidal"), name="design", notes="")
+    assert sensor_on(bench) == replace(
+        om.load_sensor("paper-hyperboloidal"), name="design", notes=""
+    )
     assert bench.get_by_text("The mirror is out of its place").is_hidden()
     assert optimise.is_enabled()
 
@@ -392,11 +425,17 @@ def test_designs_are_told_apart_without_their_colours(bench):
 
 
 def test_a_design_is_looked_through(bench, monkeypatch):
-    monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
+    monkeypatch.setattr(
+        _look_routes,
+        "room_picture",
+        lambda known: encoded(pattern(known.camera.image_size), ".png"),
+    )
     slide(bench, "Radius", 0.55)
     mine = sensor_on(bench)
     bench.get_by_role("button", name="Look through it").click()
-    bench.wait_for_function("window.omnimirror.look.feed?.name === 'circle.png' && window.omnimirror.look.camera")
+    bench.wait_for_function(
+        "window.omnimirror.look.feed?.name === 'circle.png' && window.omnimirror.look.camera"
+    )
     assert bench.locator("#view").is_visible()
     model = bench.evaluate("window.omnimirror.look.sensor.camera.model")
     assert model["rim_radius_px"] == pytest.approx(mine.rim_radius_px)
@@ -411,7 +450,9 @@ def test_the_bench_goes_on_when_the_server_is_back(browser):
         page.goto(f"{address}#tab=design")
         drawn(page)
     page.locator("#bench").get_by_label("Radius", exact=True).fill("52")
-    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not answer')")
+    page.wait_for_function(
+        "document.querySelector('#banner').textContent.includes('does not answer')"
+    )
     before = plotted(page, "Image height")
     with serving(Studio(), int(re.search(r":(\d+)/", address)[1])):
         page.wait_for_function("document.querySelector('#banner').hidden")
@@ -447,6 +488,10 @@ def test_axe_finds_nothing_serious_at_the_bench(scheme, bench):
     bench.get_by_role("button", name="Add a requirement").click()
     enter(bench, "Rim radius", "60")
     bench.add_script_tag(path=AXE)
-    found = bench.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
-    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    found = bench.evaluate(
+        "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+    )
+    serious = {
+        v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")
+    }
     assert serious == {}

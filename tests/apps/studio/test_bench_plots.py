@@ -52,7 +52,9 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
     bench.locator(".compare tbody tr").nth(1).wait_for()
     bench.locator(".groups label").filter(has_text="Difference").click()
     omega, differs = plotted(bench, "Image height")
-    now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))
+    now, before = (
+        om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first)
+    )
     np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
     assert np.abs(differs).max() > 10
     rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Image height as CSV"))))
@@ -85,8 +87,11 @@ def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # n
     _, differs = plotted(bench, "Image height")
     np.testing.assert_allclose(differs, 0.0, atol=2e-3)
     drawing = ElementTree.fromstring(saved(bench, "Save Image height as SVG"))
-    marks = [float(text.text.replace("\N{MINUS SIGN}", "-")) for text in drawing.iter("{http://www.w3.org/2000/svg}text")
-             if text.text and text.get("text-anchor") == "end"]  # fmt: skip
+    marks = [
+        float(text.text.replace("\N{MINUS SIGN}", "-"))
+        for text in drawing.iter("{http://www.w3.org/2000/svg}text")
+        if text.text and text.get("text-anchor") == "end"
+    ]
     assert min(marks) < 0 < max(marks)
 
 
@@ -116,7 +121,9 @@ def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies
     assert bench.get_by_role("checkbox", name="Difference").is_checked()
     assert bench.get_by_role("button", name="Unpin paper-spherical, before").is_visible()
     omega, differs = plotted(bench, "Image height")
-    now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))
+    now, before = (
+        om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first)
+    )
     np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
     assert np.abs(differs).max() > 1
 
@@ -140,7 +147,9 @@ def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
     assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
 
 
-@pytest.mark.parametrize("pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))])
+@pytest.mark.parametrize(
+    "pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))]
+)
 def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
     for number in range(pins):
         bench.get_by_role("button", name="Pin", exact=True).click()
@@ -174,7 +183,11 @@ def test_the_page_is_laid_out_once_for_a_slider_and_once_for_all_plots(bench):  
     told.send("Performance.enable")
 
     def layouts() -> int:
-        return next(m["value"] for m in told.send("Performance.getMetrics")["metrics"] if m["name"] == "LayoutCount")
+        return next(
+            m["value"]
+            for m in told.send("Performance.getMetrics")["metrics"]
+            if m["name"] == "LayoutCount"
+        )
 
     bench.evaluate(MOVED, 5)
     before = layouts()

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_evaluation import RAYS, SPACE_PROFILE_NODES, TURNS, answer, space_blocks
+from omnimirror.apps.studio._bench_evaluation import (
+    RAYS,
+    SPACE_PROFILE_NODES,
+    TURNS,
+    answer,
+    space_blocks,
+)
 from omnimirror.apps.studio._bench_sensors import in_place
 from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.bench_messages import Answer, Ask
@@ -20,10 +26,15 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {
-    **{name: om.load_sensor(name) for name in ("paper-hyperboloidal", "exact-equidistant", "paraboloid-telecentric")},
+    **{
+        name: om.load_sensor(name)
+        for name in ("paper-hyperboloidal", "exact-equidistant", "paraboloid-telecentric")
+    },
     "folded": om.load_sensor("folded-spherical"),
     "bored": om.load_sensor("folded-hyperboloidal"),
-    "hanging": replace(SPHERE, mount=Mount("down", 30.0, image_flipped=True, pitch_deg=8.0, roll_deg=-5.0)),
+    "hanging": replace(
+        SPHERE, mount=Mount("down", 30.0, image_flipped=True, pitch_deg=8.0, roll_deg=-5.0)
+    ),
     "decentred": replace(SPHERE, mirror_pose=MirrorPose(1.5, -0.5, 0.2, 0.5, 1.0)),
     "leaning imager": replace(SPHERE, imager_pose=ImagerPose(1.0, -0.5, 3.0)),
     "tube": replace(SPHERE, housing=Housing(CameraBody(60.0), shell=Tube(tilt_x_deg=1.0))),
@@ -33,7 +44,9 @@ SENSORS = {
 
 def blocks_of(sensor: om.Sensor) -> dict[str, np.ndarray]:
     straight = in_place(sensor)
-    heights = om.evaluate(straight, straight.field_deg[0] + np.linspace(0, 0.99, 7) * np.ptp(straight.field_deg)).h_px
+    heights = om.evaluate(
+        straight, straight.field_deg[0] + np.linspace(0, 0.99, 7) * np.ptp(straight.field_deg)
+    ).h_px
     return {block.name: values for block, values in space_blocks(sensor, heights)}
 
 
@@ -54,31 +67,43 @@ def test_rays_lead_where_their_pixels_look(name):
     assert seen.sum() > 0.6 * len(seen)
     origins, directions, valid = sensor.backproject(pixels[seen])
     assert valid.all()
-    begin = np.where(np.isfinite(places(rays, "wall")), places(rays, "wall"), places(rays, "mirror"))[seen]
+    begin = np.where(
+        np.isfinite(places(rays, "wall")), places(rays, "wall"), places(rays, "mirror")
+    )[seen]
     np.testing.assert_allclose(begin, origins, atol=1e-8)
     way = places(rays, "end")[seen] - begin
     length = np.linalg.norm(way, axis=1)
     np.testing.assert_allclose(way / length[:, None], directions, atol=1e-9)
     np.testing.assert_allclose(length, om.Room().distance_mm(origins, directions), rtol=1e-9)
-    np.testing.assert_allclose(np.cos(np.radians(rays["omega_deg"][seen])), directions @ sensor.axis, atol=1e-12)
+    np.testing.assert_allclose(
+        np.cos(np.radians(rays["omega_deg"][seen])), directions @ sensor.axis, atol=1e-12
+    )
 
 
-@pytest.mark.parametrize("name", [name for name, sensor in SENSORS.items() if sensor.housing.shell is None])
+@pytest.mark.parametrize(
+    "name", [name for name, sensor in SENSORS.items() if sensor.housing.shell is None]
+)
 def test_rays_are_reflected_where_they_are_said_to(name):
     sensor = SENSORS[name]
     rays = rays_of(sensor)
     on_mirror = np.stack([rays["x_mm"], rays["y_mm"], rays["z_mm"]], axis=-1)
-    np.testing.assert_allclose(sensor.mirror.sag(np.hypot(*on_mirror.T[:2])), on_mirror[:, 2], atol=1e-9)
+    np.testing.assert_allclose(
+        sensor.mirror.sag(np.hypot(*on_mirror.T[:2])), on_mirror[:, 2], atol=1e-9
+    )
     lens, second, met, end = (places(rays, node) for node in ("lens", "second", "mirror", "end"))
     came, left = met - (lens if sensor.secondary is None else second), end - met
-    between = -(came * left).sum(axis=1) / np.linalg.norm(came, axis=1) / np.linalg.norm(left, axis=1)
+    between = (
+        -(came * left).sum(axis=1) / np.linalg.norm(came, axis=1) / np.linalg.norm(left, axis=1)
+    )
     np.testing.assert_allclose(np.cos(2 * np.radians(rays["incidence_deg"])), between, atol=1e-9)
 
 
 def test_what_the_housing_hides_is_what_the_sensor_says():
     sensor = SENSORS["dome"]
     rays = rays_of(sensor)
-    hidden = np.any([*sensor.hidden_by(np.stack([rays["u_px"], rays["v_px"]], axis=-1)).values()], axis=0)
+    hidden = np.any(
+        [*sensor.hidden_by(np.stack([rays["u_px"], rays["v_px"]], axis=-1)).values()], axis=0
+    )
     np.testing.assert_array_equal(rays["is_hidden"] > 0, hidden)
     assert 0 < hidden.sum() < len(hidden)
 
@@ -102,12 +127,20 @@ def test_parts_stand_where_they_are():
     r, z = blocks_of(SENSORS["dome"])["part dome"]
     away = np.hypot(r, z - dome.centre_mm)
     inner, outer = dome.radii_mm
-    np.testing.assert_allclose(away[np.isfinite(away)], np.repeat([inner, outer], np.isfinite(away).sum() // 2))
+    np.testing.assert_allclose(
+        away[np.isfinite(away)], np.repeat([inner, outer], np.isfinite(away).sum() // 2)
+    )
 
 
 @pytest.mark.parametrize("wanted", [False, True])
 def test_it_is_answered_where_it_is_asked(wanted):
-    plain = {"slot": 0, "number": 1, "follows": False, "object_distance_mm": None, "requirements": None}
+    plain = {
+        "slot": 0,
+        "number": 1,
+        "follows": False,
+        "object_distance_mm": None,
+        "requirements": None,
+    }
     tables = om.optics.sensor_files.tables_of(SENSORS["decentred"])
     ask = Ask(**plain, section=False, squares=False, space=wanted, tables=tables)
     told, values = unframed(answer(ask), Answer)

@@ -46,7 +46,11 @@ def asked(path, client, **body):
 def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
     found = asked("errors", client).json()
     names = [error["name"] for error in found["errors"]]
-    assert names == [n for n in error_sources(SPH) if not n.startswith("mirror.zernike") or int(n.split("_")[1]) <= 11]
+    assert names == [
+        n
+        for n in error_sources(SPH)
+        if not n.startswith("mirror.zernike") or int(n.split("_")[1]) <= 11
+    ]
     assert found["calibrations"] == list(CALIBRATIONS)
     first = error_sources(SPH)[names[0]]
     assert found["errors"][0]["medium"] == first.typical_tolerances["medium"]
@@ -56,10 +60,17 @@ def test_a_built_sensor_is_told_as_its_trial(client):
     answer = asked("built", client, values=VALUES, refocus="none")
     header, data = unframed(answer.content, Built)
     evaluator = TrialEvaluator.of(SPH)
-    merits, moved = evaluator.evaluate_with_motions({name: np.array([value]) for name, value in VALUES.items()})
-    for name, of in (("motion_px", header.motion_px), ("direction_error_deg", header.direction_error_deg)):
+    merits, moved = evaluator.evaluate_with_motions(
+        {name: np.array([value]) for name, value in VALUES.items()}
+    )
+    for name, of in (
+        ("motion_px", header.motion_px),
+        ("direction_error_deg", header.direction_error_deg),
+    ):
         for depth, value in zip(CALIBRATIONS, of, strict=True):
-            assert value == pytest.approx(merits[0, evaluator.names.index(after(name, depth))], abs=1e-9)
+            assert value == pytest.approx(
+                merits[0, evaluator.names.index(after(name, depth))], abs=1e-9
+            )
     assert header.straightness_deg[0] > header.straightness_deg[3]
     columns = np.frombuffer(data, "<f4").reshape(1 + len(CALIBRATIONS), 2, header.objects)
     np.testing.assert_allclose(columns[0].T, evaluator.reference_px, atol=1e-3)
@@ -69,16 +80,24 @@ def test_a_built_sensor_is_told_as_its_trial(client):
 
 def test_the_yield_is_that_of_tolerances(client):
     errors = {"mirror.decentre_x_mm": 0.3, "mirror.tilt_x_deg": 0.1, "lens.k1": 0.0}
-    body = {"errors": [{"name": n, "tolerance": t} for n, t in errors.items()], "refocus": "none", "seed": 3}
+    body = {
+        "errors": [{"name": n, "tolerance": t} for n, t in errors.items()],
+        "refocus": "none",
+        "seed": 3,
+    }
     found = asked("yield", client, merit="motion_px", limit=2.0, trials=1000, **body).json()
     tolerances = om.Tolerances(SPH, {name: om.Tolerance(size) for name, size in errors.items()})
     expected = om.tolerance(SPH, tolerances, limits={"motion_px": 2.0}, trials=1000, seed=3)
     of = expected.statistics.yields
-    assert (found["share"], found["low"], found["high"]) == pytest.approx((of.value, of.low, of.high))
+    assert (found["share"], found["low"], found["high"]) == pytest.approx(
+        (of.value, of.low, of.high)
+    )
     max_tolerance = {row.name: row.merits for row in expected.sensitivities}
     assert [row["name"] for row in found["rows"]] == ["mirror.decentre_x_mm", "mirror.tilt_x_deg"]
     for row in found["rows"]:
-        format_limit = [max_tolerance[row["name"]][after("motion_px", depth)] for depth in CALIBRATIONS]
+        format_limit = [
+            max_tolerance[row["name"]][after("motion_px", depth)] for depth in CALIBRATIONS
+        ]
         assert row["motion_px"] == pytest.approx(format_limit, abs=1e-9)
 
 
@@ -96,7 +115,11 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
 @pytest.mark.parametrize(
     ("path", "body", "words"),
     [
-        ("built", {"values": {"mirror.nonsense": 1.0}, "refocus": "none"}, "not an error source of this sensor"),
+        (
+            "built",
+            {"values": {"mirror.nonsense": 1.0}, "refocus": "none"},
+            "not an error source of this sensor",
+        ),
         ("yield", {"merit": "nonsense"}, "not a merit of trials"),
         ("yield", {"limit": -1.0}, "must be positive"),
         ("yield", {"errors": []}, "must contain at least one error"),
@@ -104,7 +127,12 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
     ],
 )
 def test_what_is_none_is_refused_in_a_sentence(client, path, body, words):
-    plain = {"errors": [{"name": "lens.k1", "tolerance": 0.1}], "refocus": "none", "merit": "motion_px", "limit": 1.0}
+    plain = {
+        "errors": [{"name": "lens.k1", "tolerance": 0.1}],
+        "refocus": "none",
+        "merit": "motion_px",
+        "limit": 1.0,
+    }
     plain |= {"trials": 10, "seed": 0}
     answer = asked(path, client, **(plain if path == "yield" else {}) | body)
     assert 400 <= answer.status_code < 500
@@ -163,7 +191,9 @@ def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
     opened(bench)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 1
     bench.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
-    bench.wait_for_function("window.omnimirror.tabs.bench.tolerances.tables.mirror.kind === 'even-polynomial'")
+    bench.wait_for_function(
+        "window.omnimirror.tabs.bench.tolerances.tables.mirror.kind === 'even-polynomial'"
+    )
     bench.wait_for_function(AT_REST)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 0
     assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
@@ -196,7 +226,9 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
     assert shown != at_first
     bench.wait_for_function("location.hash.includes('0.123')")
     link = bench.url
-    with closing(browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)) as context:
+    with closing(
+        browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)
+    ) as context:
         page = context.new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.add_init_script(WITHOUT_PICTURES)
@@ -206,7 +238,9 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
         page.reload()
         page.wait_for_function("window.omnimirror?.tabs?.bench")
         assert tried(page) == shown
-        page.evaluate("location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')")
+        page.evaluate(
+            "location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')"
+        )
         page.get_by_text("cannot have the error Mirror nonsense").wait_for()
         assert page.get_by_label("Mirror tilt x", exact=True).input_value() == "0"
         page.evaluate("location.hash = location.hash.replace('fine', 'finest')")
@@ -223,6 +257,10 @@ def test_axe_finds_nothing_serious_in_tolerances(scheme, bench):  # noqa: F811
     bench.emulate_media(color_scheme=scheme)
     opened(bench)
     bench.add_script_tag(path=AXE)
-    found = bench.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
-    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    found = bench.evaluate(
+        "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+    )
+    serious = {
+        v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")
+    }
     assert serious == {}

@@ -19,7 +19,10 @@ from omnimirror.optics.sensor_files import bundled_sensors, tables_of
 from .test_bench_page import NOW, bench, enter, plotted, sensor_on, settled  # noqa: F401 - bench is a fixture
 
 STRAIGHT = [name for name in bundled_sensors() if why_not_optimised(om.load_sensor(name)) is None]
-ASKED = {"field": {"omega_max_deg": 130.0}, "limit": [{"quantity": "total_blur_px", "at_most": 8.5}]}
+ASKED = {
+    "field": {"omega_max_deg": 130.0},
+    "limit": [{"quantity": "total_blur_px", "at_most": 8.5}],
+}
 
 
 @pytest.mark.parametrize("name", STRAIGHT)
@@ -33,7 +36,9 @@ def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
         assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
         moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
         assert abs(moved[0]) < 1e-12
-        assert np.all(np.diff(moved) < 2e-5 * rim)  # as a rod: all points move in the same direction
+        assert np.all(
+            np.diff(moved) < 2e-5 * rim
+        )  # as a rod: all points move in the same direction
 
 
 @pytest.mark.parametrize("name", STRAIGHT)
@@ -98,7 +103,9 @@ def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa:
     assert after.mirror.KIND == "slope-spline"
     assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; 3 px correspond to 2 mm
     omega, height = plotted(bench, "Image height")
-    np.testing.assert_allclose(height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2)
+    np.testing.assert_allclose(
+        height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2
+    )
     bench.get_by_role("button", name="Undo").click()
     settled(bench)
     assert sensor_on(bench).mirror == before.mirror  # one undo step restores everything
@@ -111,7 +118,9 @@ def test_the_mapping_is_bent_on_its_plot(bench):  # noqa: F811
     sensor = sensor_on(bench)
     assert sensor.mirror.KIND == "tabulated-mapping"
     omega, height = plotted(bench, "Image height")
-    np.testing.assert_allclose(height, om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega))).h_px, atol=1e-2)
+    np.testing.assert_allclose(
+        height, om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega))).h_px, atol=1e-2
+    )
     handle.focus()
     at = float(handle.get_attribute("aria-valuenow"))
     bench.keyboard.press("Shift+ArrowDown")
@@ -148,15 +157,25 @@ def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F
 
 
 def test_a_search_keeps_the_limits_of_the_requirements_where_it_is_asked_to():
-    wanted = {"field": {"omega_max_deg": 130.0}, "limit": [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]}
+    wanted = {
+        "field": {"omega_max_deg": 130.0},
+        "limit": [{"quantity": "resolution_px_per_deg", "at_least": 3.0}],
+    }
     sphere = tables_of(om.load_sensor("paper-spherical"))
     reached = []
     for keeps in (False, True):
         news = []
         task = Task(
-            what="optimise", tables=sphere, requirements=wanted, object_distance_mm=None,
-            merit="worst_floored_area_deg2", shape="polynomial", terms=4, starts=1, keeps_limits=keeps,
-        )  # fmt: skip
+            what="optimise",
+            tables=sphere,
+            requirements=wanted,
+            object_distance_mm=None,
+            merit="worst_floored_area_deg2",
+            shape="polynomial",
+            terms=4,
+            starts=1,
+            keeps_limits=keeps,
+        )
         perform(task, news.append)
         found = sensor_on_bench(news[-1].sensor.tables)
         result = om.evaluate(found, np.linspace(0.0, found.field_deg[1], 361))

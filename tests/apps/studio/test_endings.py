@@ -44,12 +44,17 @@ def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
     video = video_of(tmp_path / "ride.mp4", 100)
     words = [sys.executable, "-m", "omnimirror", "view", video, "--no-open"]
     with subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, before),
-    ) as server:  # fmt: skip
+    ) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         until_it_listens(port)
-        head = f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
+        head = (
+            f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
+        )
         with (
             connect(f"ws://127.0.0.1:{port}/api/stream?id=source") as stream,
             socket.create_connection(("127.0.0.1", port)) as upload,
@@ -82,11 +87,19 @@ def test_sigterm_ends_the_server_and_its_searches():
     from websockets.sync.client import connect
 
     task = {
-        "what": "optimise", "tables": tables_of(om.load_sensor("paper-spherical")), "requirements": None, "terms": 12,
-        "object_distance_mm": None, "merit": "worst_blur_deg", "shape": "spline", "starts": 8,
-    }  # fmt: skip
+        "what": "optimise",
+        "tables": tables_of(om.load_sensor("paper-spherical")),
+        "requirements": None,
+        "terms": 12,
+        "object_distance_mm": None,
+        "merit": "worst_blur_deg",
+        "shape": "spline",
+        "starts": 8,
+    }
     words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         # the address is reachable once it is printed
         with connect(f"ws://127.0.0.1:{port}/api/bench/work", open_timeout=None) as socket:

@@ -64,8 +64,12 @@ def test_a_slider_of_the_bench_moves_its_plots(page, server):
     assert page.evaluate(f"{BENCH}.history.now.tables.mirror.radius_mm") == 45.0
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, mirror=Sphere(45.0, sensor.mirror.rim_radius_mm))
-    assert page.evaluate(f"{BENCH}.found[0].facts.field_deg[1]") == pytest.approx(sensor.field_deg[1])
-    drawn_curves = "[...document.querySelectorAll('#bench .uplot canvas')].filter((c) => c.width > 0).length"
+    assert page.evaluate(f"{BENCH}.found[0].facts.field_deg[1]") == pytest.approx(
+        sensor.field_deg[1]
+    )
+    drawn_curves = (
+        "[...document.querySelectorAll('#bench .uplot canvas')].filter((c) => c.width > 0).length"
+    )
     assert page.evaluate(drawn_curves) >= 8
 
 

@@ -47,10 +47,15 @@ def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
     page.get_by_role("button", name="A mirror ball").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
     assert state(page)["rim"] == CIRCLE
-    assert (state(page)["looks"], state(page)["pan"]) == ("forward", -180)  # direction of the photographer
+    assert (state(page)["looks"], state(page)["pan"]) == (
+        "forward",
+        -180,
+    )  # direction of the photographer
     assert page.locator("#ask").is_hidden()
     page.get_by_text("The mirror was found by itself,").wait_for()
-    page.wait_for_function("document.querySelector('#command-line').textContent.includes('--ball 39')")
+    page.wait_for_function(
+        "document.querySelector('#command-line').textContent.includes('--ball 39')"
+    )
     drop(page, folder / "evening.png")
     page.wait_for_function("Math.abs(window.omnimirror.store.state.rim?.[0] - 390) < 1")
     assert page.locator("#ask").is_hidden()  # already known

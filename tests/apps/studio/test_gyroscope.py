@@ -85,7 +85,10 @@ def test_safari_is_asked_and_may_refuse(phone):
     ("prepare", "reason"),
     [
         ("delete window.DeviceOrientationEvent;", "This device does not tell how it is turned."),
-        ("Object.defineProperty(window, 'isSecureContext', { value: false });", "or over https, only."),
+        (
+            "Object.defineProperty(window, 'isSecureContext', { value: false });",
+            "or over https, only.",
+        ),
     ],
 )
 def test_it_says_why_it_cannot(prepare, reason, phone):

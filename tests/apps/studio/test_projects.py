@@ -39,7 +39,9 @@ def project(browser, server, tmp_path_factory):
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_selector("#bench .compare tbody td")
     page.get_by_role("button", name="Pin", exact=True).click()
-    page.locator("#bench").get_by_label("F-number", exact=True).fill("5.5")  # without pressing a key
+    page.locator("#bench").get_by_label("F-number", exact=True).fill(
+        "5.5"
+    )  # without pressing a key
     page.locator("#tabs").get_by_role("button", name="Look").click()
     opened(page, "hall.png")
     pixels = drawn(page, 160, 120)

@@ -32,7 +32,9 @@ SMALL = replace(
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
     rng = np.random.default_rng(3)
-    sharp = cv2.resize(rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST)
+    sharp = cv2.resize(
+        rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST
+    )
     return cv2.GaussianBlur(sharp, (0, 0), 1.6)
 
 
@@ -48,9 +50,14 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
     with TestClient(create_app(), base_url="http://127.0.0.1") as client:
         entry = client.post("/api/sensors", content=(tmp_path / "small.toml").read_bytes()).json()
         ask = {
-            "id": entry["id"], "mount": entry["mount"], "image_size": [192, 192], "name": "p.png",
-            "centre_px": SMALL.imager.centre, "rim_radius_px": SMALL.rim_radius_px, "object_distance_mm": None,
-        }  # fmt: skip
+            "id": entry["id"],
+            "mount": entry["mount"],
+            "image_size": [192, 192],
+            "name": "p.png",
+            "centre_px": SMALL.imager.centre,
+            "rim_radius_px": SMALL.rim_radius_px,
+            "object_distance_mm": None,
+        }
         png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
 
         def asked(**change):

@@ -55,7 +55,11 @@ def sentence(answer) -> str:
 
 def test_the_rim_of_a_picture_that_is_handed_up(client):
     v, u = np.mgrid[:240, :320]
-    disc = np.where(np.hypot(u - 170, v - 110) < 90, 120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))), 12)
+    disc = np.where(
+        np.hypot(u - 170, v - 110) < 90,
+        120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))),
+        12,
+    )
     data = cv2.imencode(".png", disc.astype(np.uint8))[1].tobytes()
     found = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
     assert found["centre_px"] == pytest.approx([170, 110], abs=0.5)
@@ -71,7 +75,9 @@ def test_the_rim_of_a_picture_that_is_handed_up(client):
 def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
     looked, find = [], om.find_rim
     monkeypatch.setattr(rim, "find_rim", lambda picture: looked.append(1) or find(picture))
-    one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
+    one, other = (
+        cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92)
+    )
     found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
     assert found[0] == found[2]
     assert len(looked) == 2
@@ -88,7 +94,9 @@ def test_tables_give_the_pixels_of_the_camera(client):
     """Compared with the projection of the sensor; interpolation here is that of the shader."""
     sensor = om.load_sensor("paper-spherical")
     model = client.get("/api/camera", params={"id": "paper-spherical"}).json()
-    values = np.frombuffer(client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4")
+    values = np.frombuffer(
+        client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4"
+    )
     t = model["tables"]
     radii = values[: t["radii"]].astype(float)
     d = np.random.default_rng(1).normal(size=(500, 3))
@@ -96,7 +104,9 @@ def test_tables_give_the_pixels_of_the_camera(client):
     along, right, down = (d @ np.array(model[name]) for name in ("axis", "right", "down"))
     half = np.sqrt((1 - along) / 2)
     r = np.interp(half, np.linspace(t["first"], t["last"], t["radii"]), radii)
-    pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack([right, down], axis=-1)
+    pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack(
+        [right, down], axis=-1
+    )
     exact = sensor.project_directions(d)
     assert exact.valid.mean() > 0.7
     assert np.linalg.norm(pixels - exact.pixels, axis=1)[exact.valid].max() < 0.001
@@ -116,7 +126,9 @@ def test_a_camera_leans_as_asked(client):
     asked = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
     model = client.get("/api/camera", params=asked).json()
     assert (model["mount"]["pitch_deg"], model["mount"]["roll_deg"]) == (20, 5)
-    assert model["right"] == pytest.approx([np.cos(np.radians(20)), 0, np.sin(np.radians(20))])  # image right: forward
+    assert model["right"] == pytest.approx(
+        [np.cos(np.radians(20)), 0, np.sin(np.radians(20))]
+    )  # image right: forward
     assert model["axis"][1] == pytest.approx(np.sin(np.radians(5)))
     assert client.get("/api/camera", params=asked | {"pitch_deg": 91}).status_code == 422
 
@@ -128,11 +140,22 @@ def test_a_camera_leans_as_asked(client):
 @pytest.mark.parametrize(
     ("host", "expected"),
     [
-        ("localhost", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("", False),
-        ("example.org", False), ("localhost.example.org", False), ("127.0.0.1.example.org", False), ("door", False),
-        ("0.0.0.0", False), ("::", False), ("192.168.1.7", False), ("::2", False), ("128.0.0.1", False),
+        ("localhost", True),
+        ("127.0.0.1", True),
+        ("127.9.9.9", True),
+        ("::1", True),
+        ("", False),
+        ("example.org", False),
+        ("localhost.example.org", False),
+        ("127.0.0.1.example.org", False),
+        ("door", False),
+        ("0.0.0.0", False),
+        ("::", False),
+        ("192.168.1.7", False),
+        ("::2", False),
+        ("128.0.0.1", False),
     ],
-)  # fmt: skip
+)
 def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
     assert is_loopback(host) is expected
 
@@ -158,7 +181,9 @@ def test_other_names_and_other_pages_are_refused(client):
     assert "https://evil.example" in sentence(answer)
     with (
         pytest.raises(WebSocketDisconnect),
-        client.websocket_connect("/api/stream?id=source", headers={"origin": "https://evil.example"}),
+        client.websocket_connect(
+            "/api/stream?id=source", headers={"origin": "https://evil.example"}
+        ),
     ):
         pass
 
@@ -177,7 +202,9 @@ def test_beyond_this_machine_the_token_is_asked_for():
             client.websocket_connect("ws://192.168.1.7/api/stream?id=source"),
         ):
             pass
-        with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
+        with client.websocket_connect(
+            "ws://192.168.1.7/api/stream?id=source&token=secret"
+        ) as socket:
             assert "there is no stream" in socket.receive_text()
 
 
@@ -210,7 +237,9 @@ def test_a_text_that_unfolds_inside_a_picture_is_refused(client):
     whole = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
     body = b"zTXtComment\0\0" + zlib.compress(bytes(100 << 20), 9)
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:])
+    answer = client.post(
+        "/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:]
+    )
     assert answer.status_code == 400
     assert "bomb.png" in sentence(answer)
 
@@ -223,18 +252,24 @@ def png_of(width: int, height: int) -> bytes:
     """Return a PNG with a huge announced size and almost no data."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     rows = zlib.compress(b"\0" * 100_000, 9)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    )
 
 
 @pytest.mark.parametrize("side", [11_000, 60_000])
 def test_pictures_that_unfold_are_refused_by_their_header(side, client):
     answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=png_of(side, side))
     assert answer.status_code == 400
-    assert sentence(answer) == "bomb.png unfolds to too many pixels; at most 256 MB of them are valid"
+    assert (
+        sentence(answer) == "bomb.png unfolds to too many pixels; at most 256 MB of them are valid"
+    )
 
 
 @pytest.mark.parametrize(
@@ -247,7 +282,9 @@ def test_what_is_no_picture_is_refused(data, client):
 
 
 def test_a_truncated_picture_is_refused(client):
-    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[1].tobytes()
+    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[
+        1
+    ].tobytes()
     answer = client.post("/api/pictures", params={"name": "../../half.jpg"}, content=whole[:-400])
     assert answer.status_code == 400
     assert sentence(answer) == "the picture half.jpg is cut short: its end is missing"
@@ -274,7 +311,9 @@ def test_sensor_files_cannot_name_files_of_the_server(client):
     assert "root:" not in answer.text
 
 
-@pytest.mark.parametrize("data", [b"\xff\xfe\0", b"[mirror", b"1 2 3\n4", b"{}", b"[mirror]\nkind = 3"])
+@pytest.mark.parametrize(
+    "data", [b"\xff\xfe\0", b"[mirror", b"1 2 3\n4", b"{}", b"[mirror]\nkind = 3"]
+)
 def test_calibrations_that_are_none_are_refused(data, client):
     answer = client.post("/api/sensors", content=data)
     assert answer.status_code == 400
@@ -284,7 +323,9 @@ def test_calibrations_that_are_none_are_refused(data, client):
 def test_deep_pictures_come_as_eight_bits():
     deep = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
     tiff = cv2.imencode(".tif", deep)[1].tobytes()
-    shallow = cv2.imdecode(np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED)
+    shallow = cv2.imdecode(
+        np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
+    )
     np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
 
 
@@ -386,8 +427,12 @@ def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phas
         pytest.skip("schemathesis is not here")
     with serving(Studio()) as address:
         words = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
-        files = "--no-color --exclude-checks positive_data_acceptance"  # not described by any schema
-        run = subprocess.run([program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path)
+        files = (
+            "--no-color --exclude-checks positive_data_acceptance"  # not described by any schema
+        )
+        run = subprocess.run(
+            [program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path
+        )
     assert run.returncode == 0, run.stdout[-3000:]
     assert re.search(r"(\d+) selected / \1 total", run.stdout)
 
@@ -422,7 +467,9 @@ def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool
     ],
 )
 def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, status, wire):
-    answer = answer_to(wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None)
+    answer = answer_to(
+        wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None
+    )
     if status is None:
         assert b" 200 " not in answer[:20]  # no recipient remains
     else:
@@ -432,7 +479,13 @@ def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, statu
 
 
 @pytest.mark.parametrize(
-    "path", ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/api/picture?id=../../etc/passwd"]
+    "path",
+    [
+        "/../../etc/passwd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "//etc/passwd",
+        "/api/picture?id=../../etc/passwd",
+    ],
 )
 def test_paths_lead_nowhere(path, wire):
     answer = answer_to(wire, b"GET " + path.encode())
@@ -445,7 +498,9 @@ def test_no_part_of_an_answer_waits_until_the_part_before_it_is_acknowledged():
         sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 
         def accepted(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            sent.set_result(writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+            sent.set_result(
+                writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            )
             writer.close()
 
         async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as server:
@@ -488,7 +543,9 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
 
     async def eager(url: str, frames: int) -> list[int]:
         async with connect(url, max_queue=1) as socket:
-            assert not socket.protocol.extensions  # not compressed again, although every page offers it
+            assert (
+                not socket.protocol.extensions
+            )  # not compressed again, although every page offers it
             await socket.send("next")
             seen: list[int] = []
             async for message in socket:
@@ -519,7 +576,11 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
     with serving(Studio(Sources([str(busy_video(tmp_path / "noise.avi"))]))) as address:
         url = f"{address.replace('http', 'ws')}api/stream?id=source"
         with ThreadPoolExecutor() as pool:  # with its own event loop
-            seen = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))).result()
+            seen = pool.submit(
+                lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))
+            ).result()
     assert [len(s) for s in seen] == [40] * 19
     again = [np.mean(np.diff(s) == 0) for s in seen]
-    assert max(again) < 0.5  # frames differ, except rarely for the same one of a later loop of the video
+    assert (
+        max(again) < 0.5
+    )  # frames differ, except rarely for the same one of a later loop of the video

@@ -30,7 +30,9 @@ def tool(name: str, *words: object) -> subprocess.CompletedProcess[str]:
     if not path.exists():
         pytest.skip(f"{name} is not here: `npm ci` in web/, or `make node`, fetches it")
     environment = {**os.environ, "NODE_ENV": "production", "NO_COLOR": "1"}
-    return subprocess.run([path, *map(str, words)], cwd=WEB, capture_output=True, text=True, env=environment)
+    return subprocess.run(
+        [path, *map(str, words)], cwd=WEB, capture_output=True, text=True, env=environment
+    )
 
 
 def test_the_types_of_the_page_are_those_of_the_server():
@@ -39,13 +41,23 @@ def test_the_types_of_the_page_are_those_of_the_server():
 
 
 def test_the_page_is_built_from_its_sources(tmp_path):
-    for words in ((), *(("--mode", name, "--emptyOutDir", "false") for name in ("bench", "space", "calibrate"))):
+    for words in (
+        (),
+        *(("--mode", name, "--emptyOutDir", "false") for name in ("bench", "space", "calibrate")),
+    ):
         built = tool("vite", "build", *words, "--outDir", tmp_path, "--logLevel", "error")
         assert built.returncode == 0, built.stderr
     for name, largest in LARGEST.items():
-        assert (tmp_path / name).read_text() == (PAGE / name).read_text(), "`make page` builds it anew"
+        assert (tmp_path / name).read_text() == (PAGE / name).read_text(), (
+            "`make page` builds it anew"
+        )
         assert (PAGE / name).stat().st_size < largest
-    assert sum(len(gzip.compress((PAGE / name).read_bytes())) for name in LARGEST if name != "space.js") < COMPRESSED
+    assert (
+        sum(
+            len(gzip.compress((PAGE / name).read_bytes())) for name in LARGEST if name != "space.js"
+        )
+        < COMPRESSED
+    )
 
 
 def test_the_types_of_the_sources_hold():
@@ -62,7 +74,9 @@ def alike(here: Any, there: Any) -> bool:
     """Check if two JSON texts are equal, numbers to single precision."""
     if isinstance(here, dict):
         return here.keys() == there.keys() and all(
-            close(here[k], there[k]) if k == "tables" and isinstance(here[k], str) else alike(here[k], there[k])
+            close(here[k], there[k])
+            if k == "tables" and isinstance(here[k], str)
+            else alike(here[k], there[k])
             for k in here
         )
     if isinstance(here, list | tuple):
@@ -81,4 +95,6 @@ def close(here: str, there: str) -> bool:
 @pytest.mark.parametrize("name", ["cameras", "views"])
 def test_the_numbers_that_the_unit_tests_compare_with_are_those_of_python(name):
     kept = json.loads((WEB / "tests" / "fixtures" / f"{name}.json").read_text())
-    assert alike(json.loads(MADE["written"](MADE[name]())), kept), "python web/tests/fixtures/make.py writes them anew"
+    assert alike(json.loads(MADE["written"](MADE[name]())), kept), (
+        "python web/tests/fixtures/make.py writes them anew"
+    )

@@ -53,7 +53,11 @@ def opened(page) -> None:
 def pixels(page) -> np.ndarray:
     found = page.evaluate(PIXELS)
     width, height = found["size"]
-    return np.frombuffer(base64.b64decode(found["values"]), np.uint8).reshape(height, width, 4)[..., :3].astype(int)
+    return (
+        np.frombuffer(base64.b64decode(found["values"]), np.uint8)
+        .reshape(height, width, 4)[..., :3]
+        .astype(int)
+    )
 
 
 def place_on(page, node: str) -> tuple[float, float]:
@@ -72,14 +76,16 @@ def place_on(page, node: str) -> tuple[float, float]:
           const zoom = h / 2 / Math.tan((17 * Math.PI) / 180) / (o.distance - dot(from, back));
           return [w / 2 + zoom * dot(from, right), h / 2 - zoom * dot(from, up)];
         }}"""
-    )  # fmt: skip
+    )
 
 
 def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
     assert not any("space" in url for url in bench.fetched)
     opened(bench)
     assert sum(url.endswith("/space.js") for url in bench.fetched) == 1
-    bench.locator('.space canvas[aria-label*="mirror, body, lens"][aria-label*="from 0° to 135.0°"]').wait_for()
+    bench.locator(
+        '.space canvas[aria-label*="mirror, body, lens"][aria-label*="from 0° to 135.0°"]'
+    ).wait_for()
     bench.reload()
     drawn(bench)
     bench.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
@@ -93,7 +99,9 @@ def test_parts_rays_and_ground_have_their_colours(bench):
     opened(bench)
     light = pixels(bench)
     np.testing.assert_array_equal(light[2, 2], [255, 255, 255])
-    x, y = place_on(bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))")  # above the vertex
+    x, y = place_on(
+        bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))"
+    )  # above the vertex
     dots = COARSE["device_scale_factor"]
     mirror = light[round(dots * y), round(dots * x)]
     assert np.ptp(mirror) < 40  # grey
@@ -111,20 +119,27 @@ def test_a_ray_is_clicked_and_read_in_all_plots(bench):
     opened(bench)
     index = bench.evaluate(f"{VIEW}.rays.findIndex((r) => Math.abs(r.omega - 75) < 1e-3)")
     x, y = place_on(
-        bench, f"{VIEW}.rays[{index}].nodes[1].map((c, i) => c + 0.012 * ({VIEW}.rays[{index}].nodes[2][i] - c))"
+        bench,
+        f"{VIEW}.rays[{index}].nodes[1].map((c, i) => c + 0.012 * ({VIEW}.rays[{index}].nodes[2][i] - c))",
     )
     bench.locator(".space canvas").click(position={"x": x, "y": y})
     words = bench.locator(".space output").inner_text()
     sensor = om.load_sensor("paper-spherical")
     e = om.evaluate(sensor, [75.0])
     assert words.startswith("Field angle 75.0°")
-    found = re.search(r"x (\S+), y (\S+), z (\S+) mm · angle of incidence (\S+)° · pixel (\S+), (\S+)", words)
+    found = re.search(
+        r"x (\S+), y (\S+), z (\S+) mm · angle of incidence (\S+)° · pixel (\S+), (\S+)", words
+    )
     mx, my, mz, incidence, u, v = (float(text.replace("−", "-")) for text in found.groups())
     assert np.hypot(mx, my) == pytest.approx(e.x_mm[0], abs=0.01)
     assert mz == pytest.approx(e.z_mm[0], abs=0.01)
-    assert incidence == pytest.approx((75 + e.theta_deg[0]) / 2, abs=0.01)  # about the normal, half of the total
+    assert incidence == pytest.approx(
+        (75 + e.theta_deg[0]) / 2, abs=0.01
+    )  # about the normal, half of the total
     assert np.hypot(u - 511.5, v - 511.5) == pytest.approx(e.h_px[0], abs=0.1)
-    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(75, abs=1e-3)
+    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(
+        75, abs=1e-3
+    )
     bench.locator(".space canvas").click(position={"x": 3, "y": 3})
     assert bench.locator(".space output").inner_text().startswith("Click a ray")
 
@@ -225,7 +240,9 @@ def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
 
 def test_a_browser_without_webgl2_is_told_so(browser, server):
     context = browser.new_context(bypass_csp=True)
-    context.add_init_script(WITHOUT_PICTURES + "HTMLCanvasElement.prototype.getContext = () => null;")
+    context.add_init_script(
+        WITHOUT_PICTURES + "HTMLCanvasElement.prototype.getContext = () => null;"
+    )
     page = context.new_page()
     page.goto(f"{server}#tab=design")
     drawn(page)

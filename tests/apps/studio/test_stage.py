@@ -25,7 +25,16 @@ SHARE = """() => {
   const { width, height, y } = document.querySelector("#view").getBoundingClientRect();
   return y >= 0 && y + height <= innerHeight + 1 ? width * height / innerWidth / innerHeight : 0;
 }"""
-BEGIN = {"mode": "panorama", "pan": 0, "tilt": 0, "zoom": 1, "fit": None, "beside": False, "views": "", "view": -1}
+BEGIN = {
+    "mode": "panorama",
+    "pan": 0,
+    "tilt": 0,
+    "zoom": 1,
+    "fit": None,
+    "beside": False,
+    "views": "",
+    "view": -1,
+}
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +127,9 @@ def test_a_panorama_is_whole_or_fills_the_stage(page):
 
 def test_the_picture_stands_beside_the_view(page):
     page.get_by_role("button", name="Picture beside").click()
-    page.wait_for_function("document.querySelector('#frame').contains(document.querySelector('#circle'))")
+    page.wait_for_function(
+        "document.querySelector('#frame').contains(document.querySelector('#circle'))"
+    )
     settled(page)
     boxes = page.evaluate(HALVES)
     assert boxes["circle"][2] > 0.9 * boxes["pane"][2] > 250
@@ -127,7 +138,9 @@ def test_the_picture_stands_beside_the_view(page):
     page.mouse.dblclick(x + 0.5 * width + 0.3 * min(width, height), y + 0.5 * height)
     page.wait_for_function("window.omnimirror.store.state.pan !== 0")
     page.get_by_role("button", name="Picture beside").click()
-    page.wait_for_function("document.querySelector('#raw-place').contains(document.querySelector('#circle'))")
+    page.wait_for_function(
+        "document.querySelector('#raw-place').contains(document.querySelector('#circle'))"
+    )
 
 
 def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
@@ -206,7 +219,9 @@ def two(folder):
     """The address of a server with two images; the second has the size and colours of another
     sensor."""
     write_image(folder / "yard.png", 255 - pattern((1024, 1024))[::-1])
-    with serving(Studio(Sources([str(folder / "picture.png"), str(folder / "yard.png")]))) as address:
+    with serving(
+        Studio(Sources([str(folder / "picture.png"), str(folder / "yard.png")]))
+    ) as address:
         yield address
 
 
@@ -240,16 +255,23 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
     page.get_by_role("button", name="All views").click()
     seen = "window.omnimirror.look.laid?.places.length === 2 && window.omnimirror.look.laid.places.every((p) => p.seen)"
     page.wait_for_function(seen)
-    assert [view["name"] for view in json.loads(state(page)["views"])] == ["picture.png", "yard.png"]
+    assert [view["name"] for view in json.loads(state(page)["views"])] == [
+        "picture.png",
+        "yard.png",
+    ]
     left, top, width, height = page.evaluate(CELLS)[1]
     box = page.locator("#view").bounding_box()
     page.mouse.click(box["x"] + left + width / 2, box["y"] + top + height / 2)
     page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
     page.locator("#sensor").select_option("paper-hyperboloidal")
-    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-hyperboloidal'")
+    page.wait_for_function(
+        "window.omnimirror.look.sensor.camera.model.id === 'paper-hyperboloidal'"
+    )
     look(page, mode="dome", pan=30.0)
     page.wait_for_function("JSON.parse(window.omnimirror.store.state.views)[1].mode === 'dome'")
-    page.get_by_role("button", name="picture.png").click()  # the first is moved, the other is unchanged
+    page.get_by_role(
+        "button", name="picture.png"
+    ).click()  # the first is moved, the other is unchanged
     page.wait_for_function("window.omnimirror.look.feed.name === 'picture.png'")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-spherical'")
     look(page, pan=-20.0)
@@ -280,20 +302,32 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
 def test_a_camera_that_cannot_be_had_says_so_in_its_place(browser, tmp_path):
     for name in ("here.png", "gone.png"):
         write_image(tmp_path / name, pattern((200, 200)))
-    with serving(Studio(Sources([str(tmp_path / "here.png"), str(tmp_path / "gone.png")]))) as address:
+    with serving(
+        Studio(Sources([str(tmp_path / "here.png"), str(tmp_path / "gone.png")]))
+    ) as address:
         (tmp_path / "gone.png").unlink()
-        page = open_page(browser, f"{address}#source=server%3Asource", 800, 700, reduced_motion="reduce")
+        page = open_page(
+            browser, f"{address}#source=server%3Asource", 800, 700, reduced_motion="reduce"
+        )
         page.wait_for_function("window.omnimirror.look.feed?.name === 'here.png'")
         page.get_by_role("button", name="All views").click()
-        page.wait_for_function("/gone.png: .*(no|not|cannot)/.test(document.querySelector('#cells').textContent)")
-        assert page.evaluate("window.omnimirror.look.laid.places.map((p) => !!p.seen)") == [True, False]
+        page.wait_for_function(
+            "/gone.png: .*(no|not|cannot)/.test(document.querySelector('#cells').textContent)"
+        )
+        assert page.evaluate("window.omnimirror.look.laid.places.map((p) => !!p.seen)") == [
+            True,
+            False,
+        ]
         assert page.problems == []
         page.context.close()
 
 
 @pytest.mark.parametrize(
     "size",
-    [pytest.param((390, 844), id="upright", marks=pytest.mark.full), pytest.param((844, 390), id="across")],
+    [
+        pytest.param((390, 844), id="upright", marks=pytest.mark.full),
+        pytest.param((844, 390), id="across"),
+    ],
 )
 def test_on_a_telephone_the_picture_comes_first(size, browser, rooms):  # noqa: F811
     page = open_page(browser, rooms, *size, has_touch=True)

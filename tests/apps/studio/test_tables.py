@@ -22,22 +22,30 @@ SENSORS = {
     "a spline with kinks of its curvature": replace(
         SPHERE, mirror_pose=POSE, mirror=SlopeSpline((0.2, 0.42, 0.7, 1.1, 1.9), 44.0)
     ),
-    "distortion that leans, in place": replace(SPHERE, lens=replace(SPHERE.lens, k1=-0.2, p1=1e-3, p2=-1e-3)),
+    "distortion that leans, in place": replace(
+        SPHERE, lens=replace(SPHERE.lens, k1=-0.2, p1=1e-3, p2=-1e-3)
+    ),
     "behind a dome": replace(SPHERE, mirror_pose=POSE, housing=Housing(shell=Dome())),
-    "in a tube": replace(SPHERE, mirror_pose=POSE, housing=Housing(shell=Tube(120.0))),  # some rays pass above it
+    "in a tube": replace(
+        SPHERE, mirror_pose=POSE, housing=Housing(shell=Tube(120.0))
+    ),  # some rays pass above it
     "in a picture that cuts the field": replace(
         SPHERE, mirror_pose=POSE, imager=replace(SPHERE.imager, width_px=700, height_px=500)
     ),
 }
 
 
-@pytest.mark.parametrize("name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field"))
+@pytest.mark.parametrize(
+    "name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field")
+)
 def test_every_node_is_right_to_its_rounding_and_few_rays_are_traced(name, monkeypatch):
     sensor, traced = SENSORS[name], []
     project = om.Sensor.project_directions
     monkeypatch.setattr(
-        om.Sensor, "project_directions", lambda self, to: traced.append(len(to)) or project(self, to)
-    )  # fmt: skip
+        om.Sensor,
+        "project_directions",
+        lambda self, to: traced.append(len(to)) or project(self, to),
+    )
     layout, values = camera_tables.__wrapped__(sensor)
     part = 2 if "kinks" in name else 3
     assert sum(traced) < layout.lattice**2 / part  # including the search of the field boundary
@@ -50,17 +58,28 @@ def test_every_node_is_right_to_its_rounding_and_few_rays_are_traced(name, monke
     s = np.hypot(x, y)
     inside = s < 1
     cos = np.sqrt(np.maximum(1 - s * s, 0))
-    directions = np.outer(1 - 2 * s * s, axis) + np.outer(2 * cos * x, right) + np.outer(2 * cos * y, down)
+    directions = (
+        np.outer(1 - 2 * s * s, axis) + np.outer(2 * cos * x, right) + np.outer(2 * cos * y, down)
+    )
     pixels, seen = project(sensor, directions[inside])
     assert seen.sum() > 1000
-    assert np.abs(nodes[chosen][inside][seen] - pixels[seen]).max() <= np.spacing(np.float32(pixels[seen].max()))
+    assert np.abs(nodes[chosen][inside][seen] - pixels[seen]).max() <= np.spacing(
+        np.float32(pixels[seen].max())
+    )
     rays = sensor.backproject(pixels[seen])
     truth = rays.origins @ np.stack([axis, right, down], axis=-1)
-    off, size = np.abs(starts[chosen][inside][seen] - truth)[rays.valid], np.abs(truth[rays.valid]).max()
-    assert off.max() <= 1.5 * np.spacing(np.float32(size))  # 0.5 for their storage, 1 for the polynomial
+    off, size = (
+        np.abs(starts[chosen][inside][seen] - truth)[rays.valid],
+        np.abs(truth[rays.valid]).max(),
+    )
+    assert off.max() <= 1.5 * np.spacing(
+        np.float32(size)
+    )  # 0.5 for their storage, 1 for the polynomial
 
 
-@pytest.mark.parametrize("name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field"))
+@pytest.mark.parametrize(
+    "name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field")
+)
 def test_the_field_ends_where_halving_finds_its_end(name):
     sensor = SENSORS[name]
     layout, values = camera_tables(sensor)
@@ -72,7 +91,9 @@ def test_the_field_ends_where_halving_finds_its_end(name):
         s = (low + high) / 2
         across = 2 * s * np.sqrt(1 - s * s)
         towards = (
-            np.outer(1 - 2 * s * s, axis) + np.outer(across * np.cos(phi), right) + np.outer(across * np.sin(phi), down)
+            np.outer(1 - 2 * s * s, axis)
+            + np.outer(across * np.cos(phi), right)
+            + np.outer(across * np.sin(phi), down)
         )
         seen = sensor.project_directions(towards).valid
         low, high = np.where(seen, s, low), np.where(seen, high, s)
@@ -97,7 +118,13 @@ def test_a_step_between_two_parts_costs_only_what_lies_along_it():
     def stepped(at):
         asked.append(len(at))
         x, y = at.T
-        return np.stack([np.where(np.hypot(x, y) < 1, np.sin(x + y), np.nan), 0.0 + (np.hypot(x - 0.1, y) < 0.45)], -1)
+        return np.stack(
+            [
+                np.where(np.hypot(x, y) < 1, np.sin(x + y), np.nan),
+                0.0 + (np.hypot(x - 0.1, y) < 0.45),
+            ],
+            -1,
+        )
 
     whole, costs = lattice_of(stepped, side), [sum(asked)]
     asked.clear()

@@ -38,7 +38,12 @@ STATES = {
 ALL = pytest.param(tuple(STATES), id="all", marks=pytest.mark.full)
 OF_EVERY_DAY = ("folded-hyperboloidal", "paraboloid-telecentric")  # two mirrors, and another lens
 OCAM = _scaramuzza.write_ocamcalib(
-    om.OCam((-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9), (402.7, 299.2), (800, 600), (0.9991, 0.0007, -0.0004))
+    om.OCam(
+        (-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9),
+        (402.7, 299.2),
+        (800, 600),
+        (0.9991, 0.0007, -0.0004),
+    )
 )
 
 
@@ -46,7 +51,9 @@ OCAM = _scaramuzza.write_ocamcalib(
 def page(browser, server):
     """One page for all cameras, with a small view for software rendering."""
     page = open_page(browser, server)
-    page.add_style_tag(content="#frame { height: 30px !important; min-height: 0 !important; max-width: 40px }")
+    page.add_style_tag(
+        content="#frame { height: 30px !important; min-height: 0 !important; max-width: 40px }"
+    )
     yield page
     assert page.problems == []
     page.context.close()
@@ -54,7 +61,10 @@ def page(browser, server):
 
 def choose(page, sensor: str, **state) -> None:
     """Select a camera of the server, with its own or a given mount."""
-    look(page, **{"rim": None, "looks": None, "forward": None, "flipped": None, "sensor": sensor, **state})
+    look(
+        page,
+        **{"rim": None, "looks": None, "forward": None, "flipped": None, "sensor": sensor, **state},
+    )
     page.wait_for_function(
         """([sensor, looks]) => {
           const { model } = window.omnimirror.look.sensor.camera;
@@ -67,7 +77,9 @@ def choose(page, sensor: str, **state) -> None:
 def load(page, path: Path) -> None:
     """Select a camera by its calibration file, as a user does."""
     page.set_input_files("#calibration", path)
-    page.wait_for_function("(name) => window.omnimirror.look.sensor.camera.model.options[1] === name", arg=path.name)
+    page.wait_for_function(
+        "(name) => window.omnimirror.look.sensor.camera.model.options[1] === name", arg=path.name
+    )
 
 
 def some(*names: str):
@@ -75,7 +87,9 @@ def some(*names: str):
     return pytest.param(names, id=", ".join(names))
 
 
-def check(page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = tuple(STATES), **more) -> None:
+def check(
+    page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = tuple(STATES), **more
+) -> None:
     """Check that each kind of view has the coordinates and colours of its displayed command line."""
     picture = pattern(size)
     name = f"picture-{size[0]}x{size[1]}.png"
@@ -101,7 +115,10 @@ def check(page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = t
 
 @pytest.mark.parametrize(
     "sensor",
-    [name if name in OF_EVERY_DAY else pytest.param(name, marks=pytest.mark.full) for name in bundled_sensors()],
+    [
+        name if name in OF_EVERY_DAY else pytest.param(name, marks=pytest.mark.full)
+        for name in bundled_sensors()
+    ],
 )
 @pytest.mark.parametrize("states", [some("panorama", "near wall"), ALL])
 def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, states, page, tmp_path):
@@ -121,7 +138,9 @@ def test_views_of_a_camera_that_stands_otherwise_in_a_reversed_picture_are_those
 
 @pytest.mark.parametrize("optics", [pytest.param("mirror", marks=pytest.mark.full), "fisheye"])
 @pytest.mark.parametrize("states", [some("planet", "mosaic"), ALL])
-def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, states, page, tmp_path):
+def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(
+    optics, states, page, tmp_path
+):
     path = tmp_path / f"calib_results_{optics}.txt"
     path.write_text(OCAM)
     load(page, path)
@@ -130,7 +149,9 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, sta
         # Not `check`, which reads the state immediately: the page names the previous camera until
         # the other is loaded.
         page.get_by_label("a fisheye").click()
-        page.wait_for_function("window.omnimirror.look.sensor.camera.model.options.includes('fisheye')")
+        page.wait_for_function(
+            "window.omnimirror.look.sensor.camera.model.options.includes('fisheye')"
+        )
         choose(page, page.evaluate("window.omnimirror.store.state.sensor"), looks="down")
     check(page, tmp_path, (800, 600), states)
 
@@ -180,14 +201,21 @@ def test_views_of_misaligned_sensors_are_those_of_the_command_line(pose, page, t
     check(page, tmp_path, sensor.image_size)
 
 
-@pytest.mark.parametrize("pose", [pytest.param("decentred and tilted", marks=pytest.mark.full), "far out"])
+@pytest.mark.parametrize(
+    "pose", [pytest.param("decentred and tilted", marks=pytest.mark.full), "far out"]
+)
 @pytest.mark.parametrize("states", [some("perspective", "near panorama"), ALL])
 def test_views_of_a_misaligned_sensor_that_looks_down_in_a_reversed_picture_are_those_of_the_command_line(
     pose, states, page, tmp_path
 ):
     path = tmp_path / f"{tmp_path.name}.toml"
     save_sensor(
-        replace(om.load_sensor("paper-spherical"), mirror_pose=POSES[pose], mount=Mount("down", 20.0, True)), path
+        replace(
+            om.load_sensor("paper-spherical"),
+            mirror_pose=POSES[pose],
+            mount=Mount("down", 20.0, True),
+        ),
+        path,
     )
     load(page, path)
     check(page, tmp_path, (1024, 1024), states)
@@ -198,7 +226,9 @@ def test_views_of_a_mirror_ball_fitted_to_a_picture_are_those_of_the_command_lin
     check(page, tmp_path, (900, 700), rim=[470.25, 341.5, 300.0])
 
 
-def test_a_sensor_fitted_to_a_picture_is_saved_as_a_file_that_gives_the_same_view(browser, server, tmp_path):
+def test_a_sensor_fitted_to_a_picture_is_saved_as_a_file_that_gives_the_same_view(
+    browser, server, tmp_path
+):
     picture = pattern((640, 480))
     write_image(tmp_path / "picture.png", picture)
     page = open_page(browser, f"{server}#mode=perspective&pan=50&hfov=60")

@@ -14,7 +14,12 @@ import pytest
 import omnimirror as om
 from omnimirror.calibration.estimation._bundle_adjustment import adjust
 from omnimirror.calibration.estimation._covariance import uncertainty
-from omnimirror.calibration.estimation._residuals import BoardShape, Linearised, as_placed, without_motions
+from omnimirror.calibration.estimation._residuals import (
+    BoardShape,
+    Linearised,
+    as_placed,
+    without_motions,
+)
 from omnimirror.calibration.estimation.observations import Motion, Sighting, rotation_of
 from omnimirror.cameras.models import Unified
 from omnimirror.cameras.models.camera_model import direction_sigma_deg
@@ -27,7 +32,9 @@ VALUES = np.array([p.value for p in TRUTH.parameters])
 
 def room(count: int = 300, seed: int = 0) -> np.ndarray:
     """Return points around the camera, mm, in its frame."""
-    return directions(TRUTH, count, seed) * np.random.default_rng(seed).uniform(500, 3000, (count, 1))
+    return directions(TRUTH, count, seed) * np.random.default_rng(seed).uniform(
+        500, 3000, (count, 1)
+    )
 
 
 def test_known_points_give_the_camera_back():
@@ -40,7 +47,9 @@ def test_known_points_give_the_camera_back():
 def test_stars_give_the_camera_and_how_it_stood():
     stars = directions(TRUTH)
     turn = Motion(rotation_of(np.array([0.3, -0.2, 0.9])), np.zeros(3))
-    seen = Sighting("night", TRUTH.image(stars, distant=True).pixels, stars @ turn.rotation, is_distant=True)
+    seen = Sighting(
+        "night", TRUTH.image(stars, distant=True).pixels, stars @ turn.rotation, is_distant=True
+    )
     begin = Motion(rotation_of(np.array([0.25, -0.25, 0.95])), np.zeros(3))
     found = adjust(START, [seen.moved(begin)])
     assert found.rms_px < 1e-6
@@ -71,7 +80,9 @@ def test_points_are_placed_where_their_targets_stand():
     moved = Sighting("moved", pixels, points, way)
     assert np.abs(as_placed(TRUTH, [moved]).residuals).max() < 1e-9
     still = as_placed(TRUTH, [replace(moved, motion=None)])
-    np.testing.assert_allclose(np.abs(still.residuals), np.abs(TRUTH.image(points).pixels - pixels), atol=1e-9)
+    np.testing.assert_allclose(
+        np.abs(still.residuals), np.abs(TRUTH.image(points).pixels - pixels), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])
@@ -81,7 +92,13 @@ def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
     slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
     both = np.array([[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]])
     found = without_motions(
-        Linearised(both, np.ones(3, bool), both[:, :, None] * [1.0, -2.0], np.tile(both[:, :, None], 6), slides)
+        Linearised(
+            both,
+            np.ones(3, bool),
+            both[:, :, None] * [1.0, -2.0],
+            np.tile(both[:, :, None], 6),
+            slides,
+        )
     )
     left = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]])
     np.testing.assert_allclose(found.residuals, left, atol=1e-14)
@@ -97,7 +114,9 @@ def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:
     marks[:30, 2] = -700.0
     marks[30:45, 0], marks[45:, 1] = 1500.0, -1400.0
     turns = [rotation_of(np.array([0.0, 0.0, a])) for a in random.uniform(-3, 3, count)]
-    return marks, [Motion(t, np.append(random.uniform(-300, 300, 2), 40.0 * i)) for i, t in enumerate(turns)]
+    return marks, [
+        Motion(t, np.append(random.uniform(-300, 300, 2), 40.0 * i)) for i, t in enumerate(turns)
+    ]
 
 
 def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
@@ -109,7 +128,13 @@ def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
     ids = 100 + np.arange(60)
     pictures = [
         Sighting(
-            f"{i}", TRUTH.image(way(marks)).pixels, marks + off[:, 0], way, is_known=True, normals=normals, ids=ids
+            f"{i}",
+            TRUTH.image(way(marks)).pixels,
+            marks + off[:, 0],
+            way,
+            is_known=True,
+            normals=normals,
+            ids=ids,
         )
         for i, way in enumerate(ways)
     ]
@@ -124,10 +149,17 @@ def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
 def test_a_mark_that_one_picture_sees_or_that_lies_on_two_planes_is_refused():
     marks, ways = drive(2)
     up = np.tile([0.0, 0.0, 1.0], (60, 1))
-    one, other = (Sighting(str(i), TRUTH.image(w(marks)).pixels, marks, w, normals=up) for i, w in enumerate(ways))
-    with pytest.raises(om.base.errors.InvalidParameter, match="mark 7 on a plane is seen once, which says nothing"):
+    one, other = (
+        Sighting(str(i), TRUTH.image(w(marks)).pixels, marks, w, normals=up)
+        for i, w in enumerate(ways)
+    )
+    with pytest.raises(
+        om.base.errors.InvalidParameter, match="mark 7 on a plane is seen once, which says nothing"
+    ):
         adjust(START, [one, other.only(np.arange(60) != 7)])
-    with pytest.raises(om.base.errors.InvalidParameter, match="mark 0 is said to lie on two planes"):
+    with pytest.raises(
+        om.base.errors.InvalidParameter, match="mark 0 is said to lie on two planes"
+    ):
         adjust(START, [one, replace(other, points=marks + np.array([0.0, 0.0, 5.0]))])
 
 
@@ -144,20 +176,27 @@ def test_gross_errors_do_not_move_the_camera():
     pixels[::10] += 30.0
     robust = adjust(START, [known(pixels, points)], loss="cauchy").model
     squares = adjust(START, [known(pixels, points)]).model
-    errors = [np.abs(m.image(points).pixels - TRUTH.image(points).pixels).max() for m in (robust, squares)]
+    errors = [
+        np.abs(m.image(points).pixels - TRUTH.image(points).pixels).max() for m in (robust, squares)
+    ]
     assert errors[0] < 0.15 < 1.0 < errors[1]
 
 
 def test_fixed_parameters_stay_and_priors_pull():
     points = room()
-    seen = known(TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2)), points)
+    seen = known(
+        TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2)),
+        points,
+    )
     fixed = adjust(START, [seen], fixed=["k1"], priors=[om.Prior("cx", 330.0, 0.0)]).model
     assert (fixed.k1, fixed.centre_px[0]) == (0.0, 330.0)
     free = adjust(START, [seen])
     sigma = float(uncertainty(free).sigmas[4])
     middle = free.model.centre_px[0]
     pulled = adjust(START, [seen], priors=[om.Prior("cx", middle + 4 * sigma, sigma)]).model
-    assert pulled.centre_px[0] == pytest.approx(middle + 2 * sigma, abs=0.15 * sigma)  # two sources of equal weight
+    assert pulled.centre_px[0] == pytest.approx(
+        middle + 2 * sigma, abs=0.15 * sigma
+    )  # two sources of equal weight
 
 
 @pytest.mark.full
@@ -174,7 +213,9 @@ def test_covariance_is_what_repeated_noise_shows():
         offs.append(np.array([p.value for p in found.model.parameters]) - VALUES)
         assert found.noise_px == pytest.approx(0.2, rel=0.25)
         rays = found.model.backproject(pixels)
-        angle = np.degrees(np.linalg.norm(rays.directions @ found.model.mount.rotation() - ahead, axis=1))
+        angle = np.degrees(
+            np.linalg.norm(rays.directions @ found.model.mount.rotation() - ahead, axis=1)
+        )
         assert (angle < 4 * direction_sigma_deg(found.model, spread.covariance, ahead)).all()
     assert np.std(offs, axis=0) == pytest.approx(np.mean(sigmas, axis=0), rel=0.45)
 
@@ -210,12 +251,21 @@ def test_the_shape_of_a_board_is_found():
     [
         (lambda s: adjust(START, []), "nothing to adjust"),
         (lambda s: adjust(START, [s], fixed=["k9"]), "no parameter 'k9'.*xi, fx"),
-        (lambda s: adjust(START, [Sighting("room", s.pixels, s.points)]), "where the target stands in room"),
+        (
+            lambda s: adjust(START, [Sighting("room", s.pixels, s.points)]),
+            "where the target stands in room",
+        ),
         (lambda s: adjust(START, [s], loss="tukey"), "loss = 'tukey'.*squares"),
         (lambda s: known(s.pixels, s.points[1:]), r"room: pixels \(300, 2\) and points \(299, 3\)"),
-        (lambda s: known(s.pixels, s.points, along=s.points[1:]), r"room: along \(299, 3\) are not \(300, 3\)"),
+        (
+            lambda s: known(s.pixels, s.points, along=s.points[1:]),
+            r"room: along \(299, 3\) are not \(300, 3\)",
+        ),
         (lambda s: known(s.pixels, s.points, normals=0 * s.points), "room: normals .* directions"),
-        (lambda s: known(s.pixels, s.points, normals=s.points, along=s.points), "normals belong to planes"),
+        (
+            lambda s: known(s.pixels, s.points, normals=s.points, along=s.points),
+            "normals belong to planes",
+        ),
     ],
 )
 def test_what_cannot_be_adjusted_is_said(call, says):
@@ -244,5 +294,7 @@ def test_normal_equations_wake_no_threads_of_blas():
     """BLAS threads would spin for longer than the products take, and under load all wait for one
     another."""
     alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
-    told = subprocess.run([sys.executable, "-c", ALONE], env=alone, capture_output=True, text=True, check=True)
+    told = subprocess.run(
+        [sys.executable, "-c", ALONE], env=alone, capture_output=True, text=True, check=True
+    )
     assert float(told.stdout) < 1e-3

@@ -22,7 +22,10 @@ CASES = [
     ("paper-hyperboloidal", SHAPED),
     ("paper-equidistant", USUAL),
     ("prototype-spherical", SHAPED),
-    ("paraboloid-telecentric", ("shape", "focal", "decentre", "tilt")),  # a distance that is not observable
+    (
+        "paraboloid-telecentric",
+        ("shape", "focal", "decentre", "tilt"),
+    ),  # a distance that is not observable
 ]
 
 
@@ -78,18 +81,26 @@ def test_a_mirror_of_unknown_size_is_found_as_large_as_it_is(scale):
     design = om.load_sensor("paper-spherical")
     mirror, distance = design.mirror, scale * design.mirror_distance_mm
     truth = replace(
-        design, mirror=replace(mirror, radius_mm=scale * mirror.radius_mm, rim_radius_mm=scale * mirror.rim_radius_mm),
-        mirror_distance_mm=distance, lens=replace(design.lens, focus_distance_mm=distance),
-    )  # fmt: skip
+        design,
+        mirror=replace(
+            mirror, radius_mm=scale * mirror.radius_mm, rim_radius_mm=scale * mirror.rim_radius_mm
+        ),
+        mirror_distance_mm=distance,
+        lens=replace(design.lens, focus_distance_mm=distance),
+    )
     board = om.Board("chessboard", 11, 7, 60.0)
-    found = om.calibrate_camera(om.simulate_detections(truth, board, 12, seed=3), board, model="sensor")
+    found = om.calibrate_camera(
+        om.simulate_detections(truth, board, 12, seed=3), board, model="sensor"
+    )
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
     assert found.camera.mirror.vertex_radius_mm == pytest.approx(truth.mirror.radius_mm, rel=0.3)
 
 
 @pytest.mark.full  # test_surveys covers the same mirror with fewer points
 def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_the_same():
-    seen = om.simulate_detections(om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1)
+    seen = om.simulate_detections(
+        om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1
+    )
     found = om.calibrate_camera(seen, BOARD, model="sensor")
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
@@ -104,14 +115,18 @@ def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
     seen = om.simulate_detections(truth, board, 14, noise_px=NOISE_PX, seed=2)
     found = om.calibrate_camera(seen, board, model="sensor", board_shape=False)
     assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
-    pitch = found.camera.imager.pixel_pitch_um / truth.imager.pixel_pitch_um  # a convention that scales the lens
+    pitch = (
+        found.camera.imager.pixel_pitch_um / truth.imager.pixel_pitch_um
+    )  # a convention that scales the lens
     true = {
         "mirror.vertex_radius_mm": design.mirror.radius_mm,
         "lens.focal_length_mm": pitch * design.lens.focal_length_mm,
         "mount.mirror_distance_mm": design.mirror_distance_mm,
     }
     known = {p.name: p for p in found.parameters}
-    assert all(abs(known[name].value - value) < 3 * known[name].sigma for name, value in true.items())
+    assert all(
+        abs(known[name].value - value) < 3 * known[name].sigma for name, value in true.items()
+    )
     (free,) = found.free
     assert set(free.names) == {"lens.focal_length_mm", "mount.mirror_distance_mm"}
     (note,) = [n for n in found.notes if n.startswith("The pictures do not tell")]
@@ -129,7 +144,9 @@ def test_an_unknown_mirror_under_a_telecentric_lens_is_predicted_too():
 
 
 def test_splines_follow_a_mirror_that_packs_little_along_its_rim():
-    seen = om.simulate_detections(om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1)
+    seen = om.simulate_detections(
+        om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1
+    )
     found = om.calibrate_camera(seen, BOARD, model="radial-spline", board_shape=False)
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
@@ -148,10 +165,14 @@ def shares_laid_over(model, covariance, truth: om.Sensor, random) -> tuple[float
     near, far = near[true_near.valid] @ to_camera, ahead[true_far.valid] @ to_camera
 
     def image(place, points, distant):
-        return model.image(points @ rotation_of(place[:3]).T + (0 if distant else 100 * place[3:]), distant=distant)
+        return model.image(
+            points @ rotation_of(place[:3]).T + (0 if distant else 100 * place[3:]), distant=distant
+        )
 
     def off(place):
-        return np.nan_to_num(image(place, near, False).pixels - true_near.pixels[true_near.valid], nan=50.0).ravel()
+        return np.nan_to_num(
+            image(place, near, False).pixels - true_near.pixels[true_near.valid], nan=50.0
+        ).ravel()
 
     starts = [np.array([0, 0, 0, 0, 0, shift]) for shift in np.linspace(-3, 3, 61)]
     begun = min(starts, key=lambda place: np.sum(np.clip(off(place), -20, 20) ** 2))
@@ -159,17 +180,26 @@ def shares_laid_over(model, covariance, truth: om.Sensor, random) -> tuple[float
 
     def by_place(points, distant):
         steps = 1e-4 * np.eye(6)
-        moved = [[image(place + way * s, points, distant).pixels.ravel() for way in (1, -1)] for s in steps]
+        moved = [
+            [image(place + way * s, points, distant).pixels.ravel() for way in (1, -1)]
+            for s in steps
+        ]
         return np.stack([(a - b) / 2e-4 for a, b in moved], axis=1)
 
     count = len(covariance)
-    taken_up = np.linalg.pinv(by_place(near, False)) @ image(place, near, False).d_parameters.reshape(-1, count)
+    taken_up = np.linalg.pinv(by_place(near, False)) @ image(
+        place, near, False
+    ).d_parameters.reshape(-1, count)
     shares = []
     for points, pixels, distant in ((far, true_far.pixels, True), (near, true_near.pixels, False)):
         seen = image(place, points, distant)
-        left = (seen.d_parameters.reshape(-1, count) - by_place(points, distant) @ taken_up).reshape(-1, 2, count)
+        left = (
+            seen.d_parameters.reshape(-1, count) - by_place(points, distant) @ taken_up
+        ).reshape(-1, 2, count)
         sigma = np.sqrt(np.linalg.eigvalsh(left @ covariance @ left.transpose(0, 2, 1))[:, -1])
-        length = np.linalg.norm(seen.pixels - pixels[(true_far if distant else true_near).valid], axis=1)
+        length = np.linalg.norm(
+            seen.pixels - pixels[(true_far if distant else true_near).valid], axis=1
+        )
         shares.append(float((length < 3 * sigma).mean()))
     return shares[0], shares[1]
 
@@ -190,7 +220,9 @@ def test_truth_lies_within_3_sigma_of_a_mirror_of_which_nothing_is_known(part, n
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("name", "free"), CASES, ids=lambda case: "-".join(case) if isinstance(case, tuple) else case)
+@pytest.mark.parametrize(
+    ("name", "free"), CASES, ids=lambda case: "-".join(case) if isinstance(case, tuple) else case
+)
 def test_truth_lies_within_3_sigma_over_50_seeds(name, free):
     shares, off = [], []
     for seed in range(50):

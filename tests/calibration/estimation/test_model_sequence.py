@@ -28,7 +28,11 @@ EVERY_DAY = ("enhanced-unified",)  # the one with skew
 
 
 @pytest.mark.parametrize(
-    "truth", [pytest.param(t, id=t.KIND, marks=() if t.KIND in EVERY_DAY else pytest.mark.full) for t in TRUTHS]
+    "truth",
+    [
+        pytest.param(t, id=t.KIND, marks=() if t.KIND in EVERY_DAY else pytest.mark.full)
+        for t in TRUTHS
+    ],
 )
 def test_a_model_ends_at_the_truth_of_its_own_kind(truth):
     """Parameters are inside their bounds and are not blocked by different magnitudes."""

@@ -16,7 +16,10 @@ from .cases import BOARD, NOISE_PX, detections
 
 
 def moved(seen, numbers, shift):
-    return [replace(d, corners_px=d.corners_px + shift) if i in numbers else d for i, d in enumerate(seen)]
+    return [
+        replace(d, corners_px=d.corners_px + shift) if i in numbers else d
+        for i, d in enumerate(seen)
+    ]
 
 
 @pytest.mark.full
@@ -31,10 +34,19 @@ def moved(seen, numbers, shift):
 def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, numbers):
     """Camera and poses absorb nearly all of it, with a fit close to the noise. One image may be
     misclassified."""
-    with pytest.raises(InvalidParameter, match="the mirror moved against the camera between them") as refused:
-        om.calibrate_camera(moved(detections(count=count, seed=1), numbers, [9.0, 4.0]), BOARD, model="unified")
-    groups = [{f"picture {i + 1}" for i in range(count) if (i in numbers) == is_second} for is_second in (True, False)]
-    sentence = str(refused.value).split(": the mirror moved")[0].removeprefix("the mirror's centre in ")
+    with pytest.raises(
+        InvalidParameter, match="the mirror moved against the camera between them"
+    ) as refused:
+        om.calibrate_camera(
+            moved(detections(count=count, seed=1), numbers, [9.0, 4.0]), BOARD, model="unified"
+        )
+    groups = [
+        {f"picture {i + 1}" for i in range(count) if (i in numbers) == is_second}
+        for is_second in (True, False)
+    ]
+    sentence = (
+        str(refused.value).split(": the mirror moved")[0].removeprefix("the mirror's centre in ")
+    )
     told = [
         {name.strip() for name in part.replace(" and ", ", ").split(", ")}
         for part in (sentence.split(" lies ")[0], sentence.split(" px from that in ")[1])
@@ -48,7 +60,9 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
 def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
     """A ball has no single viewpoint: in a single-viewpoint model, the image centres scatter far
     beyond the noise."""
-    seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 6 + 2 * seed, noise_px=NOISE_PX, seed=seed)
+    seen = om.simulate_detections(
+        om.load_sensor("paper-spherical"), BOARD, 6 + 2 * seed, noise_px=NOISE_PX, seed=seed
+    )
     found = om.calibrate_camera(seen, BOARD, model="unified", board_shape=False)
     assert found.rms_px > 1.25 * np.sqrt(2) * NOISE_PX
     assert check_mount_stability(found.adjustment) == {}
@@ -56,13 +70,19 @@ def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
 
 def test_the_group_that_explains_most_is_found():
     """Six images by exhaustive search; their centres scatter, some of them much less than others."""
-    together = np.kron(np.eye(6) - 1 / 6, np.eye(2))  # a common shift is absorbed by the camera centre
+    together = np.kron(
+        np.eye(6) - 1 / 6, np.eye(2)
+    )  # a common shift is absorbed by the camera centre
     for seed in range(20):
         random = np.random.default_rng(seed)
         half = together @ (random.normal(size=(12, 12)) * random.uniform(0.3, 3, 12))
         offsets = 2.0 * np.repeat(random.permutation(6) < 3, 2) + random.normal(0, 0.3, 12)
-        own = OwnCentres((half @ half.T).reshape(6, 2, 6, 2), -(half @ half.T @ offsets).reshape(6, 2))
-        groups = np.array([np.isin(range(6), g) for k in range(1, 6) for g in combinations(range(6), k)])
+        own = OwnCentres(
+            (half @ half.T).reshape(6, 2, 6, 2), -(half @ half.T @ offsets).reshape(6, 2)
+        )
+        groups = np.array(
+            [np.isin(range(6), g) for k in range(1, 6) for g in combinations(range(6), k)]
+        )
         gains, _ = own.of_groups(groups)
         (gain,), _ = own.of_groups(own.split()[None])
         assert gain > 0.9 * gains.max()

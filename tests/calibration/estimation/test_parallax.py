@@ -21,7 +21,9 @@ def error_far_away_deg(found: om.Calibration) -> float:
     both = rays.valid & looks.valid
     corners = np.concatenate([s.motion(s.points) for s in fit.sightings])[both]
     world = MIRROR.mount.rotation()
-    starts, ways, looks = (a[both] @ world for a in (rays.origins, rays.directions, looks.directions))
+    starts, ways, looks = (
+        a[both] @ world for a in (rays.origins, rays.directions, looks.directions)
+    )
     shift = np.zeros(3)
     for _ in range(20):  # corners are on the true rays, at any distance
         along = np.sum((corners - shift - starts) * ways, axis=1)

@@ -7,7 +7,21 @@ from omnimirror.cameras.models import ThinPrismFisheye
 
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 THIN_PRISM = ThinPrismFisheye(
-    F, C, SIZE, 0.05, -0.02, 0.003, -2e-4, k5=1e-5, k6=-1e-6, p1=3e-3, p2=-2e-3, s1=2e-3, s2=-3e-4, s3=-1e-3, s4=4e-4
+    F,
+    C,
+    SIZE,
+    0.05,
+    -0.02,
+    0.003,
+    -2e-4,
+    k5=1e-5,
+    k6=-1e-6,
+    p1=3e-3,
+    p2=-2e-3,
+    s1=2e-3,
+    s2=-3e-4,
+    s3=-1e-3,
+    s4=4e-4,
 )
 
 

@@ -7,7 +7,9 @@ from omnimirror.calibration.edge_detection import EdgePoints
 from omnimirror.calibration.rim._ellipses import Ellipse, Shift, laid_through, shifted
 
 
-def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> EdgePoints:
+def edges_on(
+    a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0
+) -> EdgePoints:
     """Return EdgePoints on an ellipse given by its axes, over a fraction of its circumference."""
     turn, lean = np.linspace(0, 2 * np.pi * share, 600), np.radians(angle_deg)
     turned = np.array([[np.cos(lean), np.sin(lean)], [-np.sin(lean), np.cos(lean)]])
@@ -33,7 +35,9 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
     beside = edges_on(107.0, 105.0, 20.0, (200.0, 150.0), share=0.3)
     lean = rng.uniform(0, 2 * np.pi, 400)
     points = np.concatenate([edges.points, beside.points, rng.uniform(50, 300, (400, 2))])
-    normals = np.concatenate([edges.normals, beside.normals, np.stack([np.cos(lean), np.sin(lean)], axis=1)])
+    normals = np.concatenate(
+        [edges.normals, beside.normals, np.stack([np.cos(lean), np.sin(lean)], axis=1)]
+    )
     cluttered = EdgePoints(points, normals, np.full(1600, 30.0), np.ones(1600))
     found = laid_through(cluttered, Ellipse((200.5, 150.0), 99.5), (1.0, 0.7))
     assert found.centre == (pytest.approx(200, abs=0.5), pytest.approx(150, abs=0.5))
@@ -43,9 +47,15 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
 def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
     """Despite many arcs that are locally closer to the circle than the ellipse."""
     edges = edges_on(104.0, 96.0, 30.0, (203.0, 148.0))
-    arcs = [edges_on(100.0 + k, 100.0 + k, 0.0, (200.0, 150.0), share=0.25) for k in (-1.5, 0.5, 1.5)]
-    crowd = EdgePoints(*(np.concatenate([getattr(one, name) for one in (edges, *arcs)])
-                         for name in ("points", "normals", "steps", "weights")))  # fmt: skip
+    arcs = [
+        edges_on(100.0 + k, 100.0 + k, 0.0, (200.0, 150.0), share=0.25) for k in (-1.5, 0.5, 1.5)
+    ]
+    crowd = EdgePoints(
+        *(
+            np.concatenate([getattr(one, name) for one in (edges, *arcs)])
+            for name in ("points", "normals", "steps", "weights")
+        )
+    )
     start = Ellipse((200.0, 150.0), 100.0)
     moved = shifted(crowd, start, Shift(4.0, 2.0, turns=72, stretch_px=4.0))
     found = laid_through(crowd, moved, (2.0, 1.0, 0.7))
@@ -59,5 +69,7 @@ def test_points_lie_on_their_own_ellipse():
     turn = np.linspace(0, 6, 50)
     assert np.allclose(ellipse.away(ellipse.points(turn)), 0, atol=1e-9)
     a, b = ellipse.semi_axes
-    reach = np.linalg.norm(ellipse.points(np.linspace(0, 2 * np.pi, 20001)) - ellipse.centre, axis=1)
+    reach = np.linalg.norm(
+        ellipse.points(np.linspace(0, 2 * np.pi, 20001)) - ellipse.centre, axis=1
+    )
     assert (reach.max(), reach.min()) == (pytest.approx(a, rel=1e-6), pytest.approx(b, rel=1e-6))

@@ -36,7 +36,9 @@ def found_in_kaidan(name: str) -> om.FoundRim:
 def is_rim_of_kaidan(rim: om.FoundRim) -> bool:
     """Check the ring of the mirror, which measures 222.6 to 224.3 px; those of its housing measure
     255 and 333 px."""
-    return 222.0 < rim.radius_px < 225.0 and bool(np.hypot(rim.centre_px[0] - 324.8, rim.centre_px[1] - 246.2) < 2.2)
+    return 222.0 < rim.radius_px < 225.0 and bool(
+        np.hypot(rim.centre_px[0] - 324.8, rim.centre_px[1] - 246.2) < 2.2
+    )
 
 
 @pytest.mark.full
@@ -70,11 +72,19 @@ def test_the_camera_is_found_in_the_middle(shared_data):
 def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
     crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())["tisch.jpg"]
     (width, height), crop = crops["size"], crops["crop_px"]
-    left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
+    left, right, top, bottom = (
+        crop["left"],
+        width - crop["right"],
+        crop["top"],
+        height - crop["bottom"],
+    )
     rim = om.find_rim(om.read_image(shared_data / "mirrorball" / "tisch.jpg"))
     radius = (right - left + bottom - top) / 4
     assert rim.radius_px == pytest.approx(radius, rel=0.01)
-    assert np.hypot(rim.centre_px[0] - (left + right) / 2, rim.centre_px[1] - (top + bottom) / 2) < 0.01 * radius
+    assert (
+        np.hypot(rim.centre_px[0] - (left + right) / 2, rim.centre_px[1] - (top + bottom) / 2)
+        < 0.01 * radius
+    )
     assert rim.is_sure
 
 
@@ -98,7 +108,12 @@ def test_outlines_of_mirror_balls_are_accepted(name, shared_data):
     """Within 1 % of the manual box, whose sides differ by as much."""
     crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())[name]
     (width, height), crop = crops["size"], crops["crop_px"]
-    left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
+    left, right, top, bottom = (
+        crop["left"],
+        width - crop["right"],
+        crop["top"],
+        height - crop["bottom"],
+    )
     rim, scale = found_in_ball(name, 1400)
     assert rim.is_sure
     assert rim.radius_px / scale == pytest.approx((right - left + bottom - top) / 4, rel=0.01)
@@ -133,7 +148,9 @@ def test_a_rim_that_is_cut_by_the_picture(shared_data):
 
 
 def test_a_picture_without_a_rim_is_not_sure(shared_data):
-    assert not om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")).is_sure
+    assert not om.find_rim(
+        om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")
+    ).is_sure
 
 
 @pytest.mark.full
@@ -167,7 +184,9 @@ def test_plates_and_frames_are_no_mirrors(seed):
 
 
 # Reference counts were obtained with photographs; detection in painted surroundings is harder.
-AMONG_PHOTOGRAPHS = pytest.mark.skipif(ENVIRONMENTS is None, reason="photographs of surroundings are not here")
+AMONG_PHOTOGRAPHS = pytest.mark.skipif(
+    ENVIRONMENTS is None, reason="photographs of surroundings are not here"
+)
 
 
 def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -198,13 +217,19 @@ def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
     v, u = np.mgrid[:size, :size] / size
     away, turn = np.hypot(u - 0.52, v - 0.47) * size, np.arctan2(v - 0.47, u - 0.52)
     radius = 0.33 * size
-    sky = np.stack([120 + 30 * np.cos(turn), 160 + 20 * np.cos(turn), np.full(u.shape, 225.0)], axis=-1)
+    sky = np.stack(
+        [120 + 30 * np.cos(turn), 160 + 20 * np.cos(turn), np.full(u.shape, 225.0)], axis=-1
+    )
     ground = np.where(np.sin(9 * turn) * np.sin(40 * away / radius) > 0, 60.0, 130.0)[..., None]
     horizon = radius * (0.5 + 0.1 * np.sin(3 * turn + 1) + 0.04 * np.sign(np.sin(8 * turn)))
     mirror = np.where((away < horizon)[..., None], ground, sky)
-    within, about = (np.clip(edge - away + 0.5, 0, 1)[..., None] for edge in (radius, 1.02 * radius))
+    within, about = (
+        np.clip(edge - away + 0.5, 0, 1)[..., None] for edge in (radius, 1.02 * radius)
+    )
     room = 45.0 + 10 * np.sin(23 * u + 11 * v)[..., None]
-    picture = room * (1 - about) + np.array([110.0, 115.0, 200.0]) * (about - within) + mirror * within
+    picture = (
+        room * (1 - about) + np.array([110.0, 115.0, 200.0]) * (about - within) + mirror * within
+    )
     rim = om.find_rim(np.round(picture).astype(np.uint8))
     assert error_of(rim, Rim((0.52 * size, 0.47 * size), (radius, radius), 0.0)) < 0.003
 
@@ -228,7 +253,9 @@ def test_what_cannot_be_looked_at():
         om.find_rim([])
     with pytest.raises(InvalidParameter, match="at least 48 px"):
         om.find_rim(np.zeros((20, 200), np.uint8))
-    with pytest.raises(InvalidParameter, match="picture 0 is 60 x 50 px, and picture 1 is 60 x 60 px"):
+    with pytest.raises(
+        InvalidParameter, match="picture 0 is 60 x 50 px, and picture 1 is 60 x 60 px"
+    ):
         om.find_rim([np.zeros((50, 60), np.uint8), np.zeros((60, 60), np.uint8)])
 
 

@@ -19,11 +19,19 @@ class Photograph(NamedTuple):
     """True corner positions (n, 2), by projection."""
 
 
-def pose(board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm: float, *turns_deg: float):
+def pose(
+    board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm: float, *turns_deg: float
+):
     """Return rotation and position of a board facing the sensor from a direction, with rotations
     about its own axes."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    away = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
     right = -np.cross([0, 0, 1], away) / np.cos(elevation)
     facing = np.stack([right, np.cross(away, right), away], axis=1)
     rotation = facing @ Rotation.from_euler("xyz", turns_deg or (0, 0, 0), degrees=True).as_matrix()
@@ -34,7 +42,9 @@ def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, se
     """Render a board with blur, noise and compression; return it with its true corners."""
     light, truth = rendered(sensor, board, place, sheet=sheet)
     picture = cv2.GaussianBlur(light, (0, 0), blur_px)
-    return Photograph(digital(picture, np.random.default_rng(seed), noise=noise, quality=quality), truth)
+    return Photograph(
+        digital(picture, np.random.default_rng(seed), noise=noise, quality=quality), truth
+    )
 
 
 def digital(light, random, *, noise=3.0, quality=None):
@@ -42,7 +52,9 @@ def digital(light, random, *, noise=3.0, quality=None):
     picture = light + random.normal(0, noise, light.shape)
     picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
     if quality is not None:
-        picture = cv2.imdecode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0)
+        picture = cv2.imdecode(
+            cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0
+        )
     return picture
 
 

@@ -10,11 +10,15 @@ import omnimirror as om
 from tests.calibration.targets.rendering import digital, photographed, pose, rendered
 
 BOARD = om.Board("chessboard", 9, 6, 30.0)
-PLACES = {"paper-spherical": (130, -30, 400, -20, 15, 30), "prototype-hyperboloidal": (300, -20, 350, 0, 30, -20)}
+PLACES = {
+    "paper-spherical": (130, -30, 400, -20, 15, 30),
+    "prototype-hyperboloidal": (300, -20, 350, 0, 30, -20),
+}
 
 
 @pytest.fixture(
-    scope="module", params=["prototype-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)]
+    scope="module",
+    params=["prototype-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)],
 )
 def photograph(request):
     sensor = om.load_sensor(request.param)
@@ -36,7 +40,9 @@ def test_corners_are_measured_to_hundredths_of_a_pixel(photograph):
 def in_order_of(found, photograph) -> np.ndarray:
     """Return the index of the true corner for each detected one, which is ambiguous for chessboards
     in mirrors."""
-    return np.argmin(np.linalg.norm(found.corners_px[:, None] - photograph.corners_px, axis=2), axis=1)
+    return np.argmin(
+        np.linalg.norm(found.corners_px[:, None] - photograph.corners_px, axis=2), axis=1
+    )
 
 
 def test_reported_deviations_are_those_from_the_truth(photograph):
@@ -85,7 +91,9 @@ DEGRADED = {
     "jpeg 60": lambda x, r: digital(gauss(x, 0.7), r, noise=2.0, quality=60),
     "jpeg 30": lambda x, r: digital(gauss(x, 0.7), r, noise=2.0, quality=30),
     "blurred, jpeg 30": lambda x, r: digital(gauss(x, 2.0), r, noise=2.0, quality=30),
-    "denoised": lambda x, r: np.rint(gauss(digital(gauss(x, 0.7), r, noise=8.0).astype(float), 1.2)).astype(np.uint8),
+    "denoised": lambda x, r: np.rint(
+        gauss(digital(gauss(x, 0.7), r, noise=8.0).astype(float), 1.2)
+    ).astype(np.uint8),
 }
 
 
@@ -93,8 +101,16 @@ DEGRADED = {
 def sharp_boards():
     """Rendered boards in mirrors without degradation, with exact corners."""
     places = [
-        ("prototype-hyperboloidal", om.Board("chessboard", 9, 6, 30.0), (300, -20, 350, 0, 30, -20)),
-        ("prototype-hyperboloidal", om.Board("chessboard", 11, 7, 25.0), (80, -35, 330, 20, -15, 10)),
+        (
+            "prototype-hyperboloidal",
+            om.Board("chessboard", 9, 6, 30.0),
+            (300, -20, 350, 0, 30, -20),
+        ),
+        (
+            "prototype-hyperboloidal",
+            om.Board("chessboard", 11, 7, 25.0),
+            (80, -35, 330, 20, -15, 10),
+        ),
         ("paper-spherical", om.Board("chessboard", 7, 5, 40.0), (130, -30, 400, -20, 15, 30)),
     ]
     return [(b, *rendered(om.load_sensor(name), b, pose(b, *place))) for name, b, place in places]
@@ -103,7 +119,9 @@ def sharp_boards():
 @pytest.mark.parametrize(
     "kind",
     [
-        k if k in ("gauss 3", "motion 2.5", "saturated, sharp", "jpeg 30") else pytest.param(k, marks=pytest.mark.full)
+        k
+        if k in ("gauss 3", "motion 2.5", "saturated, sharp", "jpeg 30")
+        else pytest.param(k, marks=pytest.mark.full)
         for k in DEGRADED
     ],
 )
@@ -113,10 +131,14 @@ def test_reported_deviations_hold_on_degraded_pictures(kind, sharp_boards):
     squares = []
     for seed, (board, light, truth) in enumerate(sharp_boards):
         picture = DEGRADED[kind](light, np.random.default_rng(seed))
-        start = om.Detection("a", picture.shape[::-1], np.arange(len(truth)), truth + 0.2 * np.sin(7.0 * truth))
+        start = om.Detection(
+            "a", picture.shape[::-1], np.arange(len(truth)), truth + 0.2 * np.sin(7.0 * truth)
+        )
         found = om.refine_corners(picture / np.float32(255), start, board)
         assert len(found.ids) > 0.9 * len(truth)
-        squares.append(((found.corners_px - truth[found.ids]) / found.sigma_px[:, None]).ravel() ** 2)
+        squares.append(
+            ((found.corners_px - truth[found.ids]) / found.sigma_px[:, None]).ravel() ** 2
+        )
     assert 0.7 < np.concatenate(squares).mean() < 1.5
     assert all(0.45 < one.mean() < 2.2 for one in squares)
 
@@ -134,7 +156,9 @@ def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
     found = om.find_board(picture, BOARD)
     assert found.used
     assert len(found.ids) >= len(whole.ids) - 2 * len(hidden)  # a neighbour may be hidden too
-    error = np.linalg.norm(found.corners_px - photograph.corners_px[in_order_of(found, photograph)], axis=1)
+    error = np.linalg.norm(
+        found.corners_px - photograph.corners_px[in_order_of(found, photograph)], axis=1
+    )
     assert error.max() < 0.2
 
 
@@ -150,10 +174,14 @@ def test_corners_run_clockwise_from_a_black_square(photograph):
     assert brightness[0] < 70 < brightness[1]
 
 
-@pytest.mark.parametrize("turns", [1, *(pytest.param(n, marks=pytest.mark.full) for n in (0, 2, 3))])
+@pytest.mark.parametrize(
+    "turns", [1, *(pytest.param(n, marks=pytest.mark.full) for n in (0, 2, 3))]
+)
 def test_corners_are_the_same_however_the_picture_is_turned(turns):
     """The orientation of 10 x 7 squares is determined by their colours, not by their positions."""
-    picture = cv2.GaussianBlur(np.pad(picture_of(9, 6), [(352, 352), (312, 312)], mode="edge"), (0, 0), 0.8)
+    picture = cv2.GaussianBlur(
+        np.pad(picture_of(9, 6), [(352, 352), (312, 312)], mode="edge"), (0, 0), 0.8
+    )
     u, v = om.find_board(picture, BOARD).corners_px.T
     turned = [(u, v), (v, 1023 - u), (1023 - u, 1023 - v), (1023 - v, u)][turns]
     found = om.find_board(np.rot90(picture, turns), BOARD)
@@ -165,11 +193,15 @@ def test_all_boards_of_a_real_mirror_are_found(shared_data):
     the same crossings."""
     paths = [shared_data / "kaidan_omni" / f"KaidanOmni{i}.jpg" for i in (1, 8, 17)]
     found = om.find_boards(paths, om.Board("chessboard", 11, 7, 30.0))
-    assert [(d.name, len(d.ids), d.reason) for d in found] == [(path.name, 77, None) for path in paths]
+    assert [(d.name, len(d.ids), d.reason) for d in found] == [
+        (path.name, 77, None) for path in paths
+    ]
     for detection, path in zip(found, paths, strict=True):
         start = detection.corners_px.astype(np.float32)[:, None]
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
-        other = cv2.cornerSubPix(cv2.imread(str(path), 0), start.copy(), (2, 2), (-1, -1), criteria)[:, 0]
+        other = cv2.cornerSubPix(
+            cv2.imread(str(path), 0), start.copy(), (2, 2), (-1, -1), criteria
+        )[:, 0]
         assert np.median(np.linalg.norm(other - detection.corners_px, axis=1)) < 0.5
 
 
@@ -178,7 +210,9 @@ def reference(picture: np.ndarray, board: om.Board, window_px: int) -> np.ndarra
     found, corners = cv2.findChessboardCorners(picture, board.lattice_size)
     assert found
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.001)
-    return cv2.cornerSubPix(picture, corners, (window_px, window_px), (-1, -1), criteria).reshape(-1, 2)
+    return cv2.cornerSubPix(picture, corners, (window_px, window_px), (-1, -1), criteria).reshape(
+        -1, 2
+    )
 
 
 def test_a_board_in_a_metal_frame_without_margin(shared_data):
@@ -188,7 +222,9 @@ def test_a_board_in_a_metal_frame_without_margin(shared_data):
     found = om.find_board(picture, BOARD)
     assert found.used
     assert len(found.ids) == 54
-    distance = np.linalg.norm(reference(picture, BOARD, 5)[:, None] - found.corners_px, axis=2).min(axis=0)
+    distance = np.linalg.norm(reference(picture, BOARD, 5)[:, None] - found.corners_px, axis=2).min(
+        axis=0
+    )
     assert np.median(distance) < 0.2
 
 
@@ -199,7 +235,8 @@ def test_a_framed_board_of_another_size_is_not_the_one_requested(size, shared_da
     found = om.find_board(picture, om.Board("chessboard", *size))
     assert not found.used
     assert (
-        found.reason == f"a board of 9 x 6 corners was found, and one of {size[0]} x {size[1]} corners was looked for"
+        found.reason
+        == f"a board of 9 x 6 corners was found, and one of {size[0]} x {size[1]} corners was looked for"
     )
 
 
@@ -213,7 +250,10 @@ def in_frame(kind: str):
         columns, rows = BOARD.lattice_size
         on = (x > -1) & (x < columns) & (y > -1) & (y < rows)
         past = np.maximum(np.maximum(-1 - x, x - columns), np.maximum(-1 - y, y - rows))
-        u, v = (np.where(a < -1, -2 - a, np.where(a > n, 2 * n - a, a)) for a, n in ((x, columns), (y, rows)))
+        u, v = (
+            np.where(a < -1, -2 - a, np.where(a > n, 2 * n - a, a))
+            for a, n in ((x, columns), (y, rows))
+        )
         reflected = 120 + 30 * np.sign(np.sin(np.pi * u) * np.sin(np.pi * v))
         striped = shades[np.clip(4 * (x + y + 4), 0, 63).astype(int)]
         frame = reflected if kind == "reflecting" else striped
@@ -226,14 +266,18 @@ def in_frame(kind: str):
 @pytest.mark.parametrize("kind", ["striped", pytest.param("reflecting", marks=pytest.mark.full)])
 def test_frames_without_margin(kind):
     sensor = om.load_sensor("prototype-hyperboloidal")
-    seen = photographed(sensor, BOARD, pose(BOARD, *PLACES["prototype-hyperboloidal"]), sheet=in_frame(kind))
+    seen = photographed(
+        sensor, BOARD, pose(BOARD, *PLACES["prototype-hyperboloidal"]), sheet=in_frame(kind)
+    )
     found = om.find_board(seen.picture, BOARD)
     assert found.used
     error = found.corners_px - seen.corners_px[in_order_of(found, seen)]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.05
 
 
-@pytest.mark.parametrize(("side", "first"), [(20, (3, 3)), pytest.param(31, (12, 5), marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    ("side", "first"), [(20, (3, 3)), pytest.param(31, (12, 5), marks=pytest.mark.full)]
+)
 def test_a_board_on_a_tiled_floor_takes_precedence_over_the_tiles(side, first):
     """The tiles have more corners of the same sharpness."""
     v, u = np.mgrid[:640, :800]
@@ -248,7 +292,9 @@ def test_a_board_on_a_tiled_floor_takes_precedence_over_the_tiles(side, first):
     assert distance.max() < 0.05
 
 
-def picture_of(columns: int, rows: int, side: int = 24, size: tuple[int, int] = (400, 320)) -> np.ndarray:
+def picture_of(
+    columns: int, rows: int, side: int = 24, size: tuple[int, int] = (400, 320)
+) -> np.ndarray:
     """Return a flat chessboard with given inner corners on white."""
     v, u = np.mgrid[: size[1], : size[0]]
     x, y = (u - 40) // side, (v - 40) // side
@@ -260,12 +306,23 @@ def picture_of(columns: int, rows: int, side: int = 24, size: tuple[int, int] = 
     ("picture", "reason"),
     [
         (picture_of(9, 6), None),
-        pytest.param(picture_of(8, 5), "what counts are the inner corners, not the squares", marks=pytest.mark.full),
-        pytest.param(picture_of(7, 6), "a board of 7 x 6 corners was found", marks=pytest.mark.full),
-        (picture_of(11, 8), "a board of 11 x 8 corners was found, and one of 9 x 6 corners was looked for"),
+        pytest.param(
+            picture_of(8, 5),
+            "what counts are the inner corners, not the squares",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            picture_of(7, 6), "a board of 7 x 6 corners was found", marks=pytest.mark.full
+        ),
+        (
+            picture_of(11, 8),
+            "a board of 11 x 8 corners was found, and one of 9 x 6 corners was looked for",
+        ),
         (np.full((320, 400), 128, np.uint8), "the picture is blank"),
         (cv2.GaussianBlur(picture_of(9, 6), (0, 0), 14), "blurred"),
-        pytest.param(np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of", marks=pytest.mark.full),
+        pytest.param(
+            np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of", marks=pytest.mark.full
+        ),
     ],
 )
 def test_why_a_board_was_not_found_is_told(picture, reason):
@@ -303,8 +360,12 @@ def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
 @pytest.mark.parametrize("turn", [np.asarray, np.rot90, np.fliplr])
 def test_a_checked_cloth_is_no_board(turn, shared_data):
     """A mirror ball above it leaves 11 x 7 corners visible, with others next to them."""
-    picture = cv2.imread(str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4)
-    assert not om.find_board(np.ascontiguousarray(turn(picture)), om.Board("chessboard", 11, 7)).used
+    picture = cv2.imread(
+        str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4
+    )
+    assert not om.find_board(
+        np.ascontiguousarray(turn(picture)), om.Board("chessboard", 11, 7)
+    ).used
 
 
 def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
@@ -312,8 +373,14 @@ def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
     from omnimirror.calibration.targets import _chessboards
 
     asked = []
-    monkeypatch.setattr(_chessboards, "_opencv_grids", lambda picture, board: asked.append(picture.shape) or iter(()))
-    texture = cv2.GaussianBlur(np.random.default_rng(0).normal(128, 60, (480, 640)).astype(np.float32), (0, 0), 3)
+    monkeypatch.setattr(
+        _chessboards,
+        "_opencv_grids",
+        lambda picture, board: asked.append(picture.shape) or iter(()),
+    )
+    texture = cv2.GaussianBlur(
+        np.random.default_rng(0).normal(128, 60, (480, 640)).astype(np.float32), (0, 0), 3
+    )
     clutter = np.clip(128 + 6 * (texture - 128), 0, 255).astype(np.uint8)
     assert om.find_board(clutter, BOARD).reason == "no board was found"
     assert asked == []
@@ -357,7 +424,11 @@ def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatc
     plain, look = om.find_board(picture, BOARD), board_detection._look_for_squares
 
     def in_views_alone(values, board, name, *, is_quick=False):
-        return look(values, board, name, is_quick=True) if is_quick else om.Detection(name, (1024, 1024), reason="none")
+        return (
+            look(values, board, name, is_quick=True)
+            if is_quick
+            else om.Detection(name, (1024, 1024), reason="none")
+        )
 
     monkeypatch.setattr(board_detection, "_look_for_squares", in_views_alone)
     found = om.find_board(picture, BOARD, camera=sensor)
@@ -382,7 +453,10 @@ def test_a_flipped_picture_of_a_symmetric_chessboard_is_told():
     board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]
-    assert found[2].reason == "it shows the mirror image of the board that the others show: it was flipped"
+    assert (
+        found[2].reason
+        == "it shows the mirror image of the board that the others show: it was flipped"
+    )
 
 
 def test_pictures_of_too_many_pixels_are_a_reason_and_take_no_memory():

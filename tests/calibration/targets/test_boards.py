@@ -11,7 +11,9 @@ import omnimirror as om
 
 def test_corners_of_a_charuco_board_are_opencvs():
     board = om.Board("charuco", 6, 5, 40.0, marker_mm=30.0)
-    theirs = cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000))
+    theirs = cv2.aruco.CharucoBoard(
+        (6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
+    )
     corners = np.array(theirs.getChessboardCorners())
     np.testing.assert_allclose(board.points_mm, corners - corners[0], atol=1e-4)
 
@@ -21,13 +23,18 @@ def test_corners_of_an_april_grid_are_kalibrs():
     board."""
     points = om.Board("aprilgrid", 6, 6, 88.0).points_mm
     assert points.shape == (144, 3)
-    np.testing.assert_allclose(points[[1, 2, 12, 24], :2], [[88, 0], [114.4, 0], [0, 88], [0, 114.4]])
+    np.testing.assert_allclose(
+        points[[1, 2, 12, 24], :2], [[88, 0], [114.4, 0], [0, 88], [0, 114.4]]
+    )
 
 
 @pytest.mark.parametrize(
     ("board", "sentence"),
     [
-        ({"kind": "chess"}, "kind = 'chess' is not known; valid are chessboard, charuco, aprilgrid"),
+        (
+            {"kind": "chess"},
+            "kind = 'chess' is not known; valid are chessboard, charuco, aprilgrid",
+        ),
         ({"columns": 1}, "columns = 1 is not valid"),
         ({"square_mm": 0}, "square_mm = 0 is not valid"),
         ({"kind": "charuco", "marker_mm": 31.0}, "it is valid below square_mm = 30"),

@@ -13,14 +13,22 @@ BOARD = om.Board("chessboard", 5, 4, 20.0)
 SIZE = (320, 240)
 
 
-def frame(left: float, top: float, size: float, turn_deg: float = 0.0, blur: float = 0.6) -> np.ndarray:
+def frame(
+    left: float, top: float, size: float, turn_deg: float = 0.0, blur: float = 0.6
+) -> np.ndarray:
     """Return a chessboard of given square size, position and rotation."""
     drawn = om.draw_board(BOARD, px_per_mm=1.0)
     scale = size / 20
     turn = cv2.getRotationMatrix2D((70.0, 60.0), turn_deg, scale)
     turn[:, 2] += [left, top]
     seen = cv2.warpAffine(drawn, turn, SIZE, flags=cv2.INTER_AREA, borderValue=255)
-    return np.repeat(np.clip(cv2.GaussianBlur(seen, (0, 0), blur) * 0.7 + 30, 0, 255).astype(np.uint8)[..., None], 3, 2)
+    return np.repeat(
+        np.clip(cv2.GaussianBlur(seen, (0, 0), blur) * 0.7 + 30, 0, 255).astype(np.uint8)[
+            ..., None
+        ],
+        3,
+        2,
+    )
 
 
 PLACES = [(0, 0, 16), (170, 0, 16), (0, 110, 16), (170, 110, 16), (80, 50, 28), (90, 60, 16, 40)]
@@ -35,7 +43,9 @@ def video(tmp_path_factory):
     path = tmp_path_factory.mktemp("video") / "board.mp4"
     frames = []
     for place in PLACES:
-        frames += [frame(*place, blur=4.0)] * 2 + [frame(*place)] * 4 + [frame(*place, blur=2.5)] * 2
+        frames += (
+            [frame(*place, blur=4.0)] * 2 + [frame(*place)] * 4 + [frame(*place, blur=2.5)] * 2
+        )
     encode(path, SIZE, 8.0, iter(frames))
     return path
 
@@ -73,7 +83,9 @@ def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
     """The same views are selected from a video; the fast detection agrees with the thorough one."""
     taken = [om.find_board(frame(*place), BOARD, name=f"{place}") for place in PLACES[:3]]
     quick = om.find_board(frame(*PLACES[3]), BOARD, quick=True)
-    np.testing.assert_array_equal(quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px)
+    np.testing.assert_array_equal(
+        quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px
+    )
     assert why_not_new(quick, taken, BOARD) is None
     nearly = om.find_board(frame(2, 1, 16), BOARD)
     assert why_not_new(nearly, taken, BOARD) == f"it shows the board much as {PLACES[0]} does"

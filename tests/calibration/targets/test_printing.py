@@ -26,9 +26,13 @@ BOARDS = {
 def test_corners_are_found_where_they_were_drawn(name):
     board, scale = BOARDS[name], 3.0
     sheet = sheet_of(board)
-    found = om.find_board(cv2.GaussianBlur(om.draw_board(board, px_per_mm=scale), (0, 0), 0.8), board)
+    found = om.find_board(
+        cv2.GaussianBlur(om.draw_board(board, px_per_mm=scale), (0, 0), 0.8), board
+    )
     flat = board.points_mm[found.ids, :2] * ([1, -1] if board.kind == "aprilgrid" else [1, 1])
-    np.testing.assert_allclose(found.corners_px, (flat + sheet.first_corner_mm) * scale - 0.5, atol=0.02)
+    np.testing.assert_allclose(
+        found.corners_px, (flat + sheet.first_corner_mm) * scale - 0.5, atol=0.02
+    )
     assert len(found.ids) == board.corner_count
     assert not found.is_reversed
 
@@ -36,9 +40,13 @@ def test_corners_are_found_where_they_were_drawn(name):
 @pytest.mark.parametrize("legacy", [False, True])
 def test_opencv_finds_the_charuco_boards(legacy):
     board = BOARDS["charuco-legacy" if legacy else "charuco"]
-    theirs = cv2.aruco.CharucoBoard((7, 6), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    theirs = cv2.aruco.CharucoBoard(
+        (7, 6), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    )
     theirs.setLegacyPattern(legacy)
-    corners, ids, *_ = cv2.aruco.CharucoDetector(theirs).detectBoard(om.draw_board(board, px_per_mm=5.0))
+    corners, ids, *_ = cv2.aruco.CharucoDetector(theirs).detectBoard(
+        om.draw_board(board, px_per_mm=5.0)
+    )
     assert ids.ravel().tolist() == list(range(30))
     expected = (board.points_mm[:, :2] + sheet_of(board).first_corner_mm) * 5.0 - 0.5
     np.testing.assert_allclose(corners.reshape(-1, 2), expected, atol=0.5)
@@ -66,7 +74,9 @@ def test_tags_of_an_april_grid_are_kalibrs():
     ("board", "place"),
     [
         pytest.param(om.Board("charuco", 8, 6, 40.0), (130, -30, 330, -20, 15, 30), id="charuco"),
-        pytest.param(om.Board("aprilgrid", 4, 4, 50.0), (300, -20, 330, 180, 20, -20), id="aprilgrid"),
+        pytest.param(
+            om.Board("aprilgrid", 4, 4, 50.0), (300, -20, 330, 180, 20, -20), id="aprilgrid"
+        ),
     ],
 )
 def test_marked_boards_are_found_in_mirrors_reversed_or_not(board, place):
@@ -152,7 +162,8 @@ def test_april_grids_of_another_size_or_spacing_are_told():
     assert other.reason.endswith("stands N-1 and below it N+6, where Kalibr's has N-1 and N+7")
     wide = om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0, spacing=0.8))
     assert re.fullmatch(
-        r"the gaps between its tags are 0\.3\d of a tag's side, and spacing = 0\.8 was said", wide.reason
+        r"the gaps between its tags are 0\.3\d of a tag's side, and spacing = 0\.8 was said",
+        wide.reason,
     )
 
 
@@ -162,11 +173,17 @@ def test_files_have_the_true_size(tmp_path):
     pdf = om.write_board(board, tmp_path / "b.pdf").read_bytes()
     content = zlib.decompress(re.search(rb"stream\n(.*?)\nendstream", pdf, re.S)[1]).decode()
     scale = float(content.split()[0])
-    sides = {tuple(map(float, line.split()[2:4])) for line in content.splitlines() if line.endswith(" re")}
+    sides = {
+        tuple(map(float, line.split()[2:4]))
+        for line in content.splitlines()
+        if line.endswith(" re")
+    }
     assert sides == {(20.0, 20.0)}
     assert scale == pytest.approx(72 / 25.4)
     box = re.search(rb"MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf)
-    assert [float(side) for side in box.groups()] == pytest.approx([220 * 72 / 25.4, 160 * 72 / 25.4], abs=1e-4)
+    assert [float(side) for side in box.groups()] == pytest.approx(
+        [220 * 72 / 25.4, 160 * 72 / 25.4], abs=1e-4
+    )
     for number, start in enumerate(re.findall(rb"(\d{10}) 00000 n", pdf), 1):
         assert pdf[int(start) :].startswith(f"{number} 0 obj".encode())
 
@@ -183,7 +200,8 @@ def test_files_have_the_true_size(tmp_path):
 
 def test_what_cannot_be_printed_is_told(tmp_path):
     with pytest.raises(
-        om.base.errors.InvalidParameter, match=r"does not fit on A4 \(210 x 297 mm\)|does not fit on A4"
+        om.base.errors.InvalidParameter,
+        match=r"does not fit on A4 \(210 x 297 mm\)|does not fit on A4",
     ):
         om.write_board(om.Board("chessboard", 11, 7, 30.0), tmp_path / "b.pdf", paper="A4")
     with pytest.raises(om.base.errors.MediaError, match=r"boards are written as .pdf, .svg, .png"):
@@ -192,8 +210,21 @@ def test_what_cannot_be_printed_is_told(tmp_path):
 
 def test_command_writes_what_python_does(tmp_path):
     board = om.Board("charuco", 7, 5, 25.0, marker_mm=18.0, family="4X4_50")
-    args = ["--target", "charuco", "--board", "7x5", "--square-mm", "25", "--marker-mm", "18", "--family", "4x4_50"]
+    args = [
+        "--target",
+        "charuco",
+        "--board",
+        "7x5",
+        "--square-mm",
+        "25",
+        "--marker-mm",
+        "18",
+        "--family",
+        "4x4_50",
+    ]
     run = omnimirror("board", *args, "-o", "board.svg", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert (tmp_path / "board.svg").read_text() == om.write_board(board, tmp_path / "same.svg").read_text()
+    assert (tmp_path / "board.svg").read_text() == om.write_board(
+        board, tmp_path / "same.svg"
+    ).read_text()
     assert "board.svg" in run.stdout

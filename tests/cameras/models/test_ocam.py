@@ -58,7 +58,8 @@ def test_reads_the_file():
 def test_reads_windows_lines_a_byte_order_mark_and_comments_behind_numbers(tmp_path):
     path = tmp_path / "calib.txt"
     path.write_bytes(
-        b"\xef\xbb\xbf" + GOOD.replace("768 1024", "768 1024  # rows, columns").replace("\n", "\r\n").encode()
+        b"\xef\xbb\xbf"
+        + GOOD.replace("768 1024", "768 1024  # rows, columns").replace("\n", "\r\n").encode()
     )
     with pytest.warns(OmnimirrorWarning, match="inverse polynomial"):  # three coefficients only
         assert om.load_ocam(path) == parse_ocam(GOOD)
@@ -70,8 +71,14 @@ def test_reads_windows_lines_a_byte_order_mark_and_comments_behind_numbers(tmp_p
         (("5 -1.3", "4 -1.3"), r"line 3: the direct polynomial announces 4 coefficients and has 5"),
         (("3 266", "x 266"), r"line 6: expected the inverse polynomial.*'x' is not a number"),
         (("3 266", "nan 266"), r"line 6: .*'nan' is not a number"),
-        (("382.294245 ", ""), r"line 9: expected the centre \(row and column\): 2 numbers, and there are 1"),
-        (("0.000008", "0.000008 1"), r"line 11: expected the affine parameters.*3 numbers, and there are 4"),
+        (
+            ("382.294245 ", ""),
+            r"line 9: expected the centre \(row and column\): 2 numbers, and there are 1",
+        ),
+        (
+            ("0.000008", "0.000008 1"),
+            r"line 11: expected the affine parameters.*3 numbers, and there are 4",
+        ),
         (("768 1024", "768.5 1024"), r"line 14: the image size 768.5 1024 is not in whole pixels"),
         (("768 1024", "0 1024"), r"image height = 0 is not a whole number of pixels"),
         (("768 1024", ""), r"ends before the image size \(height and width\)"),
@@ -104,7 +111,8 @@ def test_any_text_is_read_or_refused(text):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"optics": "lens"}, {"rim_radius_px": 0.0}, {"rim_radius_px": np.nan}, {"polynomial": ()}]
+    "wrong",
+    [{"optics": "lens"}, {"rim_radius_px": 0.0}, {"rim_radius_px": np.nan}, {"polynomial": ()}],
 )
 def test_what_describes_no_camera_is_refused(wrong):
     good = {"polynomial": (-100.0,), "centre_px": (5.0, 5.0), "image_size": (11, 11)}
@@ -119,7 +127,9 @@ def test_rays_are_ocamcalibs(optics, sign):
     row, column, z = cam2world(pixels, camera).T
     expected = np.stack([column, row, sign * z], axis=-1)
     np.testing.assert_allclose(camera.backproject(pixels).directions, expected, atol=1e-14)
-    np.testing.assert_allclose(camera.project_directions(expected).pixels, pixels, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(
+        camera.project_directions(expected).pixels, pixels, atol=1e-9, rtol=0
+    )
 
 
 def test_a_mirror_looks_back_and_a_fisheye_ahead():
@@ -140,7 +150,9 @@ def test_the_field_ends_where_the_angle_stops_growing():
     expected = rho[np.argmax(rate < 0.01)]
     assert camera.field_radius_px == pytest.approx(expected, abs=0.01)
     assert expected < 1000
-    assert camera.backproject([[2000 + expected - 1, 2000], [2000 + expected + 1, 2000]]).valid.tolist() == [
+    assert camera.backproject(
+        [[2000 + expected - 1, 2000], [2000 + expected + 1, 2000]]
+    ).valid.tolist() == [
         True,
         False,
     ]
@@ -193,7 +205,9 @@ def test_the_panorama_reference_picture_follows_from_the_camera():
     expected_inside = ((unrolled >= -0.5) & (unrolled <= (1023.5, 767.5))).all(axis=-1)
     np.testing.assert_array_equal(inside, expected_inside)
     np.testing.assert_allclose(pixels[inside], unrolled[inside], atol=1e-9, rtol=0)
-    ours = cv2.remap(source, np.where(inside[..., None], pixels, -10).astype(np.float32), None, cv2.INTER_LINEAR)
+    ours = cv2.remap(
+        source, np.where(inside[..., None], pixels, -10).astype(np.float32), None, cv2.INTER_LINEAR
+    )
     assert np.abs(ours.astype(float) - reference).mean() <= 1.0
 
 
@@ -204,5 +218,7 @@ def test_what_other_programs_write_after_the_known_blocks_is_left_alone():
 
 @pytest.mark.parametrize("coefficient", ["1e308", "-1e200"])
 def test_coefficients_that_overflow_are_one_sentence(coefficient):
-    with pytest.raises(SpecError, match="which is no coefficient of a camera; they are valid below"):
+    with pytest.raises(
+        SpecError, match="which is no coefficient of a camera; they are valid below"
+    ):
         parse_ocam(f"3 -100 0 {coefficient}\n2 100 50\n59.5 79.5\n1 0 0\n120 160\n")

@@ -26,7 +26,15 @@ def test_pixels_and_derivatives_are_opencvs():
     ours = [names.index(name) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")]
     expected = jacobian.reshape(-1, 2, 15)
     scale = np.abs(expected).max(axis=(0, 1))
-    columns = [1, 2, 3, 4, 5, 6, 7]  # OpenCV's fx contains alpha fx; the skew of omnimirror is a separate parameter
+    columns = [
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+        7,
+    ]  # OpenCV's fx contains alpha fx; the skew of omnimirror is a separate parameter
     found_columns = found.d_parameters[:, :, ours][:, :, columns] / scale[columns]
     np.testing.assert_allclose(found_columns, expected[:, :, columns] / scale[columns], atol=1e-9)
     np.testing.assert_allclose(found.d_points, expected[:, :, 11:14], rtol=1e-8, atol=1e-8)
@@ -37,7 +45,9 @@ def test_it_goes_on_behind_the_camera():
     omega = np.radians([100.0, 130.0, 170.0])
     camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=0.01)
     directions = np.stack([np.sin(omega), 0 * omega, np.cos(omega)], axis=-1)
-    np.testing.assert_allclose(camera.image(directions).pixels[:, 0], 100 * (omega + 0.01 * omega**3), rtol=1e-12)
+    np.testing.assert_allclose(
+        camera.image(directions).pixels[:, 0], 100 * (omega + 0.01 * omega**3), rtol=1e-12
+    )
     assert np.degrees(camera.model_end) == pytest.approx(180.0)
 
 

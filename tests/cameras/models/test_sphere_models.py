@@ -24,7 +24,9 @@ def directions_within(omega_max, count=500, seed=1):
     """Return vectors (n, 3) of length 10 to 1000 within omega_max (radians) of Z."""
     rng = np.random.default_rng(seed)
     omega, phi = rng.uniform(0, omega_max, count), rng.uniform(0, 2 * np.pi, count)
-    unit = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.cos(omega)], axis=-1)
+    unit = np.stack(
+        [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.cos(omega)], axis=-1
+    )
     return unit * rng.uniform(10, 1000, (count, 1))
 
 
@@ -40,7 +42,8 @@ def omnidir(points, xi, k1, k2, k3, p1, p2):
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
     return pixels_of(
-        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2),
+        y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y,
     )
 
 
@@ -65,7 +68,9 @@ def of_kind(kind, *shape):
     """Return a model with variable optics, and the pixels of its paper."""
     paper = {Unified: omnidir, EnhancedUnified: enhanced, DoubleSphere: double_sphere}[kind]
     own, lens = (shape[:1], shape[1:]) if kind is Unified else (shape, ())
-    return lambda optics: kind(*own, FOCAL, CENTRE, SIZE, SKEW, *lens, optics), lambda points: paper(points, *shape)
+    return lambda optics: kind(
+        *own, FOCAL, CENTRE, SIZE, SKEW, *lens, optics
+    ), lambda points: paper(points, *shape)
 
 
 CASES = {
@@ -91,7 +96,9 @@ def test_pixels_are_those_of_the_papers(model, paper, omega_max, optics):
 def test_a_paraboloid_seen_from_afar_is_the_unified_sphere_at_one():
     """Reflection on ``z = (x^2 - p^2) / 2p`` about its focus: r = p tan(Omega / 2) exactly."""
     p, x = 30.0, np.linspace(0, 60, 40)
-    towards_focus = np.stack([x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1)  # from the focus to the mirror points
+    towards_focus = np.stack(
+        [x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1
+    )  # from the focus to the mirror points
     camera = Unified(1.0, (8.0 * p, 8.0 * p), (500.0, 500.0), (1001, 1001))
     found = camera.image(towards_focus)
     np.testing.assert_allclose(found.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
@@ -137,7 +144,9 @@ SECTION = np.stack([np.sin(OMEGA), 0 * OMEGA, np.cos(OMEGA)], axis=-1)
 
 
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.6, 0.9])
-@pytest.mark.parametrize(("kind", "other"), [(DoubleSphere, x) for x in (-0.6, 0.3, 0.8)] + [(EnhancedUnified, 1.7)])
+@pytest.mark.parametrize(
+    ("kind", "other"), [(DoubleSphere, x) for x in (-0.6, 0.3, 0.8)] + [(EnhancedUnified, 1.7)]
+)
 def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha):
     """Along a fine section: the end of growth, or a sign change of the depth and thus of the
     radius."""
@@ -150,9 +159,15 @@ def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha
 
 @pytest.mark.parametrize(
     ("kind", "shape", "paper"),
-    [(Unified, (0.9,), (0.9, 0, 0, 0, 0, 0)), (EnhancedUnified, (0.57, 1.2), None), (DoubleSphere, (-0.3, 0.6), None)],
+    [
+        (Unified, (0.9,), (0.9, 0, 0, 0, 0, 0)),
+        (EnhancedUnified, (0.57, 1.2), None),
+        (DoubleSphere, (-0.3, 0.6), None),
+    ],
 )
-def test_by_default_there_is_neither_skew_nor_distortion_and_a_mirror_looks_back(kind, shape, paper):
+def test_by_default_there_is_neither_skew_nor_distortion_and_a_mirror_looks_back(
+    kind, shape, paper
+):
     points = directions_within(1.8)
     expected = of_kind(kind, *(paper or shape))[1](points)
     expected[:, 0] -= SKEW * (expected[:, 1] - CENTRE[1]) / FOCAL[1]
@@ -211,7 +226,9 @@ def test_rays_are_those_of_a_reflecting_sphere():
     rays = ball.backproject(offsets + ball.centre_px)
     np.testing.assert_allclose(rays.directions, expected, atol=1e-13)
     np.testing.assert_array_equal(rays.origins, 0.0)
-    np.testing.assert_allclose(ball.project_directions(expected).pixels, offsets + ball.centre_px, atol=1e-9)
+    np.testing.assert_allclose(
+        ball.project_directions(expected).pixels, offsets + ball.centre_px, atol=1e-9
+    )
 
 
 @given(st.floats(1, 360), st.floats(5, 5000))
@@ -241,7 +258,12 @@ def test_equal_areas_of_the_picture_see_equal_solid_angles():
     ],
 )
 def test_what_is_no_ball_is_refused(wrong):
-    good = {"centre_px": (5.0, 5.0), "rim_radius_px": 5.0, "field_deg": 260.0, "image_size": (11, 11)}
+    good = {
+        "centre_px": (5.0, 5.0),
+        "rim_radius_px": 5.0,
+        "field_deg": 260.0,
+        "image_size": (11, 11),
+    }
     with pytest.raises(InvalidParameter, match=next(iter(wrong))):
         om.MirrorBall(**(good | wrong))
 

@@ -18,9 +18,13 @@ KNOTS = np.radians(115.0) * np.arange(1, 6) / 5
 
 def test_the_radius_is_the_odd_spline_through_the_knots():
     """SciPy spline through knots mirrored about the axis."""
-    mirrored = CubicSpline(np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII])
+    mirrored = CubicSpline(
+        np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII]
+    )
     omega = np.linspace(0, KNOTS[-1], 200)
-    found = CAMERA.image(np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True)
+    found = CAMERA.image(
+        np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True
+    )
     np.testing.assert_allclose(found.pixels[:-1, 0] - 320.0, mirrored(omega[:-1]), atol=1e-10)
 
 
@@ -36,10 +40,14 @@ def test_the_viewpoint_is_the_even_spline_through_the_knots():
 def test_points_on_a_ray_are_seen_by_it(distance_mm):
     omega = np.linspace(0, 0.999 * CAMERA.model_end, 100)
     heights = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])(omega)
-    points = np.stack([0 * omega, distance_mm * np.sin(omega), -heights - distance_mm * np.cos(omega)], axis=-1)
+    points = np.stack(
+        [0 * omega, distance_mm * np.sin(omega), -heights - distance_mm * np.cos(omega)], axis=-1
+    )
     found = CAMERA.image(points)
     assert found.valid.all()
-    np.testing.assert_allclose(found.pixels[:, 1] - 238.0, CAMERA.radius_from_omega(omega), atol=1e-9)
+    np.testing.assert_allclose(
+        found.pixels[:, 1] - 238.0, CAMERA.radius_from_omega(omega), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
@@ -52,7 +60,12 @@ def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
     assert spline.field_deg / 2 == pytest.approx(shown, abs=0.5)
     omega = np.radians(np.linspace(0.1, 0.95 * shown, 50))
     ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
-    assert np.abs(spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels).max() < 0.6
+    assert (
+        np.abs(
+            spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
+        ).max()
+        < 0.6
+    )
 
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
@@ -80,7 +93,9 @@ def test_what_is_nearer_than_the_rays_meet_is_not_seen():
 
 def test_one_viewpoint_is_the_central_model():
     central = RadialSpline(RADII, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
-    shifted = ViewpointSpline(RADII, (3.0,) * 5, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
+    shifted = ViewpointSpline(
+        RADII, (3.0,) * 5, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5
+    )
     points = np.random.default_rng(0).normal(size=(300, 3)) * 100
     a, b = central.image(points), shifted.image(points - 3.0 * np.eye(3)[2])
     np.testing.assert_allclose(a.pixels, b.pixels, atol=1e-9)
@@ -98,9 +113,13 @@ def test_it_can_be_a_mirror_that_is_not_central(name):
     across, along = symmetry.origin_mm(np.linspace(0.05, end, 400))
     heights = along - across / np.tan(np.linspace(0.05, end, 400))
     camera = ViewpointSpline(
-        tuple(symmetry.radius_px(knots)), tuple(np.interp(knots, np.linspace(0.05, end, 400), heights)),
-        float(np.degrees(2 * end)), symmetry.centre_px, sensor.image_size, mount=sensor.mount,
-    )  # fmt: skip
+        tuple(symmetry.radius_px(knots)),
+        tuple(np.interp(knots, np.linspace(0.05, end, 400), heights)),
+        float(np.degrees(2 * end)),
+        symmetry.centre_px,
+        sensor.image_size,
+        mount=sensor.mount,
+    )
     rng = np.random.default_rng(4)
     points = rng.normal(size=(2000, 3))
     points *= rng.uniform(200, 1000, (2000, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
@@ -119,7 +138,9 @@ def test_a_spline_starts_like_another_model():
     for start in (RadialSpline.like(unified, 8, 220.0), ViewpointSpline.like(unified, 8, 220.0)):
         omega = np.linspace(0, np.radians(109.0), 50)
         for phi in (0.0, 1.0, 2.0):
-            d = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), -np.cos(omega)], axis=-1)
+            d = np.stack(
+                [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), -np.cos(omega)], axis=-1
+            )
             np.testing.assert_allclose(start.image(d).pixels, unified.image(d).pixels, atol=0.3)
     with pytest.raises(InvalidParameter, match="field_deg = 359 is wider"):
         RadialSpline.like(unified, 8, 359.0)

@@ -17,7 +17,11 @@ from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.street import Street
 from tests.everyday import few
 
-TARGETS = {"paper-spherical": (2.5, 3.0), "paper-equidistant": (2.5, 3.5), "paper-hyperboloidal": (3.0, 4.0)}
+TARGETS = {
+    "paper-spherical": (2.5, 3.0),
+    "paper-equidistant": (2.5, 3.5),
+    "paper-hyperboloidal": (3.0, 4.0),
+}
 """Gains in dB over the inner 2/3 of the radius, and over the outer 1/3."""
 
 
@@ -30,13 +34,16 @@ class Around:
 
     def radiance(self, origins_mm, directions):
         return self.environment.radiance(
-            origins_mm, self.distance_mm(origins_mm, directions)[:, None] * _units(directions) + origins_mm
+            origins_mm,
+            self.distance_mm(origins_mm, directions)[:, None] * _units(directions) + origins_mm,
         )
 
     def distance_mm(self, origins_mm, directions):
         d = _units(directions)
         along = (d * origins_mm).sum(axis=1)
-        return -along + np.sqrt(along**2 + self.radius_mm**2 - (np.asarray(origins_mm) ** 2).sum(axis=1))
+        return -along + np.sqrt(
+            along**2 + self.radius_mm**2 - (np.asarray(origins_mm) ** 2).sum(axis=1)
+        )
 
 
 def _units(directions):
@@ -83,9 +90,13 @@ def test_a_scene_never_tuned_on_gains(small: Restorer, scene: om.Environment):
 @pytest.mark.parametrize("kind", ["dead leaves", "hall"])
 def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
     """Two kinds of scenes that were excluded from tuning."""
-    found = gains(Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.Hall())
+    found = gains(
+        Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.Hall()
+    )
     assert found.gain_db[0] > TARGETS[name][0]
-    assert found.gain_db[1] > (5.5 if (name, kind) == ("paper-spherical", "hall") else TARGETS[name][1])
+    assert found.gain_db[1] > (
+        5.5 if (name, kind) == ("paper-spherical", "hall") else TARGETS[name][1]
+    )
     assert found.tenths_db.min() > -0.2
 
 
@@ -108,7 +119,9 @@ def test_less_noise_leaves_more_to_gain(small: Restorer, scene: om.Environment):
 
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
-def test_a_photograph_with_bright_windows_gains_at_the_rim(small: Restorer, shared_data: Path, times: float):
+def test_a_photograph_with_bright_windows_gains_at_the_rim(
+    small: Restorer, shared_data: Path, times: float
+):
     """They reveal all errors of the blur; very bright points with black gaps would be another
     solution."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
@@ -143,7 +156,9 @@ def test_near_things_are_blurred_otherwise(scene: om.Environment):
 @pytest.mark.parametrize("level", [0.15, 0.5, 0.85])
 def test_noise_is_not_amplified(smaller: Restorer, level: float):
     rng = np.random.default_rng(5)
-    noisy = np.rint(255 * np.clip(level + 0.01 * rng.standard_normal((160, 160)), 0, 1)).astype(np.uint8)
+    noisy = np.rint(255 * np.clip(level + 0.01 * rng.standard_normal((160, 160)), 0, 1)).astype(
+        np.uint8
+    )
     restored = smaller(noisy, 0.01)
     where = smaller.share > 0.9
     assert restored[where].std() < 0.5 * noisy[where].std()
@@ -153,8 +168,12 @@ def test_noise_is_not_amplified(smaller: Restorer, level: float):
 def test_edges_do_not_ring(small: Restorer):
     """Black and white quarters of the sky: overshoot of the restored image is small."""
     columns = (np.arange(720) // 45) % 2
-    light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(np.float32)
-    blurred = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=256, blur=True)
+    light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(
+        np.float32
+    )
+    blurred = om.take_picture(
+        small.camera, om.Environment(np.ascontiguousarray(light)), samples=256, blur=True
+    )
     sharp = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
     restored = small(blurred, 0.01).astype(float)
     where = (small.share > 0.9) & (small.radius > 40)
@@ -192,8 +211,12 @@ def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Envi
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     restored = om.restore(sensor, picture, noise=0.01).astype(float)
     reversed_picture = np.ascontiguousarray(picture[:, ::-1])
-    other, wrong = (om.restore(camera, reversed_picture, noise=0.01)[:, ::-1] for camera in (flipped, sensor))
-    assert np.sqrt(((other - restored) ** 2).mean()) < 0.2 * np.sqrt(((wrong - restored) ** 2).mean())
+    other, wrong = (
+        om.restore(camera, reversed_picture, noise=0.01)[:, ::-1] for camera in (flipped, sensor)
+    )
+    assert np.sqrt(((other - restored) ** 2).mean()) < 0.2 * np.sqrt(
+        ((wrong - restored) ** 2).mean()
+    )
 
 
 def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scene: om.Environment):
@@ -210,7 +233,9 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scen
 
 
 @pytest.mark.long
-def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(smaller: Restorer, scene: om.Environment):
+def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(
+    smaller: Restorer, scene: om.Environment
+):
     """Image of a sensor with the blur specified in each form: equal to that of the sensor, up to
     the rim."""
     picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
@@ -222,17 +247,24 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(sm
     inner = smaller.radius < 0.9 * rim
     expected = smaller(picture, 0.01, 1.0).astype(float)
     gain = np.sqrt(((expected - picture)[inner] ** 2).mean())
-    for camera, told in ((ball, table), (ocam, table), (ball, smaller.known.sizes), (smaller.camera, table)):
+    for camera, told in (
+        (ball, table),
+        (ocam, table),
+        (ball, smaller.known.sizes),
+        (smaller.camera, table),
+    ):
         found = Restorer(camera, told=told)(picture, 0.01, 1.0)
         assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain, camera
 
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
-def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Environment, times: float):
+def test_blur_told_too_large_is_found_and_lowered(
+    small: Restorer, scene: om.Environment, times: float
+):
     """The correct blur is not reduced; a larger one is reduced to about the actual blur."""
-    noisy = om.take_picture(small.camera, scene, samples=64, blur=True) + 2.55 * np.random.default_rng(
-        1
-    ).standard_normal(3)
+    noisy = om.take_picture(
+        small.camera, scene, samples=64, blur=True
+    ) + 2.55 * np.random.default_rng(1).standard_normal(3)
     picture = np.clip(noisy, 0, 255).astype(np.uint8)
     assert small.shown_share(picture, 0.01) == 1
     told = Restorer(small.camera, told=small.known.scaled(times).sizes)
@@ -251,18 +283,22 @@ def test_large_blur_on_few_pixels_is_lowered_to_about_what_is_there(name: str, w
     present, or none."""
     sensor = om.load_sensor(name)
     sensor = faster(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
-    taken = om.take_picture(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(1).standard_normal(
-        (256, 256, 3)
-    )
+    taken = om.take_picture(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
+        1
+    ).standard_normal((256, 256, 3))
     picture = np.rint(np.clip(taken, 0, 255)).astype(np.uint8)
     known = Restorer(sensor).known
     for times in (1, 1.5, 1.9, 2):
-        removed = times * Restorer(sensor, told=known.scaled(times).sizes).shown_share(picture, 0.01)
+        removed = times * Restorer(sensor, told=known.scaled(times).sizes).shown_share(
+            picture, 0.01
+        )
         assert removed < 1.15, times
         assert removed > 0.65 or times > 1
 
 
-def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lose(smaller: Restorer):
+def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lose(
+    smaller: Restorer,
+):
     """Grain on a uniform surface: with the specified noise, and as texture above it."""
     grain = 0.5 + 0.01 * np.random.default_rng(5).standard_normal((160, 160))
     picture = np.rint(255 * grain).astype(np.uint8)
@@ -271,9 +307,12 @@ def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lo
 
 
 @pytest.mark.parametrize(
-    ("kind", "quality"), [pytest.param("leaves", 90, marks=pytest.mark.full), ("leaves", 75), ("clouds", 75)]
+    ("kind", "quality"),
+    [pytest.param("leaves", 90, marks=pytest.mark.full), ("leaves", 75), ("clouds", 75)],
 )
-def test_coded_pictures_lose_nothing(small: Restorer, kind: str, quality: int, request: pytest.FixtureRequest):
+def test_coded_pictures_lose_nothing(
+    small: Restorer, kind: str, quality: int, request: pytest.FixtureRequest
+):
     """Blind noise estimation: neither blocks nor ringing are sharpened, and clouds, which are
     texture everywhere, lose no more than by coding."""
     scene = request.getfixturevalue("scene") if kind == "leaves" else clouds(1024)
@@ -285,7 +324,9 @@ def _tenths(restorer: Restorer, sharp, image, restored):
     tenth = np.minimum(10 * restorer.radius / restorer.camera.rim_radius_px, 10).astype(int)
     truth = srgb_from_linear(sharp)
     before, after = (((values / 255.0 - truth) ** 2).mean(axis=2) for values in (image, restored))
-    return np.array([10 * np.log10(before[tenth == k].mean() / after[tenth == k].mean()) for k in range(10)])
+    return np.array(
+        [10 * np.log10(before[tenth == k].mean() / after[tenth == k].mean()) for k in range(10)]
+    )
 
 
 def _rendered(sensor: om.Sensor, scene, stops: int | None):
@@ -308,7 +349,12 @@ SCENES = {
 
 @pytest.mark.parametrize("stops", [0, 1, 2, 3, None])
 @pytest.mark.parametrize(
-    "kind", ["leaves", "windows", *(pytest.param(k, marks=pytest.mark.full) for k in ("hall", "clouds", "panorama"))]
+    "kind",
+    [
+        "leaves",
+        "windows",
+        *(pytest.param(k, marks=pytest.mark.full) for k in ("hall", "clouds", "panorama")),
+    ],
 )
 def test_no_more_blur_is_removed_than_there_is(shared_data: Path, kind: str, stops: int | None):
     """A lens stopped down after its file was written, up to a completely sharp image."""
@@ -326,16 +372,22 @@ def test_no_more_blur_is_removed_than_there_is(shared_data: Path, kind: str, sto
 
 
 @pytest.mark.parametrize("amount", [0.6, pytest.param(1.0, marks=pytest.mark.full)])
-@pytest.mark.parametrize("name", ["paper-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "name", ["paper-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)]
+)
 def test_a_sharpened_photograph_stays_as_it_is(shared_data: Path, name: str, amount: float):
     """Denoised, sharpened and coded as by phones; the same image without sharpening is restored."""
     sensor = faster(om.load_sensor(name), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES["panorama"](shared_data)
     values = srgb_from_linear(_rendered(sensor, scene, 0))
-    noisy = np.rint(255 * np.clip(values + 0.01 * np.random.default_rng(1).standard_normal(values.shape), 0, 1))
+    noisy = np.rint(
+        255 * np.clip(values + 0.01 * np.random.default_rng(1).standard_normal(values.shape), 0, 1)
+    )
     plain = cv2.bilateralFilter(noisy.astype(np.uint8), 5, 10, 2).astype(np.float32)
     sharpened = plain + amount * (plain - cv2.GaussianBlur(plain, (0, 0), 1.0))
-    plain, sharpened = (coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), 85) for v in (plain, sharpened))
+    plain, sharpened = (
+        coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), 85) for v in (plain, sharpened)
+    )
     decision = restorer.decide(sharpened)
     assert decision.share == 0
     assert "overshoot" in decision.reason

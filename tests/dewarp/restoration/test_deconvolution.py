@@ -18,7 +18,12 @@ from omnimirror.dewarp.restoration._deconvolution import (
     deblurring_of,
     solve,
 )
-from omnimirror.dewarp.restoration.blur_kernels import Blur, blur_kernels, radial_blur_of, whole_groups
+from omnimirror.dewarp.restoration.blur_kernels import (
+    Blur,
+    blur_kernels,
+    radial_blur_of,
+    whole_groups,
+)
 from omnimirror.optics.image_sensor import Imager
 from tests.everyday import few
 
@@ -35,7 +40,9 @@ def small_tiles(monkeypatch: pytest.MonkeyPatch):
 def blur_of(fineness: int) -> Blur:
     """Blur of a cropped image, with kernels that extend beyond its border."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
-    sensor = replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0)))
+    sensor = replace(
+        sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0))
+    )
     known = radial_blur_of(sensor)
     return blur_kernels(known.offsets, known.whole_radius_px, known.sizes, fineness)
 
@@ -89,7 +96,9 @@ def test_tiles_share_the_picture_and_hold_all_that_their_pixels_depend_on(blur: 
         fine = np.repeat(np.repeat(inside, blur.fineness, axis=0), blur.fineness, axis=1).ravel()
         seen = known[explained[0] : explained[1], explained[2] : explained[3]]
         assert not np.asarray(matrix[seen[seen >= 0]].sum(axis=0)).ravel()[~fine].any()
-        depends = np.repeat(np.repeat(_box(own, kept.shape), blur.fineness, axis=0), blur.fineness, axis=1).ravel()
+        depends = np.repeat(
+            np.repeat(_box(own, kept.shape), blur.fineness, axis=0), blur.fineness, axis=1
+        ).ravel()
         needed = np.asarray(matrix @ depends.astype(np.float32)) > 0
         assert np.isin(np.flatnonzero(needed), seen).all()
     assert (kept == 1).all()
@@ -103,7 +112,9 @@ def _box(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("channels", [1, 3])
-def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(blur: Blur, kind, channels: int):
+def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(
+    blur: Blur, kind, channels: int
+):
     """Image with known fine values: initially, each is the mean of the pixels it touches."""
     roots = random_roots(blur, channels)
     fine = np.repeat(np.repeat(roots, 2, axis=0), 2, axis=1)
@@ -135,10 +146,15 @@ def concentrated(blur: Blur, by_pixel: np.ndarray) -> Blur:
 def test_concentration_is_the_length_of_a_row_of_the_matrix(blur: Blur):
     matrix = blur.matrix()
     rows, columns = np.divmod(blur.pixels, blur.size[0])
-    inside = np.minimum.reduce([rows, columns, blur.size[1] - 1 - rows, blur.size[0] - 1 - columns]) >= blur.reach
+    inside = (
+        np.minimum.reduce([rows, columns, blur.size[1] - 1 - rows, blur.size[0] - 1 - columns])
+        >= blur.reach
+    )
     lengths = np.sqrt(np.asarray(matrix.power(2).sum(axis=1)).ravel())
     assert inside.sum() > 1000
-    np.testing.assert_allclose(blur.concentration.ravel()[blur.pixels[inside]], lengths[inside] / 2, rtol=1e-4)
+    np.testing.assert_allclose(
+        blur.concentration.ravel()[blur.pixels[inside]], lengths[inside] / 2, rtol=1e-4
+    )
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
@@ -155,7 +171,9 @@ def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
     noise, errors = np.full(roots.shape[:2], 0.01, np.float32), []
     for times in (0.1, 1, 10):
         blur = concentrated(problem.blur, np.float32(times) * problem.blur.concentration)
-        sharp = solve((None, deblurring_of(blur)), problem.widening, roots, noise, noise, Effort(0, 4, 4))
+        sharp = solve(
+            (None, deblurring_of(blur)), problem.widening, roots, noise, noise, Effort(0, 4, 4)
+        )
         errors.append(((sharp.light() - light)[problem.known_pixels] ** 2).mean())
     assert errors[1] < 0.95 * min(errors[0], errors[2]), errors
 
@@ -165,7 +183,9 @@ def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
 def test_every_round_explains_the_picture_better(blur: Blur, kind):
     """Squares blurred by the matrix itself: the residual decreases to 10 %."""
     width, height = blur.size
-    squares = np.kron(np.random.default_rng(6).random((height // 5, width // 5)), np.ones((10, 10)))[..., None]
+    squares = np.kron(
+        np.random.default_rng(6).random((height // 5, width // 5)), np.ones((10, 10))
+    )[..., None]
     roots = np.full((height, width, 1), 0.5, np.float32)
     roots.reshape(-1, 1)[blur.pixels] = np.sqrt(blur.matrix() @ (squares**2).reshape(-1, 1))
     sharp = kind(blur).start(roots, roots)
@@ -225,7 +245,9 @@ def test_tiles_without_steps_stay_and_the_others_move_as_ever(blur: Blur, kind):
         np.testing.assert_array_equal(moved[here], (twice if count else once)[here])
     none.improve(costs, steps_of(blur, 0))
     np.testing.assert_array_equal(none.light(), kind(blur).start(roots, roots).light())
-    np.testing.assert_array_equal(none.log_steepness(), kind(blur).start(roots, roots).log_steepness())
+    np.testing.assert_array_equal(
+        none.log_steepness(), kind(blur).start(roots, roots).log_steepness()
+    )
 
 
 @needs_compiled
@@ -260,9 +282,16 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
 @pytest.mark.parametrize("instructions", few(["plain", "best"], "best"))
 @pytest.mark.parametrize("channels", few([1, 3], 3))
 def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
-    monkeypatch: pytest.MonkeyPatch, blur: Blur, coarse_blur: Blur, channels: int, instructions: str, tile_px: int,
-    effort: Effort, of_thousandth: float, of_half: float,
-):  # fmt: skip
+    monkeypatch: pytest.MonkeyPatch,
+    blur: Blur,
+    coarse_blur: Blur,
+    channels: int,
+    instructions: str,
+    tile_px: int,
+    effort: Effort,
+    of_thousandth: float,
+    of_half: float,
+):
     monkeypatch.setattr(blur_kernel_module, "TILE_PX", tile_px)
     roots = random_roots(blur, channels)
     widening, noise = (np.full(roots.shape[:2], value, np.float32) for value in (2.0, 0.02))
@@ -272,7 +301,12 @@ def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
     try:
         one, other = (
             solve(
-                (kind(coarse_blur) if effort.coarse_rounds else None, kind(blur)), widening, roots, noise, noise, effort
+                (kind(coarse_blur) if effort.coarse_rounds else None, kind(blur)),
+                widening,
+                roots,
+                noise,
+                noise,
+                effort,
             )
             for kind in (CompiledDeblurring, SparseDeblurring)
         )
@@ -297,13 +331,24 @@ def test_tiles_restore_as_the_picture_as_a_whole_does(monkeypatch: pytest.Monkey
     noise, errors = np.full(roots.shape[:2], 0.01, np.float32), []
     for tile_px in (160, 56):
         monkeypatch.setattr(blur_kernel_module, "TILE_PX", tile_px)
-        sharp = solve((None, CompiledDeblurring(problem.blur)), problem.widening, roots, noise, noise, Effort(0, 5, 6))
+        sharp = solve(
+            (None, CompiledDeblurring(problem.blur)),
+            problem.widening,
+            roots,
+            noise,
+            noise,
+            Effort(0, 5, 6),
+        )
         errors.append((sharp.light() - light)[..., 0] ** 2)
     edges = np.isin(np.arange(160), [n + at for n in (56, 112) for at in range(-4, 4)])
     assert {int(kept[1]) for kept, _ in problem.blur.tiles} == {56, 112, 160}
     whole, tiled = errors
     for where in (problem.known_pixels, problem.known_pixels & (edges | edges[:, None])):
-        assert tiled[where].mean() < 1.02 * whole[where].mean() < 0.5 * ((roots**2 - light)[..., 0] ** 2)[where].mean()
+        assert (
+            tiled[where].mean()
+            < 1.02 * whole[where].mean()
+            < 0.5 * ((roots**2 - light)[..., 0] ** 2)[where].mean()
+        )
 
 
 @needs_compiled
@@ -320,7 +365,9 @@ def test_arrays_that_do_not_fit_are_refused(blur: Blur):
     with pytest.raises(ValueError, match="steps must have shape"):
         sharp.improve(np.zeros(blur.size[::-1], np.float32), steps_of(blur, 1)[1:])
     with pytest.raises(ValueError, match="kernels must exist"):
-        CompiledDeblurring(concentrated(blur._replace(kernels=blur.kernels + 10**6), blur.concentration))
+        CompiledDeblurring(
+            concentrated(blur._replace(kernels=blur.kernels + 10**6), blur.concentration)
+        )
     with pytest.raises(ValueError, match="concentration must have shape"):
         CompiledDeblurring(concentrated(blur, blur.concentration[1:]))
     with pytest.raises(ValueError, match="every known pixel must have a kernel"):

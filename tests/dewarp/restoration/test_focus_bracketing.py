@@ -9,7 +9,12 @@ from benchmarks.restoration_gain import dead_leaves, faster
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.dewarp.restoration.focus_bracketing import focused_at, merge_bracket, picture_weights, plan_bracket
+from omnimirror.dewarp.restoration.focus_bracketing import (
+    focused_at,
+    merge_bracket,
+    picture_weights,
+    plan_bracket,
+)
 
 
 def test_real_rays_are_as_sharp_as_planned():
@@ -17,7 +22,9 @@ def test_real_rays_are_as_sharp_as_planned():
     plan = plan_bracket(sensor, limit_px=2.0)
     assert not plan.astigmatic.any()
     omega = np.linspace(5, 130, 8)
-    widths = np.max([np.abs(e) for e in om.spots(sensor, omega, focus_mm=plan.focus_mm).extent_px()], axis=0)
+    widths = np.max(
+        [np.abs(e) for e in om.spots(sensor, omega, focus_mm=plan.focus_mm).extent_px()], axis=0
+    )
     assert widths.min(axis=1).max() < 2.0 + 0.1, "coma adds some hundredths of a pixel"
 
 
@@ -61,7 +68,15 @@ def centroid(picture, u: float, v: float):
 def test_points_come_together_to_a_tenth_of_a_pixel(flipped: bool):
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
-    points = np.array([[3000.0, 500, -900], [900, -2500, 400], [-2000, 300, 1500], [200, 1500, -200], [400, 300, -900]])
+    points = np.array(
+        [
+            [3000.0, 500, -900],
+            [900, -2500, 400],
+            [-2000, 300, 1500],
+            [200, 1500, -200],
+            [400, 300, -900],
+        ]
+    )
     for focus in (190.0, 205.0):
         moved, _ = focused_at(sensor, focus).project(points)
         meant, _ = sensor.project(points)
@@ -75,13 +90,19 @@ def test_a_rendered_grid_of_lights_lands_where_the_sensor_sees_it():
     """Rays through the focused lens, an environment and the merged image, against projected
     directions."""
     sensor, width = om.load_sensor("paper-spherical"), 4096
-    pan, tilt = (np.radians(a).ravel() for a in np.meshgrid(np.arange(-170, 180, 40), [-60, -30, 0, 20, 38]))
-    directions = np.stack([np.cos(tilt) * np.cos(pan), -np.cos(tilt) * np.sin(pan), np.sin(tilt)], axis=-1)
+    pan, tilt = (
+        np.radians(a).ravel() for a in np.meshgrid(np.arange(-170, 180, 40), [-60, -30, 0, 20, 38])
+    )
+    directions = np.stack(
+        [np.cos(tilt) * np.cos(pan), -np.cos(tilt) * np.sin(pan), np.sin(tilt)], axis=-1
+    )
     column, row = ((np.arange(n) + 0.5) / width * 2 * np.pi for n in (width, width // 2))
     light = np.zeros((width // 2, width), np.float32)
     for p, t in zip(pan, tilt, strict=True):
         rows = np.flatnonzero(np.abs(np.pi / 2 - row - t) < 0.05)
-        near = np.cos(row[rows, None]) * np.sin(t) + np.sin(row[rows, None]) * np.cos(t) * np.cos(column - np.pi - p)
+        near = np.cos(row[rows, None]) * np.sin(t) + np.sin(row[rows, None]) * np.cos(t) * np.cos(
+            column - np.pi - p
+        )
         light[rows] += np.exp((near - 1) / (1 - np.cos(np.radians(0.35))))
     lights = om.Environment(np.ascontiguousarray(np.repeat(light[..., None], 3, axis=2)))
     meant, seen = sensor.project_directions(directions)
@@ -109,13 +130,20 @@ def test_the_merged_picture_is_as_sharp_as_the_sharpest_everywhere():
     focuses = plan_bracket(sensor, limit_px=2.0).focus_mm
     taken = [om.take_picture(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
     sharp = om.take_picture(sensor, scene, samples=16).astype(float)
-    tenth = np.minimum(np.hypot(*(np.indices((256, 256)) - 127.5)) / sensor.rim_radius_px * 10, 10).astype(int)
+    tenth = np.minimum(
+        np.hypot(*(np.indices((256, 256)) - 127.5)) / sensor.rim_radius_px * 10, 10
+    ).astype(int)
 
     def errors(picture):
         return np.array([np.sqrt(((picture - sharp)[tenth == k] ** 2).mean()) for k in range(10)])
 
     merged = errors(merge_bracket(sensor, taken, focus_mm=focuses))
-    alone = np.array([errors(merge_bracket(sensor, [p], focus_mm=[f])) for p, f in zip(taken, focuses, strict=True)])
+    alone = np.array(
+        [
+            errors(merge_bracket(sensor, [p], focus_mm=[f]))
+            for p, f in zip(taken, focuses, strict=True)
+        ]
+    )
     assert (merged < 1.1 * alone.min(axis=0)).all()
     assert (merged.mean() < 0.9 * alone.mean(axis=1)).all()
 

@@ -62,6 +62,7 @@ def test_invalid_offers_and_too_many_peers_are_rejected(gateway, monkeypatch):
         assert gateway.views["front"].clients == 0
         monkeypatch.setattr(webrtc, "MAX_PEERS", 0)
         assert (
-            "the number of WebRTC clients must be at most 0" in httpx.post(f"{address}front/whep", content="v=0").text
+            "the number of WebRTC clients must be at most 0"
+            in httpx.post(f"{address}front/whep", content="v=0").text
         )
         assert httpx.post(f"{address}nose/whep", content="v=0").status_code == 404

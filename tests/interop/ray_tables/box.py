@@ -11,7 +11,11 @@ CENTRE_MM = np.array([150.0, -80.0, 60.0])  # centre of the box in the sensor fr
 def colours(points):
     """Return linear RGB (..., 3) of points (..., 3) mm: smooth, and unique at each point."""
     x, y, z = np.moveaxis(points / 1000.0, -1, 0)
-    waves = [np.sin(5 * x + 2 * y) * np.cos(4 * z), np.sin(4 * y - 3 * z + 1), np.cos(3 * x + 5 * z - 2 * y)]
+    waves = [
+        np.sin(5 * x + 2 * y) * np.cos(4 * z),
+        np.sin(4 * y - 3 * z + 1),
+        np.cos(3 * x + 5 * z - 2 * y),
+    ]
     return 0.45 + 0.3 * np.stack(waves, axis=-1)
 
 
@@ -47,4 +51,6 @@ class Box:
     """Scene for :mod:`omnimirror.simulation`: exact, without texels."""
 
     def radiance(self, origins, directions):
-        return colours(first_hits(np.asarray(origins, float), np.asarray(directions, float))).astype(np.float32)
+        return colours(
+            first_hits(np.asarray(origins, float), np.asarray(directions, float))
+        ).astype(np.float32)

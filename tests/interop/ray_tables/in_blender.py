@@ -24,13 +24,17 @@ def build_wall(number, corners):
     for k, place in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)]):
         places.data[k].uv = place
     paint = box.texture(corners)
-    image = bpy.data.images.new(f"wall{number}", *paint.shape[1::-1], float_buffer=True, is_data=True)
+    image = bpy.data.images.new(
+        f"wall{number}", *paint.shape[1::-1], float_buffer=True, is_data=True
+    )
     image.pixels.foreach_set(np.concatenate([paint, np.ones_like(paint[..., :1])], axis=-1).ravel())
     material = bpy.data.materials.new(f"wall{number}")
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
-    texture, light, out = (nodes.new(f"Shader{n}") for n in ("NodeTexImage", "NodeEmission", "NodeOutputMaterial"))
+    texture, light, out = (
+        nodes.new(f"Shader{n}") for n in ("NodeTexImage", "NodeEmission", "NodeOutputMaterial")
+    )
     texture.image, texture.extension = image, "EXTEND"
     links.new(texture.outputs[0], light.inputs[0])
     links.new(light.outputs[0], out.inputs[0])
@@ -44,7 +48,11 @@ def main(script, picture, samples):
         build_wall(number, corners)
     scene = bpy.context.scene
     placed = bpy.data.objects.new("placed", bpy.data.cameras.new("placed"))
-    placed.rotation_euler = (np.pi / 2, 0, -np.pi / 2)  # level, along x; matrix_world is stale until an update
+    placed.rotation_euler = (
+        np.pi / 2,
+        0,
+        -np.pi / 2,
+    )  # level, along x; matrix_world is stale until an update
     scene.collection.objects.link(placed)
     scene.camera = placed
     runpy.run_path(script)["set_up"]()
@@ -52,7 +60,10 @@ def main(script, picture, samples):
     scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
     scene.cycles.pixel_filter_type = "BOX"
     scene.render.threads_mode, scene.render.threads = "FIXED", 1
-    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
+    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = (
+        "OPEN_EXR",
+        "32",
+    )
     scene.render.filepath = picture
     bpy.ops.render.render(write_still=True)
     Path(picture).with_name("version.txt").write_text(bpy.app.version_string)

@@ -23,12 +23,16 @@ def main(rays, depths):
     builder = newton.ModelBuilder()
     for corners in box.walls():
         triangles = np.array([0, 1, 2, 0, 2, 3], np.int32)
-        builder.add_shape_mesh(body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), triangles))
+        builder.add_shape_mesh(
+            body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), triangles)
+        )
     model = builder.finalize(device="cpu")
     camera = newton.sensors.SensorCamera(model)
     camera.default_render_config.enable_backface_culling = False
     field = wp.array(np.load(rays), dtype=wp.vec3f, device="cpu")
-    place = wp.array([wp.transform(wp.vec3(), wp.quat_from_matrix(AHEAD))], dtype=wp.transformf, device="cpu")
+    place = wp.array(
+        [wp.transform(wp.vec3(), wp.quat_from_matrix(AHEAD))], dtype=wp.transformf, device="cpu"
+    )
     depth = camera.allocate_image_depth(1, field.shape[1], field.shape[0])
     camera.update(model.state(), place, field, depth_image=depth)
     np.save(depths, depth.numpy()[0])

@@ -26,18 +26,27 @@ def wall(mi, corners):  # noqa: F811
     paint = mi.Bitmap(np.ascontiguousarray(texture(corners)))
     light = {"type": "bitmap", "bitmap": paint, "raw": True, "wrap_mode": "clamp"}
     return {
-        "type": "rectangle", "to_world": mi.ScalarTransform4f(place.tolist()),
-        "flip_normals": bool(normal @ (CENTRE_MM - middle) < 0), "emitter": {"type": "area", "radiance": light},
-    }  # fmt: skip
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f(place.tolist()),
+        "flip_normals": bool(normal @ (CENTRE_MM - middle) < 0),
+        "emitter": {"type": "area", "radiance": light},
+    }
 
 
 def taken(mi, script, size):  # noqa: F811
     runpy.run_path(str(script))
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    film = {
+        "type": "hdrfilm",
+        "width": size,
+        "height": size,
+        "rfilter": {"type": "box"},
+        "pixel_format": "rgb",
+    }
     camera = {
-        "type": "omnimirror", "film": {**film, "component_format": "float32"},
+        "type": "omnimirror",
+        "film": {**film, "component_format": "float32"},
         "sampler": {"type": "stratified", "sample_count": RAYS},
-    }  # fmt: skip
+    }
     scene = {f"wall{i}": wall(mi, corners) for i, corners in enumerate(walls())}
     scene |= {"type": "scene", "integrator": {"type": "path", "max_depth": 1}, "camera": camera}
     return np.array(mi.render(mi.load_dict(scene), spp=RAYS))
@@ -55,6 +64,8 @@ def test_mitsuba_image(mi, tmp_path):  # noqa: F811
 
 
 def test_film_of_another_size_raises(mi, tmp_path):  # noqa: F811
-    om.write_rays(small("paper-spherical", 32, MISALIGNED), tmp_path / "camera.py", formats="mitsuba")
+    om.write_rays(
+        small("paper-spherical", 32, MISALIGNED), tmp_path / "camera.py", formats="mitsuba"
+    )
     with pytest.raises(Exception, match="the film must have 32 x 32 px; got 16 x 16 px"):
         taken(mi, tmp_path / "camera.py", 16)

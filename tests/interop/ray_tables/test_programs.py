@@ -45,7 +45,9 @@ def run_in(program, *words):
 
 @pytest.mark.full
 @pytest.mark.parametrize("blender", ["blender", "blender-oldest"])
-@pytest.mark.parametrize(("name", "pose"), [("paper-spherical", MirrorPose()), ("paper-equidistant", MISALIGNED)])
+@pytest.mark.parametrize(
+    ("name", "pose"), [("paper-spherical", MirrorPose()), ("paper-equidistant", MISALIGNED)]
+)
 def test_blender_image(name, pose, blender, tmp_path, beside):
     sensor = small(name, 256, pose)
     om.write_rays(sensor, tmp_path / "camera.py", formats="blender")
@@ -55,7 +57,11 @@ def test_blender_image(name, pose, blender, tmp_path, beside):
     version = (tmp_path / "version.txt").read_text()
     levels = grey_levels(decibels), grey_levels(55)
     beside(
-        "Blender", "images by Cycles with the exported ray table, RMS difference in grey levels", *levels, "", version
+        "Blender",
+        "images by Cycles with the exported ray table, RMS difference in grey levels",
+        *levels,
+        "",
+        version,
     )
     beside("Blender", "maximum image shift in any of eight sectors", shift, 0.02, "px", version)
 

@@ -19,7 +19,9 @@ MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
 def coarse(sensor, pixels=64):
     imager = sensor.imager
     pitch = imager.pixel_pitch_um * imager.width_px / pixels
-    return replace(sensor, imager=replace(imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+    return replace(
+        sensor, imager=replace(imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch)
+    )
 
 
 def trace_sphere(sensor):
@@ -37,7 +39,9 @@ def trace_sphere(sensor):
         point = lens + (-b - np.sqrt(b**2 - c))[..., None] * ray
     normal = (point - centre) / radius
     out = ray - 2 * (ray * normal).sum(-1, keepdims=True) * normal
-    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # upwards camera: forward is image top, left is image right
+    turn = np.array(
+        [[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    )  # upwards camera: forward is image top, left is image right
     return point @ turn.T, out @ turn.T
 
 
@@ -65,7 +69,9 @@ def test_points_along_a_ray_project_to_its_pixel(kind, housing):
     rows, columns = np.nonzero(table.weights)
     assert len(rows) > 500
     for distance_mm in (300.0, 5000.0):
-        image = sensor.project(table.origins[rows, columns] + distance_mm * table.directions[rows, columns])
+        image = sensor.project(
+            table.origins[rows, columns] + distance_mm * table.directions[rows, columns]
+        )
         inside = image.valid
         assert inside.mean() > 0.9  # except behind the tube and at the rim
         error = np.abs(image.pixels - np.stack([columns, rows], axis=-1))[inside]
@@ -124,6 +130,7 @@ def test_interpolation_error_estimate():
     v, u = np.nonzero(inside)
     true = sensor.backproject(np.stack([u, v], axis=-1) * 5.0 + 2.5)
     error = np.degrees(
-        np.linalg.norm(np.cross(mean[inside], true.directions), axis=-1) / np.linalg.norm(mean[inside], axis=-1)
+        np.linalg.norm(np.cross(mean[inside], true.directions), axis=-1)
+        / np.linalg.norm(mean[inside], axis=-1)
     )
     assert 0.5 * estimate < np.nanmax(error) < 1.1 * estimate

@@ -42,7 +42,9 @@ def test_meridian_table_interpolates_sag_and_slope(kind):
     mirror = MIRRORS[kind][0]
     x = np.random.default_rng(1).uniform(0.01, 1.0, 2000) * mirror.rim_radius_mm
     sag, slope = at(meridian_table(mirror), x / mirror.rim_radius_mm * CELLS)
-    np.testing.assert_allclose(sag, mirror.sag(x), rtol=0, atol=1e-9)  # at spline knots; 1e-12 elsewhere
+    np.testing.assert_allclose(
+        sag, mirror.sag(x), rtol=0, atol=1e-9
+    )  # at spline knots; 1e-12 elsewhere
     np.testing.assert_allclose(slope, mirror.slope(x), rtol=0, atol=2e-9)
 
 
@@ -51,10 +53,14 @@ def test_shape_derivative_table_interpolates_derivatives(kind):
     sensor = sensor_of(kind)
     place = parameter_location(sensor, list(shape_names(sensor))[-1])
     x = np.linspace(0.3, sensor.mirror.rim_radius_mm, 777)
-    sag, slope = at(shape_derivative_table(sensor.mirror, place), x / sensor.mirror.rim_radius_mm * CELLS)
+    sag, slope = at(
+        shape_derivative_table(sensor.mirror, place), x / sensor.mirror.rim_radius_mm * CELLS
+    )
     truth = profile_derivatives(sensor.mirror, x, (place,))[..., 0]
     for value, expected in zip((sag, slope), truth, strict=False):
-        np.testing.assert_allclose(value, expected, rtol=0, atol=1e-5 * np.abs(expected).max())  # at spline knots
+        np.testing.assert_allclose(
+            value, expected, rtol=0, atol=1e-5 * np.abs(expected).max()
+        )  # at spline knots
 
 
 @pytest.fixture(params=[name for name in instructions() if name in ("plain", "avx2")])
@@ -72,9 +78,21 @@ def find_reflections(kernels, tables, telecentric, distant, targets):
     """Run the kernel for targets (n, 3); return pupil, results and states."""
     rows, states = np.full((8, len(targets)), np.nan), np.zeros(len(targets), np.uint8)
     pupil = (0.02, -0.01, -np.sqrt(1 - 5e-4)) if telecentric else (*PUPIL, -180.0)
-    surface, search, columns = tables.surface(pupil, telecentric), SEARCH.until(SETTLED, 0.03), targets.T.copy()
+    surface, search, columns = (
+        tables.surface(pupil, telecentric),
+        SEARCH.until(SETTLED, 0.03),
+        targets.T.copy(),
+    )
     kernels.find_reflections(
-        surface, search, tables.by_omega, tables.omegas, tables.middle_mm, distant, columns, rows, states
+        surface,
+        search,
+        tables.by_omega,
+        tables.omegas,
+        tables.middle_mm,
+        distant,
+        columns,
+        rows,
+        states,
     )
     return np.array(pupil), rows, states
 
@@ -83,7 +101,12 @@ def find_reflections(kernels, tables, telecentric, distant, targets):
 @pytest.mark.parametrize(
     ("kind", "lens"),
     few(
-        [(k, n) for k in sorted(MIRRORS) for n in ("perspective", "telecentric") if (k, n) != ("cone", "telecentric")],
+        [
+            (k, n)
+            for k in sorted(MIRRORS)
+            for n in ("perspective", "telecentric")
+            if (k, n) != ("cone", "telecentric")
+        ],
         ("cone", "perspective"),
         ("conic-asphere", "telecentric"),
         ("equidistant", "perspective"),
@@ -95,10 +118,16 @@ def test_kernel_finds_the_verified_reflection_points(kind, lens, distant, kernel
     mirror, telecentric = MIRRORS[kind][0], lens == "telecentric"
     directions = np.random.default_rng(3).normal(size=(203, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    targets = directions if distant else directions * np.random.default_rng(4).uniform(300, 5000, (203, 1))
+    targets = (
+        directions
+        if distant
+        else directions * np.random.default_rng(4).uniform(300, 5000, (203, 1))
+    )
     tables = MirrorTables.of(mirror, np.inf if telecentric else 180.0)
     pupil, rows, states = find_reflections(kernels, tables, telecentric, distant, targets)
-    expected = specular_points(mirror, RayEndpoints.of(pupil, telecentric), RayEndpoints.of(targets, distant))
+    expected = specular_points(
+        mirror, RayEndpoints.of(pupil, telecentric), RayEndpoints.of(targets, distant)
+    )
     settled = states != NOT_SETTLED
     assert settled[expected.valid].mean() > 0.95
     np.testing.assert_array_equal((states == SEEN)[settled], expected.valid[settled])
@@ -149,10 +178,17 @@ def test_kernel_intersects_rays_with_the_mirror(kind, kernels):
 def test_kernel_rejects_arrays_of_wrong_shape(change, message, kernels):
     tables = MirrorTables.of(MIRRORS["sphere"][0], 180.0)
     arguments = {
-        "surface": tables.surface((0.0, 0.0, -180.0), False), "search": SEARCH.until(SETTLED), "distant": False,
-        "by_omega": tables.by_omega, "omegas": tables.omegas, "middle": tables.middle_mm,
-        "targets": np.ones((3, 9)), "rows": np.zeros((8, 9)), "states": np.zeros(9, np.uint8), **change,
-    }  # fmt: skip
+        "surface": tables.surface((0.0, 0.0, -180.0), False),
+        "search": SEARCH.until(SETTLED),
+        "distant": False,
+        "by_omega": tables.by_omega,
+        "omegas": tables.omegas,
+        "middle": tables.middle_mm,
+        "targets": np.ones((3, 9)),
+        "rows": np.zeros((8, 9)),
+        "states": np.zeros(9, np.uint8),
+        **change,
+    }
     with pytest.raises(ValueError, match=message):
         kernels.find_reflections(**arguments)
 
@@ -169,13 +205,17 @@ def test_non_finite_targets_are_not_settled(kernels):
 def test_missing_pytorch_raises_with_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.setattr(_factory, "torch", type(_library.torch)())
-    with pytest.raises(OmnimirrorError, match=r"require PyTorch.*pip install 'omnimirror\[torch\]'"):
+    with pytest.raises(
+        OmnimirrorError, match=r"require PyTorch.*pip install 'omnimirror\[torch\]'"
+    ):
         differentiable(om.load_sensor("paper-spherical"))
 
 
 def test_free_parameters_require_a_sensor():
     camera = om.Unified(0.9, (30.0, 30.0), (31.5, 23.5), (64, 48))
-    with pytest.raises(InvalidParameter, match=r"free must be empty unless camera is a sensor; .* for a Unified"):
+    with pytest.raises(
+        InvalidParameter, match=r"free must be empty unless camera is a sensor; .* for a Unified"
+    ):
         differentiable(camera, "focal")
     with pytest.raises(InvalidParameter, match="is no parameter"):
         differentiable(om.load_sensor("paper-spherical"), "radius")

@@ -71,7 +71,10 @@ void main() {
 
 def drawn(page, shader, image, size, table=None, table_size=(0, 0)):
     """Draw a shader with WebGL 2; return the image with the top row first."""
-    tabled, pixels = (base64.b64encode(b).decode() for b in (table.read_bytes() if table else b"", image.tobytes()))
+    tabled, pixels = (
+        base64.b64encode(b).decode()
+        for b in (table.read_bytes() if table else b"", image.tobytes())
+    )
     text = shader if isinstance(shader, str) else shader.read_text()
     words = [text, tabled, pixels, list(size), list(image.shape[1::-1]), list(table_size)]
     read = np.frombuffer(base64.b64decode(page.evaluate(DRAW, words)), np.uint8)
@@ -86,7 +89,16 @@ def glsl_of(hlsl):
     words = ["glslangValidator", "-D", "-V", "-S", "frag", "-e", "main", hlsl, "-o", compiled]
     run = subprocess.run(words, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout
-    words = ["spirv-cross", compiled, "--version", "300", "--es", "--flatten-ubo", "--output", translated]
+    words = [
+        "spirv-cross",
+        compiled,
+        "--version",
+        "300",
+        "--es",
+        "--flatten-ubo",
+        "--output",
+        translated,
+    ]
     subprocess.run(words, check=True)
     text = translated.read_text().replace(
         "uniform highp vec4 Drawing[2];", "uniform vec2 resolution; uniform vec4 border;"
@@ -107,7 +119,17 @@ def drawn_by_obs(effect, table, image, size, folder):
         return None
     source, view = folder / "source.npy", folder / "view.npy"
     np.save(source, image)
-    words = ["xvfb-run", "-a", sys.executable, HERE / "in_obs.py", effect, table, source, *map(str, size), view]
+    words = [
+        "xvfb-run",
+        "-a",
+        sys.executable,
+        HERE / "in_obs.py",
+        effect,
+        table,
+        source,
+        *map(str, size),
+        view,
+    ]
     run = subprocess.run(words, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
     return np.load(view)[..., :3]
@@ -116,7 +138,9 @@ def drawn_by_obs(effect, table, image, size, folder):
 def warped(oiio, image, st_map):
     """Warp an image by st_warp of OpenImageIO; t counts upwards."""
     source, st = oiio.ImageBuf(np.ascontiguousarray(image, np.float32)), oiio.ImageBuf(str(st_map))
-    return oiio.ImageBufAlgo.st_warp(source, st, filtername="triangle", flip_t=True, roi=st.roi).get_pixels("float")
+    return oiio.ImageBufAlgo.st_warp(
+        source, st, filtername="triangle", flip_t=True, roi=st.roi
+    ).get_pixels("float")
 
 
 def remapped(paths, image):
@@ -128,7 +152,10 @@ def remapped(paths, image):
     for path in paths:
         with av.open(str(path)) as file:
             frames.append(next(file.decode(video=0)).reformat(format="gray16le"))
-    ends = [graph.add_buffer(width=f.width, height=f.height, format=f.format, time_base=1) for f in frames]
+    ends = [
+        graph.add_buffer(width=f.width, height=f.height, format=f.format, time_base=1)
+        for f in frames
+    ]
     remap, sink = graph.add("remap", "fill=black"), graph.add("buffersink")
     for i, end in enumerate(ends):
         end.link_to(remap, 0, i)
@@ -145,7 +172,12 @@ def piped(script, image, folder):
     """Run a GStreamer script on an image without a display; None if not installed."""
     source, view = folder / "source.png", folder / "view.png"
     om.write_image(source, image)
-    words = ["sh", script, f"filesrc location={source} ! pngdec", f"pngenc ! filesink location={view}"]
+    words = [
+        "sh",
+        script,
+        f"filesrc location={source} ! pngdec",
+        f"pngenc ! filesink location={view}",
+    ]
     run = subprocess.run(words, capture_output=True, text=True, env=os.environ | SCREENLESS)
     if run.returncode and not drawable():
         return None
@@ -159,8 +191,20 @@ SCREENLESS = {"GST_GL_PLATFORM": "egl", "GST_GL_WINDOW": "egl-device"}
 def drawable():
     """Return whether GStreamer with OpenGL is installed."""
     try:
-        words = ["gst-launch-1.0", "videotestsrc", "num-buffers=1", "!", "glupload", "!", "gldownload", "!", "fakesink"]
-        return subprocess.run(words, capture_output=True, env=os.environ | SCREENLESS).returncode == 0
+        words = [
+            "gst-launch-1.0",
+            "videotestsrc",
+            "num-buffers=1",
+            "!",
+            "glupload",
+            "!",
+            "gldownload",
+            "!",
+            "fakesink",
+        ]
+        return (
+            subprocess.run(words, capture_output=True, env=os.environ | SCREENLESS).returncode == 0
+        )
     except FileNotFoundError:
         return False
 
@@ -178,7 +222,9 @@ def compiled(c_file):
     built = c_file.with_suffix(".so")
     for compiler in compilers():
         run = subprocess.run(
-            [*compiler, *STRICT, "-shared", "-fPIC", c_file, "-o", built], capture_output=True, text=True
+            [*compiler, *STRICT, "-shared", "-fPIC", c_file, "-o", built],
+            capture_output=True,
+            text=True,
         )
         assert run.returncode == 0, run.stderr
     return ctypes.CDLL(str(built)) if built.exists() else None
@@ -187,14 +233,21 @@ def compiled(c_file):
 def straightened(library, name, image, view):
     """Dewarp an image by the C file into an existing array."""
     dewarp = getattr(library, f"{name}_dewarp")
-    dewarp.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    dewarp.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_size_t,
+        ctypes.c_void_p,
+        ctypes.c_size_t,
+        ctypes.c_int,
+    ]
     dewarp(image.ctypes.data, image.strides[0], view.ctypes.data, view.strides[0], view.shape[2])
     return view
 
 
 CORTEX_M7 = "-target thumb-freestanding-eabi -mcpu=cortex_m7 -std=c99 -O2 -ffreestanding -nostdlib -ffunction-sections"
 MACHINE = (
-    "-M mps2-an500 -nographic -monitor none -serial none -semihosting-config enable=on,target=native -icount shift=0"
+    "-M mps2-an500 -nographic -monitor none -serial none "
+    "-semihosting-config enable=on,target=native -icount shift=0"
 )
 
 
@@ -203,11 +256,24 @@ def on_a_cortex_m7(c_file):
     if not (shutil.which("qemu-system-arm") and find_spec("ziglang")):
         return None
     program = c_file.with_suffix(".elf")
-    sources = ["-I", c_file.parent, "-T", HERE / "cortex_m7.ld", HERE / "cortex_m7.c", c_file, "-o", program]
+    sources = [
+        "-I",
+        c_file.parent,
+        "-T",
+        HERE / "cortex_m7.ld",
+        HERE / "cortex_m7.c",
+        c_file,
+        "-o",
+        program,
+    ]
     compiler = [sys.executable, "-m", "ziglang", "cc", *CORTEX_M7.split(), "-Wl,--gc-sections"]
     subprocess.run([*compiler, *sources], check=True, capture_output=True)
-    run = subprocess.run(["qemu-system-arm", *MACHINE.split(), "-kernel", program], capture_output=True, text=True)
-    instructions, total = (int(word, 16) for word in run.stderr.split())  # semihosting writes to standard error
+    run = subprocess.run(
+        ["qemu-system-arm", *MACHINE.split(), "-kernel", program], capture_output=True, text=True
+    )
+    instructions, total = (
+        int(word, 16) for word in run.stderr.split()
+    )  # semihosting writes to standard error
     return instructions, total
 
 
@@ -230,7 +296,9 @@ def by_micropython(paths, expression):
 def in_c(sensor, view, image, folder):
     (exported,) = om.write_maps(sensor, view, folder / "view.c", formats="c99")
     width, height = view.size
-    return straightened(compiled(exported.paths[0]), "view", image, np.zeros((height, width, 3), np.uint8))
+    return straightened(
+        compiled(exported.paths[0]), "view", image, np.zeros((height, width, 3), np.uint8)
+    )
 
 
 def in_browser(sensor, view, image, folder):
@@ -239,7 +307,9 @@ def in_browser(sensor, view, image, folder):
     (exported,) = om.write_maps(sensor, view, folder / "view.frag", formats="glsl")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=FLAGS)
-        return drawn(browser.new_page(), exported.paths[0], image, view.size, exported.paths[1], view.size)
+        return drawn(
+            browser.new_page(), exported.paths[0], image, view.size, exported.paths[1], view.size
+        )
 
 
 def in_ffmpeg(sensor, view, image, folder):

@@ -33,8 +33,13 @@ def main(effect, table, picture, width, height, view):
     obs.obs_set_nix_platform_display(c.c_void_p(x11.XOpenDisplay(None)))
     assert not obs.gs_create(c.byref(graphics), find_library("obs-opengl").encode(), 0)
     obs.gs_enter_context(graphics)
-    Path(view).with_name("version.txt").write_text(c.string_at(obs.obs_get_version_string()).decode())
-    np.save(view, draw(obs, effect.encode(), table.encode(), np.load(picture), (int(width), int(height))))
+    Path(view).with_name("version.txt").write_text(
+        c.string_at(obs.obs_get_version_string()).decode()
+    )
+    np.save(
+        view,
+        draw(obs, effect.encode(), table.encode(), np.load(picture), (int(width), int(height))),
+    )
 
 
 def draw(obs, effect, table, picture, size):
@@ -44,7 +49,9 @@ def draw(obs, effect, table, picture, size):
     assert made.value, said.value
     rows = np.ascontiguousarray(np.dstack([picture, np.full_like(picture[..., 0], 255)]))
     data = c.c_void_p(rows.ctypes.data)
-    image = c.c_void_p(obs.gs_texture_create(rows.shape[1], rows.shape[0], RGBA, 1, c.byref(data), 0))
+    image = c.c_void_p(
+        obs.gs_texture_create(rows.shape[1], rows.shape[0], RGBA, 1, c.byref(data), 0)
+    )
     file = c.create_string_buffer(1 << 18)  # gs_image_file_t; its first member is the texture
     obs.gs_image_file_init(file, table)
     obs.gs_image_file_init_texture(file)

@@ -43,7 +43,9 @@ SENSOR = replace(
     imager=replace(SENSOR.imager, width_px=512, height_px=500, pixel_pitch_um=10.4),
     mirror_pose=MirrorPose(0.5, -0.3, 0.0, 0.5, -0.4),
 )
-AHEAD = om.screens.Plane((320, 240), pan_deg=20.0, tilt_deg=10.0, hfov_deg=100.0)  # the corners are outside the field
+AHEAD = om.screens.Plane(
+    (320, 240), pan_deg=20.0, tilt_deg=10.0, hfov_deg=100.0
+)  # the corners are outside the field
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +107,9 @@ def test_st_maps_in_both_directions(image, dewarped, interior, tmp_path):
     rows, columns = np.nonzero(warp[..., 3])
     s, t = warp[rows, columns, 0] * 320 - 0.5, (1 - warp[rows, columns, 1]) * 240 - 0.5
     inside = (s > 1) & (s < 318) & (t > 1) & (t < 238)
-    inside &= interior[np.clip(np.rint(t).astype(int), 0, 239), np.clip(np.rint(s).astype(int), 0, 319)]
+    inside &= interior[
+        np.clip(np.rint(t).astype(int), 0, 239), np.clip(np.rint(s).astype(int), 0, 319)
+    ]
     composed = interpolate(dewarp[..., :2], s, t)
     error = np.hypot(composed[:, 0] * 512 - 0.5 - columns, (1 - composed[:, 1]) * 500 - 0.5 - rows)
     assert inside.sum() > 5000
@@ -113,7 +117,9 @@ def test_st_maps_in_both_directions(image, dewarped, interior, tmp_path):
 
 
 def test_openimageio_st_warp(image, dewarped, interior, tmp_path, beside):
-    oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is installed by `make test-full` only")
+    oiio = pytest.importorskip(
+        "OpenImageIO", reason="OpenImageIO is installed by `make test-full` only"
+    )
     theirs = warped(oiio, image, export("stmap", tmp_path).paths[0])[..., :3]
     off = np.abs(theirs - dewarped)[interior].max()
     what = "view by st_warp with the exported ST map, maximum difference in grey levels"
@@ -128,7 +134,13 @@ def test_opencv_float_and_fixed_point_maps(image, dewarped, interior, tmp_path, 
     # OpenCV rounds coordinates of both kinds of maps to 1/32 px, which is visible at hard edges.
     assert np.mean(np.abs(fixed.astype(float) - floats)[interior]) < 0.3
     off = np.mean(np.abs(dewarped.astype(float) - floats)[interior])
-    beside("OpenCV", "view by cv2.remap with exported maps, mean difference in grey levels", off, 0.3, "")
+    beside(
+        "OpenCV",
+        "view by cv2.remap with exported maps, mean difference in grey levels",
+        off,
+        0.3,
+        "",
+    )
     assert tuple(maps["source_size"]) == (512, 500)
 
 
@@ -149,7 +161,9 @@ def test_ffmpeg_samples_the_nearest_pixel(image, tmp_path, beside):
     near = np.clip(near, 0, [511, 499])
     ours = np.where(valid[..., None], image[near[..., 1], near[..., 0]], 0)
     off = 100 * (theirs != ours).mean()
-    beside("FFmpeg", "differing values of a view by the filter remap with exported maps", off, 0.1, "%")
+    beside(
+        "FFmpeg", "differing values of a view by the filter remap with exported maps", off, 0.1, "%"
+    )
     assert 0.5 < exported.deviation.size <= np.sqrt(0.5)
 
 
@@ -160,7 +174,9 @@ def test_ffmpeg_error_is_reduced_by_downscaling_a_larger_view(image, interior, t
     for times in (1, 2):
         view = replace(AHEAD, size=(320 * times, 240 * times))
         (exported,) = om.write_maps(SENSOR, view, tmp_path / f"{times}.pgm", formats="ffmpeg")
-        theirs = cv2.resize(remapped(exported.paths, image), (320, 240), interpolation=cv2.INTER_AREA)
+        theirs = cv2.resize(
+            remapped(exported.paths, image), (320, 240), interpolation=cv2.INTER_AREA
+        )
         off.append(np.sqrt(np.mean((theirs - ours)[interior] ** 2)))
     assert off[1] < 0.65 * off[0]
 
@@ -237,7 +253,9 @@ def test_vpi_map_at_the_border(bright, name, tmp_path):
 
 @pytest.mark.parametrize("name", CROPPED_VIEWS)
 def test_documented_st_warp_line_at_the_border(bright, name, tmp_path):
-    oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is installed by `make test-full` only")
+    oiio = pytest.importorskip(
+        "OpenImageIO", reason="OpenImageIO is installed by `make test-full` only"
+    )
     view = CROPPED_VIEWS[name]
     om.write_maps(CROPPED, view, tmp_path / "room.exr", formats="stmap")
     oiio.ImageBuf(bright.astype(np.float32)).write(str(tmp_path / "image.exr"))
@@ -263,7 +281,9 @@ def test_glsl_shader(page, image, dewarped, interior, tmp_path):
     theirs = drawn(page, paths[0], image, (320, 240), paths[1], (320, 240))
     assert max_difference(dewarped, theirs, interior) <= 1
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
-    larger = drawn(page, paths[0], image, (640, 480), paths[1], (320, 240))  # interpolated between pixels of the map
+    larger = drawn(
+        page, paths[0], image, (640, 480), paths[1], (320, 240)
+    )  # interpolated between pixels of the map
     ours = om.Dewarper(SENSOR, replace(AHEAD, size=(640, 480)), "linear")(image)
     inside = cv2.resize(interior.astype(np.uint8), (640, 480), interpolation=cv2.INTER_NEAREST) > 0
     assert np.mean(np.abs(ours.astype(float) - larger)[inside]) < 0.5
@@ -281,7 +301,9 @@ def test_hlsl_shader(page, image, dewarped, interior, tmp_path):
     translated = glsl_of(paths[0])
     if translated is None:
         pytest.skip("glslang and SPIRV-Cross are not installed: make programs")
-    theirs = drawn(page, translated, image, (320, 240), paths[1], (320, 240))[::-1]  # rows of Direct3D start at the top
+    theirs = drawn(page, translated, image, (320, 240), paths[1], (320, 240))[
+        ::-1
+    ]  # rows of Direct3D start at the top
     assert max_difference(dewarped, theirs, interior) <= 1
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 
@@ -292,7 +314,10 @@ def test_obs_map_image(tmp_path):
     decoded = digits @ [256.0, 1.0, 1 / 256] - 1
     places, valid = om.view_map(SENSOR, AHEAD).dewarp_map, digits[:, :320].any(-1)
     assert (valid == np.isfinite(places).all(-1)).all()
-    assert np.abs(np.stack([decoded[:, :320], decoded[:, 320:]], -1) - places)[valid].max() <= 1 / 512 + 1e-9
+    assert (
+        np.abs(np.stack([decoded[:, :320], decoded[:, 320:]], -1) - places)[valid].max()
+        <= 1 / 512 + 1e-9
+    )
     assert f'"{table.name}"' in effect.read_text()
 
 
@@ -330,7 +355,9 @@ def test_gstreamer_pipeline(image, dewarped, interior, tmp_path, beside):
     if theirs is None:
         pytest.skip("GStreamer with OpenGL is not installed: make programs")
     off = max_difference(dewarped, theirs, interior)
-    version = subprocess.run(["gst-launch-1.0", "--version"], capture_output=True, text=True).stdout.split("\n")[1]
+    version = subprocess.run(
+        ["gst-launch-1.0", "--version"], capture_output=True, text=True
+    ).stdout.split("\n")[1]
     beside(
         "GStreamer",
         "view by glshader with the exported shader, maximum difference in grey levels",
@@ -344,7 +371,10 @@ def test_gstreamer_pipeline(image, dewarped, interior, tmp_path, beside):
 
 def test_depthai_mesh_error(tmp_path):
     """Compare the mesh, interpolated independently, with the map."""
-    view, sensor = replace(AHEAD, tilt_deg=-25.0), replace(SENSOR, imager=replace(SENSOR.imager, width_px=528))
+    view, sensor = (
+        replace(AHEAD, tilt_deg=-25.0),
+        replace(SENSOR, imager=replace(SENSOR.imager, width_px=528)),
+    )
     (exported,) = om.write_maps(sensor, view, tmp_path / "ahead.json")
     mesh = json.loads(exported.paths[0].read_text())
     points = np.float32(mesh["points"]).reshape(mesh["mesh_height"], mesh["mesh_width"], 2)
@@ -353,7 +383,9 @@ def test_depthai_mesh_error(tmp_path):
     rows, columns = np.mgrid[:240, :320].astype(np.float32) / 16
     places = om.view_map(sensor, view).dewarp_map
     valid = np.isfinite(places).all(-1)
-    near = np.stack([interpolate(points[..., k : k + 1], columns, rows)[..., 0] for k in (0, 1)], axis=-1)
+    near = np.stack(
+        [interpolate(points[..., k : k + 1], columns, rows)[..., 0] for k in (0, 1)], axis=-1
+    )
     error = np.linalg.norm(near - places, axis=-1)[valid].max()
     assert abs(error - exported.deviation.size) < 0.01
     assert error < 2
@@ -386,7 +418,13 @@ def library(c_file):
     loaded = compiled(c_file)
     pointer = ctypes.POINTER(ctypes.c_float)
     loaded.ahead_source_pixel.argtypes = [ctypes.c_int, ctypes.c_int, pointer, pointer]
-    loaded.ahead_floor_cm.argtypes = [ctypes.c_float, ctypes.c_float, ctypes.c_float, pointer, pointer]
+    loaded.ahead_floor_cm.argtypes = [
+        ctypes.c_float,
+        ctypes.c_float,
+        ctypes.c_float,
+        pointer,
+        pointer,
+    ]
     return loaded
 
 
@@ -406,7 +444,10 @@ def test_c_source_pixels_and_floor_points(library):
     for row, column in [(0, 0), (239, 319), (120, 160), (7, 311), (200, 3)]:
         is_valid = np.isfinite(places[row, column]).all()
         assert library.ahead_source_pixel(column, row, u, v) == is_valid
-        assert not is_valid or np.hypot(u.value - places[row, column, 0], v.value - places[row, column, 1]) < 0.03
+        assert (
+            not is_valid
+            or np.hypot(u.value - places[row, column, 0], v.value - places[row, column, 1]) < 0.03
+        )
     assert library.ahead_source_pixel(320, 0, u, v) == 0
     for pixel, point in floor_points(
         lambda a, b: (u.value, v.value) if library.ahead_floor_cm(a, b, 80.0, u, v) else None
@@ -438,7 +479,10 @@ def test_micropython_module(tmp_path):
     try:
         places = om.view_map(SENSOR, AHEAD).dewarp_map
         for row, column in [(120, 160), (200, 3), (100, 311)]:
-            assert np.hypot(*(np.array(module["source_pixel"](column, row)) - places[row, column])) < 0.03
+            assert (
+                np.hypot(*(np.array(module["source_pixel"](column, row)) - places[row, column]))
+                < 0.03
+            )
         assert module["source_pixel"](320, 0) is None
         for pixel, point in floor_points(lambda a, b: module["floor_cm"](a, b, 80.0)):
             assert_on_floor(pixel, point)
@@ -450,7 +494,9 @@ def test_micropython_interpreter(tmp_path):
     (exported,) = om.write_maps(SENSOR, AHEAD, tmp_path / "ahead.py", formats="openmv")
     pixels = [pixel for pixel, _ in floor_points(lambda a, b: None)]
     floor = f"[view.floor_cm(u, v, 80) for u, v in {np.array(pixels).tolist()}]"
-    result = by_micropython(exported.paths, f"[view.source_pixel(160, 120), view.source_pixel(320, 0)] + {floor}")
+    result = by_micropython(
+        exported.paths, f"[view.source_pixel(160, 120), view.source_pixel(320, 0)] + {floor}"
+    )
     if result is None:
         pytest.skip("MicroPython is not installed: make programs")
     assert np.hypot(*(np.array(result[0]) - om.view_map(SENSOR, AHEAD).dewarp_map[120, 160])) < 0.03
@@ -465,7 +511,9 @@ def test_cortex_m7_result_and_instructions(c_file, library):
     if result is None:
         pytest.skip("qemu-system-arm and ziglang are not installed: make programs")
     instructions, total = result
-    noise = accumulate(range(512 * 500), lambda each, _: (1664525 * each + 1013904223) % 2**32, initial=1)
+    noise = accumulate(
+        range(512 * 500), lambda each, _: (1664525 * each + 1013904223) % 2**32, initial=1
+    )
     source = (np.array(list(noise)[1:]) >> 24).astype(np.uint8).reshape(500, 512, 1)
     view = straightened(library, "ahead", source, np.zeros((240, 320, 1), np.uint8))
     assert total == reduce(lambda a, b: (31 * a + b) % 2**32, view.ravel().tolist())
@@ -497,7 +545,13 @@ def test_instructions_on_this_machine(c_file):
     subprocess.run(["gcc", "-std=c99", "-O2", main, c_file, "-o", main.with_suffix("")], check=True)
     counts = []
     for words in ([], ["1"]):
-        run = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", main.with_suffix(""), *words]
+        run = [
+            "valgrind",
+            "--tool=callgrind",
+            "--callgrind-out-file=/dev/null",
+            main.with_suffix(""),
+            *words,
+        ]
         log = subprocess.run(run, capture_output=True, text=True).stderr
         counts.append(int(log.split("Collected :")[1].split()[0]))
     print(f"{(counts[1] - counts[0]) / 1e6:.2f} million instructions")
@@ -510,7 +564,9 @@ def test_instructions_on_this_machine(c_file):
 @pytest.mark.parametrize("kind", ["c99", "openmv", "gstreamer", "depthai"])
 def test_discontinuous_views_raise(kind, tmp_path):
     with pytest.raises(InvalidParameter, match="single view"):
-        om.write_maps(SENSOR, om.views.cube(SENSOR, (192, 128), layout="3x2"), tmp_path, formats=kind)
+        om.write_maps(
+            SENSOR, om.views.cube(SENSOR, (192, 128), layout="3x2"), tmp_path, formats=kind
+        )
     assert not list(tmp_path.iterdir())
 
 

@@ -18,16 +18,22 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.everyday import few
 
 SENSOR = om.load_sensor("paper-spherical")
-SMALL = replace(SENSOR, imager=replace(SENSOR.imager, width_px=128, height_px=128, pixel_pitch_um=41.6))
+SMALL = replace(
+    SENSOR, imager=replace(SENSOR.imager, width_px=128, height_px=128, pixel_pitch_um=41.6)
+)
 CAMERAS = {
     "up": SMALL,
-    "down, misaligned": replace(SMALL, mount=Mount("down", 30.0), mirror_pose=MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)),
+    "down, misaligned": replace(
+        SMALL, mount=Mount("down", 30.0), mirror_pose=MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
+    ),
     "fisheye": om.Unified(0.9, (55.0, 55.0), (63.5, 63.5), (128, 128)),
 }
 VIEWS = {
     "panorama": lambda c: om.views.panorama(c, (360, None)),
     "panorama of a wall": lambda c: om.views.panorama(c, (360, None), distance_mm=900.0),
-    "perspective": lambda c: om.screens.Plane((200, 150), pan_deg=140.0, tilt_deg=-20.0, roll_deg=10.0, hfov_deg=80.0),
+    "perspective": lambda c: om.screens.Plane(
+        (200, 150), pan_deg=140.0, tilt_deg=-20.0, roll_deg=10.0, hfov_deg=80.0
+    ),
     "near wall": lambda c: om.screens.Plane((200, 150), distance_mm=400.0, hfov_deg=80.0),
     "dome": lambda c: om.views.dome(c, (220, 220)),
     "planet": lambda c: om.views.planet(c, (220, 220)),
@@ -52,8 +58,12 @@ def round_trip_errors(camera, view, viewpoint="exact"):
         result = intersect_screen(screen, origins[rays.valid], rays.directions[rays.valid])
         pixels = np.stack([u, v], axis=-1)[valid][rays.valid].astype(float)
         # in source px: a pole of a panorama is one point of the image and many pixels of the view
-        scale = np.linalg.norm(np.gradient(places[top : top + height, left : left + width], axis=1), axis=-1)
-        errors.append(np.linalg.norm(result - pixels, axis=-1) * np.fmin(scale[v, u][valid][rays.valid], 1.0))
+        scale = np.linalg.norm(
+            np.gradient(places[top : top + height, left : left + width], axis=1), axis=-1
+        )
+        errors.append(
+            np.linalg.norm(result - pixels, axis=-1) * np.fmin(scale[v, u][valid][rays.valid], 1.0)
+        )
     return np.concatenate(errors)
 
 
@@ -67,7 +77,9 @@ def test_round_trip_error(view, camera):
     except (OutsideField, InvalidParameter):
         pytest.skip("the view is outside the field of this camera")
     assert len(errors) > 100
-    assert np.isfinite(errors).mean() > 0.97  # border pixels can leave the view; poles are undefined
+    assert (
+        np.isfinite(errors).mean() > 0.97
+    )  # border pixels can leave the view; poles are undefined
     assert np.nanmax(errors) < 0.02
 
 
@@ -81,9 +93,14 @@ def test_warp_map_agrees_with_the_projection(camera):
         u, v = warp_map[rows, columns].T
         assert len(u) > 200
         targets = np.stack(
-            [view.targets_at(np.array([a]), np.array([b])).reshape(3) for a, b in zip(u[::40], v[::40], strict=True)]
+            [
+                view.targets_at(np.array([a]), np.array([b])).reshape(3)
+                for a, b in zip(u[::40], v[::40], strict=True)
+            ]
         )
-        projected = camera.project_directions(targets) if view.is_distant else camera.project(targets)
+        projected = (
+            camera.project_directions(targets) if view.is_distant else camera.project(targets)
+        )
         assert np.abs(projected.pixels - np.stack([columns, rows], -1)[::40]).max() < 1e-5
 
 
@@ -92,8 +109,12 @@ def test_warp_map_agrees_with_the_projection(camera):
 def test_poles_of_panoramas_have_no_hole(width, distance_mm):
     """Rays around the nadir hit the screen for any size of the panorama."""
     view = om.screens.Sphere((width, width // 2), distance_mm=distance_mm)
-    radius, azimuth = np.meshgrid([0.02, 0.1, 0.3, 0.7, 1.5, 4.0], np.radians(np.arange(0.0, 360.0, 7.0)))
-    pixels = 63.5 + np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=-1).reshape(-1, 2)
+    radius, azimuth = np.meshgrid(
+        [0.02, 0.1, 0.3, 0.7, 1.5, 4.0], np.radians(np.arange(0.0, 360.0, 7.0))
+    )
+    pixels = 63.5 + np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=-1).reshape(
+        -1, 2
+    )
     rays = SMALL.backproject(pixels)
     ends = intersect_screen(view, rays.origins, rays.directions)
     assert np.isfinite(ends).all()
@@ -103,7 +124,9 @@ def test_poles_of_panoramas_have_no_hole(width, distance_mm):
 
 
 FLAT = {
-    "distant": om.screens.Plane((60, 40), pan_deg=140.0, tilt_deg=-20.0, roll_deg=10.0, hfov_deg=80.0),
+    "distant": om.screens.Plane(
+        (60, 40), pan_deg=140.0, tilt_deg=-20.0, roll_deg=10.0, hfov_deg=80.0
+    ),
     "near": om.screens.Plane((60, 40), distance_mm=400.0, hfov_deg=80.0),
     "upright": om.screens.Plane((40, 60), pan_deg=-70.0, hfov_deg=50.0),
     "part of a cylinder": om.screens.Cylinder((60, 40), -20.0, 25.0, pan_deg=30.0, span_deg=120.0),
@@ -117,7 +140,10 @@ def test_rays_outside_the_view_are_nan(name):
     width, height = view.size
     at = [
         np.concatenate(
-            [[-0.5 + 1e-3, -0.5 - 1e-3, side - 0.5 - 1e-3, side - 0.5 + 1e-3], np.linspace(-5, side + 5, 31)]
+            [
+                [-0.5 + 1e-3, -0.5 - 1e-3, side - 0.5 - 1e-3, side - 0.5 + 1e-3],
+                np.linspace(-5, side + 5, 31),
+            ]
         )
         for side in (width, height)
     ]
@@ -136,7 +162,9 @@ def test_rays_outside_the_view_are_nan(name):
 @pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3)])
 def test_rays_along_coordinate_axes(axis):
     x, y, z = axis
-    view = om.screens.Plane((41, 31), pan_deg=-np.degrees(np.arctan2(y, x)), tilt_deg=90.0 * z, hfov_deg=60.0)
+    view = om.screens.Plane(
+        (41, 31), pan_deg=-np.degrees(np.arctan2(y, x)), tilt_deg=90.0 * z, hfov_deg=60.0
+    )
     ends = intersect_screen(view, np.zeros((2, 3)), np.stack([axis, -axis]))
     np.testing.assert_allclose(ends, [[20.0, 15.0], [np.nan, np.nan]], atol=1e-6)
 
@@ -144,11 +172,18 @@ def test_rays_along_coordinate_axes(axis):
 @pytest.mark.parametrize("distance_mm", [np.inf, 900.0])
 def test_rays_at_the_seam_of_a_panorama(distance_mm):
     view = om.screens.Cylinder((90, 40), -40.0, 30.0, distance_mm=distance_mm)
-    u, v = (a.ravel() for a in np.meshgrid([-0.499, -0.3, 0.0, 0.2, 45.0, 88.8, 89.0, 89.3, 89.499], [0.0, 20.0, 39.0]))
+    u, v = (
+        a.ravel()
+        for a in np.meshgrid(
+            [-0.499, -0.3, 0.0, 0.2, 45.0, 88.8, 89.0, 89.3, 89.499], [0.0, 20.0, 39.0]
+        )
+    )
     origins = np.random.default_rng(4).uniform(-20.0, 20.0, (len(u), 3))
     directions = view.targets_at(u, v).reshape(-1, 3) - (0.0 if view.is_distant else origins)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    np.testing.assert_allclose(intersect_screen(view, origins, directions), np.stack([u, v], axis=-1), atol=1e-6)
+    np.testing.assert_allclose(
+        intersect_screen(view, origins, directions), np.stack([u, v], axis=-1), atol=1e-6
+    )
 
 
 def test_chunks_do_not_change_the_map(monkeypatch):
@@ -164,7 +199,9 @@ def test_chunks_do_not_change_the_map(monkeypatch):
 def test_panorama_covers_the_ring_of_the_image():
     """The inverse map has no holes, not even at the seam."""
     fixed = om.view_map(SMALL, om.views.panorama(SMALL, (360, None)))
-    rays = SMALL.backproject(np.stack(np.meshgrid(np.arange(128), np.arange(128)), -1).reshape(-1, 2).astype(float))
+    rays = SMALL.backproject(
+        np.stack(np.meshgrid(np.arange(128), np.arange(128)), -1).reshape(-1, 2).astype(float)
+    )
     low, high = fixed.view.tilt_min_deg, fixed.view.tilt_max_deg
     tilt = np.degrees(np.arcsin(rays.directions[:, 2]))
     inside = rays.valid & (tilt > low + 1.5) & (tilt < high - 0.5)
@@ -173,11 +210,15 @@ def test_panorama_covers_the_ring_of_the_image():
 
 def test_viewpoint_mode_of_the_warp_map():
     wall = om.screens.Plane((200, 150), distance_mm=400.0, hfov_deg=80.0)
-    single, exact = (om.view_map(SMALL, wall, viewpoint).warp_map for viewpoint in ("single", "exact"))
+    single, exact = (
+        om.view_map(SMALL, wall, viewpoint).warp_map for viewpoint in ("single", "exact")
+    )
     assert np.nanmax(np.abs(single - exact)) > 0.5
     assert np.nanmax(round_trip_errors(SMALL, wall, "single")) < 0.02
 
 
 def test_view_outside_the_field_raises():
-    with pytest.raises(OutsideField, match=r"the perspective view .* sees nothing of the camera's field"):
+    with pytest.raises(
+        OutsideField, match=r"the perspective view .* sees nothing of the camera's field"
+    ):
         om.view_map(SMALL, om.screens.Plane((64, 48), tilt_deg=89.0, hfov_deg=10.0))

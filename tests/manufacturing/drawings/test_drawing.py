@@ -46,7 +46,9 @@ def pdf_paths(data):
     return box[2:], paths
 
 
-@pytest.mark.parametrize(("size", "scale"), few([("A3", None), ("A3", 0.5), ("A4", None)], ("A3", 0.5)))
+@pytest.mark.parametrize(
+    ("size", "scale"), few([("A3", None), ("A3", 0.5), ("A4", None)], ("A3", 0.5))
+)
 @pytest.mark.parametrize("name", few(["paper-spherical", "paper-hyperboloidal"], "paper-spherical"))
 def test_paper_lengths_match_the_scale(name, size, scale):
     sensor = om.load_sensor(name)
@@ -95,7 +97,9 @@ def texts(figure):
 
 def segments(figure):
     """Return the end points (n, 2, 2) in mm of all line segments of a sheet."""
-    lines = [np.stack([line.get_xdata(), line.get_ydata()], axis=-1) for line in figure.axes[0].lines]
+    lines = [
+        np.stack([line.get_xdata(), line.get_ydata()], axis=-1) for line in figure.axes[0].lines
+    ]
     return np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
 
 
@@ -155,9 +159,22 @@ SIMILAR_CASES = [
     (sensor_of("sphere"), FULL, Housing(CameraBody(40.0)), "A3"),
     (sensor_of("sphere", "orthographic"), Body(), TUBE, "A3"),
     (sensor_of("cone"), Body(), Housing(rod=Rod()), "A3"),
-    (replace(sensor_of("sphere"), housing=Housing(CameraBody(30.0), shell=Dome())), Body(), None, "A3"),
-    *((s, TAPPED, TUBE, "A3") for s in map(om.load_sensor, bundled_sensors()[1:]) if s.secondary is None),
-    *((sensor_of(kind), FULL, Housing(CameraBody(40.0)), "A4") for kind in sorted(MIRRORS) if kind != "cone"),
+    (
+        replace(sensor_of("sphere"), housing=Housing(CameraBody(30.0), shell=Dome())),
+        Body(),
+        None,
+        "A3",
+    ),
+    *(
+        (s, TAPPED, TUBE, "A3")
+        for s in map(om.load_sensor, bundled_sensors()[1:])
+        if s.secondary is None
+    ),
+    *(
+        (sensor_of(kind), FULL, Housing(CameraBody(40.0)), "A4")
+        for kind in sorted(MIRRORS)
+        if kind != "cone"
+    ),
 ]
 
 
@@ -179,7 +196,12 @@ def test_labels_do_not_overlap_and_are_inside_the_frame(case):
             assert 10 < y0 < y1 < height - 10, words
         for i, (a, box) in enumerate(boxes):
             for b, other in boxes[i + 1 :]:
-                apart = box[0] >= other[2] or other[0] >= box[2] or box[1] >= other[3] - 0.7 or other[1] >= box[3] - 0.7
+                apart = (
+                    box[0] >= other[2]
+                    or other[0] >= box[2]
+                    or box[1] >= other[3] - 0.7
+                    or other[1] >= box[3] - 0.7
+                )
                 assert apart, f"{a!r} and {b!r}"
             letters = np.add(box, [0.4, 0.9, -0.4, -0.4])  # without descenders
             assert letters[1] >= letters[3] or not crosses(lines, letters).any(), a
@@ -196,7 +218,11 @@ def test_letter_heights_conform_to_iso_3098(size):
         sizes = [float(s) for s in re.findall(r"font(?:-size)?: (?:[a-z0-9]+ )?([\d.]+)px", svg)]
         assert len(sizes) > 60
         assert min(sizes) * 0.729 / POINT >= 2.499
-    fonts = [float(s) for text in pdf_streams(drawing.render("pdf")) for s in re.findall(r"/F\d+ ([\d.]+) Tf", text)]
+    fonts = [
+        float(s)
+        for text in pdf_streams(drawing.render("pdf"))
+        for s in re.findall(r"/F\d+ ([\d.]+) Tf", text)
+    ]
     assert len(fonts) > 200
     assert min(fonts) * 0.729 / POINT >= 2.499
 
@@ -244,7 +270,14 @@ def test_part_sheet_contains_manufacturing_data():
 
 def test_unspecified_entries_refer_to_general_tolerances():
     words = shown(draw_sheets(om.load_sensor("paper-spherical")), 1)
-    assert words >= {"3/ ISO 10110-11", "4/ ISO 10110-11", "5/ ISO 10110-11", "as agreed", "ISO 2768-mK", "Ø87.81"}
+    assert words >= {
+        "3/ ISO 10110-11",
+        "4/ ISO 10110-11",
+        "5/ ISO 10110-11",
+        "as agreed",
+        "ISO 2768-mK",
+        "Ø87.81",
+    }
     assert not any("±" in word for word in words)
 
 
@@ -253,15 +286,31 @@ def test_allocated_tolerances_are_on_the_sheets():
     sheet.
     """
     sensor = om.load_sensor("paper-spherical")
-    allocated = Workshop(tolerances={**WORKSHOP.tolerances, "mirror.zernike_4_um": 0.3, "mirror.zernike_11_um": 0.4})
+    allocated = Workshop(
+        tolerances={**WORKSHOP.tolerances, "mirror.zernike_4_um": 0.3, "mirror.zernike_11_um": 0.4}
+    )
     drawing = draw_sheets(sensor, workshop=allocated)
     tilt = 87.81 * np.tan(np.radians(0.1))
-    assert shown(drawing, 0) >= {"180.429 ± 0.1", "Ø0.08", f"{tilt:.3g}", "C", "± 0.05 mm", "± 20 px"}
-    assert shown(drawing, 1) >= {"49.9582 ± 0.05 mm", "0 ± 0.005", "3/- RMSt &lt; 289 nm", "4/3' (0.02 mm)"}
+    assert shown(drawing, 0) >= {
+        "180.429 ± 0.1",
+        "Ø0.08",
+        f"{tilt:.3g}",
+        "C",
+        "± 0.05 mm",
+        "± 20 px",
+    }
+    assert shown(drawing, 1) >= {
+        "49.9582 ± 0.05 mm",
+        "0 ± 0.005",
+        "3/- RMSt &lt; 289 nm",
+        "4/3' (0.02 mm)",
+    }
 
 
 def test_data_file_matches_its_checksum(tmp_path):
-    files = om.export(om.load_sensor("folded-spherical"), tmp_path, formats=["csv", "svg"], step_mm=2.0, digits=4)
+    files = om.export(
+        om.load_sensor("folded-spherical"), tmp_path, formats=["csv", "svg"], step_mm=2.0, digits=4
+    )
     tables = {f.path.name: f.path for f in files if f.path.suffix == ".csv"}
     for name, mark in zip(sorted(tables), ("-mirror", "-secondary"), strict=True):
         svg = (tmp_path / f"folded-spherical{mark}-drawing.svg").read_text()
@@ -283,17 +332,24 @@ def test_assembly_sheet_describes_the_sensor():
         (Dome(material="polycarbonate"), "polycarbonate, n = 1.5855"),
         (Tube(material="sapphire", medium="water"), "sapphire, n = 1.7682, in water, n = 1.3331"),
         (Tube(refractive_index=1.6), "n = 1.6"),
-        (Dome(material="fused_silica", medium_index=1.2), "fused silica, n = 1.45846, in a medium of n = 1.2"),
+        (
+            Dome(material="fused_silica", medium_index=1.2),
+            "fused silica, n = 1.45846, in a medium of n = 1.2",
+        ),
     ],
 )
 def test_cover_label_states_the_material(shell, words):
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=shell))
     assert words in shown(draw_sheets(sensor), 0)
-    assert sensor.meridian.cover.shell.index == pytest.approx(float(re.search(r"n = ([\d.]+\d)", words)[1]))
+    assert sensor.meridian.cover.shell.index == pytest.approx(
+        float(re.search(r"n = ([\d.]+\d)", words)[1])
+    )
 
 
 def test_sensor_without_housing_has_no_housing_lines():
-    assert not any("tube" in word for word in shown(draw_sheets(om.load_sensor("paper-spherical")), 0))
+    assert not any(
+        "tube" in word for word in shown(draw_sheets(om.load_sensor("paper-spherical")), 0)
+    )
 
 
 def test_sheet_references_only_written_data_files(tmp_path):
@@ -321,7 +377,11 @@ def test_table_defines_all_formula_symbols(kind):
 def one_millimetre(mirror):
     """Return the mirror with N = 1 mm, if it has a normalization radius."""
     is_normalised = "normalization_radius_mm" in mirror.PARAMETERS
-    return EvenPolynomial((0.012, 2e-6), 30.0) if is_normalised and mirror.KIND == "even-polynomial" else mirror
+    return (
+        EvenPolynomial((0.012, 2e-6), 30.0)
+        if is_normalised and mirror.KIND == "even-polynomial"
+        else mirror
+    )
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
@@ -358,5 +418,11 @@ def test_text_widths_match_matplotlib():
     sheet = Sheet("A3")
     sheet.figure.dpi = 600
     sheet.text(50, 50, "transparent tube Ø100 × 3")
-    box = sheet.figure.axes[0].texts[0].get_window_extent(FigureCanvasAgg(sheet.figure).get_renderer())
-    assert sheet.text_width("transparent tube Ø100 × 3") == pytest.approx(box.width * 25.4 / sheet.figure.dpi, rel=0.03)
+    box = (
+        sheet.figure.axes[0]
+        .texts[0]
+        .get_window_extent(FigureCanvasAgg(sheet.figure).get_renderer())
+    )
+    assert sheet.text_width("transparent tube Ø100 × 3") == pytest.approx(
+        box.width * 25.4 / sheet.figure.dpi, rel=0.03
+    )

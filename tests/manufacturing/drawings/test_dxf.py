@@ -54,7 +54,9 @@ def test_section_matches_the_mirror_and_passes_the_audit(kind, body, tmp_path):
     assert {np.sign(surface_points(e)[100, 1]) for e in curves} == {1.0, -1.0}
 
 
-@pytest.mark.parametrize(("name", "extra"), [("plain", []), ("tapped, with flange", ["5", "12", "95.8", "2"])])
+@pytest.mark.parametrize(
+    ("name", "extra"), [("plain", []), ("tapped, with flange", ["5", "12", "95.8", "2"])]
+)
 def test_dimensions_measure_the_part(name, extra, tmp_path):
     mirror, _ = MIRRORS["hyperboloid"]
     body = BODIES[name]
@@ -64,13 +66,20 @@ def test_dimensions_measure_the_part(name, extra, tmp_path):
     expected = [87.8, edge, body.thickness_mm, edge + body.thickness_mm, *map(float, extra)]
     measured = [d.get_measurement() for d in page.query("DIMENSION")]
     np.testing.assert_allclose(sorted(measured), sorted(expected), atol=1e-9)
-    shown = {t.plain_text() for d in page.query("DIMENSION") for t in d.virtual_entities() if t.dxftype() == "MTEXT"}
+    shown = {
+        t.plain_text()
+        for d in page.query("DIMENSION")
+        for t in d.virtual_entities()
+        if t.dxftype() == "MTEXT"
+    }
     assert {"Ø87.8", f"{edge:.3f}"} <= shown
 
 
 def test_layers_hatch_and_centre_line(tmp_path):
     mirror, _ = MIRRORS["even-polynomial"]
-    write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("even-polynomial"), BODIES["tapped, with flange"]))
+    write_dxf(
+        tmp_path / "mirror.dxf", Part(sensor_of("even-polynomial"), BODIES["tapped, with flange"])
+    )
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
     for layer in LAYERS:
         found = doc.layers.get(layer.name)
@@ -79,7 +88,8 @@ def test_layers_hatch_and_centre_line(tmp_path):
     (hatch,) = doc.modelspace().query("HATCH")
     boundary = np.array(hatch.paths[0].vertices)[:, :2]
     area = 0.5 * abs(
-        np.dot(boundary[:, 0], np.roll(boundary[:, 1], 1)) - np.dot(boundary[:, 1], np.roll(boundary[:, 0], 1))
+        np.dot(boundary[:, 0], np.roll(boundary[:, 1], 1))
+        - np.dot(boundary[:, 1], np.roll(boundary[:, 0], 1))
     )
     x = np.linspace(0, mirror.rim_radius_mm, 20001)
     section = np.trapezoid(float(mirror.sag(43.9)) + 8.0 - mirror.sag(x), x)
@@ -93,7 +103,10 @@ def test_layers_hatch_and_centre_line(tmp_path):
 @pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
 def test_layout_matches_the_sheet(size, tmp_path):
     """Texts have the positions and heights of the sheet; lines are within the paper."""
-    sensor, making = om.load_sensor("folded-hyperboloidal"), PartSpecification("brass", back_flatness_mm=0.005)
+    sensor, making = (
+        om.load_sensor("folded-hyperboloidal"),
+        PartSpecification("brass", back_flatness_mm=0.005),
+    )
     workshop = Workshop(TitleBlock("OM-1"), mirror=making)
     parts = parts_of(sensor, Body())
     write_dxf(tmp_path / "mirror.dxf", parts[0], workshop, sheet=size, place=(2, 3))
@@ -103,11 +116,15 @@ def test_layout_matches_the_sheet(size, tmp_path):
     figure = draw_sheets(sensor, Body(), sheet=size, workshop=workshop).figures[1]
     wanted = sorted((t.get_text(), *t.get_position()) for t in figure.axes[0].texts)
     texts = list(layout.query("TEXT"))
-    found = sorted((t.dxf.text, *list(t.get_placement()[-1] or t.get_placement()[1])[:2]) for t in texts)
+    found = sorted(
+        (t.dxf.text, *list(t.get_placement()[-1] or t.get_placement()[1])[:2]) for t in texts
+    )
     assert [words for words, *_ in found] == [words for words, *_ in wanted]
     np.testing.assert_allclose([at for _, *at in found], [at for _, *at in wanted], atol=1e-6)
     assert min(t.dxf.height for t in texts) == pytest.approx(2.5)
-    points = np.concatenate([np.array(line.get_points("xy")) for line in layout.query("LWPOLYLINE")])
+    points = np.concatenate(
+        [np.array(line.get_points("xy")) for line in layout.query("LWPOLYLINE")]
+    )
     assert ((points >= 0) & (points <= SHEETS[size])).all()
     assert (layout.dxf.paper_width, layout.dxf.paper_height) == SHEETS[size]
 
@@ -120,8 +137,15 @@ def test_dimensions_include_tolerances_and_counterbore(tmp_path):
     page = ezdxf.readfile(tmp_path / "mirror.dxf").modelspace()
     measured = [d.get_measurement() for d in page.query("DIMENSION")]
     assert {14.0, 49.69, 6.0, 87.8} <= {round(float(m), 6) for m in measured}
-    shown = {t.plain_text() for d in page.query("DIMENSION") for t in d.virtual_entities() if t.dxftype() == "MTEXT"}
-    assert {"Ø87.8±0.02", "5±0.05"} <= {words.replace(" ", "").replace("\n", "") for words in shown}, shown
+    shown = {
+        t.plain_text()
+        for d in page.query("DIMENSION")
+        for t in d.virtual_entities()
+        if t.dxftype() == "MTEXT"
+    }
+    assert {"Ø87.8±0.02", "5±0.05"} <= {
+        words.replace(" ", "").replace("\n", "") for words in shown
+    }, shown
 
 
 def test_rotated_text_matches_the_sheet(tmp_path):
@@ -135,5 +159,9 @@ def test_rotated_text_matches_the_sheet(tmp_path):
     lines = [np.array(line.get_points())[:, :2] for line in page.query("LWPOLYLINE")]
     for text in upright:
         box = bbox.extents([text])
-        beside = [p for p in lines if len(p) == 2 and 0.3 < p[0, 0] - box.extmax.x < 3 and np.ptp(p[:, 0]) < 1e-6]
+        beside = [
+            p
+            for p in lines
+            if len(p) == 2 and 0.3 < p[0, 0] - box.extmax.x < 3 and np.ptp(p[:, 0]) < 1e-6
+        ]
         assert any(abs(p[:, 1].mean() - box.center.y) < 0.6 for p in beside), text.dxf.text

@@ -21,7 +21,9 @@ from tests.manufacturing.formats.test_step import BODIES, exact_volume
 
 
 def load(path):
-    return trimesh.load(path, force="mesh", process=path.suffix == ".stl")  # STL repeats the corners
+    return trimesh.load(
+        path, force="mesh", process=path.suffix == ".stl"
+    )  # STL repeats the corners
 
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
@@ -38,13 +40,17 @@ def test_mesh_is_closed_and_within_the_tolerance(kind, suffix, body, tmp_path):
     assert mesh.euler_number == (0 if body.bore_goes_through else 2)
     assert 0 < mesh.volume == pytest.approx(exact_volume(mirror, body), rel=2e-3)
     assert mesh.volume < exact_volume(mirror, body)  # chords of a convex part are inside
-    np.testing.assert_allclose(mesh.bounds[1][0], mirror.rim_radius_mm + body.flange_width_mm, rtol=1e-6)
+    np.testing.assert_allclose(
+        mesh.bounds[1][0], mirror.rim_radius_mm + body.flange_width_mm, rtol=1e-6
+    )
 
     # triangles of the optical surface face the lens; random points on them
     front = mesh.submesh([np.flatnonzero(mesh.face_normals[:, 2] < -1e-6)], append=True)
     points, _ = trimesh.sample.sample_surface(front, 20000, seed=1)
     r = np.minimum(np.hypot(points[:, 0], points[:, 1]), mirror.rim_radius_mm)
-    on_surface = points[:, 2] <= float(mirror.sag(mirror.rim_radius_mm)) - 1e-6 * mirror.rim_radius_mm
+    on_surface = (
+        points[:, 2] <= float(mirror.sag(mirror.rim_radius_mm)) - 1e-6 * mirror.rim_radius_mm
+    )
     z, slope, _ = mirror.profile(r)
     distance = (1e3 * np.abs(points[:, 2] - z) / np.sqrt(1 + slope**2))[on_surface]
     assert distance.max() <= 1.005 * stated <= 20.0  # reported from 91 points per triangle
@@ -55,7 +61,9 @@ def test_mesh_is_closed_and_within_the_tolerance(kind, suffix, body, tmp_path):
 def test_finer_tolerance_is_met():
     mirror, _ = MIRRORS["hyperboloid"]
     coarse, fine = (len(mesh_of(mirror, Body(), tolerance)[1]) for tolerance in (40.0, 1.0))
-    assert fine == pytest.approx(40 * coarse, rel=0.2)  # the number of triangles is proportional to 1/tolerance
+    assert fine == pytest.approx(
+        40 * coarse, rel=0.2
+    )  # the number of triangles is proportional to 1/tolerance
 
 
 @settings(max_examples=40)

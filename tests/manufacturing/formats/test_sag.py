@@ -49,7 +49,9 @@ def test_header_contains_conic_parameters():
 
 def test_table_defines_the_same_sampled_mirror(tmp_path):
     sensor = sensor_of("equidistant")
-    (tmp_path / "sag.csv").write_text(format_table(sensor, table_points(sensor, step_mm=0.5), digits=9))
+    (tmp_path / "sag.csv").write_text(
+        format_table(sensor, table_points(sensor, step_mm=0.5), digits=9)
+    )
     again = SampledProfile.from_csv(tmp_path / "sag.csv")
     x = np.linspace(0, sensor.mirror.rim_radius_mm, 333)
     np.testing.assert_allclose(again.sag(x), sensor.mirror.sag(x), atol=1e-8)
@@ -102,7 +104,9 @@ def test_best_fit_sphere_of_a_sphere():
         assert sphere.peak_to_valley_um < 1e-3
 
 
-@pytest.mark.parametrize("kind", ["hyperboloid", "ellipsoid", "cone", "equidistant", "conic-asphere"])
+@pytest.mark.parametrize(
+    "kind", ["hyperboloid", "ellipsoid", "cone", "equidistant", "conic-asphere"]
+)
 def test_best_fit_sphere_is_optimal(kind):
     """Compare with a simplex search in both unknowns on independent points."""
     mirror, _ = MIRRORS[kind]
@@ -124,7 +128,9 @@ def test_best_fit_sphere_is_optimal(kind):
         other = minimize(function, [50.0, 50.0], method="Nelder-Mead", options=options)
         mine = function([found.radius_mm, found.centre_z_mm])
         assert mine <= other.fun * (1 + 1e-4)
-        assert 1e-3 * found.rms_um == pytest.approx(rms([found.radius_mm, found.centre_z_mm]), rel=1e-3)
+        assert 1e-3 * found.rms_um == pytest.approx(
+            rms([found.radius_mm, found.centre_z_mm]), rel=1e-3
+        )
         assert 1e-3 * found.peak_to_valley_um == pytest.approx(
             np.ptp(departure([found.radius_mm, found.centre_z_mm])), rel=1e-6
         )
@@ -151,7 +157,9 @@ def test_slope_departure_is_the_angle_between_normals():
             x = mp.mpf(float(x))
             z, slope = -B + B / A * mp.sqrt(A**2 + x**2), B / A * x / mp.sqrt(A**2 + x**2)
             normal, radius = (-slope, mp.mpf(1)), (-x, c - z)
-            cosine = (normal[0] * radius[0] + normal[1] * radius[1]) / (mp.hypot(*normal) * mp.hypot(*radius))
+            cosine = (normal[0] * radius[0] + normal[1] * radius[1]) / (
+                mp.hypot(*normal) * mp.hypot(*radius)
+            )
             angles.append(float(mp.acos(cosine)))
     assert sphere.slope_mrad == pytest.approx(1e3 * max(angles), rel=1e-4)
 
@@ -162,7 +170,9 @@ def test_concave_mirror_mirrors_the_convex_one():
     assert hollow.peak_to_valley_um == convex.peak_to_valley_um
     x = np.linspace(0, 10, 5)
     over = hollow.departure_um(EvenPolynomial((-0.001,), 10.0), x)
-    np.testing.assert_allclose(over, -convex.departure_um(EvenPolynomial((0.001,), 10.0), x), atol=1e-9)
+    np.testing.assert_allclose(
+        over, -convex.departure_um(EvenPolynomial((0.001,), 10.0), x), atol=1e-9
+    )
     assert best_fit_sphere(Flat(10.0)).radius_mm == np.inf
 
 

@@ -45,7 +45,11 @@ def faces(shape):
         face = TopoDS.Face(explorer.Current())
         surface = BRep_Tool.Surface_s(face)
         u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-        grid = [surface.Value(float(u), float(v)) for u in np.linspace(u0, u1, 17) for v in np.linspace(v0, v1, 101)]
+        grid = [
+            surface.Value(float(u), float(v))
+            for u in np.linspace(u0, u1, 17)
+            for v in np.linspace(v0, v1, 101)
+        ]
         yield type(surface).__name__, np.array([[p.X(), p.Y(), p.Z()] for p in grid])
         explorer.Next()
 
@@ -63,10 +67,19 @@ def exact_volume(mirror, body):
     """Integrate the volume by shells, with a conical drill point."""
     back = float(mirror.sag(mirror.rim_radius_mm)) + body.thickness_mm
     start, outer = body.start_mm(), mirror.rim_radius_mm + body.flange_width_mm
-    shells, _ = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), start, mirror.rim_radius_mm, epsrel=1e-11)
+    shells, _ = quad(
+        lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))),
+        start,
+        mirror.rim_radius_mm,
+        epsrel=1e-11,
+    )
     flange = np.pi * (outer**2 - mirror.rim_radius_mm**2) * body.flange_thickness_mm
     r = body.bore_mm / 2
-    bore = 0.0 if start or not r else np.pi * r**2 * (body.bore_depth_mm + r / np.tan(np.radians(59)) / 3)
+    bore = (
+        0.0
+        if start or not r
+        else np.pi * r**2 * (body.bore_depth_mm + r / np.tan(np.radians(59)) / 3)
+    )
     return shells + flange - bore
 
 
@@ -105,8 +118,12 @@ def test_conic_arc_satisfies_its_equation(kind, tmp_path):
     mirror, _ = MIRRORS[kind]
     curve = write_step(tmp_path / "mirror.step", mirror, Body(), kind)
     assert (curve.deviation_um, curve.degree, len(curve.poles)) == (0.0, 2, 3)
-    assert "RATIONAL_B_SPLINE_CURVE" in (tmp_path / "mirror.step").read_text() or kind == "paraboloid"
-    _, points = next(f for f in faces(read(tmp_path / "mirror.step")) if f[0] == "Geom_SurfaceOfRevolution")
+    assert (
+        "RATIONAL_B_SPLINE_CURVE" in (tmp_path / "mirror.step").read_text() or kind == "paraboloid"
+    )
+    _, points = next(
+        f for f in faces(read(tmp_path / "mirror.step")) if f[0] == "Geom_SurfaceOfRevolution"
+    )
     x2, z = points[:, 0] ** 2 + points[:, 1] ** 2, points[:, 2]
     R, k = mirror.vertex_radius, mirror.conic
     np.testing.assert_allclose(x2 - 2 * R * z + (1 + k) * z**2, 0, atol=1e-8)

@@ -19,7 +19,12 @@ NUMBER = r"(-?\d+\.\d+)"
 
 def driven(program: str) -> np.ndarray:
     """Return X and Z (n, 2) of the cuts in a program."""
-    return np.array([[float(v) for v in m] for m in re.findall(rf"^G1 X{NUMBER} Z{NUMBER}$", program, re.MULTILINE)])
+    return np.array(
+        [
+            [float(v) for v in m]
+            for m in re.findall(rf"^G1 X{NUMBER} Z{NUMBER}$", program, re.MULTILINE)
+        ]
+    )
 
 
 def nearest(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -51,13 +56,17 @@ def test_cut_surface_matches_the_mirror(kind):
 
 
 def test_path_of_a_sphere_is_an_arc_with_tolerance_dependent_spacing():
-    coarse, fine = (tool_path(Sphere(30.0, 20.0), Tool(1.0, tolerance_nm=nm), digits=8) for nm in (40.0, 10.0))
+    coarse, fine = (
+        tool_path(Sphere(30.0, 20.0), Tool(1.0, tolerance_nm=nm), digits=8) for nm in (40.0, 10.0)
+    )
     for path in (coarse, fine):
         assert np.abs(np.hypot(path.x_mm, path.z_mm + 31.0) - 31.0).max() * 1e6 < 0.05
     assert fine.deviation_nm < 10.0 < coarse.deviation_nm < 40.0
     assert len(fine.x_mm) == pytest.approx(2 * len(coarse.x_mm), rel=0.05)
     assert fine.length_mm == pytest.approx(31.0 * np.arcsin(20.0 / 30.0), rel=1e-6)
-    assert fine.minutes == pytest.approx(fine.length_mm / (0.002 * 1000), rel=1e-12)  # 2 um per revolution, 1000 rpm
+    assert fine.minutes == pytest.approx(
+        fine.length_mm / (0.002 * 1000), rel=1e-12
+    )  # 2 um per revolution, 1000 rpm
     assert fine.edge_deg == (0.0, pytest.approx(np.degrees(np.arcsin(20.0 / 30.0)), abs=0.01))
 
 
@@ -65,7 +74,9 @@ def test_cusp_height_matches_geometry():
     tool, R = Tool(0.5, feed_um=20.0), 10.0
     step = 1e-3 * tool.feed_um / R
     between = np.array([np.sin(step / 2), np.cos(step / 2)])
-    along = np.linspace(R - 1e-3, R + 1e-3, 20001)[:, None] * between  # cusp between two tool-nose arcs
+    along = (
+        np.linspace(R - 1e-3, R + 1e-3, 20001)[:, None] * between
+    )  # cusp between two tool-nose arcs
     touched = np.hypot(*(along - [0.0, R + tool.radius_mm]).T) <= tool.radius_mm
     crest = np.hypot(*along[np.argmax(touched)]) - R
     assert tool.cusp_nm(1 / R) == pytest.approx(1e6 * crest, rel=2e-3)
@@ -86,7 +97,10 @@ def test_nose_larger_than_concave_radius_is_rejected():
     [
         ({"radius_mm": 0.0}, "radius_mm = 0 mm is outside 0.001 to 100 mm"),
         *(
-            ({name: value * (1 + off)}, rf"{name} = .* {unit} is outside {low:g} to {high:g} {unit}")
+            (
+                {name: value * (1 + off)},
+                rf"{name} = .* {unit} is outside {low:g} to {high:g} {unit}",
+            )
             for name, unit, low, high in (
                 ("radius_mm", "mm", 1e-3, 100.0),
                 ("feed_um", "um", 1e-3, 1e3),
@@ -119,7 +133,9 @@ def test_parameter_bounds_are_valid(bound):
 
 
 def test_insufficient_digits_are_rejected():
-    with pytest.raises(InvalidParameter, match=r"at least 35 for digits = 5, which rounds by up to 7.1 nm"):
+    with pytest.raises(
+        InvalidParameter, match=r"at least 35 for digits = 5, which rounds by up to 7.1 nm"
+    ):
         tool_path(Sphere(30.0, 20.0), digits=5)
 
 
@@ -132,7 +148,9 @@ def test_point_list_contains_contacts_and_diameter_option_doubles_x():
     assert np.array_equal(driven(format_gcode(twice, "ball")), np.stack([2 * x, z], axis=-1))
 
 
-@pytest.mark.parametrize("mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"])
+@pytest.mark.parametrize(
+    "mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"]
+)
 @pytest.mark.parametrize("x_is_diameter", [False, True])
 def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
     """The approach is tangential at the rim; concave mirrors require a higher retraction; X may be
@@ -151,8 +169,12 @@ def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
         start[0], cuts[:, 0] = start[0] / 2, cuts[:, 0] / 2
     np.testing.assert_allclose(cuts, np.stack([path.x_mm, path.z_mm], axis=-1), rtol=0, atol=1e-9)
     away, tangent = start - cuts[0], cuts[0] - cuts[1]
-    np.testing.assert_allclose(away, tangent / np.hypot(*tangent), rtol=0, atol=1e-5)  # 1 mm, the clearance
-    assert float(quick[0].split("Z")[1]) == pytest.approx(1.0 + max(0.0, cuts[:, 1].max(), start[1]), abs=1e-6)
+    np.testing.assert_allclose(
+        away, tangent / np.hypot(*tangent), rtol=0, atol=1e-5
+    )  # 1 mm, the clearance
+    assert float(quick[0].split("Z")[1]) == pytest.approx(
+        1.0 + max(0.0, cuts[:, 1].max(), start[1]), abs=1e-6
+    )
 
 
 def test_command_writes_program_and_list(tmp_path):
@@ -170,13 +192,17 @@ def test_command_writes_program_and_list(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert {p.name for p in tmp_path.iterdir()} == {
-        f"folded-spherical{mirror}-path.{suffix}" for mirror in ("", "-secondary") for suffix in ("nc", "tsv")
+        f"folded-spherical{mirror}-path.{suffix}"
+        for mirror in ("", "-secondary")
+        for suffix in ("nc", "tsv")
     }
     mirror = om.load_sensor("folded-spherical").mirror
     centres = driven((tmp_path / "folded-spherical-path.nc").read_text()) + np.array([0.0, 0.2])
     x = np.linspace(0.0, mirror.rim_radius_mm, 999)
     assert np.abs(nearest(np.stack([x, -mirror.sag(x)], axis=-1), centres) - 0.2).max() < 20e-6
-    refused = omnimirror("export", "folded-spherical", "-o", tmp_path / "a.nc", "--tool-radius-mm", -1)
+    refused = omnimirror(
+        "export", "folded-spherical", "-o", tmp_path / "a.nc", "--tool-radius-mm", -1
+    )
     assert refused.returncode != 0
     assert "radius_mm = -1 mm is outside" in refused.stderr
     assert not (tmp_path / "a.nc").exists()

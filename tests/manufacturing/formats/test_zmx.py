@@ -99,7 +99,9 @@ def test_chief_rays_have_the_listed_field_angles(kind, tmp_path):
     assert [s.get("TYPE") for s in surfaces[:2]] == [["STANDARD"], ["PARAXIAL"]]
     assert "STOP" in surfaces[1]
     assert surfaces[1]["PARM"] == {1: mp.mpf("11.6")}
-    within_deg = 1e-6 if kind in SURFACES_OF_LENS_FILES else 1.01 * fit_asphere(sensor.mirror).ray_deg + 1e-6
+    within_deg = (
+        1e-6 if kind in SURFACES_OF_LENS_FILES else 1.01 * fit_asphere(sensor.mirror).ray_deg + 1e-6
+    )
     assert within_deg < 1e-3
     b, m, sag = mp.mpf(surfaces[0]["DISZ"][0]), mp.mpf(surfaces[1]["DISZ"][0]), sag_of(surfaces[2])
     for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
@@ -126,7 +128,9 @@ def test_telecentric_chief_rays_are_axial(tmp_path):
     assert float(surfaces[0]["DISZ"][0]) + float(surfaces[1]["DISZ"][0]) == pytest.approx(-22.0)
     sag = sag_of(surfaces[2])
     for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
-        assert float(mp.degrees(2 * mp.atan(mp.diff(sag, mp.mpf(height))))) == pytest.approx(omega, abs=1e-9)
+        assert float(mp.degrees(2 * mp.atan(mp.diff(sag, mp.mpf(height))))) == pytest.approx(
+            omega, abs=1e-9
+        )
 
 
 def test_missing_lens_distortion_is_noted(tmp_path):
@@ -137,7 +141,10 @@ def test_missing_lens_distortion_is_noted(tmp_path):
         write_zmx(tmp_path / name, s)
         systems.append(parse_zmx(tmp_path / name)[0])
     np.testing.assert_allclose(*(np.array(s["YFLN"], float) for s in systems), rtol=1e-14)
-    said = [(tmp_path / name).read_text(encoding="utf-16").count("distortion") for name in ("straight", "bent")]
+    said = [
+        (tmp_path / name).read_text(encoding="utf-16").count("distortion")
+        for name in ("straight", "bent")
+    ]
     assert said == [0, 1]
 
 
@@ -147,7 +154,9 @@ def test_focus_matches_the_sensor(tmp_path):
     write_zmx(tmp_path / "s.zmx", sensor)
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
     lens: Perspective = sensor.lens
-    assert 1 / float(surfaces[0]["DISZ"][0]) + 1 / lens.focus_distance_mm == pytest.approx(1 / 11.6, rel=1e-14)
+    assert 1 / float(surfaces[0]["DISZ"][0]) + 1 / lens.focus_distance_mm == pytest.approx(
+        1 / 11.6, rel=1e-14
+    )
 
 
 def test_extended_asphere_represents_many_terms_exactly(tmp_path):
@@ -237,7 +246,11 @@ def test_grid_matches_the_mirror_within_the_stated_deviation(kind, tmp_path):
     rng = np.random.default_rng(3)
     r, phi = mirror.rim_radius_mm * np.sqrt(rng.random(20000)), 2 * np.pi * rng.random(20000)
     z, slope, _ = mirror.profile(r)
-    off_um = 1e3 * np.abs(bicubic(x, y, table, r * np.cos(phi), r * np.sin(phi)) - z) / np.hypot(1, slope)
+    off_um = (
+        1e3
+        * np.abs(bicubic(x, y, table, r * np.cos(phi), r * np.sin(phi)) - z)
+        / np.hypot(1, slope)
+    )
     # a smooth patch has its largest error at the cell centre; that at the tip of a cone is not
     # smooth
     beyond = r > 2 * (x[1] - x[0]) if kind == "cone" else np.ones_like(r, bool)
@@ -252,8 +265,12 @@ def test_grid_derivatives_match_differences():
     z, zx, zy, zxy, _ = np.moveaxis(table, -1, 0)
     gx, gy = np.meshgrid(x, y)
     on = (np.hypot(gx, gy) < mirror.rim_radius_mm - 2 * h)[1:-1, 1:-1]
-    np.testing.assert_allclose(zx[1:-1, 1:-1][on], ((z[1:-1, 2:] - z[1:-1, :-2]) / (2 * h))[on], atol=2e-3)
-    np.testing.assert_allclose(zy[1:-1, 1:-1][on], ((z[:-2, 1:-1] - z[2:, 1:-1]) / (2 * h))[on], atol=2e-3)
+    np.testing.assert_allclose(
+        zx[1:-1, 1:-1][on], ((z[1:-1, 2:] - z[1:-1, :-2]) / (2 * h))[on], atol=2e-3
+    )
+    np.testing.assert_allclose(
+        zy[1:-1, 1:-1][on], ((z[:-2, 1:-1] - z[2:, 1:-1]) / (2 * h))[on], atol=2e-3
+    )
     mixed = (z[:-2, 2:] - z[:-2, :-2] - z[2:, 2:] + z[2:, :-2]) / (4 * h * h)
     np.testing.assert_allclose(zxy[1:-1, 1:-1][on], mixed[on], atol=2e-3)
     assert np.abs(mixed[on]).max() > 0.01
@@ -261,7 +278,9 @@ def test_grid_derivatives_match_differences():
 
 def test_grid_deviation_decreases_with_the_fourth_power():
     mirror, _ = MIRRORS["hyperboloid"]
-    assert grid_deviation_um(mirror, 65) / grid_deviation_um(mirror, 129) == pytest.approx(16, rel=0.4)
+    assert grid_deviation_um(mirror, 65) / grid_deviation_um(mirror, 129) == pytest.approx(
+        16, rel=0.4
+    )
 
 
 @pytest.mark.parametrize("points", [8, 128, 7, 3001])
@@ -271,7 +290,9 @@ def test_invalid_grid_size_is_rejected(points):
 
 
 @pytest.mark.parametrize(
-    "sensor", [*map(om.load_sensor, ("paper-spherical", "folded-spherical")), IN_WATER, IN_DOME], ids=lambda s: s.name
+    "sensor",
+    [*map(om.load_sensor, ("paper-spherical", "folded-spherical")), IN_WATER, IN_DOME],
+    ids=lambda s: s.name,
 )
 def test_notes_list_angles_and_omissions(sensor):
     notes = [line for line in format_zmx(sensor).splitlines() if line.startswith("NOTE")]
@@ -281,5 +302,7 @@ def test_notes_list_angles_and_omissions(sensor):
     x = sensor.meridian.x_from_omega(np.radians(field_angles(sensor)))
     bare = replace(sensor, housing=Housing())
     if sensor.secondary is None:  # the file has no cover
-        np.testing.assert_allclose(listed, np.degrees(bare.meridian.trace(x).omega), rtol=6e-4, atol=1e-9)
+        np.testing.assert_allclose(
+            listed, np.degrees(bare.meridian.trace(x).omega), rtol=6e-4, atol=1e-9
+        )
     assert any("is not included" in note for note in notes) == (sensor.housing.shell is not None)

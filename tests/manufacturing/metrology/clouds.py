@@ -30,18 +30,27 @@ def height_mm(form_um: dict[int, float], x: np.ndarray, y: np.ndarray) -> np.nda
     return 1e-3 * sum((um * TERMS[j](x, y) for j, um in form_um.items()), np.zeros(len(x)))
 
 
-def on(mirror: Mirror, form_um: dict[int, float], noise_um: float, count: int = 6000, seed: int = 0) -> np.ndarray:
+def on(
+    mirror: Mirror, form_um: dict[int, float], noise_um: float, count: int = 6000, seed: int = 0
+) -> np.ndarray:
     """Return noisy points (n, 3) in mm on a mirror with a form error, in the mirror frame."""
     rng, rim = np.random.default_rng(seed), mirror.rim_radius_mm
     x, y = places(rim, count, rng)
     r = np.hypot(x, y)
     slope = mirror.slope(r)
-    normal = np.stack([-slope * x / r, -slope * y / r, np.ones(count)], axis=-1) / np.sqrt(1 + slope**2)[:, None]
+    normal = (
+        np.stack([-slope * x / r, -slope * y / r, np.ones(count)], axis=-1)
+        / np.sqrt(1 + slope**2)[:, None]
+    )
     surface = np.stack([x, y, mirror.sag(r) + height_mm(form_um, x / rim, y / rim)], axis=-1)
     return surface + 1e-3 * noise_um * rng.normal(size=(count, 1)) * normal
 
 
 def in_machine(points: np.ndarray, above: bool = False) -> np.ndarray:
     """Convert to machine coordinates: tilts of 0.8 deg and -0.5 deg, vertex at (3, -2, 100) mm."""
-    seen = points @ Rotation.from_euler("xy", [0.8, -0.5], degrees=True).as_matrix().T + [3.0, -2.0, 100.0]
+    seen = points @ Rotation.from_euler("xy", [0.8, -0.5], degrees=True).as_matrix().T + [
+        3.0,
+        -2.0,
+        100.0,
+    ]
     return seen * [1.0, -1.0, -1.0] if above else seen

@@ -34,7 +34,9 @@ def test_first_polynomials_match_the_publication():
         np.sqrt(2 / 95) * (29 - 4 * x * (25 - 19 * x)),
         np.sqrt(2 / 2545) * (207 - 4 * x * (315 - x * (577 - 320 * x))),
     ]
-    np.testing.assert_allclose(qbfs_values(u, 4), front[:, None] * np.stack(printed, axis=1), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        qbfs_values(u, 4), front[:, None] * np.stack(printed, axis=1), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_known_terms_are_recovered():
@@ -65,7 +67,12 @@ def test_terms_end_once_so_little_is_left():
     made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
     x = np.linspace(0, 40, 2001)
     profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
-    assert [len(forbes_asphere(profile, left_um).um) for left_um in (1e-2, 0.3, 2.0, 20.0)] == [3, 2, 1, 1]
+    assert [len(forbes_asphere(profile, left_um).um) for left_um in (1e-2, 0.3, 2.0, 20.0)] == [
+        3,
+        2,
+        1,
+        1,
+    ]
     # RMS over the meridian of the omitted terms, at equal steps of the angle whose sine is x / M
     u = np.sin((np.arange(4000) + 0.5) / 4000 * np.pi / 2)
     left = forbes_asphere(profile, 0.3)
@@ -86,11 +93,15 @@ def test_command_prints_the_asphere(tmp_path):
     """The sag of the printed asphere is that of the mirror with a symmetric form error."""
     mirror = om.load_sensor("paper-spherical").mirror
     np.savetxt(tmp_path / "cmm.csv", on(mirror, {11: 2.0}, 0.02, count=3000), delimiter=",")
-    done = omnimirror("form", "paper-spherical", tmp_path / "cmm.csv", "--json", tmp_path / "form.json")
+    done = omnimirror(
+        "form", "paper-spherical", tmp_path / "cmm.csv", "--json", tmp_path / "form.json"
+    )
     assert done.returncode == 0, done.stderr
     assert "Forbes asphere (Qbfs): R = " in done.stdout
     told = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
-    asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"])
+    asphere = ForbesAsphere(
+        told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"]
+    )
     x = np.linspace(0, mirror.rim_radius_mm, 50)
     u = x / mirror.rim_radius_mm
     error = 2e-3 * np.sqrt(5) * (6 * u**4 - 6 * u**2)  # relative to its own vertex

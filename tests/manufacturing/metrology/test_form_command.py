@@ -36,9 +36,14 @@ def test_command_writes_numbers_figure_and_sensor(tmp_path):
     numbers = json.loads((tmp_path / "form.json").read_text())
     terms = {term["name"]: term for term in numbers["terms"] if abs(term["um"]) > 0.2}
     assert set(terms) == {"astigmatism", "spherical"}
-    assert terms["spherical"]["um"] == pytest.approx(0.5, abs=3 * terms["spherical"]["sigma_um"] + 0.01)
+    assert terms["spherical"]["um"] == pytest.approx(
+        0.5, abs=3 * terms["spherical"]["sigma_um"] + 0.01
+    )
     assert numbers["noise_um"] == pytest.approx(0.1, rel=0.2)
-    assert numbers["image"]["as_built"]["motion_px"] > numbers["image"]["as_built"]["motion_px after pose"]
+    assert (
+        numbers["image"]["as_built"]["motion_px"]
+        > numbers["image"]["as_built"]["motion_px after pose"]
+    )
     assert cv2.imread(str(tmp_path / "form.png")).std() > 20
     sag = om.load_sensor(tmp_path / "made.toml").mirror.sag(40.0) - mirror.sag(40.0)
     assert 1e3 * abs(sag) > 0.1
@@ -54,14 +59,20 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
 
     meant = om.load_sensor("paper-hyperboloidal")
     truth = replace(meant, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))
-    np.savetxt(tmp_path / "cmm.csv", on(meant.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=",")
+    np.savetxt(
+        tmp_path / "cmm.csv", on(meant.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=","
+    )
     for name, more in (("about.toml", []), ("whole.toml", ["--asymmetric"])):
-        done = omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "-o", tmp_path / name, *more)
+        done = omnimirror(
+            "form", "paper-hyperboloidal", tmp_path / "cmm.csv", "-o", tmp_path / name, *more
+        )
         assert done.returncode == 0, done.stderr
     turn = np.radians(np.arange(0, 360, 15.0))
     towards = np.concatenate(
         [
-            np.stack([np.sin(o) * np.cos(turn), np.sin(o) * np.sin(turn), -np.cos(o) + 0 * turn], -1)
+            np.stack(
+                [np.sin(o) * np.cos(turn), np.sin(o) * np.sin(turn), -np.cos(o) + 0 * turn], -1
+            )
             for o in (0.6, 1.4, 2.1)
         ]
     )
@@ -74,8 +85,14 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
     assert does > 0.2
     # machine coordinates do not contain the mount of the mirror; a small shift and tilt account for
     # the difference
-    poses = [MirrorPose(**{name: 0.01}) for name in ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg")]
-    moves = [replace(meant, mirror_pose=pose).project_directions(towards).pixels - seen["meant"] for pose in poses]
+    poses = [
+        MirrorPose(**{name: 0.01})
+        for name in ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg")
+    ]
+    moves = [
+        replace(meant, mirror_pose=pose).project_directions(towards).pixels - seen["meant"]
+        for pose in poses
+    ]
     columns = np.stack([move.ravel() for move in moves], axis=1)
 
     def left_of(name):
@@ -94,10 +111,16 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
 def test_telecentric_sensors_are_supported(tmp_path):
     mirror = om.load_sensor("paraboloid-telecentric").mirror
     np.savetxt(tmp_path / "cmm.xyz", on(mirror, {6: 1.0}, 0.1, count=2000))
-    done = omnimirror("form", "paraboloid-telecentric", tmp_path / "cmm.xyz", "--json", tmp_path / "form.json")
+    done = omnimirror(
+        "form", "paraboloid-telecentric", tmp_path / "cmm.xyz", "--json", tmp_path / "form.json"
+    )
     assert done.returncode == 0, done.stderr
     numbers = json.loads((tmp_path / "form.json").read_text())
-    assert numbers["image"]["as_built"]["motion_px"] > numbers["image"]["as_built"]["motion_px after pose"] > 0
+    assert (
+        numbers["image"]["as_built"]["motion_px"]
+        > numbers["image"]["as_built"]["motion_px after pose"]
+        > 0
+    )
     assert {t["name"] for t in numbers["terms"] if abs(t["um"]) > 0.1} == {"astigmatism"}
 
 
@@ -112,7 +135,9 @@ def test_telecentric_sensors_are_supported(tmp_path):
 )
 def test_invalid_input_prints_one_message_and_writes_no_file(words, sentence, tmp_path):
     (tmp_path / "few.csv").write_text("1,2,3\n4,5,6\n7,8,9\n")
-    done = omnimirror("form", "paper-spherical", tmp_path / words[0], *words[1:], "-o", tmp_path / "made.toml")
+    done = omnimirror(
+        "form", "paper-spherical", tmp_path / words[0], *words[1:], "-o", tmp_path / "made.toml"
+    )
     assert done.returncode not in (0, 70)
     assert sentence in done.stderr
     assert not (tmp_path / "made.toml").exists()

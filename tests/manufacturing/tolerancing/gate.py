@@ -22,5 +22,7 @@ def merits(shard):
             time.sleep(0.02)
 
 
-if "SWEEP_GATES" in os.environ and not hasattr(Shard, "ungated"):  # workers load this more than once
+if "SWEEP_GATES" in os.environ and not hasattr(
+    Shard, "ungated"
+):  # workers load this more than once
     Shard.ungated, Shard.merits = Shard.merits, merits

@@ -20,7 +20,11 @@ from omnimirror.optics.mirrors import EvenPolynomial
 
 NODES = np.arange(7.0)
 PUPIL = 0.3 * np.array(
-    [[0, 0], *((side, 0) for side in (1, -1, 2, -2, 3, -3)), *((0, side) for side in (1, -1, 2, -2, 3, -3))]
+    [
+        [0, 0],
+        *((side, 0) for side in (1, -1, 2, -2, 3, -3)),
+        *((0, side) for side in (1, -1, 2, -2, 3, -3)),
+    ]
 )
 """mm; derivatives over the pupil are of sixth order."""
 NEAR = np.vander(0.05 * NODES, increasing=True) @ np.linalg.inv(np.vander(NODES, increasing=True))
@@ -44,7 +48,9 @@ def zernike(j, x, y):
     r, phi = np.hypot(x, y), np.arctan2(y, x)
     k = (n - m) // 2
     radial = (-1) ** k * r**m * eval_jacobi(k, m, 0, 1 - 2 * r * r) * np.sqrt(n + 1)
-    return radial if m == 0 else radial * np.sqrt(2) * (np.cos(m * phi) if even else np.sin(m * phi))
+    return (
+        radial if m == 0 else radial * np.sqrt(2) * (np.cos(m * phi) if even else np.sin(m * phi))
+    )
 
 
 class Rays:
@@ -60,7 +66,10 @@ class Rays:
         mirror, s = self.sensor.mirror, x * x + y * y
         if isinstance(mirror, EvenPolynomial):
             rim = mirror.normalization_radius_mm
-            terms = ((self.of(f"mirror.coefficients[{i}]", c), 2 * i + 2) for i, c in enumerate(mirror.coefficients))
+            terms = (
+                (self.of(f"mirror.coefficients[{i}]", c), 2 * i + 2)
+                for i, c in enumerate(mirror.coefficients)
+            )
             z = sum(c * rim * (np.sqrt(s) / rim) ** power for c, power in terms)
         else:
             c = 1 / self.of("mirror.vertex_radius_mm", mirror.vertex_radius)
@@ -82,8 +91,12 @@ class Rays:
     def tilted(self, part):
         a, b = (np.radians(self.of(f"{part}.tilt_{axis}_deg")) for axis in "xy")
         one, zero = np.ones_like(a), np.zeros_like(a)
-        about_x = np.stack([one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], -1)
-        about_y = np.stack([np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], -1)
+        about_x = np.stack(
+            [one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], -1
+        )
+        about_y = np.stack(
+            [np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], -1
+        )
         return about_y.reshape(*a.shape, 3, 3) @ about_x.reshape(*a.shape, 3, 3)
 
     def reflected(self, tangents):
@@ -91,8 +104,13 @@ class Rays:
         turn = self.tilted("mirror")
         names = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
         shift = np.stack([self.of(f"mirror.{n}") for n in names], -1)
-        place = self.of("lens.entrance_pupil_mm", self.sensor.lens.entrance_pupil_mm) - self.sensor.mirror_distance_mm
-        start = np.stack(np.broadcast_arrays(PUPIL[:, 0, None], PUPIL[:, 1, None], place), -1) - shift
+        place = (
+            self.of("lens.entrance_pupil_mm", self.sensor.lens.entrance_pupil_mm)
+            - self.sensor.mirror_distance_mm
+        )
+        start = (
+            np.stack(np.broadcast_arrays(PUPIL[:, 0, None], PUPIL[:, 1, None], place), -1) - shift
+        )
         start = np.einsum("...ji,...j->...i", turn, start)
         d = np.concatenate([tangents, np.ones_like(tangents[..., :1])], -1)
         d = np.einsum("...ji,...j->...i", turn, d / np.linalg.norm(d, axis=-1, keepdims=True))
@@ -106,7 +124,9 @@ class Rays:
                 break
         x, y, _ = np.moveaxis(start + s[..., None] * d, -1, 0)
         gx, gy = self.slopes(x, y)
-        normal = np.stack([gx, gy, -np.ones_like(gx)], -1) / np.sqrt(1 + gx * gx + gy * gy)[..., None]
+        normal = (
+            np.stack([gx, gy, -np.ones_like(gx)], -1) / np.sqrt(1 + gx * gx + gy * gy)[..., None]
+        )
         away = d - 2 * (d * normal).sum(-1, keepdims=True) * normal
         return np.einsum("...ij,...j->...i", turn, away)
 
@@ -134,7 +154,8 @@ class Rays:
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         x, y = np.moveaxis(t + PUPIL[:, None, :] * vergence[..., None], -1, 0)
         k1, k2, k3, p1, p2 = (
-            self.of(f"lens.{k}", v) for k, v in zip(("k1", "k2", "k3", "p1", "p2"), lens.brown, strict=True)
+            self.of(f"lens.{k}", v)
+            for k, v in zip(("k1", "k2", "k3", "p1", "p2"), lens.brown, strict=True)
         )
         s = x * x + y * y
         scale = 1 + k1 * s + k2 * s**2 + k3 * s**3
@@ -184,14 +205,21 @@ class Rays:
         pixels = self.on_leaning(tangents) if leans else self.imaged(tangents, vergence)
         weights = np.array([45, -45, -9, 9, 1, -1]) / (60 * PUPIL[1, 0])
         sides = [np.einsum("p,kpni->kni", weights, pixels[:, k : k + 6]) for k in (1, 7)]
-        f, number = self.of("lens.focal_length_mm", lens.focal_length_mm), self.of("lens.f_number", lens.f_number)
+        f, number = (
+            self.of("lens.focal_length_mm", lens.focal_length_mm),
+            self.of("lens.f_number", lens.f_number),
+        )
         return pixels[:, 0], np.stack(sides, -1) * (f / number)[..., None]
 
 
 def merits_of(evaluator, rays):
     """Return merits of finite rays by name: values (k,) and the number of steps between them."""
     field = evaluator.field
-    start = field.offsets_px * evaluator.field.sensor.imager.pitch_mm / evaluator.field.sensor.lens.principal_distance
+    start = (
+        field.offsets_px
+        * evaluator.field.sensor.imager.pitch_mm
+        / evaluator.field.sensor.lens.principal_distance
+    )
     pixels, blur = rays.shown(field.targets, start)
     pixels = np.tensordot(NEAR, pixels, 1)
     moved = (pixels - pixels[:1]).transpose(0, 2, 1).reshape(len(pixels), -1)
@@ -199,7 +227,9 @@ def merits_of(evaluator, rays):
     one, zero = np.ones_like(x), np.zeros_like(x)
     shifts = np.array([np.append(one, zero), np.append(zero, one)])
     affine = np.vstack([shifts, *([np.append(c, zero), np.append(zero, c)] for c in (x, y))])
-    left = evaluator.compensators.left(moved)  # residuals of pose and mapping are compared with a full fit elsewhere
+    left = evaluator.compensators.left(
+        moved
+    )  # residuals of pose and mapping are compared with a full fit elsewhere
     for k, columns in ((1, shifts), (2, affine)):
         left[k] = moved - (columns.T @ np.linalg.lstsq(columns.T, moved.T, rcond=None)[0]).T
     found = {}
@@ -213,7 +243,10 @@ def merits_of(evaluator, rays):
     sizes = np.linalg.svd(blur, compute_uv=False)
     found["blur_px"] = sizes[..., 0].max(axis=1), 1.0
     square_px = np.sqrt(((sizes**2) + evaluator.floor_px2).prod(axis=-1))
-    found["floored_area_deg2"] = (square_px / np.abs(np.linalg.det(field.px_per_deg))).max(axis=1), 1.0
+    found["floored_area_deg2"] = (
+        (square_px / np.abs(np.linalg.det(field.px_per_deg))).max(axis=1),
+        1.0,
+    )
     return found
 
 
@@ -223,7 +256,10 @@ def merits_of(evaluator, rays):
     [
         ("paper-spherical", 2),
         pytest.param("paper-spherical", 4, marks=pytest.mark.full),
-        *(pytest.param(f"paper-{n}", 6, marks=pytest.mark.full) for n in ("spherical", "hyperboloidal", "equidistant")),
+        *(
+            pytest.param(f"paper-{n}", 6, marks=pytest.mark.full)
+            for n in ("spherical", "hyperboloidal", "equidistant")
+        ),
     ],
 )
 def test_derivatives_match_finite_rays(name, order):
@@ -232,7 +268,9 @@ def test_derivatives_match_finite_rays(name, order):
     for error, kind in error_sources(sensor).items():
         if "zernike" in error and int(error.split("_")[1]) > zernike_terms(order):
             continue  # the same sums; over the aperture of finite rays such fine terms are nonlinear
-        share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond 0.16 deg another object is the worst one
+        share = (
+            0.1 if error.startswith("imager.tilt") else 0.2
+        )  # beyond 0.16 deg another object is the worst one
         step = share * kind.typical_tolerances["medium"]
         rates = merit_rates(evaluator, error, step)
         assert set(rates) == set(merit_names()[:-1])
@@ -248,7 +286,10 @@ def test_derivatives_match_finite_rays(name, order):
             scale = np.ptp(found["motion_px" if deep else merit][0]) / (near * NODES[-1])
             close = 1e-5 * scale + 1e-8 / step
             assert rates[merit].first == pytest.approx(first, rel=1e-5, abs=close), (error, merit)
-            assert rates[merit].second == pytest.approx(second, rel=1e-5, abs=close / step), (error, merit)
+            assert rates[merit].second == pytest.approx(second, rel=1e-5, abs=close / step), (
+                error,
+                merit,
+            )
         expected = {"lens.focus_distance_mm": 1.0}.get(error, 0.0)
         rounding = 1e-12 * sensor.lens.focus_distance_mm
         assert rates["focus_distance_mm"].first == pytest.approx(expected, abs=rounding / step)

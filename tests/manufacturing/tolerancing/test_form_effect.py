@@ -15,7 +15,9 @@ from tests.manufacturing.metrology.clouds import on
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
 def test_motion_matches_a_sampled_profile(name):
     sensor = om.load_sensor(name)
-    form = om.form_error(sensor.mirror, on(sensor.mirror, {11: 4.0, 22: -2.0}, 0.0, count=4000), order=2)
+    form = om.form_error(
+        sensor.mirror, on(sensor.mirror, {11: 4.0, 22: -2.0}, 0.0, count=4000), order=2
+    )
     effect, made = om.form_effect(sensor, form), om.as_built(sensor, form)
     objects = TrialEvaluator.of(sensor).field.targets @ sensor._axes.T
     moved = made.project_directions(objects).pixels - sensor.project_directions(objects).pixels
@@ -29,7 +31,9 @@ def test_radial_calibration_compensates_symmetric_form_only():
     sensor = om.load_sensor("paper-hyperboloidal")
     left = {}
     for term in (11, 6):
-        made = om.form_effect(sensor, om.form_error(sensor.mirror, on(sensor.mirror, {term: 2.0}, 0.0))).as_built
+        made = om.form_effect(
+            sensor, om.form_error(sensor.mirror, on(sensor.mirror, {term: 2.0}, 0.0))
+        ).as_built
         left[term] = made["motion_px after radial"] / made["motion_px"]
     assert left[11] < 0.05
     assert left[6] > 0.2
@@ -60,5 +64,7 @@ def test_form_error_of_another_mirror_is_rejected():
     sensor, other = om.load_sensor("paper-spherical"), om.load_sensor("paper-hyperboloidal")
     form = om.form_error(other.mirror, on(other.mirror, {}, 0.1))
     for use in (om.form_effect, om.as_built):
-        with pytest.raises(InvalidParameter, match="must belong to the mirror of 'paper-spherical'"):
+        with pytest.raises(
+            InvalidParameter, match="must belong to the mirror of 'paper-spherical'"
+        ):
             use(sensor, form)

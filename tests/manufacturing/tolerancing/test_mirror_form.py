@@ -44,11 +44,15 @@ def test_measured_form_is_a_constant_error(measured_points, tmp_path):
     assert found[6] == pytest.approx(2.0, abs=0.01)
     assert found[64] == pytest.approx(-0.5, abs=0.01)
     # the motion equals that of a sensor whose file contains the form
-    expected = TrialEvaluator.of(SENSOR).evaluate({f"mirror.zernike_{j}_um": np.array([um]) for j, um in found.items()})
+    expected = TrialEvaluator.of(SENSOR).evaluate(
+        {f"mirror.zernike_{j}_um": np.array([um]) for j, um in found.items()}
+    )
     report = om.tolerance(SENSOR, plan, trials=50)
     assert report.statistics.mean("motion_px") == pytest.approx(expected[0, MOTION], rel=1e-6)
     assert report.sensitivities[0].name == "mirror.measured[lathe]"
-    assert report.sensitivities[0].rates["motion_px"].first == pytest.approx(expected[0, MOTION], rel=0.02)
+    assert report.sensitivities[0].rates["motion_px"].first == pytest.approx(
+        expected[0, MOTION], rel=0.02
+    )
 
 
 def test_random_figure_amplitudes_and_spectrum():
@@ -63,9 +67,17 @@ def test_random_figure_amplitudes_and_spectrum():
         assert of_orders[8] / of_orders[4] == pytest.approx(0.5)  # per octave, in amplitude
         rng, found = np.random.default_rng(7), []
         for _ in range(60):
-            form = MirrorForm(tuple(sigmas), tuple(rng.normal() * sigma for sigma in sigmas.values())).heights(RIM, xy)
+            form = MirrorForm(
+                tuple(sigmas), tuple(rng.normal() * sigma for sigma in sigmas.values())
+            ).heights(RIM, xy)
             z, slope = 1e3 * form.z, 1e3 * np.hypot(form.gx, form.gy)
-            found.append({"rms_um": z.std(), "peak_to_valley_um": np.ptp(z), "slope_mrad": np.sqrt((slope**2).mean())})
+            found.append(
+                {
+                    "rms_um": z.std(),
+                    "peak_to_valley_um": np.ptp(z),
+                    "slope_mrad": np.sqrt((slope**2).mean()),
+                }
+            )
         mean = (
             np.sqrt(np.mean([f[name] ** 2 for f in found]))
             if name != "peak_to_valley_um"
@@ -89,12 +101,18 @@ def test_figure_table_defines_zernike_errors():
     [
         ("[[figure]]\norders = [3, 40]\nrms_um = 1.0", "orders must be between 2 and 12"),
         ("[[figure]]\norders = [3, 5]", "one of rms_um, peak_to_valley_um and slope_mrad"),
-        ("[[figure]]\nrms_um = 1.0\nslope_mrad = 1.0", "one of rms_um, peak_to_valley_um and slope_mrad"),
+        (
+            "[[figure]]\nrms_um = 1.0\nslope_mrad = 1.0",
+            "one of rms_um, peak_to_valley_um and slope_mrad",
+        ),
         (
             '[[error]]\nname = "mirror.zernike_5_um"\ntolerance = 1.0\n[[figure]]\nrms_um = 1.0',
             "mirror.zernike_5_um has two tolerances",
         ),
-        ('[[measured]]\nname = "a"\nfile = "/etc/passwd"', "not supported in text without a folder"),
+        (
+            '[[measured]]\nname = "a"\nfile = "/etc/passwd"',
+            "not supported in text without a folder",
+        ),
     ],
 )
 def test_invalid_tables_are_rejected(text, words):
@@ -107,6 +125,10 @@ def test_invalid_measurements_are_rejected(tmp_path):
     with pytest.raises(SpecError, match=r"none\.csv"):
         load_tolerances(tmp_path / "t.toml", SENSOR)
     x, y = (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-30, 30, 41)]))
-    np.savetxt(tmp_path / "perfect.csv", np.stack([x, y, SENSOR.mirror.sag(np.hypot(x, y))], axis=-1), delimiter=",")
+    np.savetxt(
+        tmp_path / "perfect.csv",
+        np.stack([x, y, SENSOR.mirror.sag(np.hypot(x, y))], axis=-1),
+        delimiter=",",
+    )
     with pytest.raises(InvalidParameter, match="must exceed its noise"):
         load_measured_form(SENSOR.mirror, tmp_path / "perfect.csv")

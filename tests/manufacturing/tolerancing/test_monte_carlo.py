@@ -64,13 +64,22 @@ def test_yield_of_a_single_error(sensor, evaluator):
     statistics = simulate_trials(evaluator, tolerances, limit, trials=8000, seed=1)
     sides = [
         brentq(
-            lambda e: evaluator.evaluate({"lens.focal_length_mm": np.array([e])})[0, _at("direction_error_deg")] - 1,
+            lambda e: (
+                evaluator.evaluate({"lens.focal_length_mm": np.array([e])})[
+                    0, _at("direction_error_deg")
+                ]
+                - 1
+            ),
             *ends,
         )
         for ends in ((1e-6, 1.0), (-1.0, -1e-6))
     ]
     assert min(np.abs(sides)) == pytest.approx(row.max_tolerance["direction_error_deg"], rel=0.02)
-    assert statistics.yields.low < np.diff(stats.norm.cdf(np.array(sides[::-1]) / 0.1))[0] < statistics.yields.high
+    assert (
+        statistics.yields.low
+        < np.diff(stats.norm.cdf(np.array(sides[::-1]) / 0.1))[0]
+        < statistics.yields.high
+    )
 
 
 def _at(name):
@@ -79,9 +88,16 @@ def _at(name):
 
 def test_pose_calibration_compensates_decentre_of_a_sphere(sensor, evaluator):
     """Decentre and tilt of a sphere are a decentre, which a pose calibration compensates."""
-    names = ("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.tilt_x_deg", "mirror.tilt_y_deg")
+    names = (
+        "mirror.decentre_x_mm",
+        "mirror.decentre_y_mm",
+        "mirror.tilt_x_deg",
+        "mirror.tilt_y_deg",
+    )
     limits = {"motion_px": 0.5, "motion_px after pose": 0.01}
-    statistics = simulate_trials(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
+    statistics = simulate_trials(
+        evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000
+    )
     assert statistics.passed_each["motion_px"] < 100
     assert statistics.passed_each["motion_px after pose"] == 2000
 
@@ -125,13 +141,17 @@ def test_histogram_quantiles():
     statistics.add(merits[:2000])
     statistics.add(merits[2000:])
     for share in (0.1, 0.5, 0.9):
-        assert statistics.quantile("blur_px", share) == pytest.approx(np.quantile(merits[:, 0], share), rel=0.01)
+        assert statistics.quantile("blur_px", share) == pytest.approx(
+            np.quantile(merits[:, 0], share), rel=0.01
+        )
     values, shares = statistics.curve("blur_px")
     assert np.interp(1.0, values, shares) == pytest.approx((merits[:, 0] < 1).mean(), abs=0.01)
     assert statistics.mean("blur_px") == pytest.approx(merits[:, 0].mean())
 
 
-@pytest.mark.parametrize(("name", "kept"), [("min aspect", [False, True, True]), ("blur_px", [True, True, False])])
+@pytest.mark.parametrize(
+    ("name", "kept"), [("min aspect", [False, True, True]), ("blur_px", [True, True, False])]
+)
 def test_limit_is_inclusive(name, kept):
     assert satisfies_limit(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == kept
 
@@ -163,19 +183,25 @@ def test_confidence_interval_coverage():
     """At least 0.95 minus three sigma of 400 experiments with 200 trials cover the truth."""
     passed = np.random.default_rng(1).binomial(200, 0.9, size=400)
     covered = [clopper_pearson(int(k), 200) for k in passed]
-    assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)
+    assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(
+        0.95 * 0.05 / 400
+    )
 
 
 @pytest.mark.full
 def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
     """Shifts with costs 8 and 1: the yield is an integral, and the minimum depends on one ratio."""
     costs = {"imager.shift_x_px": 8.0, "imager.shift_y_px": 1.0}
-    found = allocate(evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, costs=costs)
+    found = allocate(
+        evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, costs=costs
+    )
 
     def good(x, y):
         def inner(u):
             return (
-                math.exp(-((u / x) ** 2) / 2) / (x * math.sqrt(2 * math.pi)) * math.erf(math.sqrt((4 - u * u) / 2) / y)
+                math.exp(-((u / x) ** 2) / 2)
+                / (x * math.sqrt(2 * math.pi))
+                * math.erf(math.sqrt((4 - u * u) / 2) / y)
             )
 
         return quad(inner, -2, 2)[0]
@@ -198,7 +224,12 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
     """
     errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}
     found = allocate(
-        evaluator, of(sensor, errors), {"motion_px": 2.0}, 0.9, max_tolerances={"lens.k2": 3e-4}, trials=2000
+        evaluator,
+        of(sensor, errors),
+        {"motion_px": 2.0},
+        0.9,
+        max_tolerances={"lens.k2": 3e-4},
+        trials=2000,
     )
     assert set(found.at_maximum) == {"lens.k2", "lens.k3"}
     assert found.tolerances["lens.k2"] == pytest.approx(3e-4)
@@ -210,8 +241,14 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
     ("call", "words"),
     [
         (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
-        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}), "must be positive; got 0"),
-        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {}, trials=0), "trials must be between 1 and"),
+        (
+            lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}),
+            "must be positive; got 0",
+        ),
+        (
+            lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {}, trials=0),
+            "trials must be between 1 and",
+        ),
         (lambda s, j: of(s, {"lens.k9": 0.1}), "did you mean lens.k"),
         (lambda s, j: of(s, {}), "at least one error"),
         (lambda s, j: of(s, {"temperature.warmer_k": 1.0}), r"it has no \[thermal\] table"),
@@ -221,10 +258,22 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
             "two different errors; got lens.k1 twice",
         ),
         (lambda s, j: of(s, {"lens.k1": -1.0}), "tolerance must be 0, or between"),
-        (lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k2"): 0.5}), "requires a tolerance of lens.k2"),
-        (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.1}, 0.9), "the nominal sensor must satisfy"),
-        (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 20.0}, 1.5), "between 0 and 1"),
-        (lambda s, j: perturbed(s, {"mirror.zernike_500_um": 1.0}), "is not an error source of this sensor"),
+        (
+            lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k2"): 0.5}),
+            "requires a tolerance of lens.k2",
+        ),
+        (
+            lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.1}, 0.9),
+            "the nominal sensor must satisfy",
+        ),
+        (
+            lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 20.0}, 1.5),
+            "between 0 and 1",
+        ),
+        (
+            lambda s, j: perturbed(s, {"mirror.zernike_500_um": 1.0}),
+            "is not an error source of this sensor",
+        ),
     ],
 )
 def test_invalid_arguments_are_rejected(sensor, evaluator, call, words):
@@ -235,13 +284,19 @@ def test_invalid_arguments_are_rejected(sensor, evaluator, call, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[[error]]\nname = 'mirror.tilt_z_deg'\ntolerance = 1", "line 2: 'mirror.tilt_z_deg' is not an error source"),
+        (
+            "[[error]]\nname = 'mirror.tilt_z_deg'\ntolerance = 1",
+            "line 2: 'mirror.tilt_z_deg' is not an error source",
+        ),
         ("[[error]]\nname = 'lens.k1'\ntolerance = -1", "line 3: .*greater than or equal to 0"),
         (
             "[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[error]]\nname = 'lens.k1'\ntolerance = 1",
             "line 5: .*two tolerances",
         ),
-        ("[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[limit]]\nquantity = 'blur'\nat_most = 1", "line 5: 'blur'"),
+        (
+            "[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[limit]]\nquantity = 'blur'\nat_most = 1",
+            "line 5: 'blur'",
+        ),
         ("[[errors]]\nname = 'lens.k1'", "did you mean error"),
         (
             "[[error]]\nname = 'lens.k1'\ntolerance = 1\nmax_tolerance = 0.5",
@@ -259,8 +314,19 @@ def test_invalid_files_are_rejected_with_line(sensor, text, words):
 def test_command_and_python_agree(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = CliRunner().invoke
-    assert run(app, ["tolerance", "init", "paper-hyperboloidal"], catch_exceptions=False).exit_code == 0
-    words = ["tolerance", "paper-hyperboloidal", "tolerances.toml", "--trials", "500", "--seed", "4"]
+    assert (
+        run(app, ["tolerance", "init", "paper-hyperboloidal"], catch_exceptions=False).exit_code
+        == 0
+    )
+    words = [
+        "tolerance",
+        "paper-hyperboloidal",
+        "tolerances.toml",
+        "--trials",
+        "500",
+        "--seed",
+        "4",
+    ]
     merit = ["--merit", "motion_px after affine=2.5"]
     result = run(app, [*words, *merit, "--json", "a.json", "-o", "charts"], catch_exceptions=False)
     assert result.exit_code == 0
@@ -270,7 +336,14 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
     found = om.tolerance(sensor, plan, limits={"motion_px after affine": 2.5}, trials=500, seed=4)
     assert 0.05 < numbers["yield"] < 0.95
     assert numbers["yield"] == found.statistics.yields.value
-    assert {"trials", "yield", "yield_low", "yield_high", "sensitivities", "seconds"} <= numbers.keys()
+    assert {
+        "trials",
+        "yield",
+        "yield_low",
+        "yield_high",
+        "sensitivities",
+        "seconds",
+    } <= numbers.keys()
     assert f"yield {100 * numbers['yield']:.2f} %" in result.output
     for name in ("tornado.svg", "yield.svg", "tolerance.json"):
         assert (tmp_path / "charts" / name).stat().st_size > 1000
@@ -285,9 +358,21 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
         (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),
         # raised before the trials
-        (["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"], "a.pdf ends otherwise"),
         (
-            ["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"],
+            ["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"],
+            "a.pdf ends otherwise",
+        ),
+        (
+            [
+                "paper-spherical",
+                "t.toml",
+                "--trials",
+                "2000000000",
+                "--merit",
+                "blur_px=9",
+                "--yield",
+                "1",
+            ],
             "target_yield must be between 0 and 1; got 1",
         ),
     ],

@@ -43,7 +43,9 @@ def test_indices_of_a_linear_merit(sensor):
     """sum a_i e_i: first-order and total indices are both proportional to a_i^2 var_i."""
     laws, rates = ("uniform", "normal", "arcsine", "uniform"), np.array([3.0, -2.0, 1.0, 0.0])
     bounds = [om.Tolerance(1.0, law) for law in laws]
-    groups, found = shares_of(sensor, lambda *e: 7 + sum(a * v for a, v in zip(rates, e, strict=True)), bounds)
+    groups, found = shares_of(
+        sensor, lambda *e: 7 + sum(a * v for a, v in zip(rates, e, strict=True)), bounds
+    )
     exact = rates**2 * [VARIANCES[law] for law in laws]
     exact /= exact.sum()
     for name, share in zip(NAMES, exact, strict=True):
@@ -60,12 +62,19 @@ def test_indices_of_the_ishigami_function(sensor):
     x, y, xz = 0.5 * (1 + b * pi**4 / 5) ** 2, a**2 / 8, b**2 * pi**8 * (1 / 18 - 1 / 50)
     bounds = [om.Tolerance(pi)] * 3
     _, found = shares_of(
-        sensor, lambda x, y, z: np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x), bounds, draws=1024
+        sensor,
+        lambda x, y, z: np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x),
+        bounds,
+        draws=1024,
     )
     exact = {NAMES[0]: (x, x + xz), NAMES[1]: (y, y), NAMES[2]: (0.0, xz)}
     for name, (first, total) in exact.items():
-        assert found[name].first == pytest.approx(first / variance, abs=max(0.01, 4 * found[name].first_error))
-        assert found[name].total == pytest.approx(total / variance, abs=max(0.01, 4 * found[name].total_error))
+        assert found[name].first == pytest.approx(
+            first / variance, abs=max(0.01, 4 * found[name].first_error)
+        )
+        assert found[name].total == pytest.approx(
+            total / variance, abs=max(0.01, 4 * found[name].total_error)
+        )
 
 
 def test_correlated_errors_have_one_index(sensor):
@@ -85,9 +94,17 @@ def test_decentre_and_tilt_of_a_sphere_form_one_group(sensor):
     """
     radius = sensor.mirror.radius_mm
     tilt = np.degrees(0.2 / radius)
-    errors = {"mirror.decentre_x_mm": 0.2, "mirror.tilt_y_deg": float(tilt), "imager.shift_y_px": 0.3}
-    tolerances = om.Tolerances(sensor, {name: om.Tolerance(value) for name, value in errors.items()})
-    found = sobol_indices(TrialEvaluator.of(sensor), tolerances, ("motion_px",)).indices["motion_px"]
+    errors = {
+        "mirror.decentre_x_mm": 0.2,
+        "mirror.tilt_y_deg": float(tilt),
+        "imager.shift_y_px": 0.3,
+    }
+    tolerances = om.Tolerances(
+        sensor, {name: om.Tolerance(value) for name, value in errors.items()}
+    )
+    found = sobol_indices(TrialEvaluator.of(sensor), tolerances, ("motion_px",)).indices[
+        "motion_px"
+    ]
     decentre, turn, group = (found[n] for n in (*NAMES[:2], "position of the mirror"))
     assert decentre.total == pytest.approx(turn.total, abs=0.03)
     assert decentre.first + turn.first < 0.6 * group.first
@@ -99,5 +116,7 @@ def test_invalid_arguments_are_rejected(sensor):
     with pytest.raises(InvalidParameter, match="got 'blur'"):
         sobol_indices(TrialEvaluator.of(sensor), tolerances, ("blur",))
     lost = om.Tolerances(sensor, {"mirror.displacement_mm": om.Tolerance(1e6, "arcsine")})
-    with pytest.raises(InvalidParameter, match=r"at most half of the trials may lose rays; got 100 %"):
+    with pytest.raises(
+        InvalidParameter, match=r"at most half of the trials may lose rays; got 100 %"
+    ):
         sobol_indices(TrialEvaluator.of(sensor), lost, ("motion_px",))

@@ -39,12 +39,21 @@ ROOT = Path(__file__).parents[3]
 def plan():
     """Plan with few objects, as only the number of trials matters here."""
     sensor = om.load_sensor("paper-spherical")
-    errors = {name: om.Tolerance(0.05) for name in ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1")}
-    return om.TolerancePlan(om.Tolerances(sensor, errors), LIMITS, objects={"angles": 1, "azimuths": 3})
+    errors = {
+        name: om.Tolerance(0.05)
+        for name in ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1")
+    }
+    return om.TolerancePlan(
+        om.Tolerances(sensor, errors), LIMITS, objects={"angles": 1, "azimuths": 3}
+    )
 
 
 def counted(plan, folder=None, said=None, trials=TRIALS, **sweep):
-    kept = None if folder is None else Sweep(folder, shard_trials=sweep.pop("shard_trials", BLOCK), **sweep)
+    kept = (
+        None
+        if folder is None
+        else Sweep(folder, shard_trials=sweep.pop("shard_trials", BLOCK), **sweep)
+    )
     on_warning = None if said is None else said.append
     return om.tolerance(
         plan.tolerances.sensor, plan, trials=trials, seed=7, sweep=kept, on_warning=on_warning
@@ -57,7 +66,11 @@ def expected(plan):
 
 
 def assert_same(statistics, expected):
-    assert (statistics.trials, statistics.passed, statistics.lost) == (expected.trials, expected.passed, expected.lost)
+    assert (statistics.trials, statistics.passed, statistics.lost) == (
+        expected.trials,
+        expected.passed,
+        expected.lost,
+    )
     assert statistics.passed_each == expected.passed_each
     assert 0 < statistics.passed < statistics.trials
     np.testing.assert_array_equal(statistics.sums, expected.sums)
@@ -84,7 +97,9 @@ def test_shards_match_a_run_in_memory(plan, expected, tmp_path):
     assert manifest["asked"]["trials"] == TRIALS
     assert sorted(manifest["shards"]) == sorted(stamps(tmp_path))
     block = table.filter((pc.field("trial") >= 3 * BLOCK) & (pc.field("trial") < 3 * BLOCK + 10))
-    again = TrialEvaluator.of(plan.tolerances.sensor, **plan.objects).evaluate(plan.tolerances.drawn(7, 3, 10))
+    again = TrialEvaluator.of(plan.tolerances.sensor, **plan.objects).evaluate(
+        plan.tolerances.drawn(7, 3, 10)
+    )
     found = np.stack([block[name].to_numpy() for name in merit_names()], axis=-1)
     np.testing.assert_array_equal(found, again.astype(np.float32))
 
@@ -121,7 +136,9 @@ def of_other_trials(path):
     pq.write_table(table, path, use_dictionary=False, compression="none", write_statistics=False)
 
 
-@pytest.mark.parametrize("harm", few([flipped, cut, of_another_number, of_other_trials], cut, of_other_trials))
+@pytest.mark.parametrize(
+    "harm", few([flipped, cut, of_another_number, of_other_trials], cut, of_other_trials)
+)
 def test_corrupt_shard_is_recomputed(plan, expected, tmp_path, harm):
     counted(plan, tmp_path)
     before, said = stamps(tmp_path), []
@@ -129,7 +146,9 @@ def test_corrupt_shard_is_recomputed(plan, expected, tmp_path, harm):
     assert_same(counted(plan, tmp_path, said), expected)
     assert len(said) == 1
     assert re.search(r"shard-00001\.parquet (is corrupt|contains another shard)", said[0])
-    assert [name for name, stamp in stamps(tmp_path).items() if stamp != before[name]] == ["shard-00001.parquet"]
+    assert [name for name, stamp in stamps(tmp_path).items() if stamp != before[name]] == [
+        "shard-00001.parquet"
+    ]
 
 
 def test_full_disk_keeps_completed_shards(plan, expected, tmp_path, monkeypatch):
@@ -143,7 +162,9 @@ def test_full_disk_keeps_completed_shards(plan, expected, tmp_path, monkeypatch)
 
     with monkeypatch.context() as patch:
         patch.setattr(pq.ParquetWriter, "write_table", full)
-        with pytest.raises(OmnimirrorError, match=r"cannot write .*shard-0000\d.parquet: No space left on device"):
+        with pytest.raises(
+            OmnimirrorError, match=r"cannot write .*shard-0000\d.parquet: No space left on device"
+        ):
             counted(plan, tmp_path)
     kept = stamps(tmp_path)
     assert len(kept) <= 2
@@ -164,12 +185,24 @@ def test_parts_combine_to_the_whole(plan, expected, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda plan, folder: counted(plan, folder, trials=BLOCK), "trials of another sweep .different: trials"),
-        (lambda plan, folder: counted(plan, folder, part=(9, 9)), "must not exceed the number of shards, 5; got 9/9"),
-        (lambda plan, folder: counted(plan, folder, part=(0, 9)), "part must be between 1/9 and 9/9; got 0/9"),
+        (
+            lambda plan, folder: counted(plan, folder, trials=BLOCK),
+            "trials of another sweep .different: trials",
+        ),
+        (
+            lambda plan, folder: counted(plan, folder, part=(9, 9)),
+            "must not exceed the number of shards, 5; got 9/9",
+        ),
+        (
+            lambda plan, folder: counted(plan, folder, part=(0, 9)),
+            "part must be between 1/9 and 9/9; got 0/9",
+        ),
         (lambda plan, folder: counted(plan, folder, shard_trials=1000), "multiple of 8192"),
         (lambda plan, folder: counted(plan, folder / "_manifest.json"), "cannot write"),
-        (lambda plan, folder: counted(plan, folder / "other", scheduler="tcp://127.0.0.1:1"), "no Dask scheduler"),
+        (
+            lambda plan, folder: counted(plan, folder / "other", scheduler="tcp://127.0.0.1:1"),
+            "no Dask scheduler",
+        ),
     ],
 )
 def test_invalid_sweeps_are_rejected(plan, tmp_path, call, words, monkeypatch):
@@ -298,13 +331,16 @@ def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates
         wait_for(lambda: run.done() or at.exists())  # a worker within a shard
         first = int(at.read_text())
         os.kill(first, signal.SIGKILL)
-        wait_for(lambda: run.done() or int(at.read_text()) != first)  # the other one, in the same shard
+        wait_for(
+            lambda: run.done() or int(at.read_text()) != first
+        )  # the other one, in the same shard
         assert sum(process.poll() is None for process in pair) == 1
         kept = stamps(folder)
         assert "shard-00001.parquet" not in kept
         ended.kill()
         with pytest.raises(
-            OmnimirrorError, match=r"the connection to the scheduler at .* was lost; completed shards are kept"
+            OmnimirrorError,
+            match=r"the connection to the scheduler at .* was lost; completed shards are kept",
         ):
             run.result()
         (gates / "shut-1").unlink()
@@ -326,10 +362,22 @@ def test_command_combines_parts(tmp_path, monkeypatch):
         "[objects]\nangles = 1\nazimuths = 3\n[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n"
         "[[limit]]\nquantity = 'motion_px'\nat_most = 1.0\n"
     )
-    words = ["tolerance", "paper-spherical", "t.toml", "--trials", "20000", "--seed", "7", "-o", "sweep"]
+    words = [
+        "tolerance",
+        "paper-spherical",
+        "t.toml",
+        "--trials",
+        "20000",
+        "--seed",
+        "7",
+        "-o",
+        "sweep",
+    ]
 
     def run(*more):
-        found = CliRunner().invoke(app, [*words, "--shard-trials", "8192", *more], catch_exceptions=False)
+        found = CliRunner().invoke(
+            app, [*words, "--shard-trials", "8192", *more], catch_exceptions=False
+        )
         assert found.exit_code == 0
         return found.output
 
@@ -344,7 +392,9 @@ def test_command_combines_parts(tmp_path, monkeypatch):
     plan = om.load_tolerances("t.toml", om.load_sensor("paper-spherical"))
     one = om.tolerance(plan.tolerances.sensor, plan, trials=20000, seed=7)
     assert {k: v for k, v in found.items() if k != "seconds"} == json.loads(
-        json.dumps({k: v for k, v in one.to_dict().items() if k != "seconds"}).replace("Infinity", '"inf"')
+        json.dumps({k: v for k, v in one.to_dict().items() if k != "seconds"}).replace(
+            "Infinity", '"inf"'
+        )
     )
 
 

@@ -22,15 +22,24 @@ def plan_of(sensor, **sizes):
 
 
 def test_quantile_of_trials(sensor):
-    plan = plan_of(sensor, mirror__decentre_x_mm=0.1, imager__shift_y_px=2.0, imager__rotation_deg=0.2)
-    merits = TrialEvaluator.of(sensor).evaluate(plan.tolerances.drawn(3, 0, 2000))[:, merit_names().index("motion_px")]
+    plan = plan_of(
+        sensor, mirror__decentre_x_mm=0.1, imager__shift_y_px=2.0, imager__rotation_deg=0.2
+    )
+    merits = TrialEvaluator.of(sensor).evaluate(plan.tolerances.drawn(3, 0, 2000))[
+        :, merit_names().index("motion_px")
+    ]
     for found in om.typical_sensors(sensor, plan, quantiles=(0.05, 0.5, 0.95), trials=2000, seed=3):
         assert (merits <= found.merit).mean() == pytest.approx(found.quantile, abs=1e-9)
         assert merits[found.trial] == pytest.approx(found.merit)
 
 
 def test_typical_sensor_has_its_merit(sensor, tmp_path):
-    parts = {"mirror__decentre_x_mm": 0.1, "mirror__tilt_y_deg": 0.1, "mirror__zernike_8_um": 20.0, "lens__k1": 0.01}
+    parts = {
+        "mirror__decentre_x_mm": 0.1,
+        "mirror__tilt_y_deg": 0.1,
+        "mirror__zernike_8_um": 20.0,
+        "lens__k1": 0.01,
+    }
     plan = plan_of(sensor, **parts, imager__rotation_deg=0.2, imager__tilt_y_deg=0.5)
     (worst,) = om.typical_sensors(sensor, plan, quantiles=(0.95,), trials=500)
     om.save_sensor(worst.sensor, tmp_path / "worst.toml")
@@ -50,7 +59,9 @@ def test_typical_sensor_has_its_merit(sensor, tmp_path):
 )
 def test_invalid_arguments_are_rejected(sensor, more, words):
     with pytest.raises(InvalidParameter, match=words):
-        om.typical_sensors(sensor, plan_of(sensor, mirror__decentre_x_mm=1000.0), trials=200, **more)
+        om.typical_sensors(
+            sensor, plan_of(sensor, mirror__decentre_x_mm=1000.0), trials=200, **more
+        )
 
 
 def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
@@ -59,7 +70,10 @@ def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
     text = om.optics.sensor_files.format_sensor(small).replace("1024", "128").replace("5.2", "41.6")
     (tmp_path / "small.toml").write_text(text)
     (tmp_path / "t.toml").write_text(
-        "".join(f"[[error]]\nname = '{part}.tilt_x_deg'\ntolerance = 0.5\n" for part in ("mirror", "imager"))
+        "".join(
+            f"[[error]]\nname = '{part}.tilt_x_deg'\ntolerance = 0.5\n"
+            for part in ("mirror", "imager")
+        )
     )
     words = ["tolerance", "small.toml", "t.toml", "--trials", "200", "--save-trials"]
     refused = CliRunner().invoke(app, words)

@@ -25,10 +25,18 @@ M = 43.9
 IMAGER = Imager(1024, 1024, 5.2)
 TUBE = Tube(104.0, 4.0, material="polycarbonate", medium="water")
 DOME = Dome(360.0, 6.0, centre_mm=-80.0, inner_shift_mm=2.0, material="acrylic")
-WALLS = {"bare": None, "tube in water": TUBE, "dome": DOME, "usual tube": Tube(), "usual dome": Dome(medium_index=1.2)}
+WALLS = {
+    "bare": None,
+    "tube in water": TUBE,
+    "dome": DOME,
+    "usual tube": Tube(),
+    "usual dome": Dome(medium_index=1.2),
+}
 ANGLES = np.linspace(0, 20, 6)
 TABLE = {
-    "image_height_mm": tuple(11.9 * np.tan(np.radians(ANGLES)) * (1 - 0.2 * np.radians(ANGLES) ** 2)),
+    "image_height_mm": tuple(
+        11.9 * np.tan(np.radians(ANGLES)) * (1 - 0.2 * np.radians(ANGLES) ** 2)
+    ),
     "entrance_pupil_mm": tuple(4.0 + 0.001 * ANGLES**2),
     "field_curvature_t_mm": tuple(-3e-4 * ANGLES**2),
     "own_blur_t_mm": tuple(0.002 + 1e-5 * ANGLES**2),
@@ -55,7 +63,15 @@ def designs_with(count: int, shell=None, rim=M, **options) -> Designs:
     slopes = u / np.sqrt(1.138**2 - u**2) * (1 + 0.02 * rng.standard_normal((count, u.size)))
     m = rng.uniform(175.0, 190.0, count)
     return Designs(
-        shape, slopes @ shape.from_slopes().T, m, rim, 11.6, 4.0, 5.2, housing=Housing(shell=shell), **options
+        shape,
+        slopes @ shape.from_slopes().T,
+        m,
+        rim,
+        11.6,
+        4.0,
+        5.2,
+        housing=Housing(shell=shell),
+        **options,
     )
 
 
@@ -91,7 +107,11 @@ def from_stop(tangent, at_stop, to_imager):
     n = indices()
     near = tangent * PUPIL_DEPTH + 1.2 * at_stop
     ends = near - 0.6, near + 0.6
-    y = brentq(lambda y: through([y, 0, 0], [-tangent, 0, 1], n, to_imager)[0][0] - at_stop, *ends, xtol=1e-14)
+    y = brentq(
+        lambda y: through([y, 0, 0], [-tangent, 0, 1], n, to_imager)[0][0] - at_stop,
+        *ends,
+        xtol=1e-14,
+    )
     return y, -through([y, 0, 0], [-tangent, 0, 1], n, to_imager)[1][0]
 
 
@@ -107,7 +127,12 @@ class Truth:
         the lens at y."""
         ray = lambda s: np.array([y + s * tangent, -self.m + s])  # noqa: E731
         end = (self.mirror.rim_radius_mm - 1e-8 - y) / tangent
-        s = brentq(lambda s: ray(s)[1] - float(self.mirror.sag(abs(ray(s)[0]))), self.m - 1, end, xtol=1e-13)
+        s = brentq(
+            lambda s: ray(s)[1] - float(self.mirror.sag(abs(ray(s)[0]))),
+            self.m - 1,
+            end,
+            xtol=1e-13,
+        )
         p, d = ray(s), np.array([tangent, 1.0]) / np.hypot(tangent, 1)
         h = min(1e-5, (self.mirror.rim_radius_mm - p[0]) / 2)
         slope = (float(self.mirror.sag(p[0] + h)) - float(self.mirror.sag(p[0] - h))) / (2 * h)
@@ -126,7 +151,10 @@ class Truth:
         raised = getattr(shell, "inner_shift_mm", 0.0)
 
         def met(p, d, centre, radius):
-            return p + brentq(lambda s: np.hypot(*(p + s * d - centre)) - radius, 0, 999, xtol=1e-13) * d
+            return (
+                p
+                + brentq(lambda s: np.hypot(*(p + s * d - centre)) - radius, 0, 999, xtol=1e-13) * d
+            )
 
         for radius, lift, behind in ((outer - shell.wall_mm, raised, wall), (outer, 0.0, around)):
             if isinstance(shell, Tube):
@@ -169,11 +197,17 @@ def chief_and_blur(truth, x, to_imager, edge):
     to_pupil = truth.m + float(truth.mirror.sag(x)) + PUPIL_DEPTH
     t = brentq(lambda t: out(t, 0.0)[0] - x, 0.98 * x / to_pupil, 1.02 * x / to_pupil, xtol=1e-14)
     omega, images = out(t, 0.0)[1], []
-    for at_stop in (-0.02 * edge, 0.02 * edge):  # rays of the same distant point, close to the chief ray
-        own = brentq(lambda t, at_stop=at_stop: out(t, at_stop)[1] - omega, t - 1e-3, t + 1e-3, xtol=1e-15)
+    for at_stop in (
+        -0.02 * edge,
+        0.02 * edge,
+    ):  # rays of the same distant point, close to the chief ray
+        own = brentq(
+            lambda t, at_stop=at_stop: out(t, at_stop)[1] - omega, t - 1e-3, t + 1e-3, xtol=1e-15
+        )
         images.append(from_stop(own, at_stop, to_imager)[1])
     wide, narrow = (
-        from_stop(t, part * edge, to_imager)[0] - from_stop(t, -part * edge, to_imager)[0] for part in (1, 0.02)
+        from_stop(t, part * edge, to_imager)[0] - from_stop(t, -part * edge, to_imager)[0]
+        for part in (1, 0.02)
     )
     return omega, from_stop(t, 0.0, to_imager)[1], abs(images[1] - images[0]) * wide / narrow
 
@@ -208,8 +242,14 @@ def test_every_column_is_that_of_the_evaluation(request, kind, wall):
         for column in BATCH_COLUMNS:
             expected, found = getattr(alone, column), getattr(batch, column)[i][seen]
             loose = real and column in ("blur_t_px", "blur_s_px", "floored_area_deg2")
-            allowed = {"rtol": 2e-3, "atol": 2e-3} if loose else {"rtol": 1e-10, "atol": 1e-11 * np.abs(expected).max()}
-            np.testing.assert_allclose(found, expected, **allowed, err_msg=f"{column} of {sensor.name} {i}")
+            allowed = (
+                {"rtol": 2e-3, "atol": 2e-3}
+                if loose
+                else {"rtol": 1e-10, "atol": 1e-11 * np.abs(expected).max()}
+            )
+            np.testing.assert_allclose(
+                found, expected, **allowed, err_msg=f"{column} of {sensor.name} {i}"
+            )
         best = om.best_focus(sensor, omega_deg=alone.omega_deg, object_distance_mm=600.0)
         assert batch.worst_floored_area_deg2[i] <= best.value * (1 + (5e-3 if real else 1e-9))
 

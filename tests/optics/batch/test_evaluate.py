@@ -29,7 +29,10 @@ def sphere_like(name: str, count: int, seed: int, **options) -> Designs:
     if name == "conic-asphere":
         shape = family(name, 3)
         c = 0.02 * rng.standard_normal((count, 3))
-        options |= {"vertex_radius_mm": A * M * rng.uniform(0.9, 1.2, count), "conic": rng.uniform(-1.0, 0.0, count)}
+        options |= {
+            "vertex_radius_mm": A * M * rng.uniform(0.9, 1.2, count),
+            "conic": rng.uniform(-1.0, 0.0, count),
+        }
     else:
         shape = family(name, {"even-polynomial": 5, "slope-spline": 9}[name])
         u = shape.slope_places()
@@ -43,38 +46,63 @@ def sphere_like(name: str, count: int, seed: int, **options) -> Designs:
 @pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])
 @pytest.mark.parametrize("distance", [np.inf, 300.0])
 def test_every_column_is_that_of_the_evaluation(name, mode, radius, distance):
-    designs = sphere_like(name, 12, 1, mode=mode, image_radius_px=radius, object_distance_mm=distance)
+    designs = sphere_like(
+        name, 12, 1, mode=mode, image_radius_px=radius, object_distance_mm=distance
+    )
     batch = evaluate_designs(designs)
     assert batch.valid.sum() >= 6
     for i in np.flatnonzero(batch.valid)[:4]:
         sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
         alone = om.evaluate(
-            sensor, x_mm=np.linspace(0, 1, 100) * M, mode=mode, image_radius_px=radius, object_distance_mm=distance
+            sensor,
+            x_mm=np.linspace(0, 1, 100) * M,
+            mode=mode,
+            image_radius_px=radius,
+            object_distance_mm=distance,
         )
         for column in BATCH_COLUMNS:
             expected = getattr(alone, column)
             np.testing.assert_allclose(
-                getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
+                getattr(batch, column)[i],
+                expected,
+                rtol=1e-10,
+                atol=1e-12 * np.abs(expected).max(),
+                err_msg=column,
             )
-        assert batch.worst_floored_area_deg2[i] == pytest.approx(alone.floored_area_deg2.max(), rel=1e-10)
+        assert batch.worst_floored_area_deg2[i] == pytest.approx(
+            alone.floored_area_deg2.max(), rel=1e-10
+        )
 
 
 @pytest.mark.parametrize("radius", [None, 500.0])
 @pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])
 def test_every_column_is_that_of_the_evaluation_under_a_telecentric_lens(name, radius):
-    designs = sphere_like(name, 12, 1, magnification=0.06, image_radius_px=radius, object_distance_mm=400.0)
+    designs = sphere_like(
+        name, 12, 1, magnification=0.06, image_radius_px=radius, object_distance_mm=400.0
+    )
     batch = evaluate_designs(designs)
     assert batch.valid.sum() >= 6
     for i in np.flatnonzero(batch.valid)[:4]:
         sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
         assert sensor.lens.KIND == "orthographic"
-        alone = om.evaluate(sensor, x_mm=np.linspace(0, 1, 100) * M, image_radius_px=radius, object_distance_mm=400.0)
+        alone = om.evaluate(
+            sensor,
+            x_mm=np.linspace(0, 1, 100) * M,
+            image_radius_px=radius,
+            object_distance_mm=400.0,
+        )
         for column in BATCH_COLUMNS:
             expected = getattr(alone, column)
             np.testing.assert_allclose(
-                getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
+                getattr(batch, column)[i],
+                expected,
+                rtol=1e-10,
+                atol=1e-12 * np.abs(expected).max(),
+                err_msg=column,
             )
-        best = om.best_focus(sensor, omega_deg=batch.omega_deg[i], object_distance_mm=400.0, image_radius_px=radius)
+        best = om.best_focus(
+            sensor, omega_deg=batch.omega_deg[i], object_distance_mm=400.0, image_radius_px=radius
+        )
         assert batch.worst_floored_area_deg2[i] <= best.value * (1 + 1e-9)
 
 
@@ -97,7 +125,10 @@ def test_each_field_angle_can_have_its_own_object_distance():
 
 @pytest.mark.parametrize(("mode", "radius"), BASES)
 @settings(max_examples=20)
-@given(seed=st.integers(0, 10**6), name=st.sampled_from(["even-polynomial", "conic-asphere", "slope-spline"]))
+@given(
+    seed=st.integers(0, 10**6),
+    name=st.sampled_from(["even-polynomial", "conic-asphere", "slope-spline"]),
+)
 def test_the_focus_is_the_best_focus(mode, radius, seed, name):
     """Compared with the scan and golden sections of om.best_focus at the same angles: never worse
     by more than 1e-9."""
@@ -108,22 +139,33 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
         return  # not a usable mirror
     sensor = designs.sensor(0, IMAGER, batch.focus_mm[0])
     angles = np.minimum(batch.omega_deg[0], sensor.field_deg[1])
-    best = om.best_focus(sensor, "worst_floored_area_deg2", omega_deg=angles, mode=mode, image_radius_px=radius)
+    best = om.best_focus(
+        sensor, "worst_floored_area_deg2", omega_deg=angles, mode=mode, image_radius_px=radius
+    )
     assert batch.worst_floored_area_deg2[0] <= best.value * (1 + 1e-9)
     if batch.worst_floored_area_deg2[0] >= best.value * (1 - 1e-9):  # else another valley
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
 @pytest.mark.parametrize(
-    "native", [False, pytest.param(True, marks=pytest.mark.skipif(not backend.is_compiled, reason="not built"))]
+    "native",
+    [
+        False,
+        pytest.param(True, marks=pytest.mark.skipif(not backend.is_compiled, reason="not built")),
+    ],
 )
 @pytest.mark.parametrize(
     ("name", "mode", "seed", "design"),
-    few([("even-polynomial", "exact", 2, 93), ("slope-spline", "exact", 1, 174)], ("even-polynomial", "exact", 2, 93)),
+    few(
+        [("even-polynomial", "exact", 2, 93), ("slope-spline", "exact", 1, 174)],
+        ("even-polynomial", "exact", 2, 93),
+    ),
 )
 def test_the_lowest_of_several_valleys_is_found(name, mode, seed, design, native):
     """Designs whose lowest valley starts or ends between two scan points: against a scan of 401."""
-    designs = sphere_like(name, 300, seed, mode=mode, image_radius_px=500.0).part(slice(design, design + 1))
+    designs = sphere_like(name, 300, seed, mode=mode, image_radius_px=500.0).part(
+        slice(design, design + 1)
+    )
     batch = evaluate_designs(designs, native=native)
     angles = batch.omega_deg[0]
     sensor = designs.sensor(0, IMAGER, batch.focus_mm[0])
@@ -143,13 +185,20 @@ def test_the_lowest_of_several_valleys_is_found(name, mode, seed, design, native
 @pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])
 @pytest.mark.parametrize("magnification", [0.0, 0.06])
 def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius, magnification):
-    options = {"mode": mode, "image_radius_px": radius, "least_omega_deg": 20.0, "magnification": magnification}
+    options = {
+        "mode": mode,
+        "image_radius_px": radius,
+        "least_omega_deg": 20.0,
+        "magnification": magnification,
+    }
     designs = sphere_like(name, 300, 2, **options)
     plain, fast = (evaluate_designs(designs, native=native) for native in (False, True))
     np.testing.assert_array_equal(plain.valid, fast.valid)
     ok = plain.valid
     np.testing.assert_allclose(fast.focus_mm[ok], plain.focus_mm[ok], rtol=1e-11)
-    np.testing.assert_allclose(fast.worst_floored_area_deg2[ok], plain.worst_floored_area_deg2[ok], rtol=1e-10)
+    np.testing.assert_allclose(
+        fast.worst_floored_area_deg2[ok], plain.worst_floored_area_deg2[ok], rtol=1e-10
+    )
     for column, a, b in zip(BATCH_COLUMNS, fast.columns, plain.columns, strict=True):
         if column.startswith("distance"):  # may pass through infinity
             a, b = 1 / a, 1 / b
@@ -171,7 +220,9 @@ def test_every_instruction_set_gives_the_numbers_of_numpy(angles):
     """Any number of remaining lanes, and slopes of all three pieces of the arctangent: up to 4 at
     the rim."""
     steep = [[0.6409, 0.155, -0.01], [1.0, 0.2, 0.0], [1.2, 0.4, 0.0], [0.2, 0.05, 0.0]]
-    designs = Designs(family("even-polynomial", 3), steep, 250.0, M, 11.6, 4.0, 5.2, object_distance_mm=500.0)
+    designs = Designs(
+        family("even-polynomial", 3), steep, 250.0, M, 11.6, 4.0, 5.2, object_distance_mm=500.0
+    )
     u = np.linspace(1.0 / angles, 1.0, angles)
     fast, plain = (evaluate_designs(designs, u, native=native) for native in (True, False))
     assert plain.valid.all()
@@ -189,18 +240,31 @@ def test_designs_that_cannot_be_used_are_marked():
     c = np.array([[0.64, 0.155, -0.01], [0.9, -0.25, 0.0], [-0.3, 0.0, 0.0], [0.5, 0.5, 5.0]])
     designs = Designs(shape, c, 3.9 * M, M, 11.6, 4.0, 5.2)
     for native in {False, backend.is_compiled}:
-        assert evaluate_designs(designs, native=native).valid.tolist() == [True, False, False, False]
+        assert evaluate_designs(designs, native=native).valid.tolist() == [
+            True,
+            False,
+            False,
+            False,
+        ]
     with pytest.raises(NotOneToOne, match=r"stops growing at x = 35.58"):
         om.evaluate(designs.sensor(1, IMAGER, 200.0))
-    for i, sentence in ((2, "does not grow away from the axis"), (3, "hides itself from the lens beyond x = 31.29")):
+    for i, sentence in (
+        (2, "does not grow away from the axis"),
+        (3, "hides itself from the lens beyond x = 31.29"),
+    ):
         with pytest.raises(OmnimirrorError, match=sentence):
             om.evaluate(designs.sensor(i, IMAGER, 200.0))
 
 
 def test_angles_below_the_least_do_not_count_for_the_focus():
-    near, far = (evaluate_designs(sphere_like("slope-spline", 20, 3, least_omega_deg=least)) for least in (0.0, 60.0))
+    near, far = (
+        evaluate_designs(sphere_like("slope-spline", 20, 3, least_omega_deg=least))
+        for least in (0.0, 60.0)
+    )
     both = near.valid & far.valid
-    assert (far.worst_floored_area_deg2[both] <= near.worst_floored_area_deg2[both] * (1 + 1e-12)).all()
+    assert (
+        far.worst_floored_area_deg2[both] <= near.worst_floored_area_deg2[both] * (1 + 1e-12)
+    ).all()
     assert (far.worst_floored_area_deg2[both] < 0.999 * near.worst_floored_area_deg2[both]).any()
 
 

@@ -38,17 +38,34 @@ def indices(wavelength_um=0.5875618):
 def zmx(stop=STOP, radii=RADII, gaps=GAPS, glasses=GLASSES, head="", per_surface=None):
     """Return the text of the file; ``per_surface`` contains additional lines by surface number."""
     lines = [
-        "VERS 140124 258 36214", "MODE SEQ", "NAME Cooke triplet", "UNIT MM X W X CM MR CPMM",
-        f"ENPD {11.6 / F_NUMBER!r}", "GCAT SCHOTT MISC", "FTYP 0 0 3 3 0 0 0", "XFLN 0 0 0", "YFLN 0 14 20",
-        "WAVM 1 0.4861327 1", "WAVM 2 0.5875618 1", "WAVM 3 0.6562725 1", "PWAV 2", *head.splitlines(),
-        "SURF 0", "  TYPE STANDARD", "  CURV 0.0 0 0 0 0 \"\"", "  DISZ INFINITY",
-    ]  # fmt: skip
+        "VERS 140124 258 36214",
+        "MODE SEQ",
+        "NAME Cooke triplet",
+        "UNIT MM X W X CM MR CPMM",
+        f"ENPD {11.6 / F_NUMBER!r}",
+        "GCAT SCHOTT MISC",
+        "FTYP 0 0 3 3 0 0 0",
+        "XFLN 0 0 0",
+        "YFLN 0 14 20",
+        "WAVM 1 0.4861327 1",
+        "WAVM 2 0.5875618 1",
+        "WAVM 3 0.6562725 1",
+        "PWAV 2",
+        *head.splitlines(),
+        "SURF 0",
+        "  TYPE STANDARD",
+        '  CURV 0.0 0 0 0 0 ""',
+        "  DISZ INFINITY",
+    ]
     for i, (radius, gap, glass) in enumerate(zip(radii, gaps, glasses, strict=True), start=1):
         lines += [f"SURF {i}", *(["  STOP"] if i == stop else []), "  TYPE STANDARD"]
         lines += [f'  CURV {float(1 / radius)!r} 0 0 0 0 ""', f"  DISZ {float(gap)!r}"]
         lines += [f"  GLAS {glass} 0 0 1.5 40 0 0 0"] if glass else []
         lines += (per_surface or {}).get(i, [])
-    return "\n".join([*lines, f"SURF {len(radii) + 1}", "  TYPE STANDARD", "  CURV 0", "  DISZ 0"]) + "\n"
+    return (
+        "\n".join([*lines, f"SURF {len(radii) + 1}", "  TYPE STANDARD", "  CURV 0", "  DISZ 0"])
+        + "\n"
+    )
 
 
 # -- rays ------------------------------------------------------------------------------------------------------
@@ -85,11 +102,15 @@ def off_sphere(omega, azimuth, at, radius, distance):
     """Reflect a ray from infinity at field angle omega on a ball at (x, y); in the lens frame, s
     from its vertex."""
     x, y = at
-    centre = np.array([0.0, 0.0, -distance - radius])  # s is measured from the first lens vertex towards the imager
+    centre = np.array(
+        [0.0, 0.0, -distance - radius]
+    )  # s is measured from the first lens vertex towards the imager
     s = centre[2] + np.sqrt(radius**2 - x * x - y * y)
     point = np.array([x, y, s])
     normal = (point - centre) / radius
-    out = np.array([np.sin(omega) * np.cos(azimuth), np.sin(omega) * np.sin(azimuth), np.cos(omega)])
+    out = np.array(
+        [np.sin(omega) * np.cos(azimuth), np.sin(omega) * np.sin(azimuth), np.cos(omega)]
+    )
     incoming = -out
     return point, incoming - 2 * (incoming @ normal) * normal
 
@@ -112,7 +133,9 @@ def image_of_direction(omega, stop_at, n, radius, distance, to_imager):
     near = brentq(passing, *ends) if omega else 0.0
     at, step = np.array([near, 0.0]), 1e-6
     for _ in range(8):  # Newton's method with slopes by differences
-        slopes = [(landed(at + step * e)[0] - landed(at - step * e)[0]) / (2 * step) for e in np.eye(2)]
+        slopes = [
+            (landed(at + step * e)[0] - landed(at - step * e)[0]) / (2 * step) for e in np.eye(2)
+        ]
         at = at - np.linalg.solve(np.transpose(slopes), landed(at)[0] - stop_at)
     assert np.abs(landed(at)[0] - stop_at).max() < 1e-10
     return -landed(at)[1]

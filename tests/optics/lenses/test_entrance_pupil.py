@@ -35,14 +35,18 @@ class Pair:
         self.focal = front * back / (front + back - d)
         self.principal = -self.focal * d / back  # towards the mirror from the front lens
         self.principal_behind = -self.focal * d / front  # towards the imager from the back lens
-        self.pupil = to_stop * front / (to_stop - front)  # image of the stop by the front lens, towards the mirror
+        self.pupil = (
+            to_stop * front / (to_stop - front)
+        )  # image of the stop by the front lens, towards the mirror
         self.magnification = front / (front - to_stop)
 
     def out(self, image, stop, imager):
         """Return position (n, 2) at the front lens and slope (n, 2) of rays from image points
         through points of the stop."""
         # at the back lens at height y: from the image point, deflected by -y/f, to the stop
-        y = (stop + self.from_stop * image / imager) / (1 + self.from_stop * (1 / imager - 1 / self.back))
+        y = (stop + self.from_stop * image / imager) / (
+            1 + self.from_stop * (1 / imager - 1 / self.back)
+        )
         slope = (stop - y) / self.from_stop
         at_front = stop + self.to_stop * slope
         return at_front, slope - at_front / self.front
@@ -81,7 +85,9 @@ def truth(pair, sensor, pixels, pupil):
     at, slope = pair.out(image, stop, imager)
     front = -sensor.mirror_distance_mm - pair.principal
     start = np.concatenate([at, np.full((len(at), 1), front)], axis=1)
-    return reflected(start, np.concatenate([slope, np.ones((len(at), 1))], axis=1), sensor.mirror_pose.shift)
+    return reflected(
+        start, np.concatenate([slope, np.ones((len(at), 1))], axis=1), sensor.mirror_pose.shift
+    )
 
 
 def sensor_of(pair, f_number=4.0, pose=ALIGNED):
@@ -121,7 +127,9 @@ def test_chief_rays(pair):
     assert np.abs(rays.directions @ to_camera - directions).max() < 1e-11
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+@pytest.mark.parametrize(
+    "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
+)
 def test_rays_through_the_aperture(pair, pose):
     sensor = sensor_of(pair, pose=pose)
     pixels, pupil = pixels_and_pupil(sensor)
@@ -133,7 +141,9 @@ def test_rays_through_the_aperture(pair, pose):
     assert np.abs((rays.directions @ to_camera - directions)[valid]).max() < 1e-10
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+@pytest.mark.parametrize(
+    "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
+)
 def test_points_and_directions_come_back_to_their_pixels(pair, pose):
     sensor = sensor_of(pair, pose=pose)
     pixels, _ = pixels_and_pupil(sensor)
@@ -190,7 +200,11 @@ def test_which_point_the_distance_counts_from_is_worth_eleven_pixels():
     on it.
     """
     sensor = om.load_sensor("paper-spherical")
-    lens, m, omega = replace(sensor.lens, entrance_pupil_mm=5.0), sensor.mirror_distance_mm, np.linspace(0.0, 130.0, 27)
+    lens, m, omega = (
+        replace(sensor.lens, entrance_pupil_mm=5.0),
+        sensor.mirror_distance_mm,
+        np.linspace(0.0, 130.0, 27),
+    )
     h = om.evaluate(sensor, omega).h_px
     from_pupil = om.evaluate(replace(sensor, lens=lens, mirror_distance_mm=m + 5.0), omega).h_px
     from_principal = om.evaluate(replace(sensor, lens=lens), omega).h_px
@@ -207,10 +221,14 @@ def test_lens_files_have_a_thin_lens_at_the_pupil(pair, tmp_path):
     to_lens, to_mirror = [float(words[1]) for words in lines if words[0] == "DISZ"][:2]
     focal = next(float(words[2]) for words in lines if words[:2] == ["PARM", "1"])
     imager = 1 / (1 / pair.focal - 1 / FOCUS) + pair.principal_behind
-    _, slope = pair.out(np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager)  # chief ray of 1 mm off the axis
+    _, slope = pair.out(
+        np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager
+    )  # chief ray of 1 mm off the axis
     assert to_mirror == pytest.approx(180.0 - (pair.pupil - pair.principal), abs=1e-9)
     assert 1 / to_lens == pytest.approx(abs(slope[0, 0]), rel=1e-9)
-    assert 1 / (1 / focal - 1 / to_lens) == pytest.approx(FOCUS - (pair.pupil - pair.principal), rel=1e-9)
+    assert 1 / (1 / focal - 1 / to_lens) == pytest.approx(
+        FOCUS - (pair.pupil - pair.principal), rel=1e-9
+    )
 
 
 def test_it_is_kept_in_sensor_files():
@@ -220,9 +238,18 @@ def test_it_is_kept_in_sensor_files():
 
 @pytest.mark.parametrize(
     ("pupil", "distance", "sentence"),
-    [(300.0, 180.0, "not beyond the entrance pupil"), (190.0, 180.0, "the distance is valid above")],
+    [
+        (300.0, 180.0, "not beyond the entrance pupil"),
+        (190.0, 180.0, "the distance is valid above"),
+    ],
 )
 def test_pupils_beyond_focus_or_mirror_are_refused(pupil, distance, sentence):
     sensor = om.load_sensor("paper-spherical")
     with pytest.raises(InvalidParameter, match=sentence):
-        om.evaluate(replace(sensor, lens=replace(sensor.lens, entrance_pupil_mm=pupil), mirror_distance_mm=distance))
+        om.evaluate(
+            replace(
+                sensor,
+                lens=replace(sensor.lens, entrance_pupil_mm=pupil),
+                mirror_distance_mm=distance,
+            )
+        )

@@ -40,7 +40,11 @@ def lens_of(path, **more):
 def sensor_with(lens, pose=None):
     imager = om.load_sensor("paper-spherical").imager
     return om.Sensor(
-        Sphere(A, RIM), lens, imager, mirror_distance_mm=M, mirror_pose=MirrorPose() if pose is None else pose
+        Sphere(A, RIM),
+        lens,
+        imager,
+        mirror_distance_mm=M,
+        mirror_pose=MirrorPose() if pose is None else pose,
     )
 
 
@@ -53,7 +57,10 @@ def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
     n = own.indices(wavelength_um)
     to_imager = own.imager_place(own.indices())
     return np.array(
-        [own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager) for o in np.atleast_1d(omega_deg)]
+        [
+            own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager)
+            for o in np.atleast_1d(omega_deg)
+        ]
     )
 
 
@@ -99,7 +106,11 @@ def test_spots_are_those_of_rays_through_the_stop(sensor):
     """At F/4: combined aberrations of lens and mirror, within 5 % of their size."""
     edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
     r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
-    rings = [(np.sqrt((i + 0.5) / 8), t) for i in range(8) for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4]
+    rings = [
+        (np.sqrt((i + 0.5) / 8), t)
+        for i in range(8)
+        for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4
+    ]
     stop = r * np.array([[q * np.cos(t), q * np.sin(t)] for q, t in rings])
     for omega in (40.0, 120.0):
         image = np.concatenate([truth(omega, at) for at in stop]) / PITCH
@@ -131,7 +142,9 @@ def test_at_another_wavelength_rays_land_where_that_light_does(sensor, nm):
     assert np.abs(wanted - om.evaluate(sensor, OMEGA).h_px).max() > 0.01
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+@pytest.mark.parametrize(
+    "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
+)
 def test_pixels_come_back_and_apertures_agree(file, pose):
     sensor = sensor_with(lens_of(file), pose)
     rng = np.random.default_rng(3)
@@ -139,7 +152,10 @@ def test_pixels_come_back_and_apertures_agree(file, pose):
     pixels = 511.5 + (r * np.stack([np.cos(turn), np.sin(turn)])).T
     rays = sensor.backproject(pixels)
     assert rays.valid.all()
-    for found in (sensor.project(rays.origins + 120.0 * rays.directions), sensor.project_directions(rays.directions)):
+    for found in (
+        sensor.project(rays.origins + 120.0 * rays.directions),
+        sensor.project_directions(rays.directions),
+    ):
         assert np.abs(found.pixels - pixels).max() < 1e-3
     chief = sensor.aperture_rays(pixels, np.zeros(2))
     assert np.abs(np.degrees(chief.directions - rays.directions)).max() < 2e-4
@@ -167,7 +183,9 @@ def test_focusing_breathes(file):
     near = sensor_with(lens_of(file).focused_at(150.0))
     n = own.indices()
     to_imager = own.imager_place(n, 150.0)
-    wanted = np.array([own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA])
+    wanted = np.array(
+        [own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA]
+    )
     assert np.abs(om.evaluate(near, OMEGA).h_px - wanted / PITCH).max() < 1e-3
 
 
@@ -175,7 +193,14 @@ def test_even_aspheres_meet_their_surface():
     """Intersections are on the surface, with the slope of the sag by finite differences."""
     c, k, a = 0.02, -0.7, np.array([[1e-4, -3e-6, 2e-8]])
     one = Sequence(
-        np.array([c]), np.array([k]), a, np.zeros(1), np.array([1.0, 1.5]), np.full(1, np.inf), np.full(1, np.inf), 0
+        np.array([c]),
+        np.array([k]),
+        a,
+        np.zeros(1),
+        np.array([1.0, 1.5]),
+        np.full(1, np.inf),
+        np.full(1, np.inf),
+        0,
     )
 
     def sag(r):
@@ -190,7 +215,12 @@ def test_even_aspheres_meet_their_surface():
     assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
 
 
-PLANO = {"thickness_mm": (10.0, 4.0, 0.0), "index": (1.0, 1.5168, 1.0), "stop_surface": 1, "field_max_deg": 25.0}
+PLANO = {
+    "thickness_mm": (10.0, 4.0, 0.0),
+    "index": (1.0, 1.5168, 1.0),
+    "stop_surface": 1,
+    "field_max_deg": 25.0,
+}
 CURVED = (0.0, 1 / 25.84, 0.0)
 
 
@@ -217,28 +247,60 @@ def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
 @pytest.mark.parametrize(
     ("columns", "sentence"),
     [
-        ({"curvature_per_mm": (0.0, 0.0, 0.0)}, "the surfaces have a focal length of -?inf mm; one above 0 is valid"),
-        ({"curvature_per_mm": (0.0, -1 / 25.84, 0.0)}, "the surfaces have a focal length of -50 mm; one above 0"),
-        ({"index": (1.0, 1.5168, 1.33)}, "index ends with 1.33; valid is 1, the air before the imager"),
-        ({"index": (1.0, 1.5168)}, "index has 2 values for 3 surfaces; it is valid with one for each"),
-        ({"aspheres": (1e-9,) * 4}, "aspheres has 4 values for 3 surfaces; it is valid with as many for each"),
-        ({"aspheres": (0.0, -1.001e9, 0.0)}, r"aspheres\[1\] = -1.001e\+09 is outside -1e\+09 to 1e\+09"),
-        ({"aspheres": (0.0, 0.0, 1.001e9)}, r"aspheres\[2\] = 1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        (
+            {"curvature_per_mm": (0.0, 0.0, 0.0)},
+            "the surfaces have a focal length of -?inf mm; one above 0 is valid",
+        ),
+        (
+            {"curvature_per_mm": (0.0, -1 / 25.84, 0.0)},
+            "the surfaces have a focal length of -50 mm; one above 0",
+        ),
+        (
+            {"index": (1.0, 1.5168, 1.33)},
+            "index ends with 1.33; valid is 1, the air before the imager",
+        ),
+        (
+            {"index": (1.0, 1.5168)},
+            "index has 2 values for 3 surfaces; it is valid with one for each",
+        ),
+        (
+            {"aspheres": (1e-9,) * 4},
+            "aspheres has 4 values for 3 surfaces; it is valid with as many for each",
+        ),
+        (
+            {"aspheres": (0.0, -1.001e9, 0.0)},
+            r"aspheres\[1\] = -1.001e\+09 is outside -1e\+09 to 1e\+09",
+        ),
+        (
+            {"aspheres": (0.0, 0.0, 1.001e9)},
+            r"aspheres\[2\] = 1.001e\+09 is outside -1e\+09 to 1e\+09",
+        ),
         ({"stop_surface": 4}, "stop_surface = 4 is not one of the surfaces, 1 to 3"),
         ({"stop_surface": 1.5}, "stop_surface = 1.5 is not one of the surfaces, 1 to 3"),
-        ({"focus_distance_mm": 39.9}, "focus_distance_mm = 39.9 is nearer than the front focus; it is valid above 40"),
+        (
+            {"focus_distance_mm": 39.9},
+            "focus_distance_mm = 39.9 is nearer than the front focus; it is valid above 40",
+        ),
         (  # front surface of f = 8 mm in glass
-            {"curvature_per_mm": (0.25, 0.01, 0.0), "thickness_mm": (8.0, 1.0, 0.0), "index": (2.0, 2.0, 1.0),
-             "stop_surface": 2},
+            {
+                "curvature_per_mm": (0.25, 0.01, 0.0),
+                "thickness_mm": (8.0, 1.0, 0.0),
+                "index": (2.0, 2.0, 1.0),
+                "stop_surface": 2,
+            },
             "the entrance pupil must be at a finite distance; surface 2, the stop, is in the focal plane",
         ),
         (
-            {"curvature_per_mm": (0.0, 0.8136, 0.0), "thickness_mm": (10.0, 6.4656, 0.0), "stop_surface": 2,
-             "field_max_deg": 80.0},
+            {
+                "curvature_per_mm": (0.0, 0.8136, 0.0),
+                "thickness_mm": (10.0, 6.4656, 0.0),
+                "stop_surface": 2,
+                "field_max_deg": 80.0,
+            },
             r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* Increase f_number or reduce",
         ),
     ],
-)  # fmt: skip
+)
 def test_surfaces_that_are_no_lens_are_refused_without_a_warning(columns, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         plano_convex(**columns)
@@ -262,13 +324,19 @@ def test_columns_are_refused_outside_their_bounds(name):
 @pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
 def test_without_three_indices_other_wavelengths_are_not_known(missing):
     known = {
-        "wavelengths_nm": (486.1, 587.6, 656.3), "index_short": (1.0, 1.5224, 1.0), "index_long": (1.0, 1.5143, 1.0)
-    }  # fmt: skip
-    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[1] == pytest.approx(
-        1.5143, abs=1e-12
-    )
-    with pytest.raises(InvalidParameter, match="the indices of this lens at 700 nm are not known; it is valid with"):
-        plano_convex(**{name: value for name, value in known.items() if name != missing}).at_wavelength(700.0)
+        "wavelengths_nm": (486.1, 587.6, 656.3),
+        "index_short": (1.0, 1.5224, 1.0),
+        "index_long": (1.0, 1.5143, 1.0),
+    }
+    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[
+        1
+    ] == pytest.approx(1.5143, abs=1e-12)
+    with pytest.raises(
+        InvalidParameter, match="the indices of this lens at 700 nm are not known; it is valid with"
+    ):
+        plano_convex(
+            **{name: value for name, value in known.items() if name != missing}
+        ).at_wavelength(700.0)
 
 
 def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
@@ -296,12 +364,21 @@ def test_straightening_finds_its_pixels_through_the_glass(sensor):
 def test_an_evaluation_tells_what_the_lens_does_by_itself(file, sensor, tmp_path):
     found = om.evaluate(sensor, [0.0, 90.0])
     assert list(found.of_lens) == [
-        "lens_blur_t_px", "lens_blur_s_px", "lens_illumination", "lateral_colour_px", "entrance_pupil_mm"
-    ]  # fmt: skip
+        "lens_blur_t_px",
+        "lens_blur_s_px",
+        "lens_illumination",
+        "lateral_colour_px",
+        "entrance_pupil_mm",
+    ]
     assert found.of_lens["lens_illumination"][0] == pytest.approx(1.0)
     assert found.of_lens["lateral_colour_px"][0] == 0.0
     found.to_csv(tmp_path / "table.csv")
-    assert (tmp_path / "table.csv").read_text().splitlines()[0].endswith("lateral_colour_px,entrance_pupil_mm")
+    assert (
+        (tmp_path / "table.csv")
+        .read_text()
+        .splitlines()[0]
+        .endswith("lateral_colour_px,entrance_pupil_mm")
+    )
     assert om.evaluate(om.load_sensor("paper-spherical"), [0.0]).of_lens == {}
 
 
@@ -320,37 +397,57 @@ def test_the_command_line_takes_a_lens(file):
 
 @pytest.mark.parametrize("code", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
 def test_any_encoding_gives_the_same_lens(code, file, tmp_path):
-    (tmp_path / "triplet.zmx").write_bytes(own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code))
+    (tmp_path / "triplet.zmx").write_bytes(
+        own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code)
+    )
     assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
 
 
-DIAMETERS = {i: [f'  DIAM {radius} {flag} 0 0 1 ""'] for i, (radius, flag) in enumerate(
-    zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1)}  # fmt: skip
+DIAMETERS = {
+    i: [f'  DIAM {radius} {flag} 0 0 1 ""']
+    for i, (radius, flag) in enumerate(
+        zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1
+    )
+}
 
 
-@pytest.mark.parametrize("diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}])
+@pytest.mark.parametrize(
+    "diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}]
+)
 @pytest.mark.parametrize(
     ("fields", "widest_deg"),
     [
         ("FTYP 0 0 3 3 0 0 0\nXFLN 0 0 0\nYFLN 0 14 20", 20.0),
-        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, with the count of FTYP
+        (
+            "FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77",
+            4.99417,
+        ),  # both axes, with the count of FTYP
         ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # paraxial image height of 3 mm, f = 11.6 mm
-        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # real image height: the triplet has little distortion
+        (
+            "FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3",
+            14.5,
+        ),  # real image height: the triplet has little distortion
     ],
 )
-def test_the_field_of_a_file_is_its_field_with_and_without_diameters(fields, widest_deg, diameters, tmp_path):
+def test_the_field_of_a_file_is_its_field_with_and_without_diameters(
+    fields, widest_deg, diameters, tmp_path
+):
     """OpticStudio writes DIAM lines by default; they vignette rays and do not change the field."""
     text = own.zmx(per_surface=diameters)
     start, end = text.index("FTYP"), text.index("WAVM 1")
     (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
     lens = lens_of(tmp_path / "lens.zmx", focus_distance_mm=1e6)
-    assert lens.field_max_deg == pytest.approx(1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4)
+    assert lens.field_max_deg == pytest.approx(
+        1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4
+    )
     if diameters is not DIAMETERS:
         assert np.degrees(np.arctan(lens.field.end)) == pytest.approx(lens.field_max_deg)
 
 
 def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_path):
-    with pytest.raises(OmnimirrorError, match=r"ends at 10 deg .* a larger field_max_deg \(now 10\)"):
+    with pytest.raises(
+        OmnimirrorError, match=r"ends at 10 deg .* a larger field_max_deg \(now 10\)"
+    ):
         _ = (
             sensor_with(lens_of(file, field_max_deg=10.0)).field_deg,
             om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA),
@@ -359,8 +456,12 @@ def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_pat
 
 def test_inches(file, tmp_path):
     text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
-    (tmp_path / "inches.zmx").write_text(text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}"))
-    assert lens_of(tmp_path / "inches.zmx").focal_length_mm == pytest.approx(lens_of(file).focal_length_mm, rel=1e-12)
+    (tmp_path / "inches.zmx").write_text(
+        text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}")
+    )
+    assert lens_of(tmp_path / "inches.zmx").focal_length_mm == pytest.approx(
+        lens_of(file).focal_length_mm, rel=1e-12
+    )
 
 
 def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
@@ -369,7 +470,9 @@ def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
     rest = rest[rest.index("[imager]") :]
     path = tmp_path / "mine.toml"
     (tmp_path / "triplet.zmx").write_bytes(file.read_bytes())
-    path.write_text(f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}')
+    path.write_text(
+        f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}'
+    )
     found = om.load_sensor(path)
     assert found.lens == sensor.lens
     assert om.parse_sensor(format_sensor(found)) == found
@@ -378,18 +481,30 @@ def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
 
 
 BAD = {
-    "unknown glass": (own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]), "N-SK61.*did you mean N-SK16"),
+    "unknown glass": (
+        own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]),
+        "N-SK61.*did you mean N-SK16",
+    ),
     "missing surfaces": ("MODE SEQ\nUNIT MM\nSURF 0\nSURF 1\n", "2 surfaces are no lens"),
     "no stop": (own.zmx(stop=99), "0 surfaces are the stop"),
-    "wrong unit": (own.zmx().replace("UNIT MM", "UNIT FURLONG"), "UNIT FURLONG is not known; valid are MM"),
+    "wrong unit": (
+        own.zmx().replace("UNIT MM", "UNIT FURLONG"),
+        "UNIT FURLONG is not known; valid are MM",
+    ),
     "several configurations": (own.zmx(head="MNUM 3 1"), "several configurations"),
     "non-sequential": (own.zmx().replace("MODE SEQ", "MODE NSC"), "MODE NSC is not sequential"),
     "a shape": (own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"), "TYPE TOROIDAL is not known"),
     "a mirror": (own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]), "a lens of mirrors"),
-    "not a number": (own.zmx().replace("DISZ INFINITY", "DISZ far"), "is not a line of a lens file"),
+    "not a number": (
+        own.zmx().replace("DISZ INFINITY", "DISZ far"),
+        "is not a line of a lens file",
+    ),
     "vignettes all": (own.zmx(per_surface={3: ["  CLAP 0 1e-6 0"]}), "lets no chief ray through"),
     "too wide": (own.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"), "wider than the surfaces"),
-    "wavelength": (own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"), "the index of N-SK16 is known from"),
+    "wavelength": (
+        own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"),
+        "the index of N-SK16 is known from",
+    ),
 }
 
 
@@ -413,11 +528,17 @@ def test_a_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("name", "index", "abbe"),
     [
-        ("N-BK7", 1.51680, 64.17), ("N-SF11", 1.78472, 25.68), ("F2", 1.62004, 36.37), ("N-SK16", 1.62041, 60.32),
-        ("S-BSL7", 1.51633, 64.14), ("S-TIH53", 1.84666, 23.78), ("H-K9L", 1.51680, 64.20), ("PMMA", 1.4914, 57.4),
+        ("N-BK7", 1.51680, 64.17),
+        ("N-SF11", 1.78472, 25.68),
+        ("F2", 1.62004, 36.37),
+        ("N-SK16", 1.62041, 60.32),
+        ("S-BSL7", 1.51633, 64.14),
+        ("S-TIH53", 1.84666, 23.78),
+        ("H-K9L", 1.51680, 64.20),
+        ("PMMA", 1.4914, 57.4),
         ("POLYCARB", 1.5848, 29.9),
     ],
-)  # fmt: skip
+)
 def test_glasses_have_the_numbers_of_their_data_sheets(name, index, abbe):
     glass = glass_named(name, (), None)
     d, f, c = (glass.index(w) for w in (0.5875618, 0.4861327, 0.6562725))
@@ -449,7 +570,9 @@ def test_schotts_own_formula():
 def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     text = found.path.read_text(encoding="utf-16")
-    assert "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
+    assert (
+        "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
+    )
 
 
 @pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])
@@ -467,7 +590,13 @@ def test_clearances_of_rays_at_apertures():
     """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at
     its curved face."""
     lens = SurfaceLens(
-        8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, clear_mm=(5.0, 0.0, 6.0)
+        8.0,
+        1e6,
+        (0.0, 1 / 25.84, 0.0),
+        (10.0, 4.0, 0.0),
+        (1.0, 1.5168, 1.0),
+        1,
+        clear_mm=(5.0, 0.0, 6.0),
     )
     heights = np.array([0.0, 1.0, 3.0, -2.0])
     points = np.stack([heights, 0 * heights, 7.0 + 0 * heights], axis=-1)

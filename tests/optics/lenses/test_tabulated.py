@@ -23,9 +23,13 @@ def faultless(sensor, pupil=0.0):
     lens = replace(sensor.lens, entrance_pupil_mm=pupil)
     height = lens.principal_distance * np.tan(np.radians(ANGLES))
     table = TabulatedLens(
-        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm,
-        tuple(ANGLES), tuple(height), tuple(np.full(len(ANGLES), pupil)),
-    )  # fmt: skip
+        lens.focal_length_mm,
+        lens.f_number,
+        lens.focus_distance_mm,
+        tuple(ANGLES),
+        tuple(height),
+        tuple(np.full(len(ANGLES), pupil)),
+    )
     return replace(sensor, lens=lens), replace(sensor, lens=table)
 
 
@@ -34,15 +38,29 @@ def test_a_table_without_faults_is_the_ordinary_lens(pupil):
     plain, table = faultless(om.load_sensor("paper-spherical"), pupil)
     for focus in (None, 190.0):
         ours, theirs = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
-        for name in ("h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "distance_t_mm", "blur_t_px", "blur_s_px"):
-            assert getattr(ours, name) == pytest.approx(getattr(theirs, name), rel=1e-7, abs=1e-7), name
+        for name in (
+            "h_px",
+            "dh_domega_px_per_deg",
+            "viewpoint_z_mm",
+            "distance_t_mm",
+            "blur_t_px",
+            "blur_s_px",
+        ):
+            assert getattr(ours, name) == pytest.approx(
+                getattr(theirs, name), rel=1e-7, abs=1e-7
+            ), name
     assert om.best_focus(table).focus_mm == pytest.approx(om.best_focus(plain).focus_mm, rel=1e-6)
     pixels = np.array([[700.0, 600.0], [511.5, 200.0], [90.0, 400.0]])
     pupils = np.array([[0.3, 0.4], [-0.9, 0.1], [0.0, 0.8]])
     ours, theirs = (s.aperture_rays(pixels, pupils) for s in (table, plain))
     assert np.abs(ours.directions - theirs.directions).max() < 1e-8
-    assert np.abs(table.project(ours.origins + 90 * ours.directions).pixels - plain.project(
-        ours.origins + 90 * ours.directions).pixels).max() < 1e-6  # fmt: skip
+    assert (
+        np.abs(
+            table.project(ours.origins + 90 * ours.directions).pixels
+            - plain.project(ours.origins + 90 * ours.directions).pixels
+        ).max()
+        < 1e-6
+    )
     spot = [om.spots(s, [60.0]).rms_px() for s in (table, plain)]
     assert np.abs(np.array(spot[0]) - np.array(spot[1])).max() < 1e-6
 
@@ -56,9 +74,14 @@ def both(tmp_path_factory):
     t = np.tan(np.radians(ANGLES))
     pupil, height = lens.pupil.place(t), np.abs(lens.field.height(t)[0])
     table = TabulatedLens(
-        lens.focal_length_mm, lens.f_number, 212.0, tuple(ANGLES), tuple(height), tuple(pupil),
+        lens.focal_length_mm,
+        lens.f_number,
+        212.0,
+        tuple(ANGLES),
+        tuple(height),
+        tuple(pupil),
         principal_point_mm=lens.principal_point_mm,
-    )  # fmt: skip
+    )
     imager = om.load_sensor("paper-spherical").imager
     mirror = om.load_sensor("paper-spherical").mirror
     return [om.Sensor(mirror, each, imager, mirror_distance_mm=182.0) for each in (lens, table)]
@@ -96,9 +119,11 @@ def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
             at = [image(*moves, extra)[axis] - image(0, 0, extra)[axis] for extra in (0.0, 1.0)]
             curvature[axis].append(at[0] / (at[0] - at[1]))
     bent = replace(
-        table.lens, chief_ray_deg=tuple(behind),
-        field_curvature_t_mm=tuple(curvature[0]), field_curvature_s_mm=tuple(curvature[1]),
-    )  # fmt: skip
+        table.lens,
+        chief_ray_deg=tuple(behind),
+        field_curvature_t_mm=tuple(curvature[0]),
+        field_curvature_s_mm=tuple(curvature[1]),
+    )
     ours, theirs = (om.evaluate(s, OMEGA) for s in (replace(table, lens=bent), surfaces))
     # except for a pupil size that increases with the angle, which the table does not contain
     grown = lens.field.at(np.tan(np.radians(theirs.theta_deg)))
@@ -114,26 +139,39 @@ def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
 def test_own_blur_and_illumination_are_in_the_floored_area_and_the_light():
     _, table = faultless(om.load_sensor("paper-spherical"))
     dull = replace(
-        table.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)), own_blur_s_mm=tuple(np.zeros(len(ANGLES))),
+        table.lens,
+        own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)),
+        own_blur_s_mm=tuple(np.zeros(len(ANGLES))),
         relative_illumination=tuple(1 - ANGLES / 40),
-    )  # fmt: skip
+    )
     clear, blurred = om.evaluate(table, OMEGA), om.evaluate(replace(table, lens=dull), OMEGA)
     floor = 1 + clear.airy_px**2
-    wanted = np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
+    wanted = (
+        np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
+    )
     assert blurred.floored_area_deg2 == pytest.approx(wanted, rel=1e-9)
-    light = [om.illumination(replace(table, lens=lens), [60.0]).relative[0] for lens in (table.lens, dull)]
+    light = [
+        om.illumination(replace(table, lens=lens), [60.0]).relative[0]
+        for lens in (table.lens, dull)
+    ]
     theta = clear.theta_deg[np.searchsorted(OMEGA, 60.0)]
-    assert light[1] / light[0] == pytest.approx((1 - theta / 40) / np.cos(np.radians(theta)) ** 4, rel=0.02)
+    assert light[1] / light[0] == pytest.approx(
+        (1 - theta / 40) / np.cos(np.radians(theta)) ** 4, rel=0.02
+    )
 
 
 def test_best_focus_counts_the_own_blur():
     """Minimum area merit by exhaustive search."""
     _, table = faultless(om.load_sensor("paper-spherical"))
     own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
-    sensor = replace(table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur))
+    sensor = replace(
+        table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur)
+    )
     best = om.best_focus(sensor)
-    tried = [om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max() for f in
-             best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])]  # fmt: skip
+    tried = [
+        om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max()
+        for f in best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])
+    ]
     assert best.value <= min(tried) * (1 + 1e-6)
 
 
@@ -161,14 +199,28 @@ def test_a_file_of_columns(tmp_path):
         ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,x\n", "is not 3 numbers"),
         ("", "holds no line"),
         ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n", "needs 4 or more"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n1,0,0\n5,1,0\n10,2,0\n15,3,0\n", "begins with 0 and grows"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,1,0\n", "stop growing at"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,3,400\n", "outside the|focus_distance"),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n1,0,0\n5,1,0\n10,2,0\n15,3,0\n",
+            "begins with 0 and grows",
+        ),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,1,0\n",
+            "stop growing at",
+        ),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,3,400\n",
+            "outside the|focus_distance",
+        ),
     ],
 )
 def test_bad_tables_say_what_is_wrong(text, sentence, tmp_path):
     (tmp_path / "lens.csv").write_text(text)
-    table = {"file": "lens.csv", "focal_length_mm": 11.6, "f_number": 4.0, "focus_distance_mm": 212.0}
+    table = {
+        "file": "lens.csv",
+        "focal_length_mm": 11.6,
+        "f_number": 4.0,
+        "focus_distance_mm": 212.0,
+    }
     with pytest.raises(OmnimirrorError, match=sentence):
         TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
 
@@ -197,10 +249,14 @@ def test_entries_are_refused_outside_their_bounds(name):
 def test_a_mirror_past_the_end_of_the_table_is_refused():
     _, table = faultless(om.load_sensor("paper-spherical"))
     short = replace(
-        table.lens, field_deg=table.lens.field_deg[:19], image_height_mm=table.lens.image_height_mm[:19],
+        table.lens,
+        field_deg=table.lens.field_deg[:19],
+        image_height_mm=table.lens.image_height_mm[:19],
         entrance_pupil_mm=table.lens.entrance_pupil_mm[:19],
-    )  # fmt: skip
-    with pytest.raises(OmnimirrorError, match=r"ends at 9 deg from its axis, and the mirror reaches .* add rows"):
+    )
+    with pytest.raises(
+        OmnimirrorError, match=r"ends at 9 deg from its axis, and the mirror reaches .* add rows"
+    ):
         om.evaluate(replace(table, lens=short), OMEGA)
 
 
@@ -232,7 +288,10 @@ SEEN = 31  # rows of the table, up to 15 deg
 def barrelled(sensor, **more):
     _, whole = faultless(sensor, pupil=6.0)
     columns = ("field_deg", "image_height_mm", "entrance_pupil_mm")
-    table = replace(whole, lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}))
+    table = replace(
+        whole,
+        lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}),
+    )
     given = {"barrel_diameter_mm": BARREL, "barrel_mm": 6.0 + AHEAD, **more}
     return table, replace(table, lens=replace(table.lens, **given))
 
@@ -282,7 +341,10 @@ def test_pictures_are_dimmed_by_it():
         replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
         for s in barrelled(om.load_sensor("paper-spherical"))
     )
-    taken = [om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0] for s in (bare, cut)]
+    taken = [
+        om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0]
+        for s in (bare, cut)
+    ]
     edge = slice(2, 5)
     assert taken[1][edge].sum() < 0.75 * taken[0][edge].sum()
     assert taken[1][32] == pytest.approx(taken[0][32], rel=1e-3)

@@ -46,7 +46,11 @@ def cloud(mirror, scatter_mm, count=3000, above=False, seed=2, rim_mm=40.0):
     a, b = np.radians([0.8, -0.5])
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    points = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) @ (about_x @ about_y).T + [3.0, -2.0, 100.0]
+    points = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) @ (about_x @ about_y).T + [
+        3.0,
+        -2.0,
+        100.0,
+    ]
     return points * [1, -1, -1] if above else points
 
 
@@ -102,7 +106,9 @@ def test_a_sensor_file_names_a_cloud_or_a_grid(tmp_path):
 
 @pytest.mark.parametrize("entry", ["cloud_csv", "grid_sag", "profile_csv"])
 def test_text_from_elsewhere_names_no_file(entry):
-    with pytest.raises(SpecError, match=f"{entry} names another file; put the .* itself in, as x_mm and z_mm"):
+    with pytest.raises(
+        SpecError, match=f"{entry} names another file; put the .* itself in, as x_mm and z_mm"
+    ):
         parse_sensor(SENSOR.format(entry=f'{entry} = "/etc/passwd"'), folder=None)
 
 
@@ -119,7 +125,7 @@ def test_text_from_elsewhere_names_no_file(entry):
         ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "is no grid of heights"),
         ("grid_sag", "2 2 1 1 0 0 0\n1\n2\nx\n4\n", "line 3: 'x' is not z"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_cloud_or_grid_is_refused(tmp_path, entry, text, message):
     (tmp_path / "f").write_text(text)
     (tmp_path / "s.toml").write_text(SENSOR.format(entry=f'{entry} = "f"'))

@@ -34,15 +34,24 @@ def sensor_of(mirror: Mapped) -> om.Sensor:
     imager = Imager(1024, 1024, 5.2)
     if mirror.theta_max_deg == 0:
         return om.Sensor(mirror, Orthographic(0.0592, 4.0, 22.0), imager)
-    return om.Sensor(mirror, Perspective(11.6, 4.0, 210.0), imager, mirror_distance_mm=mirror.design_distance)
+    return om.Sensor(
+        mirror, Perspective(11.6, 4.0, 210.0), imager, mirror_distance_mm=mirror.design_distance
+    )
 
 
-def evaluated(mirror: Mapped, low: float = 1e-3) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
+def evaluated(
+    mirror: Mapped, low: float = 1e-3
+) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
     """Return field angles (radians), relative image heights, and mirror points, from om.evaluate."""
     sensor = sensor_of(mirror)
     start, end = sensor.field_deg
     result = om.evaluate(sensor, np.linspace(start + low * (end - start), end, 200))
-    return np.radians(result.omega_deg), result.h_px / sensor.rim_radius_px, result.x_mm, result.z_mm
+    return (
+        np.radians(result.omega_deg),
+        result.h_px / sensor.rim_radius_px,
+        result.x_mm,
+        result.z_mm,
+    )
 
 
 # 40-digit values of m/M for 135 deg at 12 deg; the far plane to 75 deg
@@ -93,12 +102,16 @@ def test_mappings_of_the_viewing_angle(cls, viewing, theta):
         np.testing.assert_allclose(angle / Theta, omega / omega[-1], rtol=1e-9)
     else:
         np.testing.assert_allclose(
-            np.tan(angle / 2) / np.tan(Theta / 2), np.tan(omega / 2) / np.tan(omega[-1] / 2), rtol=1e-9
+            np.tan(angle / 2) / np.tan(Theta / 2),
+            np.tan(omega / 2) / np.tan(omega[-1] / 2),
+            rtol=1e-9,
         )
 
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
-@pytest.mark.parametrize(("omega_max", "H"), [(70.0, 60.0), (70.0, 600.0), (70.0, 1e6), (89.9, 800.0)])
+@pytest.mark.parametrize(
+    ("omega_max", "H"), [(70.0, 60.0), (70.0, 600.0), (70.0, 1e6), (89.9, 800.0)]
+)
 def test_a_ground_plane_is_drawn_to_scale(omega_max, H, theta):
     """True intersections of the chief rays with the plane: radii are proportional to image heights."""
     omega, tau, x, z = evaluated(GroundPlane(omega_max, theta, M, plane_distance_mm=H))
@@ -109,7 +122,8 @@ def test_a_ground_plane_is_drawn_to_scale(omega_max, H, theta):
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize(
-    ("low", "high", "R"), [(50.0, 115.0, 60.0), (50.0, 115.0, 800.0), (50.0, 115.0, 1e6), (2.0, 150.0, 800.0)]
+    ("low", "high", "R"),
+    [(50.0, 115.0, 60.0), (50.0, 115.0, 800.0), (50.0, 115.0, 1e6), (2.0, 150.0, 800.0)],
 )
 def test_a_cylinder_is_drawn_to_scale(low, high, R, theta):
     mirror = CylinderMapping(high, theta, M, omega_min_deg=low, cylinder_radius_mm=R)
@@ -152,7 +166,11 @@ def test_points_of_the_plane_land_where_the_plan_says(H):
 
 
 def test_closed_forms_agree_with_the_quadrature():
-    for mirror in (Equiangular(130.0, 14.0, 1.0), Equiangular(130.0, 14.0, 1.0, 20.0), UnitAspect(135.0, 12.0, 1.0)):
+    for mirror in (
+        Equiangular(130.0, 14.0, 1.0),
+        Equiangular(130.0, 14.0, 1.0, 20.0),
+        UnitAspect(135.0, 12.0, 1.0),
+    ):
         quadrature = PerspectiveMeridian.solve(mirror._omega, mirror._domega, mirror._theta_max)
         assert mirror.design_distance == pytest.approx(quadrature.distance, rel=1e-12)
         x = np.linspace(0, 1, 50)
@@ -172,7 +190,9 @@ def test_under_an_orthographic_lens_they_are_the_conics_that_are_known():
         for ours, theirs in zip(mirror.profile(x), conic.profile(x), strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
     k = np.radians(135) / M  # Eq. 22 with the corrected sign
-    np.testing.assert_allclose(Equidistant(135.0, 0.0, M).sag(x), -2 / k * np.log(np.cos(k * x / 2)), rtol=1e-12)
+    np.testing.assert_allclose(
+        Equidistant(135.0, 0.0, M).sag(x), -2 / k * np.log(np.cos(k * x / 2)), rtol=1e-12
+    )
     flat = np.tan(np.radians(75)) / M  # by quadrature of the law of reflection
     nodes, weights = np.polynomial.legendre.leggauss(60)
     slope = np.tan(np.arctan(flat * x[:, None] * (nodes + 1) / 2) / 2)
@@ -199,7 +219,9 @@ def test_a_field_that_begins_past_the_camera_takes_a_pointed_mirror(cls, theta):
     elif cls is Equidistant or theta == 0:
         wanted = (omega - low) / (omega[-1] - low)
     else:
-        wanted = np.tan((omega - low) / (omega[-1] - low) * np.radians(theta)) / np.tan(np.radians(theta))
+        wanted = np.tan((omega - low) / (omega[-1] - low) * np.radians(theta)) / np.tan(
+            np.radians(theta)
+        )
     np.testing.assert_allclose(tau, wanted, rtol=1e-9)
     assert mirror.is_pointed
     assert np.isfinite(om.best_focus(sensor_of(mirror)).value)
@@ -241,9 +263,15 @@ def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
     rows = "\n".join(f"{o},{3 * (o - 20)}" for o in omega)
     (tmp_path / "mapping.csv").write_text(f"omega_deg,height\n{rows}\n")
     wanted = Equidistant(120.0, 10.0, M, omega_min_deg=20.0)
-    sensor = om.Sensor(wanted, Perspective(11.6, 4.0, 210.0), Imager(1024, 1024, 5.2),
-                       mirror_distance_mm=wanted.design_distance)  # fmt: skip
-    text = format_sensor(sensor).replace('"equidistant"', '"tabulated-mapping"\nmapping_csv = "mapping.csv"')
+    sensor = om.Sensor(
+        wanted,
+        Perspective(11.6, 4.0, 210.0),
+        Imager(1024, 1024, 5.2),
+        mirror_distance_mm=wanted.design_distance,
+    )
+    text = format_sensor(sensor).replace(
+        '"equidistant"', '"tabulated-mapping"\nmapping_csv = "mapping.csv"'
+    )
     text = text.replace("omega_max_deg = 120.0\n", "").replace("omega_min_deg = 20.0\n", "")
     (tmp_path / "s.toml").write_text(text)
     mirror = om.load_sensor(tmp_path / "s.toml").mirror
@@ -264,14 +292,21 @@ def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
     [
         ({"height": (1.0, 2, 3, 4, 5, 6)}, "height starts at 1"),
         ({"height": (0.0, 1, 2, 2, 5, 6)}, r"height does not grow after row 3 \(2 then 2\)"),
-        ({"omega_deg": (0.0, 10, 5, 20, 30, 40)}, r"omega_deg does not grow after row 2 \(10 then 5\)"),
+        (
+            {"omega_deg": (0.0, 10, 5, 20, 30, 40)},
+            r"omega_deg does not grow after row 2 \(10 then 5\)",
+        ),
         ({"height": (0.0, 1.0)}, "omega_deg has 6 rows and height 2"),
         ({"omega_deg": (0.0, 1.0), "height": (0.0, 1.0)}, "at least 6"),
         ({"theta_max_deg": 50.0}, "omega_max_deg = 40 cannot be reached with theta_max_deg = 50"),
     ],
 )
 def test_a_table_that_is_no_mapping_is_refused(change, message):
-    good = {"omega_deg": (0.0, 10, 20, 25, 30, 40), "height": (0.0, 1, 2, 3, 4, 5), "theta_max_deg": 12.0}
+    good = {
+        "omega_deg": (0.0, 10, 20, 25, 30, 40),
+        "height": (0.0, 1, 2, 3, 4, 5),
+        "theta_max_deg": 12.0,
+    }
     with pytest.raises(InvalidParameter, match=message):
         TabulatedMapping(**{**good, **change}, rim_radius_mm=M)
 
@@ -291,11 +326,26 @@ def test_a_function_that_is_no_mapping_is_refused():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Equiareal(170.0, 12.0, M), "omega_max_deg = 170 cannot be reached .* valid between 12 and 168"),
-        (lambda: Rectifying(95.0, 12.0, M), "omega_max_deg = 95 cannot be reached by the rectifying .* below 90"),
-        (lambda: GroundPlane(90.0, 12.0, M, 500.0), "omega_max_deg = 90 cannot be reached by the ground-plane"),
-        (lambda: Equidistant(60.0, 12.0, M, 70.0), "omega_min_deg = 70 is not below omega_max_deg = 60"),
-        (lambda: CylinderMapping(110.0, 12.0, M, 50.0, 40.0), "cylinder_radius_mm = 40 does not clear the mirror"),
+        (
+            lambda: Equiareal(170.0, 12.0, M),
+            "omega_max_deg = 170 cannot be reached .* valid between 12 and 168",
+        ),
+        (
+            lambda: Rectifying(95.0, 12.0, M),
+            "omega_max_deg = 95 cannot be reached by the rectifying .* below 90",
+        ),
+        (
+            lambda: GroundPlane(90.0, 12.0, M, 500.0),
+            "omega_max_deg = 90 cannot be reached by the ground-plane",
+        ),
+        (
+            lambda: Equidistant(60.0, 12.0, M, 70.0),
+            "omega_min_deg = 70 is not below omega_max_deg = 60",
+        ),
+        (
+            lambda: CylinderMapping(110.0, 12.0, M, 50.0, 40.0),
+            "cylinder_radius_mm = 40 does not clear the mirror",
+        ),
     ],
 )
 def test_what_cannot_be_had_is_refused_with_advice(make, message):

@@ -63,7 +63,9 @@ def test_noise_is_estimated_and_smoothed(step, scatter_nm, resolution, blur_px, 
     sensor = sensor_of(x, z + scatter_nm * 1e-6 * noise(len(x), seed))
     assert sensor.mirror.fit.uncertainty_mm * 1e6 == pytest.approx(scatter_nm, rel=0.15)
     found = om.evaluate(sensor, OMEGA)
-    np.testing.assert_allclose(found.dh_domega_px_per_deg, TRUE.dh_domega_px_per_deg, rtol=resolution)
+    np.testing.assert_allclose(
+        found.dh_domega_px_per_deg, TRUE.dh_domega_px_per_deg, rtol=resolution
+    )
     np.testing.assert_allclose(found.blur_t_px, TRUE.blur_t_px, atol=blur_px)
     np.testing.assert_allclose(found.h_px, TRUE.h_px, atol=h_px)
 
@@ -100,8 +102,12 @@ def test_wrong_points_among_noisy_ones_are_left_out():
 def test_a_stated_uncertainty_is_taken_or_refused():
     x, z = points(0.1)
     noisy = z + 5e-5 * noise(len(x), 5)
-    assert SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.05).fit.uncertainty_mm == pytest.approx(5e-5, 0.1)
-    with pytest.raises(InvalidParameter, match=r"scatter by 0.0\d+ um .* uncertainty_um = 0.001 is stated"):
+    assert SampledProfile(
+        tuple(x), tuple(noisy), M, uncertainty_um=0.05
+    ).fit.uncertainty_mm == pytest.approx(5e-5, 0.1)
+    with pytest.raises(
+        InvalidParameter, match=r"scatter by 0.0\d+ um .* uncertainty_um = 0.001 is stated"
+    ):
         SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.001)
     met = SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.0)
     np.testing.assert_allclose(met.sag(x[:-1]), (noisy - noisy[0])[:-1], atol=1e-12)
@@ -113,7 +119,14 @@ def test_the_standard_deviations_are_those_of_many_measurements():
     """Compared with repeated simulated measurements: the error of each column, including that of
     smoothing."""
     x, z = points(0.25)
-    columns = ("h_px", "dh_domega_px_per_deg", "blur_t_px", "blur_s_px", "viewpoint_z_mm", "floored_area_deg2")
+    columns = (
+        "h_px",
+        "dh_domega_px_per_deg",
+        "blur_t_px",
+        "blur_s_px",
+        "viewpoint_z_mm",
+        "floored_area_deg2",
+    )
     omega = OMEGA[1:]
     runs, stated = [], []
     for seed in range(24):
@@ -123,7 +136,9 @@ def test_the_standard_deviations_are_those_of_many_measurements():
             stated.append(result.standard_deviations())
     true = om.evaluate(SENSOR, omega)
     for name in columns:
-        errors = np.sqrt(np.mean([(getattr(r, name) - getattr(true, name)) ** 2 for r in runs], axis=0))
+        errors = np.sqrt(
+            np.mean([(getattr(r, name) - getattr(true, name)) ** 2 for r in runs], axis=0)
+        )
         ratio = errors / np.median([s[name] for s in stated], axis=0)
         assert (ratio > 0.6).all(), name
         assert (ratio < 2.5).all(), name
@@ -176,11 +191,15 @@ def test_the_proof_agrees_with_a_fine_scan(m):
     rng = np.random.default_rng(7)
     x = np.linspace(0, 10, 21)
     for _ in range(30):
-        mirror = SampledProfile(tuple(x), tuple(x**2 / 60 + 2e-4 * rng.standard_normal(21)), uncertainty_um=0.0)
+        mirror = SampledProfile(
+            tuple(x), tuple(x**2 / 60 + 2e-4 * rng.standard_normal(21)), uncertainty_um=0.0
+        )
         at = np.linspace(0, 10, 20001)
         z, slope, curvature = mirror.profile(at)
         growth = (
-            curvature if np.isinf(m) else 2 * curvature * ((m + z) ** 2 + at**2) + (m + z - at * slope) * (1 + slope**2)
+            curvature
+            if np.isinf(m)
+            else 2 * curvature * ((m + z) ** 2 + at**2) + (m + z - at * slope) * (1 + slope**2)
         )
         falls = growth < 0
         found = first_non_increasing_x(mirror, m)

@@ -27,14 +27,22 @@ SHELLS = {
 def shape(shell, radius, centre_mm, inside, outside):
     glass = {"type": "dielectric", "int_ior": inside, "ext_ior": outside}
     if isinstance(shell, Tube):
-        return {"type": "cylinder", "p0": [0, 0, -2000.0], "p1": [0, 0, 2000.0], "radius": radius, "bsdf": glass}
+        return {
+            "type": "cylinder",
+            "p0": [0, 0, -2000.0],
+            "p1": [0, 0, 2000.0],
+            "radius": radius,
+            "bsdf": glass,
+        }
     return {"type": "sphere", "center": [0, 0, centre_mm], "radius": radius, "bsdf": glass}
 
 
 def let_through(mi, scene, origin, direction):  # noqa: F811
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction)))
     assert hit.is_valid()
-    sample, _ = hit.bsdf().sample(mi.BSDFContext(), hit, 1.0, mi.Point2f(0.5, 0.5))  # 1: transmitted
+    sample, _ = hit.bsdf().sample(
+        mi.BSDFContext(), hit, 1.0, mi.Point2f(0.5, 0.5)
+    )  # 1: transmitted
     assert mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
     return np.array(hit.p, dtype=float), np.array(hit.to_world(sample.wo), dtype=float)
 
@@ -47,10 +55,14 @@ def test_coordinates_are_those_of_rays_that_mitsuba_lets_through(mi, name):  # n
     inner, outer = fitted.radii_mm
     centres = (0.0, 0.0) if isinstance(shell, Tube) else fitted.centres_mm
     radius = float(sensor.mirror.radius_mm)
-    mirror = mi.load_dict({"type": "scene", "s": {"type": "sphere", "center": [0, 0, radius], "radius": radius}})
+    mirror = mi.load_dict(
+        {"type": "scene", "s": {"type": "sphere", "center": [0, 0, radius], "radius": radius}}
+    )
     sides = [
         mi.load_dict({"type": "scene", "s": shape(shell, inner, centres[0], 1.0, shell.index)}),
-        mi.load_dict({"type": "scene", "s": shape(shell, outer, centres[1], shell.index, shell.outer_index)}),
+        mi.load_dict(
+            {"type": "scene", "s": shape(shell, outer, centres[1], shell.index, shell.outer_index)}
+        ),
     ]
     chance = np.random.default_rng(4)
     reach, turn = np.sqrt(chance.uniform(0.15, 0.98, 60)), chance.uniform(0, 2 * np.pi, 60)

@@ -7,8 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimirror.base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
-from omnimirror.optics.mirrors import Cone, Equidistant, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
+from omnimirror.base.errors import (
+    InvalidParameter,
+    NotOneToOne,
+    OutsideField,
+    OutsideMirror,
+    SelfObstruction,
+)
+from omnimirror.optics.mirrors import (
+    Cone,
+    Equidistant,
+    EvenPolynomial,
+    Hyperboloid,
+    Paraboloid,
+    Sphere,
+)
 from omnimirror.optics.tracing.meridian import Meridian, trace_chief_rays
 from tests.conftest import MIRRORS
 from tests.everyday import few
@@ -42,7 +55,9 @@ def test_the_law_of_reflection_holds_in_vectors(kind):
     to_lens = np.stack([-x, -(m + rays.z)]) / np.hypot(x, m + rays.z)
     to_object = np.stack([np.sin(rays.omega), -np.cos(rays.omega)])
     normal = np.stack([rays.slope, -np.ones_like(x)]) / np.hypot(rays.slope, 1)
-    np.testing.assert_allclose(2 * (to_lens * normal).sum(0) * normal - to_lens, to_object, atol=1e-14)
+    np.testing.assert_allclose(
+        2 * (to_lens * normal).sum(0) * normal - to_lens, to_object, atol=1e-14
+    )
     np.testing.assert_allclose((to_object * normal).sum(0), np.cos(rays.gamma), atol=1e-14)
 
 
@@ -76,13 +91,23 @@ def test_a_point_on_a_ray_is_seen_in_the_mirror_point_of_that_ray(kind, fraction
     rays = meridian.trace([fraction * mirror.rim_radius_mm])
     x_t = rays.x + distance * np.sin(rays.omega)
     z_t = rays.z - distance * np.cos(rays.omega)
-    assert meridian.x_from_point(x_t, z_t)[0] == pytest.approx(rays.x[0], abs=1e-10 * mirror.rim_radius_mm)
+    assert meridian.x_from_point(x_t, z_t)[0] == pytest.approx(
+        rays.x[0], abs=1e-10 * mirror.rim_radius_mm
+    )
 
 
 @pytest.mark.parametrize("meridian", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
 def test_points_behind_or_inside_the_mirror_are_not_seen(meridian):
     sag = float(meridian.mirror.sag(0.5))
-    shadow = [(0.5, 7.0), (0.5, sag + 0.01), (0.0, 3.0), (2.0, 10.0), (0.9, 1.2), (np.nan, 0.0), (5.0, np.inf)]
+    shadow = [
+        (0.5, 7.0),
+        (0.5, sag + 0.01),
+        (0.0, 3.0),
+        (2.0, 10.0),
+        (0.9, 1.2),
+        (np.nan, 0.0),
+        (5.0, np.inf),
+    ]
     assert np.isnan(meridian.x_from_point(*np.transpose(shadow))).all()
     seen = [(0.5, sag - 0.01), (0.0, -2.0), (5.0, 0.0), (3.0, 1.5)]
     assert np.isfinite(meridian.x_from_point(*np.transpose(seen))).all()
@@ -120,15 +145,21 @@ def test_cone_viewpoints_lie_on_the_ring_of_virtual_pinholes():
 
 
 def test_outside_the_field_names_the_angle_and_the_field():
-    with pytest.raises(OutsideField, match=r"omega = 140 deg is outside the field; it is valid from 0 to 135\.00"):
+    with pytest.raises(
+        OutsideField, match=r"omega = 140 deg is outside the field; it is valid from 0 to 135\.00"
+    ):
         SPH.x_from_omega(np.radians([10.0, 140.0]))
     with pytest.raises(OutsideField, match="omega = -1 deg"):
         SPH.x_from_omega(np.radians([-1.0]))
-    with pytest.raises(OutsideField, match="omega = 90 deg is outside the field; it is valid from 100 to"):
+    with pytest.raises(
+        OutsideField, match="omega = 90 deg is outside the field; it is valid from 100 to"
+    ):
         Meridian(Cone(50.0, 1.0), 4.0).x_from_omega(np.radians([90.0]))
     with pytest.raises(OutsideField, match="theta = 13 deg looks past the mirror"):
         SPH.x_from_tan_theta(np.tan(np.radians([13.0])))
-    with pytest.raises(OutsideMirror, match=r"x = 1\.2 mm is not on the mirror, which is seen from 0 to 1\.0"):
+    with pytest.raises(
+        OutsideMirror, match=r"x = 1\.2 mm is not on the mirror, which is seen from 0 to 1\.0"
+    ):
         SPH.trace([0.5, 1.2])
     with pytest.raises(OutsideField, match="nan"):
         SPH.x_from_omega([np.nan])

@@ -29,18 +29,27 @@ def mi():
 def meshed(mi, sensor, rings, spokes):
     """Return the mirror as triangles with vertex normals, at its pose in the camera frame."""
     mirror, pose = sensor.mirror, sensor.mirror_pose
-    spaced = np.linspace if not mirror.is_pointed else np.geomspace  # normals vary faster towards a tip
+    spaced = (
+        np.linspace if not mirror.is_pointed else np.geomspace
+    )  # normals vary faster towards a tip
     r = spaced(mirror.rim_radius_mm / 5000, mirror.rim_radius_mm, rings)
     r, phi = np.meshgrid(r, 2 * np.pi * np.arange(spokes) / spokes, indexing="ij")
     sag, slope, _ = mirror.profile(r)
     points = np.stack([r * np.cos(phi), r * np.sin(phi), sag], -1).reshape(-1, 3)
-    normals = np.stack([slope * np.cos(phi), slope * np.sin(phi), -np.ones_like(r)], -1).reshape(-1, 3)
+    normals = np.stack([slope * np.cos(phi), slope * np.sin(phi), -np.ones_like(r)], -1).reshape(
+        -1, 3
+    )
     points = np.concatenate([[[0, 0, 0]], points])
-    normals = np.concatenate([[[0, 0, -1]], normals / np.linalg.norm(normals, axis=1, keepdims=True)])
+    normals = np.concatenate(
+        [[[0, 0, -1]], normals / np.linalg.norm(normals, axis=1, keepdims=True)]
+    )
     spoke, ring = np.arange(spokes), np.arange(rings - 1)[:, None]
     inner, outer = 1 + ring * spokes + spoke, 1 + (ring + 1) * spokes + spoke
     next_inner, next_outer = np.roll(inner, -1, axis=1), np.roll(outer, -1, axis=1)
-    quads = [np.stack([inner, outer, next_outer], -1), np.stack([inner, next_outer, next_inner], -1)]
+    quads = [
+        np.stack([inner, outer, next_outer], -1),
+        np.stack([inner, next_outer, next_inner], -1),
+    ]
     fan = np.stack([np.zeros_like(spoke), 1 + spoke, 1 + np.roll(spoke, -1)], -1)
     faces = np.concatenate([fan, *(q.reshape(-1, 3) for q in quads)])
     mesh = mi.Mesh("mirror", len(points), len(faces), has_vertex_normals=True)
@@ -58,7 +67,9 @@ def lens_rays(sensor, pixels):
     image = (pixels - 511.5) * 5.2e-3
     if sensor.lens.TELECENTRIC:
         across = image / sensor.lens.magnification
-        return np.column_stack([across, np.full(len(across), -30.0)]), np.tile([0.0, 0.0, 1.0], (len(across), 1))
+        return np.column_stack([across, np.full(len(across), -30.0)]), np.tile(
+            [0.0, 0.0, 1.0], (len(across), 1)
+        )
     origins = np.tile([0.0, 0.0, -sensor.mirror_distance_mm], (len(image), 1))
     directions = np.column_stack([image, np.full(len(image), sensor.lens.image_distance)])
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -84,8 +95,12 @@ PIXELS = "pixels of these directions"
 
 def pixels_within(sensor, count):
     """Return pixels over the whole mirror image except those near the rim."""
-    pixels = np.random.default_rng(9).uniform(0, 1023, (12 * count, 2))  # integer pixels would hit cracks at 45 deg
-    around = np.concatenate([pixels + 1.5 * np.array([np.cos(a), np.sin(a)]) for a in np.arange(0, 6.28, 0.7)])
+    pixels = np.random.default_rng(9).uniform(
+        0, 1023, (12 * count, 2)
+    )  # integer pixels would hit cracks at 45 deg
+    around = np.concatenate(
+        [pixels + 1.5 * np.array([np.cos(a), np.sin(a)]) for a in np.arange(0, 6.28, 0.7)]
+    )
     inside = sensor.backproject(around).valid.reshape(-1, len(pixels)).all(axis=0)
     return pixels[inside][:count]
 
@@ -106,7 +121,9 @@ def spherical(mi, sensor):
     """Return a scene with Mitsuba's own sphere as mirror."""
     A = sensor.mirror.radius_mm
     centre = sensor.mirror_pose.to_camera([[0.0, 0.0, A]])[0]
-    return mi.load_dict({"type": "scene", "ball": {"type": "sphere", "radius": A, "center": centre.tolist()}})
+    return mi.load_dict(
+        {"type": "scene", "ball": {"type": "sphere", "radius": A, "center": centre.tolist()}}
+    )
 
 
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
@@ -114,8 +131,20 @@ def test_on_its_own_sphere(mi, pose, beside):
     sensor = replace(sensor_of("sphere"), mirror_pose=pose)
     worst_deg, _, worst_px = differences(mi, sensor, spherical(mi, sensor), 1500)
     # single precision is all that is left
-    beside("Mitsuba 3", "directions of pixels, analytic sphere of Mitsuba", worst_deg, WITHIN_DEG / 5, "deg")
-    beside("Mitsuba 3", "pixels of these directions, analytic sphere of Mitsuba", worst_px, WITHIN_PX / 5, "px")
+    beside(
+        "Mitsuba 3",
+        "directions of pixels, analytic sphere of Mitsuba",
+        worst_deg,
+        WITHIN_DEG / 5,
+        "deg",
+    )
+    beside(
+        "Mitsuba 3",
+        "pixels of these directions, analytic sphere of Mitsuba",
+        worst_px,
+        WITHIN_PX / 5,
+        "px",
+    )
 
 
 @pytest.mark.full
@@ -139,7 +168,10 @@ def test_every_mirror_on_meshes_that_grow_finer(mi, kind, pose, beside):
     sensor = replace(sensor_of(kind), mirror_pose=pose)
     found = [differences(mi, sensor, meshed(mi, sensor, n, 2 * n), 4000) for n in (175, 350, 700)]
     coarse, middle, fine = (rms for _, rms, _ in found)
-    print(f"{kind}: worst deg and px on 175, 350, 700 rings:", [(f"{a:.2g}", f"{c:.2g}") for a, _, c in found])
+    print(
+        f"{kind}: worst deg and px on 175, 350, 700 rings:",
+        [(f"{a:.2g}", f"{c:.2g}") for a, _, c in found],
+    )
     assert middle < coarse / 3
     assert fine < middle / 2
     worst_deg, _, worst_px = found[-1]

@@ -72,7 +72,9 @@ def met(discs, rods, point, out, lens):
         for leg in legs:
             inside = (leg[:, 2] > foot) & (leg[:, 2] < top)
             radius = low + (high - low) * (leg[:, 2] - foot) / (top - foot)
-            if (inside & (np.hypot(leg[:, 0], leg[:, 1]) < radius)).any() or crosses(leg, foot, 0.0, low):
+            if (inside & (np.hypot(leg[:, 0], leg[:, 1]) < radius)).any() or crosses(
+                leg, foot, 0.0, low
+            ):
                 found.add(name)
     return found
 
@@ -82,7 +84,9 @@ def marched(sensor, discs, rods, omega_deg):
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
     point = np.array([rays.x[0], 0.0, rays.z[0]])
     slope = np.arctan(sensor.mirror.slope(rays.x[0]))
-    inside = 2 * slope + np.arctan2(rays.x[0], rays.z[0] - LENS)  # obscured rays do not reach the wall of a dome
+    inside = 2 * slope + np.arctan2(
+        rays.x[0], rays.z[0] - LENS
+    )  # obscured rays do not reach the wall of a dome
     out = np.array([np.sin(inside), 0.0, -np.cos(inside)])
     return met(discs, rods, point, out, np.array([0.0, 0.0, LENS]))
 
@@ -141,9 +145,13 @@ def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name, pose
     count = 0
     for i in np.flatnonzero(rays.valid):
         mine = [d for d in discs if d[0] == "rim"]
-        found = met([d for d in discs if d[0] != "rim"], rods, rays.points[i], rays.directions[i], start[i])
+        found = met(
+            [d for d in discs if d[0] != "rim"], rods, rays.points[i], rays.directions[i], start[i]
+        )
         there = pose.to_mirror(rays.points[i])
-        found |= met(mine, [], there, pose.turned_to_mirror(rays.directions[i]), there - [0.0, 0.0, 1.0])
+        found |= met(
+            mine, [], there, pose.turned_to_mirror(rays.directions[i]), there - [0.0, 0.0, 1.0]
+        )
         assert {part for part, hidden in said.items() if hidden[i]} == found
         count += bool(found)
     assert count > 5
@@ -153,7 +161,9 @@ def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name, pose
 def test_the_ring_of_a_rod_on_a_displaced_mirror_ends_where_its_pixels_do(shift):
     sensor = replace(housed("wide rod")[0], mirror_pose=MirrorPose(displacement_mm=shift))
     ((_, (low, high), _),) = sensor.obscurations
-    edges = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([high - 1e-6, high + 1e-6])))
+    edges = sensor.meridian.trace(
+        sensor.meridian.x_from_omega(np.radians([high - 1e-6, high + 1e-6]))
+    )
     pixels = [[511.5 + height, 511.5] for height in sensor.image_height_px(edges)]
     assert low == 0.0
     assert sensor.hidden_by(pixels)["rod"].tolist() == [True, False]
@@ -162,7 +172,10 @@ def test_the_ring_of_a_rod_on_a_displaced_mirror_ends_where_its_pixels_do(shift)
 def test_rings_that_overlap_are_merged():
     sensor = housed("all")[0]
     low, high = sensor.obscured
-    assert low.omega_deg == (0.0, max(r.omega_deg[1] for r in sensor.obscurations if r.omega_deg[0] == 0.0))
+    assert low.omega_deg == (
+        0.0,
+        max(r.omega_deg[1] for r in sensor.obscurations if r.omega_deg[0] == 0.0),
+    )
     assert high.omega_deg[1] == pytest.approx(sensor.field_deg[1])
     assert sensor.clear_field_deg == (low.omega_deg[1], high.omega_deg[0])
     assert SPH.clear_field_deg == SPH.field_deg
@@ -179,7 +192,9 @@ def test_a_mirror_that_is_only_displaced_keeps_its_housing_where_it_is():
     housing = Housing(CameraBody(60.0))
     moved = replace(SPH, housing=housing, mirror_pose=MirrorPose(displacement_mm=2.0))
     farther = replace(SPH, housing=housing, mirror_distance_mm=SPH.mirror_distance_mm + 2.0)
-    assert moved.obscurations[0].omega_deg == pytest.approx(farther.obscurations[0].omega_deg, abs=1e-9)
+    assert moved.obscurations[0].omega_deg == pytest.approx(
+        farther.obscurations[0].omega_deg, abs=1e-9
+    )
 
 
 def test_what_is_hidden_of_a_tilted_mirror_is_asked_of_pixels():
@@ -196,7 +211,9 @@ def test_two_mirrors_hide_the_middle_and_have_a_tube_at_most():
         replace(folded, housing=Housing(rod=Rod())).obscurations  # noqa: B018
     (ring,) = folded.obscurations
     rays = folded.backproject([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)])
-    hidden = np.any([*folded.hidden_by([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)]).values()], axis=0)
+    hidden = np.any(
+        [*folded.hidden_by([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)]).values()], axis=0
+    )
     assert hidden.tolist() == (~rays.valid).tolist() == [True, True, False]
     truth = om.ground_truth(folded, om.Room(texel_mm=40.0))
     share = 100 * truth.hidden.sum() / (np.pi * folded.rim_radius_px**2)
@@ -216,7 +233,9 @@ def test_the_rings_that_a_flange_hides_begin_at_rays_to_its_outer_edge(width, se
         d = np.array([x, z - LENS]) / np.hypot(x, z - LENS)
         n = np.array([-x, radius - z]) / radius
         out = d - 2 * (d @ n) * n
-        return x + (plane - z) * out[0] / out[1] - (M + width), np.degrees(np.arctan2(out[0], -out[1]))
+        return x + (plane - z) * out[0] / out[1] - (M + width), np.degrees(
+            np.arctan2(out[0], -out[1])
+        )
 
     (ring,) = sensor.obscurations
     at = brentq(lambda x: past_edge(x)[0], 0.8 * M, M - 1e-9)

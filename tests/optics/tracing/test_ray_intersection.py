@@ -37,7 +37,9 @@ def chief_rays(mirror, m, count=2000):
 def test_rays_in_space_are_those_of_the_meridian(kind, lens):
     mirror, m = MIRRORS[kind]
     if lens == "orthographic" and kind in ("cone", "equidistant"):
-        pytest.skip("made for a perspective lens; under an orthographic one a cone sees a single field angle")
+        pytest.skip(
+            "made for a perspective lens; under an orthographic one a cone sees a single field angle"
+        )
     eyes, seen, points, directions = chief_rays(mirror, m if lens == "perspective" else np.inf)
     found = _ray_intersection.trace(mirror, eyes, seen)
     assert found.valid.all()
@@ -56,8 +58,12 @@ def test_iteration_and_quadratic_agree(kind, monkeypatch):
     searched = _ray_intersection.intersect(mirror, origins, directions)
     np.testing.assert_array_equal(known.valid, searched.valid)
     assert 0.1 < known.valid.mean() < 0.9
-    np.testing.assert_allclose(known.distance, searched.distance, rtol=1e-7)  # grazing rays are ill-conditioned
-    np.testing.assert_allclose(np.nanmedian(abs(known.distance - searched.distance)), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        known.distance, searched.distance, rtol=1e-7
+    )  # grazing rays are ill-conditioned
+    np.testing.assert_allclose(
+        np.nanmedian(abs(known.distance - searched.distance)), 0.0, atol=1e-12
+    )
 
 
 def rays_from_anywhere(mirror, count, seed=5):
@@ -68,7 +74,9 @@ def rays_from_anywhere(mirror, count, seed=5):
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "conic-asphere", "equidistant", "sampled"))
+@pytest.mark.parametrize(
+    "kind", few(sorted(MIRRORS), "cone", "conic-asphere", "equidistant", "sampled")
+)
 def test_the_hit_is_the_first_and_from_the_front(kind):
     """Marching along each ray in steps of 0.01 rim radii finds no earlier and no missed
     intersection."""
@@ -89,14 +97,18 @@ def test_the_hit_is_the_first_and_from_the_front(kind):
             assert np.hypot(*(o + t * d)[:2]) > mirror.rim_radius_mm - M / 100
 
 
-@pytest.mark.parametrize(("coefficients", "start"), [((2.0, -4.2, 2.6), -1.0), ((-2.0, 3.0), -10.0)])
+@pytest.mark.parametrize(
+    ("coefficients", "start"), [((2.0, -4.2, 2.6), -1.0), ((-2.0, 3.0), -10.0)]
+)
 def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
     """Rings with rising and falling slope: Newton's tangent would miss the first intersection, the
     parabola does not."""
     ring = EvenPolynomial(coefficients, 10.0, 10.0)
     assert _ray_intersection.hollowness(ring) > 0
     rng = np.random.default_rng(6)
-    origins = np.stack([rng.uniform(-30, 30, 80), rng.uniform(-3, 3, 80), np.full(80, start)], axis=-1)
+    origins = np.stack(
+        [rng.uniform(-30, 30, 80), rng.uniform(-3, 3, 80), np.full(80, start)], axis=-1
+    )
     aim = np.stack([rng.uniform(-9, 9, 80), rng.uniform(-2, 2, 80), rng.uniform(0, 4, 80)], axis=-1)
     hits = _ray_intersection.intersect(ring, origins, aim - origins)
     steps = np.linspace(0, 5, 50001)
@@ -105,7 +117,9 @@ def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
     height = np.where(r <= 10, march[:, 2] - ring.sag(np.minimum(r, 10.0)), np.nan)
     above = height > 0
     first = np.where(above.any(axis=1), steps[above.argmax(axis=1)], np.nan)
-    came_over_the_front = np.array([h[max(a.argmax() - 1, 0)] <= 0 for h, a in zip(height, above, strict=True)])
+    came_over_the_front = np.array(
+        [h[max(a.argmax() - 1, 0)] <= 0 for h, a in zip(height, above, strict=True)]
+    )
     assert (hits.valid == (came_over_the_front & np.isfinite(first))).all()
     np.testing.assert_allclose(hits.distance[hits.valid], first[hits.valid], atol=2e-4)
     again = _ray_intersection.trace(ring, origins, aim - origins)
@@ -124,20 +138,30 @@ def test_what_misses_is_not_valid_and_nan():
         "not finite": ([np.nan, 0, 0], [0, 0, 1]),
         "no direction": ([0, 0, -100], [0, 0, 0]),
     }
-    for mirror in (sphere, ConicAsphere(50.0, 0.0, 44.0), Hyperboloid(32.5, 74.5, 43.9), Cone(50.0, 44.0)):
+    for mirror in (
+        sphere,
+        ConicAsphere(50.0, 0.0, 44.0),
+        Hyperboloid(32.5, 74.5, 43.9),
+        Cone(50.0, 44.0),
+    ):
         for name, (origin, direction) in cases.items():
             with np.errstate(invalid="ignore"):
                 found = _ray_intersection.trace(mirror, [origin], [direction])
             assert not found.valid[0], (mirror.KIND, name)
             assert np.isnan(found.points).all()
             assert np.isnan(found.directions).all()
-    assert _ray_intersection.intersect(sphere, np.empty((0, 3)), np.empty((0, 3))).valid.shape == (0,)
+    assert _ray_intersection.intersect(sphere, np.empty((0, 3)), np.empty((0, 3))).valid.shape == (
+        0,
+    )
 
 
 @given(
-    x=st.floats(-20, 20), y=st.floats(-20, 20), tip=st.floats(-12, 12), side=st.floats(-12, 12),
+    x=st.floats(-20, 20),
+    y=st.floats(-20, 20),
+    tip=st.floats(-12, 12),
+    side=st.floats(-12, 12),
     kind=st.sampled_from(["sphere", "hyperboloid", "conic-asphere", "even-polynomial"]),
-)  # fmt: skip
+)
 def test_a_tilted_and_decentred_reflection_in_30_digits(x, y, tip, side, kind):
     """Intersection by mpmath's root finder from the textbook sag, normal by its numerical
     derivative."""
@@ -145,7 +169,10 @@ def test_a_tilted_and_decentred_reflection_in_30_digits(x, y, tip, side, kind):
     o, d = [mp.mpf(v) for v in (3.0, -2.0, -m)], [mp.mpf(v) for v in (x - 3.0, y + 2.0, m)]
     pose = MirrorPose(tilt_x_deg=tip, tilt_y_deg=side)
     mp.mp.dps = 30
-    origin, direction = pose.to_mirror([[float(v) for v in o]])[0], pose.turned_to_mirror([[float(v) for v in d]])[0]
+    origin, direction = (
+        pose.to_mirror([[float(v) for v in o]])[0],
+        pose.turned_to_mirror([[float(v) for v in d]])[0],
+    )
 
     def sag(u, v):
         r2 = u * u + v * v
@@ -159,7 +186,9 @@ def test_a_tilted_and_decentred_reflection_in_30_digits(x, y, tip, side, kind):
             case ConicAsphere(R, k, _, a, N):
                 k1 = 1 + mp.mpf(k)
                 conic = (R - mp.sqrt(mp.mpf(R) ** 2 - k1 * r2)) / k1
-                return conic + N * sum(c * (r2 / mp.mpf(N) ** 2) ** (i + 2) for i, c in enumerate(a))
+                return conic + N * sum(
+                    c * (r2 / mp.mpf(N) ** 2) ** (i + 2) for i, c in enumerate(a)
+                )
 
     at = [lambda t, i=i: mp.mpf(origin[i]) + t * mp.mpf(direction[i]) for i in range(3)]
     start = _ray_intersection.intersect(mirror, [origin], [direction]).distance[0]
@@ -189,7 +218,9 @@ def test_the_pose_turns_as_it_says():
 
 
 def test_the_axis_counts_as_azimuth_0():
-    cos, sin = _ray_intersection._unit(np.array([0.0, 3.0]), np.array([0.0, -4.0]), np.array([0.0, 5.0]))
+    cos, sin = _ray_intersection._unit(
+        np.array([0.0, 3.0]), np.array([0.0, -4.0]), np.array([0.0, 5.0])
+    )
     np.testing.assert_allclose([cos, sin], [[1.0, 0.6], [0.0, -0.8]], rtol=1e-15)
 
 

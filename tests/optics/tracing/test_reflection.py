@@ -56,10 +56,14 @@ def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))
     found = specular_points(
-        ball, RayEndpoints.of([[0.0, 0.0, -1.0]], distant=True), RayEndpoints.of(towards, distant=True)
+        ball,
+        RayEndpoints.of([[0.0, 0.0, -1.0]], distant=True),
+        RayEndpoints.of(towards, distant=True),
     )
     off_axis = np.degrees(np.arcsin(np.hypot(*found.points[found.valid, :2].T) / 50.0))
-    np.testing.assert_allclose(off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9
+    )
     assert np.array_equal(found.valid, -towards[:, 2] > np.cos(np.radians(140.0)))
 
 
@@ -75,7 +79,9 @@ def test_the_surface_is_looked_at_half_as_often(monkeypatch):
 
     monkeypatch.setattr(reflection, "Surface", Counted)
     pupils, targets = ends_about("sphere", True, False)
-    inside = RayEndpoints(targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True)
+    inside = RayEndpoints(
+        targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True
+    )
     looked_at.clear()
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     with_kernels = sum(looked_at)
@@ -93,7 +99,10 @@ def test_kernels_are_not_asked_where_they_do_not_serve():
     sphere = Sphere(50.0, 40.0)
     assert compiled_reflection_points(sphere, NO_FORM, pupils, targets) is not None
     few_of_each = slice(0, MIN_PAIRS - 1)
-    assert compiled_reflection_points(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each]) is None
+    assert (
+        compiled_reflection_points(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each])
+        is None
+    )
     moving = RayEndpoints(pupils.xyz + np.linspace(0, 1, COUNT)[:, None])
     assert compiled_reflection_points(sphere, NO_FORM, moving, targets) is None
     assert compiled_reflection_points(MIRRORS["cone"][0], NO_FORM, pupils, targets) is None

@@ -27,9 +27,13 @@ def hall() -> Hall:
 
 def seen_flat(scene, face_corners, columns, rows):
     """Return an image of the flat patch between corners (rows, columns, 3), from the front."""
-    v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
+    v, u = np.meshgrid(
+        (np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij"
+    )
     top_left, top_right, bottom_left = face_corners[0, 0], face_corners[0, -1], face_corners[-1, 0]
-    points = top_left + u[..., None] * (top_right - top_left) + v[..., None] * (bottom_left - top_left)
+    points = (
+        top_left + u[..., None] * (top_right - top_left) + v[..., None] * (bottom_left - top_left)
+    )
     return pinhole_picture(scene, points)
 
 
@@ -46,7 +50,9 @@ def test_the_room_is_the_same_as_surfaces_and_as_boxes(uncompiled):
 
 @needs_native
 @pytest.mark.parametrize(
-    "scene", few([Hall(texel_mm=50.0), Street(texel_mm=200.0)], Hall(texel_mm=50.0)), ids=["hall", "street"]
+    "scene",
+    few([Hall(texel_mm=50.0), Street(texel_mm=200.0)], Hall(texel_mm=50.0)),
+    ids=["hall", "street"],
 )
 def test_scenes_are_the_same_without_compiling(scene, uncompiled):
     chance = np.random.default_rng(6)
@@ -57,7 +63,9 @@ def test_scenes_are_the_same_without_compiling(scene, uncompiled):
     np.testing.assert_allclose(distance, scene.distance_mm(origins, directions), rtol=1e-3)
 
 
-@pytest.mark.parametrize("scene", [Hall(texel_mm=50.0), Street(texel_mm=200.0)], ids=["hall", "street"])
+@pytest.mark.parametrize(
+    "scene", [Hall(texel_mm=50.0), Street(texel_mm=200.0)], ids=["hall", "street"]
+)
 def test_light_is_neither_black_nor_burnt_out(scene):
     assert isinstance(scene, Scene)
     directions = np.random.default_rng(1).normal(size=(20_000, 3))
@@ -73,7 +81,9 @@ def test_corners_of_a_board_lie_where_its_squares_meet(hall, name):
     are not."""
     corners = hall.board_corners_mm(name)
     right, down = corners[0, 1] - corners[0, 0], corners[1, 0] - corners[0, 0]
-    np.testing.assert_allclose([np.linalg.norm(right), np.linalg.norm(down), right @ down], [100, 100, 0], atol=1e-9)
+    np.testing.assert_allclose(
+        [np.linalg.norm(right), np.linalg.norm(down), right @ down], [100, 100, 0], atol=1e-9
+    )
     quarters = [
         pinhole_picture(hall, corners + 0.25 * (x * right + y * down))[..., 1].astype(int) > 90
         for x, y in ((-1, -1), (1, 1), (1, -1), (-1, 1))
@@ -89,12 +99,20 @@ def test_opencv_finds_the_corners_of_a_board_to_a_fifth_of_a_millimetre(hall):
     corners = hall.board_corners_mm("A4")
     right, down = (corners[0, -1] - corners[0, 0]) / 10, (corners[-1, 0] - corners[0, 0]) / 6
     outer = corners[0, 0] - 1.9 * right - 1.9 * down
-    frame = outer + 13.8 * np.array([0.0, 1.0])[:, None] * right + 9.8 * np.array([0.0, 1.0])[:, None, None] * down
+    frame = (
+        outer
+        + 13.8 * np.array([0.0, 1.0])[:, None] * right
+        + 9.8 * np.array([0.0, 1.0])[:, None, None] * down
+    )
     picture = seen_flat(hall, frame, 1380, 980)
-    found, pixels = cv2.findChessboardCornersSB(picture[..., 1].copy(), (11, 7), flags=cv2.CALIB_CB_ACCURACY)
+    found, pixels = cv2.findChessboardCornersSB(
+        picture[..., 1].copy(), (11, 7), flags=cv2.CALIB_CB_ACCURACY
+    )
     assert found
     # OpenCV may start at either end
-    expected = np.stack(np.meshgrid(190 + 100 * np.arange(11), 190 + 100 * np.arange(7)), axis=-1) - 0.5
+    expected = (
+        np.stack(np.meshgrid(190 + 100 * np.arange(11), 190 + 100 * np.arange(7)), axis=-1) - 0.5
+    )
     pixels = pixels.reshape(7, 11, 2)
     off = min(np.abs(p - expected).max() for p in (pixels, pixels[::-1, ::-1]))
     assert off < 0.2  # px of 1 mm; texels have 12
@@ -103,7 +121,9 @@ def test_opencv_finds_the_corners_of_a_board_to_a_fifth_of_a_millimetre(hall):
 def test_depth_of_the_hall_ends_on_its_boards(hall):
     corners = hall.board_corners_mm("C1").reshape(-1, 3)
     np.testing.assert_allclose(
-        hall.distance_mm(np.zeros_like(corners), corners), np.linalg.norm(corners, axis=1), atol=1e-2
+        hall.distance_mm(np.zeros_like(corners), corners),
+        np.linalg.norm(corners, axis=1),
+        atol=1e-2,
     )
 
 
@@ -116,7 +136,10 @@ def test_a_board_that_is_not_there_is_named(hall):
 
 def test_colours_of_facets_blend_between_their_corners():
     chance = np.random.default_rng(3)
-    triangles, colours = chance.normal(size=(5, 3, 3)), chance.uniform(0, 1, (5, 3, 3)).astype(np.float32)
+    triangles, colours = (
+        chance.normal(size=(5, 3, 3)),
+        chance.uniform(0, 1, (5, 3, 3)).astype(np.float32),
+    )
     weights = chance.dirichlet([1, 1, 1], 5)
     points = np.einsum("nc,ncx->nx", weights, triangles)
     for i in range(5):
@@ -134,9 +157,13 @@ def test_a_mesh_comes_with_textures_corner_colours_and_plain_ones(tmp_path):
 
     visual, pbr = trimesh.visual.TextureVisuals, trimesh.visual.material.PBRMaterial
     picture = Image.fromarray(
-        np.uint8([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]]).repeat(32, 0).repeat(32, 1)
+        np.uint8([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]])
+        .repeat(32, 0)
+        .repeat(32, 1)
     )
-    corners = np.array([[-1, -1, -3], [1, -1, -3], [1, 1, -3], [-1, 1, -3]], float)  # ahead, from lower left
+    corners = np.array(
+        [[-1, -1, -3], [1, -1, -3], [1, 1, -3], [-1, 1, -3]], float
+    )  # ahead, from lower left
     wall = trimesh.Trimesh(
         corners, [[0, 1, 2], [0, 2, 3]], process=False,
         visual=visual(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=pbr(baseColorTexture=picture)),
@@ -149,9 +176,13 @@ def test_a_mesh_comes_with_textures_corner_colours_and_plain_ones(tmp_path):
     trimesh.Scene([wall, ball, leaf]).export(tmp_path / "scene.glb")
     sky = Environment(np.full((2, 4, 3), 0.25, np.float32))
     scene = load_mesh(tmp_path / "scene.glb", background=sky)
-    towards = np.array([[3, 0.5, 0.5], [3, -0.5, 0.5], [3, 0.5, -0.5], [0, -1, 0], [0, 3, 0], [0, 0, 1.0]])
+    towards = np.array(
+        [[3, 0.5, 0.5], [3, -0.5, 0.5], [3, 0.5, -0.5], [0, -1, 0], [0, 3, 0], [0, 0, 1.0]]
+    )
     light = scene.radiance(np.zeros_like(towards), towards)
-    np.testing.assert_allclose(light[:3], np.eye(3), atol=1e-5)  # red upper left, green upper right, blue lower left
+    np.testing.assert_allclose(
+        light[:3], np.eye(3), atol=1e-5
+    )  # red upper left, green upper right, blue lower left
     assert light[3, 2] == 0
     assert light[3, 0] == pytest.approx(2 * light[3, 1], rel=0.02)
     assert light[4, 0] / light[4, 2] == pytest.approx(2.0, rel=1e-3)  # 67 % red, 33 % blue
@@ -159,7 +190,9 @@ def test_a_mesh_comes_with_textures_corner_colours_and_plain_ones(tmp_path):
     assert scene.distance_mm(np.zeros((1, 3)), towards[3:4])[0] == pytest.approx(1500, abs=5)
     turned = load_mesh(tmp_path / "scene.glb", unit_mm=1.0, up="z")
     assert np.isinf(turned.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])))
-    assert turned.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, -1.0]]))[0] == pytest.approx(3.0)
+    assert turned.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, -1.0]]))[0] == pytest.approx(
+        3.0
+    )
 
 
 def test_what_is_no_mesh_is_refused(tmp_path):

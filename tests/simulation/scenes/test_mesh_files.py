@@ -30,13 +30,25 @@ def written(folder, name, text):
     [
         (SQUARE + "f 0 1 2\n", "a face with the index 0 in line 4; OBJ counts from 1"),
         (SQUARE + "vt 0 0\nf 1/1 2/0 3/1\n", "index 0 in line 5"),
-        (SQUARE.replace("v 1 0 1", "v nan 0 1") + "f 1 2 3\n", "no finite numbers in 1 of its 1 triangles"),
-        (SQUARE.replace("v 1 0 1", "v inf 0 1") + "f 1 2 3\n", "no finite numbers in 1 of its 1 triangles"),
+        (
+            SQUARE.replace("v 1 0 1", "v nan 0 1") + "f 1 2 3\n",
+            "no finite numbers in 1 of its 1 triangles",
+        ),
+        (
+            SQUARE.replace("v 1 0 1", "v inf 0 1") + "f 1 2 3\n",
+            "no finite numbers in 1 of its 1 triangles",
+        ),
         ("v nan nan nan\n" * 3 + "f 1 2 3\n", "no finite numbers"),
         ("v 1 0 0\nv 2 0 0\nv 3 0 0\nf 1 2 3\n", "no area: each of its 1 triangles"),
-        ("v 1e-12 0 0\nv 0 1e-12 0\nv 0 0 0\nf 1 2 3\n", "1e-09 mm across, and valid are 0.01 to 1e"),
+        (
+            "v 1e-12 0 0\nv 0 1e-12 0\nv 0 0 0\nf 1 2 3\n",
+            "1e-09 mm across, and valid are 0.01 to 1e",
+        ),
         ("v 1e30 0 0\nv 0 1e30 0\nv 0 0 0\nf 1 2 3\n", "1e[+]33 mm across"),
-        ("mtllib none.mtl\n" + SQUARE + "f 1 2 3\n", "the material file 'none.mtl', which is not there"),
+        (
+            "mtllib none.mtl\n" + SQUARE + "f 1 2 3\n",
+            "the material file 'none.mtl', which is not there",
+        ),
         (
             "mtllib there.mtl\nusemtl a\n" + SQUARE + "vt 0 0\nf 1/1 2/1 3/1\n",
             "the texture 'none.png', which is not there",
@@ -57,7 +69,9 @@ def test_a_triangle_of_corners_that_are_not_there_is_refused(tmp_path, corner):
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
     path = written(tmp_path, "bad.ply", f"{head}1 -1 0\n1 1 0\n1 0 1\n3 0 1 2\n3 0 1 {corner}\n")
-    with pytest.raises(MediaError, match=f"1 triangles of corners that are not there, such as {corner}; it has 3"):
+    with pytest.raises(
+        MediaError, match=f"1 triangles of corners that are not there, such as {corner}; it has 3"
+    ):
         load_mesh(path)
 
 
@@ -72,7 +86,13 @@ def test_a_gltf_and_a_ply_that_name_what_is_not_there_are_refused(tmp_path):
     with pytest.raises(MediaError, match=r"texture 'none here.png', which is not there"):
         load_mesh(written(tmp_path, "a.gltf", image))
     with pytest.raises(MediaError, match=r"texture 'none.png', which is not there"):
-        load_mesh(written(tmp_path, "a.ply", "ply\nformat ascii 1.0\ncomment TextureFile none.png\nend_header\n"))
+        load_mesh(
+            written(
+                tmp_path,
+                "a.ply",
+                "ply\nformat ascii 1.0\ncomment TextureFile none.png\nend_header\n",
+            )
+        )
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply"])
@@ -86,7 +106,9 @@ def test_ply_and_stl_are_scenes(tmp_path, suffix):
         ball.visual.vertex_colors = [255, 0, 0, 255]
     ball.export(tmp_path / f"ball{suffix}")
     scene = load_mesh(tmp_path / f"ball{suffix}")
-    assert scene.distance_mm(np.zeros((1, 3)), np.array([[1.0, 0, 0]]))[0] == pytest.approx(1000, abs=5)
+    assert scene.distance_mm(np.zeros((1, 3)), np.array([[1.0, 0, 0]]))[0] == pytest.approx(
+        1000, abs=5
+    )
     light = scene.radiance(np.zeros((1, 3)), np.array([[1.0, 0, 0]]))[0]
     assert light[0] > 0.1
     assert (light[1] == 0) == (suffix == ".ply")
@@ -95,16 +117,25 @@ def test_ply_and_stl_are_scenes(tmp_path, suffix):
 def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
     """A cube of 20 mm about the vertex of a mirror of 88 mm; a larger one is a room."""
     sensor = om.load_sensor("paper-spherical")
-    small = replace(sensor, imager=replace(sensor.imager, width_px=16, height_px=16, pixel_pitch_um=330.0))
+    small = replace(
+        sensor, imager=replace(sensor.imager, width_px=16, height_px=16, pixel_pitch_um=330.0)
+    )
     for size in (0.02, 0.4):
         trimesh.creation.box((size, size, size)).export(tmp_path / "cube.ply")
         cube = load_mesh(tmp_path / "cube.ply")
         if size > 0.1:
             assert expose(small, cube, samples=1).max() > 0
-            assert expose(om.load_sensor("folded-spherical"), PosedScene(cube, Pose()), samples=1).max() > 0
+            assert (
+                expose(
+                    om.load_sensor("folded-spherical"), PosedScene(cube, Pose()), samples=1
+                ).max()
+                > 0
+            )
             continue
         for mirror in (small, replace(small, mount=replace(small.mount, camera_looks="down"))):
-            with pytest.raises(InvalidParameter, match="the mirror stands in something of the scene"):
+            with pytest.raises(
+                InvalidParameter, match="the mirror stands in something of the scene"
+            ):
                 expose(mirror, cube, samples=1)
 
 

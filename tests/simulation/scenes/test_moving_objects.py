@@ -54,11 +54,20 @@ def test_a_file_of_bodies_says_what_python_does(tmp_path):
         ("cart = 3", "cart = 3 is no body"),
         ("[cart]\ncolour = '#fff'", r"\[cart\] of .* has no size_mm"),
         ("[cart]\nsize_mm = [1, 2]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*size_mm"),
-        ("[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*size_mm\[2\] = 0"),
+        (
+            "[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]",
+            r"\[cart\] of .*size_mm\[2\] = 0",
+        ),
         ("[cart]\nsize_mm = [1, 2, 3]", r"\[cart\] of .* holds no keyframes"),
         ("[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, hfov_deg = 1}]", "hfov_deg"),
-        ("[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, x_mm = 1}]\nmass = 3", "and nothing else"),
-        ("[cart]\nsize_mm = [1, 2, 3]\ncolour = 'reddish'\nkeyframe = [{time_s = 0, x_mm = 1}]", "reddish"),
+        (
+            "[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, x_mm = 1}]\nmass = 3",
+            "and nothing else",
+        ),
+        (
+            "[cart]\nsize_mm = [1, 2, 3]\ncolour = 'reddish'\nkeyframe = [{time_s = 0, x_mm = 1}]",
+            "reddish",
+        ),
         ("[cart]\nsize_mm = [1, 2, 3]\npath = 'gone.csv'", "there are no keyframes"),
         ("[cart]\nsize_mm = [1, 2, 3]\npath = 4", r"\[cart\] of .*path = 4"),
     ],
@@ -81,7 +90,9 @@ def test_a_video_shows_bodies_where_they_are(tmp_path):
     reproducible."""
     av = pytest.importorskip("av")
     sphere = om.load_sensor("paper-spherical")
-    small = replace(sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8))
+    small = replace(
+        sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8)
+    )
     om.save_sensor(small, tmp_path / "small.toml")
     (tmp_path / "path.csv").write_text("time_s,x_mm\n0,0\n2,100\n")
     (tmp_path / "bodies.toml").write_text(BODIES.partition("[lamp]")[0].replace("pan_deg = 90", ""))
@@ -99,11 +110,20 @@ def test_a_video_shows_bodies_where_they_are(tmp_path):
     for words in (
         ("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"),
         ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"),
-        ("simulate", "dataset", "--again", tmp_path / "set" / "dataset.json", "-o", tmp_path / "again"),
+        (
+            "simulate",
+            "dataset",
+            "--again",
+            tmp_path / "set" / "dataset.json",
+            "-o",
+            tmp_path / "again",
+        ),
     ):
         run = omnimirror(*words)
         assert run.returncode == 0, run.stderr
-    assert (tmp_path / "again" / "video.mp4").read_bytes() == (tmp_path / "set" / "video.mp4").read_bytes()
+    assert (tmp_path / "again" / "video.mp4").read_bytes() == (
+        tmp_path / "set" / "video.mp4"
+    ).read_bytes()
 
     (cart,), path = om.load_bodies(tmp_path / "bodies.toml"), om.load_path(tmp_path / "path.csv")
     for film in (tmp_path / "set" / "video.mp4", tmp_path / "film.mp4"):
@@ -137,8 +157,13 @@ def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
         om.MovingBox((400.0, 300.0, 500.0), Keyframes(turns)),
         om.MovingBox((200.0, 200.0, 200.0), Keyframes(lies), colour="#3388ff"),
     )
-    scene, sensor = SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0), replace(BALL, imager=Imager(256, 256, 20.8))
-    seen, expected = (expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene)))
+    scene, sensor = (
+        SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0),
+        replace(BALL, imager=Imager(256, 256, 20.8)),
+    )
+    seen, expected = (
+        expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene))
+    )
     differs = np.abs(seen - expected).max(axis=-1)
     assert (differs > 1e-5).sum() <= 3, "but for rays that graze an edge"
     alone = expose(sensor, scene.scene, samples=4, blur=blur, seed=1)
@@ -150,7 +175,10 @@ def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
     """Compiled surfaces reorder their records; regenerated datasets previously had other pixels for
     that reason."""
     cart = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0),)}))
-    scene, corners = SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0), (np.full(3, -50.0), np.full(3, 50.0))
+    scene, corners = (
+        SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0),
+        (np.full(3, -50.0), np.full(3, 50.0)),
+    )
     first = scene.surroundings_from(*corners).surfaces.records.copy()
     own = scene.scene.surroundings_from(*corners).surfaces
     before = own.records.copy()
@@ -164,5 +192,7 @@ def test_rays_that_may_start_in_a_body_are_left_to_the_scene():
     scene = SceneWithBodies(om.Room(texel_mm=40.0), (around,), 0.0)
     corners = np.full(3, -50.0), np.full(3, 50.0)
     assert scene.surroundings_from(*corners) is None
-    assert SceneWithBodies(scene.scene).surroundings_from(*corners) is scene.scene.surroundings_from(*corners)
+    assert SceneWithBodies(scene.scene).surroundings_from(
+        *corners
+    ) is scene.scene.surroundings_from(*corners)
     assert SceneWithBodies(Unpainted(scene.scene)).surroundings_from(*corners) is None

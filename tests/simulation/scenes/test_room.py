@@ -37,7 +37,9 @@ def test_words_read_the_right_way_round_from_inside(room: om.Room, word: str):
     axis = int(np.ptp(corners, axis=0).argmin())
     forward = np.zeros(3)
     forward[axis] = np.sign(middle[axis])
-    right = np.cross(forward, [0.0, 0.0, 1.0])  # x forward, y left, z up: for a view along x, right is -y
+    right = np.cross(
+        forward, [0.0, 0.0, 1.0]
+    )  # x forward, y left, z up: for a view along x, right is -y
     size = np.array([(corners - middle) @ right, corners[:, 2] - middle[2]]).max(axis=1)
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * size[0]
     y = -((np.arange(rows) + 0.5) / rows * 2 - 1) * size[1]
@@ -80,7 +82,9 @@ def test_light_is_finite_and_neither_black_nor_burnt_out(room: om.Room):
 def test_the_length_of_a_direction_does_not_matter(room: om.Room):
     directions = np.random.default_rng(2).normal(size=(500, 3))
     origins = np.full((500, 3), 10.0)
-    np.testing.assert_allclose(room.radiance(origins, directions), room.radiance(origins, 1e3 * directions), atol=1e-4)
+    np.testing.assert_allclose(
+        room.radiance(origins, directions), room.radiance(origins, 1e3 * directions), atol=1e-4
+    )
 
 
 def test_answers_do_not_depend_on_which_rays_are_asked_for_together(room: om.Room):
@@ -102,7 +106,9 @@ def test_walls_have_parallax_and_a_distant_scene_has_none(room: om.Room):
     towards = np.tile(corner, (2, 1))
     np.testing.assert_array_equal(*distant.radiance(origins, towards))
     sky = np.array([[1.5, 2.3, 0.8]] * 2)
-    np.testing.assert_allclose(*room.radiance(np.array([[0.0, 0.0, 0.0], [40.0, 0.0, 30.0]]), sky), atol=1e-5)
+    np.testing.assert_allclose(
+        *room.radiance(np.array([[0.0, 0.0, 0.0], [40.0, 0.0, 30.0]]), sky), atol=1e-5
+    )
 
 
 def test_errors_name_the_value(room: om.Room):
@@ -127,7 +133,9 @@ def test_the_wall_ahead_alone_can_be_fine():
     seen, expected = ahead.radiance(origins, towards), fine.radiance(origins, towards)
     assert expected.std() > 0.1  # letters
     np.testing.assert_allclose(seen, expected, atol=0.01)  # lit by windows with coarser edges
-    np.testing.assert_allclose(ahead.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR"))
+    np.testing.assert_allclose(
+        ahead.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR")
+    )
     with pytest.raises(InvalidParameter, match="elsewhere_mm"):
         om.Room(10.0, elsewhere_mm=0.1)
 

@@ -37,17 +37,24 @@ def test_an_environment_shows_pan_and_tilt_where_they_are():
     height, width = 90, 180
     pan = np.radians((np.arange(width) + 0.5) / width * 360 - 180)
     tilt = np.radians(90 - (np.arange(height) + 0.5) / height * 180)
-    light = np.stack(np.broadcast_arrays(np.cos(pan) + 1, (tilt + 2)[:, None], np.sin(pan) + 1), axis=-1)
+    light = np.stack(
+        np.broadcast_arrays(np.cos(pan) + 1, (tilt + 2)[:, None], np.sin(pan) + 1), axis=-1
+    )
     world = Environment(light.astype(np.float32), heading_deg=20.0)
     pans, tilts = np.radians([0.0, 77.0, -179.9, 179.9]), np.radians([0.0, 40.0, -60.0, 10.0])
     seen = world.radiance(np.zeros((4, 3)), pan_tilt_direction(pans, tilts))
     turned = pans - np.radians(20.0)
-    np.testing.assert_allclose(seen, np.stack([np.cos(turned) + 1, tilts + 2, np.sin(turned) + 1], -1), atol=1e-3)
+    np.testing.assert_allclose(
+        seen, np.stack([np.cos(turned) + 1, tilts + 2, np.sin(turned) + 1], -1), atol=1e-3
+    )
 
 
 @pytest.mark.parametrize(
     ("light", "words"),
-    [(np.ones((4, 8), np.float32), "height, width, 3"), (-np.ones((4, 8, 3), np.float32), "no light")],
+    [
+        (np.ones((4, 8), np.float32), "height, width, 3"),
+        (-np.ones((4, 8, 3), np.float32), "no light"),
+    ],
 )
 def test_what_is_no_environment_is_refused(light, words):
     with pytest.raises(InvalidParameter, match=words):
@@ -55,7 +62,9 @@ def test_what_is_no_environment_is_refused(light, words):
 
 
 def clutter(count: int, rng: np.random.Generator) -> Surfaces:
-    places = np.concatenate([rng.uniform(-5, 5, (count, 1, 3)), rng.normal(0, 1.5, (count, 2, 3))], axis=1)
+    places = np.concatenate(
+        [rng.uniform(-5, 5, (count, 1, 3)), rng.normal(0, 1.5, (count, 2, 3))], axis=1
+    )
     textures = (
         Texture(rng.uniform(0, 1, (5, 7, 4)).astype(np.float32)),
         Texture(rng.uniform(0, 1, (3, 2, 4)).astype(np.float32), repeats=True),
@@ -85,7 +94,9 @@ def test_the_first_surface_met_is_the_nearest_of_all(count):
         assert np.isinf(fast.distance).all()
         return
     slow = scene._seen_by_all(origins, directions)
-    same = np.isclose(fast.distance, slow.distance, rtol=1e-4) | (np.isinf(fast.distance) & np.isinf(slow.distance))
+    same = np.isclose(fast.distance, slow.distance, rtol=1e-4) | (
+        np.isinf(fast.distance) & np.isinf(slow.distance)
+    )
     assert same.mean() > 0.998  # rays that graze an edge
     met = same & np.isfinite(slow.distance)
     assert count < 50 or met.mean() > 0.15
@@ -94,12 +105,16 @@ def test_the_first_surface_met_is_the_nearest_of_all(count):
 
 def ball(rings: int) -> np.ndarray:
     """Return triangles (n, 3, 3) around the origin without gaps."""
-    polar, turn = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
+    polar, turn = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
+    )
     radius = 3000 * (1 + 0.05 * np.sin(9 * turn) * np.sin(7 * polar) * np.sin(polar))
     across, up = radius * np.sin(polar), radius * np.cos(polar)
     points = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=-1)
     a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
-    return np.concatenate([np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))])
+    return np.concatenate(
+        [np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))]
+    )
 
 
 @pytest.mark.usefixtures("every_instruction")
@@ -109,8 +124,12 @@ def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
     triangles = ball(60)
     scene = facets(triangles, rng.uniform(0, 1, (len(triangles), 3, 3)).astype(np.float32))
     origins, directions = rng.uniform(-50, 50, (20_005, 3)), rng.normal(size=(20_005, 3))
-    directions[:9000] = triangles.mean(axis=1)[rng.integers(len(triangles), size=9000)] - origins[:9000]
-    directions[9000:12000] = triangles[rng.integers(len(triangles), size=3000), 1] - origins[9000:12000]  # at corners
+    directions[:9000] = (
+        triangles.mean(axis=1)[rng.integers(len(triangles), size=9000)] - origins[:9000]
+    )
+    directions[9000:12000] = (
+        triangles[rng.integers(len(triangles), size=3000), 1] - origins[9000:12000]
+    )  # at corners
     seen, order = scene.seen(origins, directions), rng.permutation(len(origins))
     assert np.isinf(seen.distance).mean() < 1e-3  # between triangles
     for alone, together in zip(scene.seen(origins[order], directions[order]), seen, strict=True):
@@ -152,7 +171,9 @@ def test_kernels_share_texels_and_keep_them():
 def test_what_is_compiled_is_kept_once():
     """Records of 64 bytes in tree order: results are unchanged, and no second copy remains."""
     rng = np.random.default_rng(7)
-    scene = facets(rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32))
+    scene = facets(
+        rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32)
+    )
     given = np.sort(scene.records, order=["texel"])
     before = scene._seen_by_all(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
     kept = scene.native.records
@@ -168,7 +189,11 @@ def test_what_is_compiled_is_kept_once():
 def test_places_that_are_no_numbers_are_refused(bad):
     wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, bad]]])
     scene = Surfaces.of(
-        wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (Texture(np.ones((1, 1, 4), np.float32)),)
+        wall,
+        np.zeros((1, 3, 2)),
+        np.zeros(1, int),
+        np.zeros(1, bool),
+        (Texture(np.ones((1, 1, 4), np.float32)),),
     )
     with pytest.raises(ValueError, match="places of surfaces must be between"):
         scene.seen(np.zeros((1, 3)), np.ones((1, 3)))
@@ -177,11 +202,19 @@ def test_places_that_are_no_numbers_are_refused(bad):
 def test_a_texture_lies_on_its_surface_as_one_reads_it():
     texels = np.zeros((2, 3, 4), np.float32)
     texels[..., 0] = [[0, 1, 2], [3, 4, 5]]
-    wall = np.array([[[5.0, 3.0, 2.0], [0, -6, 0], [0, 0, -4]]])  # top left corner, as seen from the origin
+    wall = np.array(
+        [[[5.0, 3.0, 2.0], [0, -6, 0], [0, 0, -4]]]
+    )  # top left corner, as seen from the origin
     scene = Surfaces.of(
-        wall, np.array([[[-0.5, -0.5], [3, 0], [0, 2]]]), np.zeros(1, int), np.zeros(1, bool), (Texture(texels),)
+        wall,
+        np.array([[[-0.5, -0.5], [3, 0], [0, 2]]]),
+        np.zeros(1, int),
+        np.zeros(1, bool),
+        (Texture(texels),),
     )
-    towards = np.array([[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]])
+    towards = np.array(
+        [[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]]
+    )
     seen = scene.seen(np.zeros((5, 3)), towards)
     np.testing.assert_allclose(seen.light[:, 0], [0, 2, 4, 2.5, 0], atol=1e-4)
 
@@ -234,7 +267,9 @@ def test_compiled_boxes_are_those_of_numpy_to_the_last_bit():
     np.testing.assert_array_equal(hits.distance, expected.distance)
     np.testing.assert_array_equal(hits.face, expected.face)
     ways = 1.7 * directions
-    np.testing.assert_array_equal(are_blocked(SOLIDS, origins, ways), are_blocked_numpy(SOLIDS, origins, ways))
+    np.testing.assert_array_equal(
+        are_blocked(SOLIDS, origins, ways), are_blocked_numpy(SOLIDS, origins, ways)
+    )
     assert not are_blocked((), origins, ways).any()
 
 
@@ -278,7 +313,10 @@ def test_ways_are_blocked_where_a_step_on_them_is_in_a_solid():
     rng = np.random.default_rng(6)
     starts, ends = rng.uniform(ROOM.low, ROOM.high, (2, 400, 3))
     t = np.linspace(0, 1, 4001)[:, None]
-    marched = [any(inside(s, a + t * (b - a)).any() for s in SOLIDS) for a, b in zip(starts, ends, strict=True)]
+    marched = [
+        any(inside(s, a + t * (b - a)).any() for s in SOLIDS)
+        for a, b in zip(starts, ends, strict=True)
+    ]
     answer = are_blocked(SOLIDS, starts, ends - starts)
     assert np.count_nonzero(answer != marched) <= 1  # one that cuts an edge by less than a step
     assert 0.2 < answer.mean() < 0.8
@@ -294,4 +332,6 @@ def test_faces_are_seen_the_right_way_round(number: int, inside: bool):
     middle = face.point(face.width_mm / 2, face.height_mm / 2)
     assert ((centre - middle) @ face.normal > 0) == inside
     assert face.point(face.width_mm, face.height_mm) == pytest.approx(2 * middle - face.corner)
-    assert abs((middle - centre) @ face.normal) == pytest.approx((np.array(ROOM.high) - ROOM.low)[number // 2] / 2)
+    assert abs((middle - centre) @ face.normal) == pytest.approx(
+        (np.array(ROOM.high) - ROOM.low)[number // 2] / 2
+    )

@@ -186,7 +186,9 @@ def save_all(
     names = list(FIGURES) if which is None else list(dict.fromkeys(which))
     for known, asked, noun in ((FIGURES, names, "figure"), (FORMATS, formats, "format")):
         if unknown := [a for a in asked if a not in known]:
-            raise InvalidParameter(f"{noun} {unknown[0]!r} is not known; valid are {', '.join(known)}")
+            raise InvalidParameter(
+                f"{noun} {unknown[0]!r} is not known; valid are {', '.join(known)}"
+            )
     files = []
     for name in names:
         if progress is not None:

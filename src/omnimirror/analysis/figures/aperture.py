@@ -15,7 +15,19 @@ from ...base.typing import Array
 from ..psf_mtf import Mtf, Psf
 from ..relative_illumination import Illumination
 from ..spot_diagrams import Spots
-from .style import COLUMN, GREY, INK, PAGE, PALETTE, EndLabels, angle_axis, axis_title, grid_of_axes, new_figure, styled
+from .style import (
+    COLUMN,
+    GREY,
+    INK,
+    PAGE,
+    PALETTE,
+    EndLabels,
+    angle_axis,
+    axis_title,
+    grid_of_axes,
+    new_figure,
+    styled,
+)
 
 RMS = QUANTITIES["rms_radius_px"]
 MAX_GRID_PX = 12  # px to each side; the lines of a larger pixel grid would merge
@@ -83,13 +95,35 @@ def mtf_curves(mtf: Mtf) -> Figure:
     with styled():
         figure = new_figure(0.75 * PAGE, 3.0)
         ax = figure.subplots()
-        for i, (omega, colour) in enumerate(zip(mtf.omega_deg, _shades(len(mtf.omega_deg)), strict=True)):
-            ax.plot(mtf.cycles_per_px, mtf.tangential[i], color=colour, gid=f"mtf_t:{omega:g}", label=f"{omega:.4g}°")
-            ax.plot(mtf.cycles_per_px, mtf.sagittal[i], "--", dashes=(4, 2), color=colour, gid=f"mtf_s:{omega:g}")
+        for i, (omega, colour) in enumerate(
+            zip(mtf.omega_deg, _shades(len(mtf.omega_deg)), strict=True)
+        ):
+            ax.plot(
+                mtf.cycles_per_px,
+                mtf.tangential[i],
+                color=colour,
+                gid=f"mtf_t:{omega:g}",
+                label=f"{omega:.4g}°",
+            )
+            ax.plot(
+                mtf.cycles_per_px,
+                mtf.sagittal[i],
+                "--",
+                dashes=(4, 2),
+                color=colour,
+                gid=f"mtf_s:{omega:g}",
+            )
         for look, name in (("-", "tangential"), ("--", "sagittal")):
             ax.plot([], [], look, color=INK, label=name)
-        ax.legend(loc="upper right", frameon=False, fontsize=6.5, ncols=2 if len(mtf.omega_deg) > 6 else 1)
-        ax.set(xlim=(0, mtf.cycles_per_px[-1]), ylim=(0, 1.02), xlabel=axis_title("cycles_per_px"), ylabel="MTF")
+        ax.legend(
+            loc="upper right", frameon=False, fontsize=6.5, ncols=2 if len(mtf.omega_deg) > 6 else 1
+        )
+        ax.set(
+            xlim=(0, mtf.cycles_per_px[-1]),
+            ylim=(0, 1.02),
+            xlabel=axis_title("cycles_per_px"),
+            ylabel="MTF",
+        )
         ax.axvline(0.5, color=GREY, linewidth=0.6)
         ax.text(0.5, 0.01, " Nyquist", size=6, color=GREY, va="bottom")
         per_px = mtf.pixel_pitch_um * 1e-3
@@ -111,11 +145,16 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
     with styled():
         figure = new_figure(COLUMN + 0.5, 2.6)
         ax, labels = figure.subplots(), EndLabels(figure)
-        reach = max(float(np.interp(0.95, p.encircled_energy(p.offset_px.clip(0)), p.offset_px.clip(0))) for p in psfs)
+        reach = max(
+            float(np.interp(0.95, p.encircled_energy(p.offset_px.clip(0)), p.offset_px.clip(0)))
+            for p in psfs
+        )
         radius = np.linspace(0, max(1.5 * reach, 1.0), 400)
         lines = []
         for p, colour in zip(psfs, _shades(len(psfs)), strict=True):
-            (line,) = ax.plot(radius, p.encircled_energy(radius), color=colour, gid=f"energy:{p.omega_deg:g}")
+            (line,) = ax.plot(
+                radius, p.encircled_energy(radius), color=colour, gid=f"energy:{p.omega_deg:g}"
+            )
             lines.append((line, f"{p.omega_deg:.4g}°"))
         ax.set(xlim=(0, radius[-1]), ylim=(0, 1.02), xlabel=axis_title("encircled_radius_px"))
         ax.set_ylabel(axis_title("encircled_energy"))
@@ -132,17 +171,24 @@ def psf_pictures(psfs: Sequence[Psf]) -> Figure:
         side = min(1.9, (PAGE - 0.3) / columns)
         figure = new_figure(max(COLUMN, side * columns + 0.5), (side + 0.3) * rows)
         half = max(float(p.offset_px[-1]) for p in psfs)
-        for i, (ax, p) in enumerate(zip(grid_of_axes(figure, rows, columns, len(psfs)), psfs, strict=True)):
+        for i, (ax, p) in enumerate(
+            zip(grid_of_axes(figure, rows, columns, len(psfs)), psfs, strict=True)
+        ):
             edge = float(p.offset_px[-1]) * (1 + 1 / (len(p.offset_px) - 1))
             peak = float(p.density.max())
             ax.set_facecolor("black")
             ax.imshow(
-                np.maximum(p.density, DARKEST_SHADE * peak), extent=(-edge, edge, edge, -edge), cmap="inferno",
-                norm=LogNorm(DARKEST_SHADE * peak, peak), interpolation="nearest",
-            )  # fmt: skip
+                np.maximum(p.density, DARKEST_SHADE * peak),
+                extent=(-edge, edge, edge, -edge),
+                cmap="inferno",
+                norm=LogNorm(DARKEST_SHADE * peak, peak),
+                interpolation="nearest",
+            )
             ax.set(xlim=(-half, half), ylim=(half, -half))
             ax.grid(False)
-            strehl = f", {QUANTITIES['strehl'].title} {p.strehl:.2g}" if p.kind == "diffraction" else ""
+            strehl = (
+                f", {QUANTITIES['strehl'].title} {p.strehl:.2g}" if p.kind == "diffraction" else ""
+            )
             ax.set_title(f"{p.omega_deg:.4g}°{strehl}")
             ax.set_xlabel(axis_title("offset_t_px"))
             if i % columns == 0:

@@ -15,7 +15,13 @@ from ...base.escaping import plot_text, visible
 from ...base.typing import Array
 from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, styled
 
-__all__ = ["coverage_map", "residual_histograms", "residual_vectors", "residuals_by_picture", "residuals_by_radius"]
+__all__ = [
+    "coverage_map",
+    "residual_histograms",
+    "residual_vectors",
+    "residuals_by_picture",
+    "residuals_by_radius",
+]
 
 
 # -- Residuals of a calibration: over the image, against the radius, and per image -----------------
@@ -44,13 +50,26 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
     median = float(np.median(lengths)) or 1.0
     factor = RELATIVE_ARROW_LENGTH * width / median
     axes.quiver(
-        *pixels.T, *(residuals * factor).T, angles="xy", scale_units="xy", scale=1, width=0.0012, color=PALETTE[0],
-        headwidth=4, headlength=4,
-    )  # fmt: skip
+        *pixels.T,
+        *(residuals * factor).T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.0012,
+        color=PALETTE[0],
+        headwidth=4,
+        headlength=4,
+    )
     u, v = 0.02 * width, 0.97 * height
     axes.plot([u, u + RELATIVE_ARROW_LENGTH * width], [v, v], color=INK, linewidth=1.5)
     axes.text(u + 1.3 * RELATIVE_ARROW_LENGTH * width, v, f"{median:.2g} px", va="center")
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set(
+        xlim=(-0.5, width - 0.5),
+        ylim=(height - 0.5, -0.5),
+        aspect="equal",
+        xlabel="u (px)",
+        ylabel="v (px)",
+    )
     axes.set_title(f"Residuals, {factor:.0f} times enlarged")
     axes.grid(visible=False)
     for side in ("top", "right"):
@@ -73,7 +92,10 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
     edges = np.quantile(radii, np.linspace(0, 1, BINS + 1))
     cell = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, BINS - 1)
     for axes, values, title in zip(
-        figure.subplots(1, 2, sharey=True), (radial, across), ("Along the radius", "Across the radius"), strict=True
+        figure.subplots(1, 2, sharey=True),
+        (radial, across),
+        ("Along the radius", "Across the radius"),
+        strict=True,
     ):
         axes.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
         middles, means, spreads = [], [], []
@@ -83,7 +105,9 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
                 middles.append(float(radii[cell == i].mean()))
                 means.append(float(inside.mean()))
                 spreads.append(float(inside.std() / np.sqrt(len(inside))))
-        axes.errorbar(middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0])
+        axes.errorbar(
+            middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0]
+        )
         axes.axhline(0.0, color=INK, linewidth=0.5)
         axes.set(xlabel="radius (px)", title=title, ylim=(-limit, limit))
     figure.axes[0].set_ylabel("residual (px)")
@@ -106,9 +130,17 @@ def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array
     places = np.arange(count)
     axes.bar(places, np.nan_to_num(fit_px), width=0.7, color=PALE, label="in the fit")
     if np.isfinite(held_out_px).any():
-        axes.plot(places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="left out of it")
+        axes.plot(
+            places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="left out of it"
+        )
     step = max(1, count // MAX_LABELS)
-    axes.set_xticks(places[::step], [_short(n) for n in names][::step], rotation=60, ha="right", rotation_mode="anchor")
+    axes.set_xticks(
+        places[::step],
+        [_short(n) for n in names][::step],
+        rotation=60,
+        ha="right",
+        rotation_mode="anchor",
+    )
     axes.set(ylabel="RMS (px)", title="Picture by picture", xlim=(-0.6, count - 0.4))
     axes.grid(visible=False, axis="x")
     axes.legend(frameon=False, loc="upper left", ncols=2)
@@ -131,14 +163,25 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
     edges = np.linspace(-reach, reach, 46)
     x = np.linspace(-reach, reach, 200)
     normal = (
-        np.exp(-0.5 * (x / noise_px) ** 2) / (noise_px * np.sqrt(2 * np.pi)) * len(residuals) * (edges[1] - edges[0])
+        np.exp(-0.5 * (x / noise_px) ** 2)
+        / (noise_px * np.sqrt(2 * np.pi))
+        * len(residuals)
+        * (edges[1] - edges[0])
     )
-    for axes, values, name in zip(figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True):
+    for axes, values, name in zip(
+        figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True
+    ):
         axes.hist(np.clip(values, -reach, reach), edges, color=PALE)
         axes.plot(x, normal, color=PALETTE[0])
         axes.set(xlabel=f"residual in {name} (px)", xlim=(-reach, reach))
         axes.text(
-            0.98, 0.95, f"mean {values.mean():+.3f} px", transform=axes.transAxes, ha="right", va="top", color=GREY
+            0.98,
+            0.95,
+            f"mean {values.mean():+.3f} px",
+            transform=axes.transAxes,
+            ha="right",
+            va="top",
+            color=GREY,
         )
     figure.axes[0].set_ylabel("corners")
     return figure
@@ -180,23 +223,41 @@ def coverage_map(
     axes = figure.subplots()
     if sigma_deg is not None and np.isfinite(sigma_deg).any():
         shown = axes.imshow(
-            sigma_deg, extent=(-0.5, width - 0.5, height - 0.5, -0.5), cmap="Greys", vmin=0.0,
-            vmax=float(np.nanpercentile(sigma_deg, 98)), interpolation="bilinear", alpha=0.7,
-        )  # fmt: skip
-        figure.colorbar(shown, ax=axes, label="error of a direction, 1 sigma (deg)", shrink=0.7, pad=0.01)
+            sigma_deg,
+            extent=(-0.5, width - 0.5, height - 0.5, -0.5),
+            cmap="Greys",
+            vmin=0.0,
+            vmax=float(np.nanpercentile(sigma_deg, 98)),
+            interpolation="bilinear",
+            alpha=0.7,
+        )
+        figure.colorbar(
+            shown, ax=axes, label="error of a direction, 1 sigma (deg)", shrink=0.7, pad=0.01
+        )
     for i, corners in enumerate(boards):
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(*corners.T, ".", markersize=1.5, color=colour)
         if len(corners) > 2:
-            axes.add_patch(Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6))
+            axes.add_patch(
+                Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6)
+            )
     angle = np.linspace(0, 2 * np.pi, 181)
     for radius in radii_px[1:]:
         axes.plot(
-            centre_px[0] + radius * np.cos(angle), centre_px[1] + radius * np.sin(angle), color=GREY, linewidth=0.5,
+            centre_px[0] + radius * np.cos(angle),
+            centre_px[1] + radius * np.sin(angle),
+            color=GREY,
+            linewidth=0.5,
             linestyle=":",
-        )  # fmt: skip
+        )
     axes.plot(*centre_px, "+", color=INK)
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set(
+        xlim=(-0.5, width - 0.5),
+        ylim=(height - 0.5, -0.5),
+        aspect="equal",
+        xlabel="u (px)",
+        ylabel="v (px)",
+    )
     axes.set_title("Where corners were seen")
     axes.grid(visible=False)
     for side in ("top", "right"):
@@ -259,13 +320,26 @@ def _draw_rim(ax: Axes, one: DrawnRim) -> None:
     every = max(1, max(height, width) // MAX_SIDE_PX)
     shown = one.picture[::every, ::every]
     low, high = -0.5, 0.5
-    ax.imshow(shown, extent=(low, width - high, height - high, low), cmap="gray", interpolation="antialiased")
+    ax.imshow(
+        shown,
+        extent=(low, width - high, height - high, low),
+        cmap="gray",
+        interpolation="antialiased",
+    )
     closed = np.concatenate([one.rim_px, one.rim_px[:1]])
     for colour, thickness in (("white", 2.2), (PALETTE[1], 1.1)):
-        ax.plot(closed[:, 0], closed[:, 1], "-" if one.is_sure else "--", color=colour, linewidth=thickness)
+        ax.plot(
+            closed[:, 0],
+            closed[:, 1],
+            "-" if one.is_sure else "--",
+            color=colour,
+            linewidth=thickness,
+        )
     if one.camera_px is not None:
         u, v, radius = one.camera_px
-        ax.add_patch(Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":"))
+        ax.add_patch(
+            Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":")
+        )
     ax.plot(*one.centre_px, "+", color=PALETTE[1], markersize=6)
     ax.set_xlim(low, width - high)
     ax.set_ylim(height - high, low)

@@ -40,7 +40,9 @@ from .subjects import Subject, widest
 
 OBJECT_DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
 VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
-SINGLE_VIEWPOINT_PX = 1e-6  # smaller viewpoint errors are due to rounding: the sensor has a single viewpoint
+SINGLE_VIEWPOINT_PX = (
+    1e-6  # smaller viewpoint errors are due to rounding: the sensor has a single viewpoint
+)
 
 
 def mapping(subjects: Sequence[Subject]) -> Figure:
@@ -63,7 +65,9 @@ def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
     count = len(columns)
     figure = new_figure(COLUMN if count == 1 else PAGE, 2.5)
     labels = EndLabels(figure)
-    for i, (ax, column) in enumerate(zip(grid_of_axes(figure, 1, count, count), columns, strict=True)):
+    for i, (ax, column) in enumerate(
+        zip(grid_of_axes(figure, 1, count, count), columns, strict=True)
+    ):
         panel_title(ax, i, QUANTITIES[column].title if count > 1 else "", count)
         ax.set_ylabel(axis_label(column, titled=count == 1))
         angle_axis(ax, widest(subjects))
@@ -80,15 +84,26 @@ def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
     said = False
     for s in subjects:
         for low, high in s.hidden_deg:
-            ax.axvspan(low, high, color=s.colour, alpha=0.12, linewidth=0, zorder=0, gid=f"{s.name}:hidden")
+            ax.axvspan(
+                low, high, color=s.colour, alpha=0.12, linewidth=0, zorder=0, gid=f"{s.name}:hidden"
+            )
             if not said:
                 ax.text(
-                    low, 0.985, " hidden", transform=ax.get_xaxis_transform(), rotation=90, size=5, color=GREY, va="top"
+                    low,
+                    0.985,
+                    " hidden",
+                    transform=ax.get_xaxis_transform(),
+                    rotation=90,
+                    size=5,
+                    color=GREY,
+                    va="top",
                 )
             said = True
 
 
-def _line(ax: Axes, subject: Subject, column: str, values: Array | None = None, **look: object) -> Line2D:
+def _line(
+    ax: Axes, subject: Subject, column: str, values: Array | None = None, **look: object
+) -> Line2D:
     """Draw a column of the subject's table as a line with the gid "name:column"."""
     y = getattr(subject.curve, column) if values is None else values
     look = {"color": subject.colour, **look}
@@ -119,13 +134,17 @@ def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> N
 
 def blur(subjects: Sequence[Subject]) -> Figure:
     """Draw Fig. 9: blur in pixels, in degrees, and its area in square degrees."""
-    figure = new_figure(COLUMN if max(len(_prefix(s, subjects)) for s in subjects) < 10 else 0.7 * PAGE, 6.6)
+    figure = new_figure(
+        COLUMN if max(len(_prefix(s, subjects)) for s in subjects) < 10 else 0.7 * PAGE, 6.6
+    )
     axes = grid_of_axes(figure, 3, 1, 3, sharex=True)
     labels = EndLabels(figure)
     _blur_panel(axes[0], subjects, "px", labels)
     _blur_panel(axes[1], subjects, "deg", labels)
     _blur_area_panel(axes[2], subjects, labels)
-    for i, title in enumerate(("Blur in the image", "Blur in object space", "Blur area in object space")):
+    for i, title in enumerate(
+        ("Blur in the image", "Blur in object space", "Blur area in object space")
+    ):
         panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
         angle_axis(axes[i], widest(subjects))
         hidden_bands(axes[i], subjects)
@@ -137,7 +156,10 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
     """Draw tangential blur solid, sagittal dashed."""
     zero_line(ax)
     drawn = [
-        (_line(ax, s, f"blur_{way}_{unit}", linestyle=style), f"{_prefix(s, subjects)}{way.upper()}")
+        (
+            _line(ax, s, f"blur_{way}_{unit}", linestyle=style),
+            f"{_prefix(s, subjects)}{way.upper()}",
+        )
         for s in subjects
         for way, style in (("t", "-"), ("s", (0, (4, 2))))
     ]
@@ -186,7 +208,9 @@ def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -
         drawn.append((_line(ax, s, "blur_area_deg2", product), f"{name}T×S"))
         floored = _line(ax, s, "floored_area_deg2", linestyle=(0, (1, 1.6)))
         drawn.append((floored, f"{name}floored"))
-    highest = max(np.nanmax(np.where(np.isfinite(y), y, 0.0)) for y in (line.get_ydata() for line, _ in drawn))
+    highest = max(
+        np.nanmax(np.where(np.isfinite(y), y, 0.0)) for y in (line.get_ydata() for line, _ in drawn)
+    )
     ax.set_ylim(1e-3, min(10 * float(np.ceil(highest / 5)) / 2 + 1, 1e3))
     ax.set_xlim(0, widest(subjects))
     ax.set_ylabel(axis_title("blur_area_deg2"))
@@ -215,7 +239,11 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
             subject.colour,
             replace(subject.conditions, image_radius_px=subject.radius_px),
         )
-        look = {"alpha": shade, "linewidth": 1.2} if theta else {"color": INK, "linestyle": (0, (4, 2))}
+        look = (
+            {"alpha": shade, "linewidth": 1.2}
+            if theta
+            else {"color": INK, "linestyle": (0, (4, 2))}
+        )
         line = _line(ax, member, "area_px2", **look)
         kept = member.curve.area_px2[-1] / member.curve.area_px2[0]
         name = f"Θ = {theta:g}°" if theta else "orthographic"
@@ -252,7 +280,9 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
         m = float(M / np.tan(theta) - A * (1 - np.cos(beta)))
         lens = Perspective(float(radius_px * pitch / np.tan(theta)), 4.0, 1e6)
     name = f"Θ = {theta_deg:g} deg"
-    return replace(sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=name, secondary=None)
+    return replace(
+        sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=name, secondary=None
+    )
 
 
 # -- Fig. 15: single viewpoint -----------------------------------------------------------------
@@ -266,7 +296,9 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
     axes = grid_of_axes(figure, rows, columns, len(subjects), sharey=True)
     labels = EndLabels(figure)
     worst = max(_viewpoint_panel(ax, s) for ax, s in zip(axes, subjects, strict=True))
-    axes[0].set_ylim(-1.1 * max(worst, 0.5), 1.5 * max(worst, 0.5))  # space for the viewpoint values
+    axes[0].set_ylim(
+        -1.1 * max(worst, 0.5), 1.5 * max(worst, 0.5)
+    )  # space for the viewpoint values
     for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
         panel_title(ax, i, s.name, len(subjects))
         angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
@@ -284,18 +316,32 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
     zero_line(ax)
     M, worst, places = subject.rim_mm, 0.0, []
     omega = subject.curve.omega_deg
-    for shade, n in zip(np.linspace(1.0, 0.4, len(OBJECT_DISTANCES)), OBJECT_DISTANCES, strict=True):
+    for shade, n in zip(
+        np.linspace(1.0, 0.4, len(OBJECT_DISTANCES)), OBJECT_DISTANCES, strict=True
+    ):
         radius = subject.conditions.image_radius_px
         best = best_viewpoint(subject.sensor, n * M, omega_deg=omega, image_radius_px=radius)
         look = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
         if best.worst_px < SINGLE_VIEWPOINT_PX:
             ax.plot(omega, np.zeros_like(omega), **look)
-            places = [f"V$_0$ = {best.z_mm / M:.4f} M:", "single viewpoint,", "no error at any distance"]
+            places = [
+                f"V$_0$ = {best.z_mm / M:.4f} M:",
+                "single viewpoint,",
+                "no error at any distance",
+            ]
             break
         ax.plot(omega, best.error_px, label=f"{n} M: ±{best.worst_px:.2f} px", **look)
         worst = max(worst, best.worst_px)
         places.append(f"V$_0$ = {best.z_mm / M:.4f} M for {n} M")
-    ax.text(0.04, 0.98, "\n".join(places), transform=ax.transAxes, va="top", size=6, color=subject.colour)
+    ax.text(
+        0.04,
+        0.98,
+        "\n".join(places),
+        transform=ax.transAxes,
+        va="top",
+        size=6,
+        color=subject.colour,
+    )
     return worst
 
 

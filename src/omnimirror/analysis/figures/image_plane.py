@@ -14,7 +14,19 @@ from numpy.typing import NDArray
 
 from ...base.typing import Array
 from ...cameras.frames import camera_direction
-from .style import COLUMN, GREY, INK, PAGE, PALE, axis_label, bare, grid_of_axes, new_figure, panel_title, styled
+from .style import (
+    COLUMN,
+    GREY,
+    INK,
+    PAGE,
+    PALE,
+    axis_label,
+    bare,
+    grid_of_axes,
+    new_figure,
+    panel_title,
+    styled,
+)
 from .subjects import Subject, widest
 
 # -- Objects and blur in the image and in object space: Figs. 3, 8, 10 and 11 ----------------------
@@ -42,7 +54,9 @@ def viewing_sphere(subjects: Sequence[Subject]) -> Figure:
     return figure
 
 
-def object_outline(omega_deg: float, phi_deg: float, side_deg: float = OBJECT_DEG, points: int = 25) -> Array:
+def object_outline(
+    omega_deg: float, phi_deg: float, side_deg: float = OBJECT_DEG, points: int = 25
+) -> Array:
     """Return the outline of a square object: directions (4 points, 3) in the camera frame.
 
     Its sides are great circles and its centre lines ``side_deg`` long; therefore all objects are
@@ -97,14 +111,21 @@ def _draw_sphere(ax: Axes, subjects: Sequence[Subject]) -> None:
         odd = round(omega / OBJECT_DEG) % 2 == 1
         fill = "none" if behind else (GREY if odd else "#C4C4C4")
         edge = PALE if behind else INK
-        patch = Polygon(flat(outline), facecolor=fill, edgecolor=edge, linewidth=0.5, zorder=2 if behind else 4)
+        patch = Polygon(
+            flat(outline), facecolor=fill, edgecolor=edge, linewidth=0.5, zorder=2 if behind else 4
+        )
         ax.add_patch(patch)
         if phi == 270 and not behind and odd and omega > OBJECT_DEG:
             beside = np.radians(phi - 9 / np.sin(np.radians(omega)))
             x, y = flat(camera_direction(np.radians(omega), beside))
             paper = {"facecolor": "#FAFAFA", "edgecolor": "none", "pad": 0.6}
             ax.text(x, y, f"{omega:g}°", size=5.5, ha="right", va="center", zorder=5, bbox=paper)
-    ax.annotate("", (0, 1.22), (0, 0.99 * up[2]), arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.6})
+    ax.annotate(
+        "",
+        (0, 1.22),
+        (0, 0.99 * up[2]),
+        arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.6},
+    )
     ax.text(0.05, 1.16, "mirror axis", size=6, va="center")
     ax.text(0, -1.13, f"field ends at Ω = {field:g}°", size=6, ha="center", va="center")
     ax.set_xlim(-1.12, 1.12)
@@ -138,12 +159,22 @@ def _draw_image_circle(ax: Axes, subject: Subject) -> None:
         azimuth = np.arctan2(outline[:, 1], outline[:, 0])
         odd = round(omega / OBJECT_DEG) % 2 == 1
         points = np.stack([h * np.cos(azimuth), h * np.sin(azimuth)], axis=-1)
-        patch = Polygon(points, facecolor=to_rgba(subject.colour, 0.75 if odd else 0.3), edgecolor=INK, linewidth=0.4)
+        patch = Polygon(
+            points,
+            facecolor=to_rgba(subject.colour, 0.75 if odd else 0.3),
+            edgecolor=INK,
+            linewidth=0.4,
+        )
         patch.set_gid(f"{subject.name}:object:{omega:g}:{phi:g}")
         ax.add_patch(patch)
     for inside, outside in _hidden_px(subject):
         ring = Annulus((0, 0), outside, outside - inside) if inside else Circle((0, 0), outside)
-        ring.set(facecolor=to_rgba(GREY, 0.55), edgecolor=INK, linewidth=0.4, gid=f"{subject.name}:hidden")
+        ring.set(
+            facecolor=to_rgba(GREY, 0.55),
+            edgecolor=INK,
+            linewidth=0.4,
+            gid=f"{subject.name}:hidden",
+        )
         ax.add_patch(ring)
         ax.text(0, -outside, "hidden", size=5, ha="center", va="bottom", color=INK, zorder=6)
     _scale_bar(ax, -0.71 * N, -1.17 * N, 0.2 * N)
@@ -184,12 +215,20 @@ def blur_in_image(subjects: Sequence[Subject]) -> Figure:
         _draw_rectangles(ax, subject)
         marks = subject.marks
         for h, t, s in zip(marks.h_px, marks.blur_t_px, marks.blur_s_px, strict=True):
-            _spot(ax, (h, 0.0), t * BLUR_MAGNIFICATION, s * BLUR_MAGNIFICATION, smallest=0.006 * subject.radius_px)
+            _spot(
+                ax,
+                (h, 0.0),
+                t * BLUR_MAGNIFICATION,
+                s * BLUR_MAGNIFICATION,
+                smallest=0.006 * subject.radius_px,
+            )
 
     return _strips(subjects, draw, "blur spots × 10")
 
 
-def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], note: str = "") -> Figure:
+def _strips(
+    subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], note: str = ""
+) -> Figure:
     """Draw one strip per sensor, from the image centre on the left to the rim on the right."""
     half = [_half_width(s) / s.radius_px for s in subjects]
     left, right = (float(f) for f in np.max([_reach(s) for s in subjects], axis=0))
@@ -198,12 +237,16 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
     same_scale = len({round(s.radius_px, 3) for s in subjects}) == 1
     between = 0.22 if same_scale else 0.36
     figure = new_figure(width, 0.45 + sum(2 * h * inches + between for h in half))
-    axes = figure.subplots(len(subjects), 1, squeeze=False, gridspec_kw={"height_ratios": half}).ravel()
+    axes = figure.subplots(
+        len(subjects), 1, squeeze=False, gridspec_kw={"height_ratios": half}
+    ).ravel()
     for i, (ax, s, h) in enumerate(zip(axes, subjects, half, strict=True)):
         N = s.radius_px
         panel_title(ax, i, s.name, len(subjects))
         if note:
-            ax.set_title(note + s.objects, loc="right", fontweight="normal", fontsize=6.5, color=SPOT)
+            ax.set_title(
+                note + s.objects, loc="right", fontweight="normal", fontsize=6.5, color=SPOT
+            )
         ax.set_aspect("equal")
         ax.set_xlim(-left * N, right * N)
         ax.set_ylim(-h * N, h * N)
@@ -217,8 +260,18 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
         ax.set_yticks([])
         draw(ax, s)
         for inside, outside in _hidden_px(s):
-            ax.axvspan(inside, outside, color=GREY, alpha=0.4, linewidth=0, zorder=4, gid=f"{s.name}:hidden")
-            ax.text(outside, -h * N, "hidden ", size=5.5, ha="right", va="bottom", rotation=90, zorder=5)
+            ax.axvspan(
+                inside,
+                outside,
+                color=GREY,
+                alpha=0.4,
+                linewidth=0,
+                zorder=4,
+                gid=f"{s.name}:hidden",
+            )
+            ax.text(
+                outside, -h * N, "hidden ", size=5.5, ha="right", va="bottom", rotation=90, zorder=5
+            )
     axes[-1].set_xlabel(axis_label("h_px", titled=True))
     return figure
 
@@ -227,7 +280,9 @@ def _reach(subject: Subject) -> tuple[float, float]:
     """Return the extent of the rectangles left and right of the centre, in image radii."""
     half = OBJECT_DEG * subject.marks.dh_domega_px_per_deg / 2 / subject.radius_px
     h = subject.marks.h_px / subject.radius_px
-    return max(0.02, 0.02 - float((h - half).min())), max(1.02, min(0.02 + float((h + half).max()), 1.4))
+    return max(0.02, 0.02 - float((h - half).min())), max(
+        1.02, min(0.02 + float((h + half).max()), 1.4)
+    )
 
 
 def _half_width(subject: Subject) -> float:
@@ -246,18 +301,34 @@ def _draw_rectangles(ax: Axes, subject: Subject) -> None:
         if not np.isfinite(width):  # the tip of a cone
             continue
         dh, dw = OBJECT_DEG * height, OBJECT_DEG * width
-        patch = Rectangle((h - dh / 2, -dw / 2), dh, dw, facecolor=subject.colour, edgecolor="none", alpha=0.16)
+        patch = Rectangle(
+            (h - dh / 2, -dw / 2), dh, dw, facecolor=subject.colour, edgecolor="none", alpha=0.16
+        )
         ax.add_patch(patch)
-        outline = Rectangle((h - dh / 2, -dw / 2), dh, dw, facecolor="none", edgecolor=subject.colour, linewidth=0.9)
+        outline = Rectangle(
+            (h - dh / 2, -dw / 2), dh, dw, facecolor="none", edgecolor=subject.colour, linewidth=0.9
+        )
         outline.set_gid(f"{subject.name}:rectangle:{omega:g}")
         ax.add_patch(outline)
-        ax.text(h, min(dw / 2, top * 0.86), f"{omega:g}°", size=6, ha="center", va="bottom", zorder=5)
+        ax.text(
+            h, min(dw / 2, top * 0.86), f"{omega:g}°", size=6, ha="center", va="bottom", zorder=5
+        )
 
 
-def _spot(ax: Axes, centre: tuple[float, float], along_x: float, along_y: float, smallest: float) -> Ellipse:
+def _spot(
+    ax: Axes, centre: tuple[float, float], along_x: float, along_y: float, smallest: float
+) -> Ellipse:
     """Draw a blur spot, with a minimum size."""
     width, height = max(abs(along_x), smallest), max(abs(along_y), smallest)
-    spot = Ellipse(centre, width, height, facecolor=to_rgba(SPOT, 0.45), edgecolor=SPOT, linewidth=0.5, zorder=3)
+    spot = Ellipse(
+        centre,
+        width,
+        height,
+        facecolor=to_rgba(SPOT, 0.45),
+        edgecolor=SPOT,
+        linewidth=0.5,
+        zorder=3,
+    )
     ax.add_patch(spot)
     return spot
 
@@ -279,7 +350,14 @@ def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
         for j, omega in enumerate(s.marks.omega_deg):
             _draw_square(ax, s, j, (pitch * j, 0.0))
             hidden = any(low <= omega < high for low, high in s.hidden_deg)
-            ax.text(pitch * j, 8.4, f"{omega:g}°{', hidden' if hidden else ''}", size=6, ha="center", va="bottom")
+            ax.text(
+                pitch * j,
+                8.4,
+                f"{omega:g}°{', hidden' if hidden else ''}",
+                size=6,
+                ha="center",
+                va="bottom",
+            )
         _draw_mean_pixel(ax, s.mean_pixel_deg(), pitch * longest)
         ax.set_xlim(-pitch / 2, span - pitch / 2)
         ax.set_ylim(-13.5, 12.5)
@@ -289,8 +367,12 @@ def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
 def _draw_square(ax: Axes, subject: Subject, j: int, centre: tuple[float, float]) -> None:
     x, y = centre
     half = OBJECT_DEG / 2
-    square = Rectangle((x - half, y - half), OBJECT_DEG, OBJECT_DEG, facecolor=subject.colour, alpha=0.16)
-    frame = Rectangle((x - half, y - half), OBJECT_DEG, OBJECT_DEG, facecolor="none", edgecolor=subject.colour)
+    square = Rectangle(
+        (x - half, y - half), OBJECT_DEG, OBJECT_DEG, facecolor=subject.colour, alpha=0.16
+    )
+    frame = Rectangle(
+        (x - half, y - half), OBJECT_DEG, OBJECT_DEG, facecolor="none", edgecolor=subject.colour
+    )
     frame.set_linewidth(0.9)
     ax.add_patch(square)
     ax.add_patch(frame)
@@ -301,7 +383,15 @@ def _draw_square(ax: Axes, subject: Subject, j: int, centre: tuple[float, float]
     spot = _spot(ax, centre, s * BLUR_MAGNIFICATION, t * BLUR_MAGNIFICATION, smallest=0.3)
     spot.set_clip_path(square)
     spot.set_gid(f"{subject.name}:spot:{subject.marks.omega_deg[j]:g}")
-    ax.text(x, y - half - 0.9, f"{abs(t):.2f} × {abs(s):.2f}", size=5.5, ha="center", va="top", color=SPOT)
+    ax.text(
+        x,
+        y - half - 0.9,
+        f"{abs(t):.2f} × {abs(s):.2f}",
+        size=5.5,
+        ha="center",
+        va="top",
+        color=SPOT,
+    )
 
 
 def _draw_mean_pixel(ax: Axes, side_deg: float, x: float) -> None:
@@ -334,7 +424,9 @@ def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[A
     return figure
 
 
-def error_map(columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], unit: str, title: str) -> Figure:
+def error_map(
+    columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], unit: str, title: str
+) -> Figure:
     """Draw errors (rows, columns), NaN without a value, over an image, with contour lines."""
     seen = error[np.isfinite(error) & (error > 0)]
     with styled():
@@ -348,9 +440,13 @@ def error_map(columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], un
         ax.set_xlim(columns[0], columns[-1])
         ax.set_ylim(rows[-1], rows[0])
         if seen.size:
-            low, high = np.percentile(seen, [0.5, 95.0])  # the errors of a floor diverge towards the horizon
+            low, high = np.percentile(
+                seen, [0.5, 95.0]
+            )  # the errors of a floor diverge towards the horizon
             scale = LogNorm(low, max(high, 1.01 * low))
-            drawn = ax.pcolormesh(columns, rows, np.ma.masked_invalid(error), norm=scale, cmap="viridis_r")
+            drawn = ax.pcolormesh(
+                columns, rows, np.ma.masked_invalid(error), norm=scale, cmap="viridis_r"
+            )
             drawn.set_rasterized(True)
             levels = _round_levels(low, high)
             if len(levels):

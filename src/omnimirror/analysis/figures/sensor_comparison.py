@@ -69,9 +69,17 @@ def side_by_side(sensors: Sequence[Sensor]) -> Figure:
         section = figure.add_subplot(grid[:, 2])
         panel_title(section, len(PANELS), "Cross-sections")
         _cross_sections(section, subjects)
-        handles = [Line2D([], [], color=s.colour, linestyle=d, label=s.name) for s, d in _styles(subjects)]
+        handles = [
+            Line2D([], [], color=s.colour, linestyle=d, label=s.name) for s, d in _styles(subjects)
+        ]
         columns = min(len(handles), 3)
-        figure.legend(handles=handles, loc="outside upper center", ncols=columns, frameon=False, handlelength=3.4)
+        figure.legend(
+            handles=handles,
+            loc="outside upper center",
+            ncols=columns,
+            frameon=False,
+            handlelength=3.4,
+        )
     return figure
 
 
@@ -83,7 +91,13 @@ def _panel(ax: Axes, subjects: Sequence[Subject], column: str) -> None:
     """Draw one column of the evaluation table for all sensors."""
     zero_line(ax)
     for s, dash in _styles(subjects):
-        ax.plot(s.curve.omega_deg, getattr(s.curve, column), color=s.colour, linestyle=dash, gid=f"{s.name}:{column}")
+        ax.plot(
+            s.curve.omega_deg,
+            getattr(s.curve, column),
+            color=s.colour,
+            linestyle=dash,
+            gid=f"{s.name}:{column}",
+        )
     value_limits(ax, [getattr(s.curve, column) for s in subjects])
     angle_axis(ax, widest(subjects), most_ticks=9)
     hidden_bands(ax, subjects)
@@ -113,7 +127,9 @@ def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
     ax.set_ylabel("z (mm)")
 
 
-def picture_sheet(names: Sequence[str], circles: Sequence[NDArray[Any]], panoramas: Sequence[NDArray[Any]]) -> Figure:
+def picture_sheet(
+    names: Sequence[str], circles: Sequence[NDArray[Any]], panoramas: Sequence[NDArray[Any]]
+) -> Figure:
     """Draw the images of one scene by several sensors, and their panoramas, at one scale.
 
     Images are (rows, columns, 3) uint8 in RGB order.
@@ -138,7 +154,9 @@ def _show(ax: Axes, picture: NDArray[Any], name: str) -> None:
     ax.set_title(plot_text(name))
 
 
-def table_sheet(header: Sequence[str], lines: Sequence[Sequence[str]], best: Sequence[Sequence[bool]]) -> Figure:
+def table_sheet(
+    header: Sequence[str], lines: Sequence[Sequence[str]], best: Sequence[Sequence[bool]]
+) -> Figure:
     """Draw a table: title, unit and one cell for each sensor, with the best of each row in bold.
 
     ``lines`` contains title, unit and cells; ``best`` is the mask of marked cells.
@@ -183,7 +201,13 @@ LABEL_DISTANCE, LABEL_SEARCH_RANGE = (
     30.0,
 )  # points: distance of a label from its mark, and search range for neighbouring marks
 LEFT_LABEL_FROM = 0.65  # relative to the width: marks beyond it have their labels on the left
-LEADER_STYLE: dict[str, Any] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.4, "shrinkA": 1.0, "shrinkB": 4.0}
+LEADER_STYLE: dict[str, Any] = {
+    "arrowstyle": "-",
+    "color": GREY,
+    "linewidth": 0.4,
+    "shrinkA": 1.0,
+    "shrinkB": 4.0,
+}
 REFERENCE_MARKS: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.8}
 
 
@@ -205,12 +229,23 @@ def front(
     ax = figure.subplots()
     ax.set(xlabel=labels[0], ylabel=labels[1])
     _scales(ax, np.vstack([at, known]))
-    ax.plot(*at.T, color=INK, linewidth=1.0, marker="o", markersize=2.2, markeredgewidth=0, zorder=3)
-    ax.annotate("best designs", at[0], xytext=(6, 4), textcoords="offset points", size=LABEL_SIZE, color=INK)
+    ax.plot(
+        *at.T, color=INK, linewidth=1.0, marker="o", markersize=2.2, markeredgewidth=0, zorder=3
+    )
+    ax.annotate(
+        "best designs", at[0], xytext=(6, 4), textcoords="offset points", size=LABEL_SIZE, color=INK
+    )
     ax.set_title("better: down and to the left", size=LABEL_SIZE, weight="normal", color=GREY)
     for i, (colour, place) in enumerate(zip(colours, known, strict=True)):
         ring = {} if i < len(marks) else {"markerfacecolor": "none", "markersize": 8.0}
-        ax.plot(*place, color=colour, marker="o" if ring else "D", linestyle="none", zorder=4, **REFERENCE_MARKS | ring)
+        ax.plot(
+            *place,
+            color=colour,
+            marker="o" if ring else "D",
+            linestyle="none",
+            zorder=4,
+            **REFERENCE_MARKS | ring,
+        )
     _names(figure, ax, [*marks, *others], known, colours)
     return figure
 
@@ -222,7 +257,9 @@ def _scales(ax: Axes, values: Array) -> None:
     ax.set(xscale="log", yscale="log", xlim=(low[0] / room[0], high[0] * room[0]))
     ax.set_ylim(low[1] / room[1], high[1] * room[1])
     for axis, span in zip((ax.xaxis, ax.yaxis), high / low, strict=True):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if span > 8 else (1, 1.5, 2, 3, 4, 5, 6, 8)))
+        axis.set_major_locator(
+            LogLocator(subs=(1, 2, 5) if span > 8 else (1, 1.5, 2, 3, 4, 5, 6, 8))
+        )
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         axis.set_minor_formatter(NullFormatter())
         axis.set_tick_params(which="minor", length=0)
@@ -242,11 +279,19 @@ def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: l
     for i, y in enumerate(heights):
         side = 1 if shown[i, 0] <= turn else -1
         along = side * (shown[:, 0] - shown[i, 0])
-        beside = (np.abs(shown[:, 1] - y) < LABEL_SIZE) & (along >= 0) & (along < LABEL_SEARCH_RANGE)
+        beside = (
+            (np.abs(shown[:, 1] - y) < LABEL_SIZE) & (along >= 0) & (along < LABEL_SEARCH_RANGE)
+        )
         reach = float(along[beside].max(initial=0.0))
         is_far = abs(y - shown[i, 1]) > 1.5 * LABEL_SIZE
         ax.annotate(
-            texts[i], places[i], xytext=(side * (reach + LABEL_DISTANCE), y - shown[i, 1]), textcoords="offset points",
-            size=LABEL_SIZE, color=colours[i], ha="left" if side > 0 else "right", va="center",
+            texts[i],
+            places[i],
+            xytext=(side * (reach + LABEL_DISTANCE), y - shown[i, 1]),
+            textcoords="offset points",
+            size=LABEL_SIZE,
+            color=colours[i],
+            ha="left" if side > 0 else "right",
+            va="center",
             arrowprops=LEADER_STYLE | {"relpos": (0.5 - side / 2, 0.5)} if is_far else None,
-        )  # fmt: skip
+        )

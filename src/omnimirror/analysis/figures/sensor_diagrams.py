@@ -125,7 +125,10 @@ def _close_up_window(subjects: Sequence[Subject]) -> PanelLimits:
     points = []
     for s in subjects:
         heights = [curve.z for _, curve, _ in _virtual_images(s)]
-        points += [z / s.rim_mm for z in (*heights, np.array([0.0, top_height(s.sensor), *focus_band(s.curve)]))]
+        points += [
+            z / s.rim_mm
+            for z in (*heights, np.array([0.0, top_height(s.sensor), *focus_band(s.curve)]))
+        ]
     z = np.concatenate(points)
     z = z[np.isfinite(z) & (np.abs(z) < FAR_AWAY)]
     return PanelLimits(-1.35, 1.35, float(z.min()) - 0.06, float(z.max()) + 0.06)
@@ -152,7 +155,12 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     for x, z, omega, to_lens in zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True):
         xs, zs = _incoming(x, z, np.radians(omega), right, bottom, top)
         way = [(xs, zs), (x, z), *to_lens]
-        ax.plot(*np.transpose(way), color=subject.colour, linewidth=0.6, gid=f"{subject.name}:ray:{omega:g}")
+        ax.plot(
+            *np.transpose(way),
+            color=subject.colour,
+            linewidth=0.6,
+            gid=f"{subject.name}:ray:{omega:g}",
+        )
         if xs >= right * (1 - 1e-9):
             labels.at(ax, right, zs, f"{omega:g}°", subject.colour)
         else:
@@ -160,7 +168,9 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
             ax.text(xs + 0.05 * M, y, f"{omega:g}°", size=6, va=va, color=subject.colour)
 
 
-def _incoming(x: float, z: float, omega: float, right: float, bottom: float, top: float) -> tuple[float, float]:
+def _incoming(
+    x: float, z: float, omega: float, right: float, bottom: float, top: float
+) -> tuple[float, float]:
     """Return the intersection of the ray from the object with the border of the panel."""
     dx, dz = np.sin(omega), -np.cos(omega)
     reach = [(right - x) / dx] if dx > 0 else []
@@ -173,20 +183,33 @@ def _draw_lens(ax: Axes, subject: Subject) -> None:
     """Draw the lens as a double arrow, with the width of the mirror if telecentric."""
     telecentric, M = subject.sensor.lens.TELECENTRIC, subject.rim_mm
     z, half = lens_height(subject.sensor), lens_half_width(subject.sensor)
-    arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
+    arrow = {
+        "arrowstyle": "<->",
+        "color": INK,
+        "linewidth": 1.0,
+        "shrinkA": 0,
+        "shrinkB": 0,
+        "mutation_scale": 7,
+    }
     ax.annotate("", (half, z), (-half, z), arrowprops=arrow, zorder=5)
     if telecentric:
         ax.text(-half, z - 0.08 * M, "telecentric lens", size=6, va="top")
     else:
         beside = subject.sensor.secondary is None  # otherwise the mirror is there
-        x, y, ha, va = (-half - 0.06 * M, z, "right", "center") if beside else (0.0, z + 0.08 * M, "center", "bottom")
+        x, y, ha, va = (
+            (-half - 0.06 * M, z, "right", "center")
+            if beside
+            else (0.0, z + 0.08 * M, "center", "bottom")
+        )
         ax.text(x, y, "lens", size=6, ha=ha, va=va)
 
 
 def _draw_band(ax: Axes, subject: Subject) -> None:
     focus, near, far = focus_band(subject.curve)
     top = ax.get_ylim()[1]
-    ax.axhspan(near, min(far, top), color=BAND, linewidth=0, zorder=0, gid=f"{subject.name}:depth-of-field")
+    ax.axhspan(
+        near, min(far, top), color=BAND, linewidth=0, zorder=0, gid=f"{subject.name}:depth-of-field"
+    )
     ax.axhline(focus, color=BAND_INK, linewidth=0.6, zorder=1)
 
 
@@ -264,7 +287,12 @@ class Ray(NamedTuple):
 def chief_ray(sensor: Sensor, omega_deg: float) -> Ray:
     """Return the chief ray of a field angle, from the evaluation."""
     result = evaluate(sensor, omega_deg)
-    return Ray(float(result.x_mm[0]), float(result.z_mm[0]), np.radians(omega_deg), float(result.viewpoint_z_mm[0]))
+    return Ray(
+        float(result.x_mm[0]),
+        float(result.z_mm[0]),
+        np.radians(omega_deg),
+        float(result.viewpoint_z_mm[0]),
+    )
 
 
 # -- Figs. 1 and 2: the sensor ---------------------------------------------------------------------
@@ -282,8 +310,16 @@ def principle(sensor: Sensor, circle: Picture) -> Figure:
                 ray = chief_ray(sensor, omega)
                 xs, zs = np.transpose([ray.at(2.4 * M), (ray.x, ray.z), (0.0, -sensor.meridian.m)])
                 left.plot(side * xs, zs, color=colour, linewidth=0.8)
-                left.text(side * xs[0], zs[0], f"{omega:g}°", size=6, color=colour, ha="center", va="center",
-                          bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})  # fmt: skip
+                left.text(
+                    side * xs[0],
+                    zs[0],
+                    f"{omega:g}°",
+                    size=6,
+                    color=colour,
+                    ha="center",
+                    va="center",
+                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+                )
         _mirror(left, sensor)
         _camera(left, sensor, 0.55 * M)
         left.text(0.25 * M, -sensor.meridian.m, "lens", size=6.5, va="center")
@@ -302,7 +338,9 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
     ray = chief_ray(sensor, omega_deg)
     result = evaluate(sensor, omega_deg)
     P, V, lens = np.array([ray.x, ray.z]), np.array([0.0, ray.viewpoint]), np.array([0.0, -m])
-    Q = np.array([0.0, -m]) + float(result.distance_t_mm[0]) * np.array([np.tan(np.radians(result.theta_deg[0])), 1.0])
+    Q = np.array([0.0, -m]) + float(result.distance_t_mm[0]) * np.array(
+        [np.tan(np.radians(result.theta_deg[0])), 1.0]
+    )
     T = np.array(ray.at(2.1 * M))
     with styled():
         figure = new_figure(0.75 * PAGE, 5.2)
@@ -315,9 +353,16 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
         _line(ax, P, lens - 0.75 * M * (P - lens) / (P - lens)[1], RAY)
         _line(ax, P, V, RAY, dashed=True)
         _line(ax, P, Q, RAY, dashed=True)
-        normal = np.array([np.sin(np.radians(result.beta_deg[0])), -np.cos(np.radians(result.beta_deg[0]))])
+        normal = np.array(
+            [np.sin(np.radians(result.beta_deg[0])), -np.cos(np.radians(result.beta_deg[0]))]
+        )
         _line(ax, P, P + 1.1 * M * normal, GREY)
-        beside = {"T": (T, 0.08, 0.0), "P": (P, -0.06, -0.02), "V": (V, -0.14, 0.0), "Q": (Q, 0.06, 0.06)}
+        beside = {
+            "T": (T, 0.08, 0.0),
+            "P": (P, -0.06, -0.02),
+            "V": (V, -0.14, 0.0),
+            "Q": (Q, 0.06, 0.06),
+        }
         for name, (point, dx, dz) in beside.items():
             _dot(ax, point, name, dx * M, dz * M)
         ax.text(0.22 * M, -m, "lens, (0, -m)", size=6.5, va="center")
@@ -328,11 +373,15 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
         _angle(ax, P, 0.95 * M, along, to_object, "γ")
         _angle(ax, lens, 1.5 * M, 90 - float(result.theta_deg[0]), 90, "θ")
         _angle(ax, V, 0.75 * M, -90, to_object, "Ω")
-        ax.annotate("", (1.75 * M, -m), (1.75 * M, 0.0), arrowprops={"arrowstyle": "<->", "linewidth": 0.6})
+        ax.annotate(
+            "", (1.75 * M, -m), (1.75 * M, 0.0), arrowprops={"arrowstyle": "<->", "linewidth": 0.6}
+        )
         ax.text(1.8 * M, -m / 2, "m", size=7, va="center")
         for z in (-m, 0.0):
             ax.plot([1.65 * M, 1.82 * M], [z, z], color=GREY, linewidth=0.4)
-        equations = "tan β = dz/dx     γ = β + θ     Ω = 2β + θ\ntan θ = x/(m + z)     z$_v$ = z + x/tan Ω"
+        equations = (
+            "tan β = dz/dx     γ = β + θ     Ω = 2β + θ\ntan θ = x/(m + z)     z$_v$ = z + x/tan Ω"
+        )
         ax.set_title(
             f"{plot_text(sensor.name)}, Ω = {omega_deg:g}°\n{equations}",
             fontsize=6.5,
@@ -385,7 +434,12 @@ def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
             ax.plot([side * radius] * 2, [low, high], color=OTHER, linewidth=1.6)
         for z in (low, high):
             angle = np.linspace(0, 2 * np.pi, 201)
-            ax.plot(radius * np.cos(angle), z + 0.12 * radius * np.sin(angle), color=OTHER, linewidth=0.6)
+            ax.plot(
+                radius * np.cos(angle),
+                z + 0.12 * radius * np.sin(angle),
+                color=OTHER,
+                linewidth=0.6,
+            )
     ax.text(0, _top(sensor) + 0.1 * radius, "virtual projector", size=6.5, ha="center")
     ax.text(1.06 * radius, middle, "virtual\nscreen", size=6.5, color=OTHER, va="center")
 
@@ -400,7 +454,9 @@ def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
     return -b + float(np.sqrt(b * b - offset @ offset + radius**2))
 
 
-def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0, distance: float = 3.0) -> Figure:
+def one_viewpoint(
+    sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0, distance: float = 3.0
+) -> Figure:
     """Draw Fig. 14: single-viewpoint error for an object at ``distance`` rim radii (Eq. 23)."""
     M = sensor.mirror.rim_radius_mm
     ray = chief_ray(sensor, omega_deg)
@@ -449,19 +505,30 @@ def blur_geometry(
         figure = new_figure(PAGE, 2.4)
         ax = figure.subplots()
         bare(ax)
-        ax.plot([-object_at - 0.3, 1.25 * b0], [0, 0], color=GREY, linewidth=0.4, dashes=(8, 2, 1, 2))
+        ax.plot(
+            [-object_at - 0.3, 1.25 * b0], [0, 0], color=GREY, linewidth=0.4, dashes=(8, 2, 1, 2)
+        )
         for side in (-1, 1):
             edge = side * aperture / 2
             ax.plot([-object_at, 0, b0], [0, edge, edge * (1 - b0 / b)], color=RAY, linewidth=0.9)
             ax.plot([-focus, 0, b0], [0, edge, 0], color=OTHER, linewidth=0.9)
-        ax.annotate("", (0, aperture / 2 + 0.08), (0, -aperture / 2 - 0.08),
-                    arrowprops={"arrowstyle": "<->", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+        ax.annotate(
+            "",
+            (0, aperture / 2 + 0.08),
+            (0, -aperture / 2 - 0.08),
+            arrowprops={"arrowstyle": "<->", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
+        )
         ax.plot([b0, b0], [-0.75, 0.75], color=INK, linewidth=1.6)
         ax.plot([b0, b0], [-blur / 2, blur / 2], color=RAY, linewidth=3.5, solid_capstyle="butt")
         ax.text(b0 + 0.08, 0.08, "Δ", size=8, color=RAY)
         ax.text(b0, 0.8, "image sensor", size=6.5, ha="center", va="bottom")
         ax.text(0.0, 0.75, "lens f, D", size=6.5, ha="center", va="bottom")
-        for at, name, z in ((-focus, "L$_0$", -0.85), (-object_at, "L", -1.1), (b0, "b$_0$", -1.1), (b, "b", -0.85)):
+        for at, name, z in (
+            (-focus, "L$_0$", -0.85),
+            (-object_at, "L", -1.1),
+            (b0, "b$_0$", -1.1),
+            (b, "b", -0.85),
+        ):
             arrow = {"arrowstyle": "<->", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
             ax.annotate("", (0, z), (at, z), arrowprops=arrow)
             ax.text(at / 2, z + 0.02, name, size=7, ha="center", va="bottom")
@@ -514,10 +581,17 @@ def _draw_prototype(ax: Axes, p: Prototype) -> None:
         outer, inner = shell.diameter_mm / 2, shell.diameter_mm / 2 - shell.wall_mm
         if isinstance(shell, Dome):
             middle = (0.0, shell.centre_mm or 0.0)
-            ax.add_patch(Circle(middle, outer, facecolor=WALL, alpha=0.35, edgecolor=INK, linewidth=0.5))
+            ax.add_patch(
+                Circle(middle, outer, facecolor=WALL, alpha=0.35, edgecolor=INK, linewidth=0.5)
+            )
             ax.add_patch(Circle(middle, inner, facecolor="white", edgecolor=INK, linewidth=0.5))
         else:
-            wall: dict[str, Any] = {"facecolor": WALL, "alpha": 0.6, "edgecolor": INK, "linewidth": 0.5}
+            wall: dict[str, Any] = {
+                "facecolor": WALL,
+                "alpha": 0.6,
+                "edgecolor": INK,
+                "linewidth": 0.5,
+            }
             for x in (-outer, inner):
                 ax.add_patch(Rectangle((x, -m), shell.wall_mm, m + top + ABOVE_MM, **wall))
     _mirror(ax, p.sensor)
@@ -546,10 +620,31 @@ def _camera(ax: Axes, sensor: Sensor, behind: float, radius: float | None = None
     """Draw the lens as a double arrow, the image sensor behind it, and an optional body."""
     m, half = sensor.meridian.m, 0.2 * sensor.mirror.rim_radius_mm
     if radius is not None:
-        ax.add_patch(Rectangle((-radius, -m - 1.2 * behind), 2 * radius, 1.2 * behind, facecolor=PALE, edgecolor=INK))
-    arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
+        ax.add_patch(
+            Rectangle(
+                (-radius, -m - 1.2 * behind),
+                2 * radius,
+                1.2 * behind,
+                facecolor=PALE,
+                edgecolor=INK,
+            )
+        )
+    arrow = {
+        "arrowstyle": "<->",
+        "color": INK,
+        "linewidth": 1.0,
+        "shrinkA": 0,
+        "shrinkB": 0,
+        "mutation_scale": 7,
+    }
     ax.annotate("", (half, -m), (-half, -m), arrowprops=arrow, zorder=5)
-    ax.plot([-1.6 * half, 1.6 * half], [-m - behind] * 2, color=INK, linewidth=2.2, solid_capstyle="butt")
+    ax.plot(
+        [-1.6 * half, 1.6 * half],
+        [-m - behind] * 2,
+        color=INK,
+        linewidth=2.2,
+        solid_capstyle="butt",
+    )
 
 
 def _axis(ax: Axes, low: float, high: float) -> None:
@@ -557,17 +652,50 @@ def _axis(ax: Axes, low: float, high: float) -> None:
 
 
 def _line(ax: Axes, a: Array, b: Array, colour: str, dashed: bool = False) -> None:
-    ax.plot([a[0], b[0]], [a[1], b[1]], color=colour, linewidth=0.9, linestyle=(0, (4, 2)) if dashed else "-", zorder=4)
+    ax.plot(
+        [a[0], b[0]],
+        [a[1], b[1]],
+        color=colour,
+        linewidth=0.9,
+        linestyle=(0, (4, 2)) if dashed else "-",
+        zorder=4,
+    )
 
 
 def _dot(ax: Axes, at: Array, name: str, dx: float, dz: float) -> None:
     ax.plot(*at, "o", color=INK, markersize=3, zorder=6)
-    ax.text(at[0] + dx, at[1] + dz, name, size=8, va="center", ha="left" if dx >= 0 else "right", zorder=6)
+    ax.text(
+        at[0] + dx,
+        at[1] + dz,
+        name,
+        size=8,
+        va="center",
+        ha="left" if dx >= 0 else "right",
+        zorder=6,
+    )
 
 
 def _angle(ax: Axes, at: Array, radius: float, begin: float, end: float, name: str) -> None:
     """Draw an arc between two directions (deg, counter-clockwise from +x), with its label."""
-    ax.add_patch(Arc(tuple(at), 2 * radius, 2 * radius, theta1=begin, theta2=end, color=INK, linewidth=0.6, zorder=5))
+    ax.add_patch(
+        Arc(
+            tuple(at),
+            2 * radius,
+            2 * radius,
+            theta1=begin,
+            theta2=end,
+            color=INK,
+            linewidth=0.6,
+            zorder=5,
+        )
+    )
     middle = np.radians((begin + end) / 2)
     reach = 1.16 * radius
-    ax.text(at[0] + reach * np.cos(middle), at[1] + reach * np.sin(middle), name, size=7.5, ha="center", va="center")
+    ax.text(
+        at[0] + reach * np.cos(middle),
+        at[1] + reach * np.sin(middle),
+        name,
+        size=7.5,
+        ha="center",
+        va="center",
+    )

@@ -110,7 +110,9 @@ class EndLabels:
         """Label the last visible point of a line in its colour."""
         shown = np.flatnonzero(shown_points(ax, line))
         if shown.size:
-            x, y = (float(np.asarray(v, float)[shown[-1]]) for v in (line.get_xdata(), line.get_ydata()))
+            x, y = (
+                float(np.asarray(v, float)[shown[-1]]) for v in (line.get_xdata(), line.get_ydata())
+            )
             self.at(ax, x, y, text, str(line.get_color()))
 
     def at(self, ax: Axes, x: float, y: float, text: str, colour: str) -> None:
@@ -276,8 +278,14 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
         Unknown format.
     """
     if kind not in FORMATS:
-        raise InvalidParameter(f"figures are written as {', '.join(FORMATS)}, not as {kind or 'nothing'}")
-    undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+        raise InvalidParameter(
+            f"figures are written as {', '.join(FORMATS)}, not as {kind or 'nothing'}"
+        )
+    undated: dict[str, dict[str, Any]] = {
+        "svg": {"Date": None},
+        "pdf": {"CreationDate": None},
+        "png": {},
+    }
     data = BytesIO()
     with styled(), _laid_out(figure, kind) as canvas:
         getattr(canvas, f"print_{kind}")(data, metadata=undated[kind])

@@ -45,7 +45,9 @@ class Conditions:
     def of(cls, result: Evaluation) -> Conditions:
         """Return the conditions of an evaluation, with its nearest object distance."""
         p = float(np.min(result.object_distance_mm))
-        return cls(result.mode, result.image_radius_px, p, result.wavelength_nm, result.tolerance_px)
+        return cls(
+            result.mode, result.image_radius_px, p, result.wavelength_nm, result.tolerance_px
+        )
 
 
 EXACT = Conditions()
@@ -126,7 +128,9 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
         No sensor, or more sensors than colours.
     """
     if not 1 <= len(sensors) <= len(PALETTE):
-        raise InvalidParameter(f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}")
+        raise InvalidParameter(
+            f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}"
+        )
     return [Subject(s, colour, conditions) for s, colour in zip(sensors, PALETTE, strict=False)]
 
 

@@ -94,9 +94,17 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="omnimirror")
-@click.option("--quiet", is_flag=True, expose_value=False, callback=be_quiet, is_eager=True,
-              help="Print warnings and errors only; valid for all commands, as the options below.")  # fmt: skip
-@click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
+@click.option(
+    "--quiet",
+    is_flag=True,
+    expose_value=False,
+    callback=be_quiet,
+    is_eager=True,
+    help="Print warnings and errors only; valid for all commands, as the options below.",
+)
+@click.option(
+    "--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend."
+)
 @click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
 def app() -> None:
     """Design, evaluate, simulate and calibrate omnidirectional sensors, and dewarp images."""

@@ -24,9 +24,11 @@ class ObjectOptions(Options):
         type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
     )
     azimuth_deg: float = option(
-        type=angle, default=0.0, metavar="DEG",
+        type=angle,
+        default=0.0,
+        metavar="DEG",
         help="Azimuth in the image, from right towards bottom; relevant for a misaligned mirror.",
-    )  # fmt: skip
+    )
     object_distance_mm: float = option(
         type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
@@ -41,7 +43,9 @@ class ImageOptions(ObjectOptions):
     """Objects and images, with focus and method of computation."""
 
     focus_mm: float | str | None = option(
-        type=focus, metavar="MM|auto", help="Object distance in focus.  [default: the focus of the sensor]"
+        type=focus,
+        metavar="MM|auto",
+        help="Object distance in focus.  [default: the focus of the sensor]",
     )
     kind: Kind = option(
         type=click.Choice(KINDS),

@@ -1,4 +1,6 @@
-"""Options that specify the camera of images: file or parameters, mount, detected mirror outline, orientation of the images."""
+"""Options that specify the camera of images: file or parameters, mount, detected mirror
+outline, orientation of the images.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +38,17 @@ class OrientationOptions(Options):
     """Orientation of images and videos."""
 
     stored_orientation: bool = option(
-        default=False, is_flag=True,
+        default=False,
+        is_flag=True,
         help="Take pixels as stored, without the rotation in EXIF data (images) or in the display matrix (videos).",
-    )  # fmt: skip
+    )
 
     def read(self, files: Sequence[Path]) -> list[NDArray[Any]]:
         """Return the images in files, and report the orientations that were applied."""
-        found = [read_image_and_metadata(file, stored_orientation=self.stored_orientation) for file in files]
+        found = [
+            read_image_and_metadata(file, stored_orientation=self.stored_orientation)
+            for file in files
+        ]
         self._report([carried.orientation for _, carried in found])
         return [image for image, _ in found]
 
@@ -54,7 +60,9 @@ class OrientationOptions(Options):
         """Report remarks on a video, such as the orientation applied to its frames."""
         from ...io.video_reader import VideoReader
 
-        with VideoReader(video, with_sound=False, stored_orientation=self.stored_orientation) as reader:
+        with VideoReader(
+            video, with_sound=False, stored_orientation=self.stored_orientation
+        ) as reader:
             for note in reader.notes:
                 remark(f"omnimirror: {note}")
 
@@ -69,7 +77,11 @@ class OrientationOptions(Options):
 
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
 
-OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {"sensor": (), "ocam": ("optics", "rim_radius_px"), "ball": ()}
+OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {
+    "sensor": (),
+    "ocam": ("optics", "rim_radius_px"),
+    "ball": (),
+}
 
 
 @dataclass(frozen=True)
@@ -77,19 +89,25 @@ class CameraOptions(Options):
     """Camera model, with its mounting."""
 
     sensor: str | None = option(
-        type=SENSOR, metavar="FILE|NAME", help="Camera: a sensor file, a camera file, or the name of a bundled sensor."
+        type=SENSOR,
+        metavar="FILE|NAME",
+        help="Camera: a sensor file, a camera file, or the name of a bundled sensor.",
     )
     ocam: str | None = option(metavar="FILE", help="Camera: calib_results.txt of OCamCalib.")
     ball: tuple[float, float, float, float] | None = option(
-        type=ball, metavar="CX,CY,R,FOV",
+        type=ball,
+        metavar="CX,CY,R,FOV",
         help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed "
         "to point up; for a ball photographed horizontally, add --camera-looks forward.",
-    )  # fmt: skip
+    )
     optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]), help="Type of optics of the --ocam camera.  [default: mirror]"
+        type=click.Choice(["mirror", "fisheye"]),
+        help="Type of optics of the --ocam camera.  [default: mirror]",
     )
     rim_radius_px: float | None = option(
-        type=NUMBER, metavar="PX", help="Radius of the field of --ocam in the image.  [default: unlimited]"
+        type=NUMBER,
+        metavar="PX",
+        help="Radius of the field of --ocam in the image.  [default: unlimited]",
     )
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
@@ -97,18 +115,21 @@ class CameraOptions(Options):
         "for --auto with --mirror ball or convex]",
     )
     forward_azimuth_deg: float | None = option(
-        type=angle, metavar="DEG",
+        type=angle,
+        metavar="DEG",
         help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, "
         "or -90]",
-    )  # fmt: skip
+    )
     image_flipped: bool | None = option(
-        "--image-flipped/--not-image-flipped", help="Declare that the image is mirrored left to right."
+        "--image-flipped/--not-image-flipped",
+        help="Declare that the image is mirrored left to right.",
     )
     level: tuple[float, float] | None = option(
-        type=lean, metavar="PITCH,ROLL",
+        type=lean,
+        metavar="PITCH,ROLL",
         help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is "
         "rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]",
-    )  # fmt: skip
+    )
     keep_lean: bool | None = option(
         is_flag=True,
         help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.",
@@ -120,9 +141,17 @@ class CameraOptions(Options):
         """
         sources = [name for name in OPTIONS_OF_SOURCE if name in self.given]
         if len(sources) != 1:
-            found = "none is given" if not sources else f"{' and '.join(map(flag, sources))} are given"
-            raise click.UsageError(f"say which camera it was with exactly one of --sensor, --ocam and --ball; {found}")
-        refuse_other(self.given, {flag(name): names for name, names in OPTIONS_OF_SOURCE.items()}, flag(sources[0]))
+            found = (
+                "none is given" if not sources else f"{' and '.join(map(flag, sources))} are given"
+            )
+            raise click.UsageError(
+                f"say which camera it was with exactly one of --sensor, --ocam and --ball; {found}"
+            )
+        refuse_other(
+            self.given,
+            {flag(name): names for name, names in OPTIONS_OF_SOURCE.items()},
+            flag(sources[0]),
+        )
 
     def camera(self, picture_size: tuple[int, int]) -> AnyCamera:
         """Return the camera with the mounting of the options; for a ball, in images of size (width,
@@ -198,10 +227,16 @@ class AutoOptions(Options):
                 raise click.UsageError("--mirror belongs to --auto")
             camera.check()
             return
-        owned = {name: names for name, names in OPTIONS_OF_SOURCE.items() if camera.picked(name, *names)}
+        owned = {
+            name: names for name, names in OPTIONS_OF_SOURCE.items() if camera.picked(name, *names)
+        }
         if owned:
-            given = next(iter(camera.picked(*(n for name, names in owned.items() for n in (name, *names)))))
-            raise click.UsageError(f"--auto finds the camera, and {flag(given)} tells it; leave out one of them")
+            given = next(
+                iter(camera.picked(*(n for name, names in owned.items() for n in (name, *names))))
+            )
+            raise click.UsageError(
+                f"--auto finds the camera, and {flag(given)} tells it; leave out one of them"
+            )
 
     def refuse_video(self, source: str) -> None:
         """Raise UsageError for --auto with a video."""
@@ -254,7 +289,9 @@ def _other_tilt(rim: FoundRim, mirror: str) -> str:
 
     if mirror in PRESETS or len(found := sensors_from_rim(rim, load_sensor(mirror))) == 1:
         return ""
-    taken, other = (f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found)
+    taken, other = (
+        f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found
+    )
     return f"; tilted by {taken} deg about x and y, or by {other}, which its rim does not tell"
 
 
@@ -265,7 +302,10 @@ def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall,
     looks = {"up": "up", "down": "down", "forward": "ahead"}[ball.mount.camera_looks]
     level = level_in(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     if level is None or not level.is_sure:
-        return ball, f"; the camera is taken to look {looks} and stand level (--camera-looks, --level)"
+        return (
+            ball,
+            f"; the camera is taken to look {looks} and stand level (--camera-looks, --level)",
+        )
     lean = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, by {level.upright} upright edges"
     told = f"; the camera is taken to look {looks} (--camera-looks), and leaned {lean}"
     return replace(ball, mount=level.on(ball.mount)), told
@@ -277,5 +317,8 @@ def _alike(sources: tuple[str, ...], orientation: OrientationOptions) -> list[ND
     from ...io.batch import expand_inputs
 
     is_stored = orientation.stored_orientation
-    pictures = [read_image(file, stored_orientation=is_stored) for file in expand_inputs(sources)[:LOOKED_AT]]
+    pictures = [
+        read_image(file, stored_orientation=is_stored)
+        for file in expand_inputs(sources)[:LOOKED_AT]
+    ]
     return [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]

@@ -49,7 +49,9 @@ class DocumentedCommand(click.Command):
             if record is not None:
                 groups.setdefault(getattr(option, "group", "Options"), []).append(record)
         if len(groups) == 2 and len(groups["Options"]) <= 2:  # only -o and -h
-            groups = {"Options": [record for records in reversed(groups.values()) for record in records]}
+            groups = {
+                "Options": [record for records in reversed(groups.values()) for record in records]
+            }
         for title, records in groups.items():
             with formatter.section(title):
                 formatter.write_dl(records)
@@ -106,11 +108,18 @@ def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
 
         command: Any = gathered
         for f in reversed(fields(kind)):
-            attributes: dict[str, Any] = {"show_default": f.default is not None, **f.metadata["attributes"]}
+            attributes: dict[str, Any] = {
+                "show_default": f.default is not None,
+                **f.metadata["attributes"],
+            }
             if not attributes.get("required"):  # None would satisfy a required option
-                attributes["default"] = f"{f.default:g}" if isinstance(f.default, float) else f.default
+                attributes["default"] = (
+                    f"{f.default:g}" if isinstance(f.default, float) else f.default
+                )
             declarations = (*(f.metadata["flags"] or [flag(f.name)]), f.name)
-            command = click.option(*declarations, cls=GroupedOption, group=heading(kind), **attributes)(command)
+            command = click.option(
+                *declarations, cls=GroupedOption, group=heading(kind), **attributes
+            )(command)
         return command  # type: ignore[no-any-return]
 
     return decorate
@@ -132,7 +141,9 @@ def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], c
         if owners and chosen not in owners:
             *others, last = owners
             belongs = f"{', '.join(others)} and {last}" if others else last
-            raise click.UsageError(f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}")
+            raise click.UsageError(
+                f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}"
+            )
 
 
 def flag(name: str) -> str:

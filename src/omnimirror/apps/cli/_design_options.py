@@ -32,24 +32,52 @@ from ._output import FIGURES, Output
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "field": (
-        "omega_max_deg", "omega_min_deg", "elevation_deg", "object_distance_mm", "object_plane_distance_mm",
+        "omega_max_deg",
+        "omega_min_deg",
+        "elevation_deg",
+        "object_distance_mm",
+        "object_plane_distance_mm",
         "object_cylinder_radius_mm",
     ),
     "mount": ("camera_looks",),
     "mirror": (
-        "mapping", "family", "optimise", "shape", "fit", "apex", "rim_radius_mm", "conic", "plane_distance_mm",
-        "cylinder_radius_mm", "mapping_csv",
+        "mapping",
+        "family",
+        "optimise",
+        "shape",
+        "fit",
+        "apex",
+        "rim_radius_mm",
+        "conic",
+        "plane_distance_mm",
+        "cylinder_radius_mm",
+        "mapping_csv",
     ),
     "lens": (
-        "kind", "focal_length_mm", "theta_max_deg", "f_number", "focus_mm", "magnification", "fills", "image_circle_mm"
+        "kind",
+        "focal_length_mm",
+        "theta_max_deg",
+        "f_number",
+        "focus_mm",
+        "magnification",
+        "fills",
+        "image_circle_mm",
     ),
     "imager": ("width_px", "height_px", "pixel_pitch_um"),
     "parts": ("catalogue", "most_price", "most_mass_g", "most_diameter_mm", "most_height_mm"),
-}  # fmt: skip
+}
 """Options for entries of the requirement file, by table."""
 
 OF_WAYS = {
-    "mapping": ("apex", "plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height", "mapping_csv", "fit"),
+    "mapping": (
+        "apex",
+        "plane_distance_mm",
+        "cylinder_radius_mm",
+        "omega_deg",
+        "height",
+        "mapping_csv",
+        "fit",
+    ),
     "family": ("conic", "fit"),
     "optimise": ("shape",),
 }
@@ -96,7 +124,9 @@ def distances(text: str) -> float | tuple[float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(n > 0 for n in numbers):
-        raise click.BadParameter(f"{text!r} is not a distance in mm above 0, or NEAR:FAR, such as 500:inf")
+        raise click.BadParameter(
+            f"{text!r} is not a distance in mm above 0, or NEAR:FAR, such as 500:inf"
+        )
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
@@ -116,7 +146,9 @@ def limit(text: str) -> AskedLimit:
     >>> limit("mtf:0.25=0.3@elevation=0")
     ('mtf', 0.3, {'cycles_per_px': 0.25, 'elevation_deg': [0.0, 0.0]})
     """
-    match = re.fullmatch(r"\s*(\w+)(?::([^=]+))?\s*=\s*([^@]+)(?:@(elevation=)?([^:]+)(?::(.+))?)?", text)
+    match = re.fullmatch(
+        r"\s*(\w+)(?::([^=]+))?\s*=\s*([^@]+)(?:@(elevation=)?([^:]+)(?::(.+))?)?", text
+    )
     try:
         if match is None:
             raise ValueError
@@ -139,7 +171,9 @@ def focus_range(text: str) -> Range:
     (250.0, inf)
     """
     low, colon, high = text.partition(":")
-    return (number_or_range(low), np.inf) if colon and high.strip() == "inf" else number_or_range(text)  # type: ignore[return-value]
+    return (
+        (number_or_range(low), np.inf) if colon and high.strip() == "inf" else number_or_range(text)
+    )  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -148,19 +182,25 @@ class RequirementOptions(Options):
 
     mapping: str | None = option(type=click.Choice([*MAPPINGS]), help="Mapping of the image.")
     family: str | None = option(
-        "--mirror", metavar="FAMILY", help=f"Mirror family instead of a mapping: {', '.join(FAMILIES)} or polynomial:N."
+        "--mirror",
+        metavar="FAMILY",
+        help=f"Mirror family instead of a mapping: {', '.join(FAMILIES)} or polynomial:N.",
     )
     optimise: str | None = option(
-        type=click.Choice([*DESIGN_MERITS]), help="Merit to minimise with a freeform mirror, instead of a mapping."
+        type=click.Choice([*DESIGN_MERITS]),
+        help="Merit to minimise with a freeform mirror, instead of a mapping.",
     )
     shape: str | None = option(
-        metavar="FORM[:N]", help=f"Shape for --optimise: {', '.join(FREE_FORMS)}.  [default: {SHAPE}]"
+        metavar="FORM[:N]",
+        help=f"Shape for --optimise: {', '.join(FREE_FORMS)}.  [default: {SHAPE}]",
     )
     fit: str | None = option(
-        metavar="FORM:N", help="Fit a polynomial:N or an asphere:N with minimum deviation from the mapping."
+        metavar="FORM:N",
+        help="Fit a polynomial:N or an asphere:N with minimum deviation from the mapping.",
     )
     like: str | None = option(
-        metavar="SENSOR", help="Use field, rim, lens and imager of a sensor file or a bundled sensor."
+        metavar="SENSOR",
+        help="Use field, rim, lens and imager of a sensor file or a bundled sensor.",
     )
     omega_max_deg: float | None = option(type=NUMBER, help="Field angle at the rim.")
     omega_min_deg: float | None = option(type=NUMBER, help="Minimum field angle of interest.")
@@ -170,39 +210,54 @@ class RequirementOptions(Options):
         help="Elevation range above the horizon for the mounted sensor, instead of field angles.",
     )
     camera_looks: str | None = option(
-        type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: up]"
+        type=click.Choice(["up", "down", "forward"]),
+        help="Orientation of the optical axis.  [default: up]",
     )
     apex: str | None = option(
         type=click.Choice(["smooth", "pointed"]),
         help="Apex of the mirror; pointed: the image centre corresponds to omega-min-deg.",
     )
     object_distance_mm: Range | None = option(
-        type=distances, metavar="MM|NEAR:FAR", help="Object distance from the mirror.  [default: inf]"
+        type=distances,
+        metavar="MM|NEAR:FAR",
+        help="Object distance from the mirror.  [default: inf]",
     )
     object_plane_distance_mm: float | None = option(
-        type=NUMBER, help="Distance of an object plane from the mirror vertex, instead of an object distance."
+        type=NUMBER,
+        help="Distance of an object plane from the mirror vertex, instead of an object distance.",
     )
     object_cylinder_radius_mm: float | None = option(
-        type=NUMBER, help="Radius of an object cylinder around the axis, instead of or with an object plane."
+        type=NUMBER,
+        help="Radius of an object cylinder around the axis, instead of or with an object plane.",
     )
-    rim_radius_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Rim radius of the mirror.")
+    rim_radius_mm: Range | None = option(
+        type=number_or_range, metavar="MM|LOW:HIGH", help="Rim radius of the mirror."
+    )
     conic: Range | None = option(
-        type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, if the family leaves it free."
+        type=number_or_range,
+        metavar="K|LOW:HIGH",
+        help="Conic constant, if the family leaves it free.",
     )
     plane_distance_mm: float | None = option(
         type=NUMBER, help="Ground-plane mapping: distance from mirror vertex to plane."
     )
-    cylinder_radius_mm: float | None = option(type=NUMBER, help="Cylinder mapping: radius of the cylinder.")
+    cylinder_radius_mm: float | None = option(
+        type=NUMBER, help="Cylinder mapping: radius of the cylinder."
+    )
     mapping_csv: str | None = option(
         type=click.Path(), help="Tabulated mapping: CSV file with columns omega_deg, height."
     )
     kind: str | None = option(
-        "--lens", type=click.Choice(["perspective", "orthographic"]), help="Kind of lens.  [default: perspective]"
+        "--lens",
+        type=click.Choice(["perspective", "orthographic"]),
+        help="Kind of lens.  [default: perspective]",
     )
     focal_length_mm: Range | None = option(
         type=number_or_range, metavar="MM|LOW:HIGH", help="Focal length of the lens."
     )
-    theta_max_deg: Range | None = option(type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
+    theta_max_deg: Range | None = option(
+        type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim."
+    )
     f_number: Range | None = option(
         type=number_or_range, metavar="F|LOW:HIGH", help="F-number of the lens.  [default: 4]"
     )
@@ -217,24 +272,42 @@ class RequirementOptions(Options):
         help="Magnification of a telecentric lens.  [default: the rim fills the imager]",
     )
     fills: str | None = option(
-        type=click.Choice(["short-side", "long-side"]), help="Side of the imager that the rim may fill."
+        type=click.Choice(["short-side", "long-side"]),
+        help="Side of the imager that the rim may fill.",
     )
-    image_circle_mm: float | None = option(type=NUMBER, help="Diameter of the image circle of the lens.")
+    image_circle_mm: float | None = option(
+        type=NUMBER, help="Diameter of the image circle of the lens."
+    )
     width_px: int | None = option(type=WHOLE, help="Width of the imager.  [default: 1024]")
     height_px: int | None = option(type=WHOLE, help="Height of the imager.  [default: 1024]")
-    pixel_pitch_um: float | None = option(type=NUMBER, help="Pixel pitch of the imager.  [default: 5.2]")
+    pixel_pitch_um: float | None = option(
+        type=NUMBER, help="Pixel pitch of the imager.  [default: 5.2]"
+    )
     at_most: tuple[AskedLimit, ...] = option(
-        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
+        type=limit,
+        multiple=True,
+        metavar="QUANTITY=NUMBER[@[FROM:]TO]",
+        default=(),
+        show_default=False,
         help="Upper limit of a quantity, over a part of the field in degrees or the whole field (repeatable).",
-    )  # fmt: skip
+    )
     at_least: tuple[AskedLimit, ...] = option(
-        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
+        type=limit,
+        multiple=True,
+        metavar="QUANTITY=NUMBER[@[FROM:]TO]",
+        default=(),
+        show_default=False,
         help="Lower limit of a quantity, as for --at-most (repeatable).",
-    )  # fmt: skip
+    )
     catalogue: tuple[Path, ...] = option(
-        "--parts", type=click.Path(path_type=Path), multiple=True, metavar="CATALOGUE", default=(), show_default=False,
+        "--parts",
+        type=click.Path(path_type=Path),
+        multiple=True,
+        metavar="CATALOGUE",
+        default=(),
+        show_default=False,
         help="Catalogue of lenses and imagers to design with, or 'typical' (repeatable).",
-    )  # fmt: skip
+    )
     most_price: float | None = option(type=NUMBER, help="Maximum price of the parts.")
     most_mass_g: float | None = option(type=NUMBER, help="Maximum mass of the sensor.")
     most_diameter_mm: float | None = option(type=NUMBER, help="Maximum diameter of the sensor.")
@@ -246,7 +319,9 @@ class RequirementOptions(Options):
         if file is not None and self.like is not None:
             raise click.UsageError("give a requirement file or --like, not both")
         given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}
-        given["catalogue"] = [str(path) if str(path) == TYPICAL else str(path.absolute()) for path in self.catalogue]
+        given["catalogue"] = [
+            str(path) if str(path) == TYPICAL else str(path.absolute()) for path in self.catalogue
+        ]
         changes: dict[str, Any] = {
             section: found
             for section, names in SECTIONS.items()
@@ -254,7 +329,9 @@ class RequirementOptions(Options):
         }
         title = {"name": self.name} if self.name else {}
         sides = (("at_most", self.at_most), ("at_least", self.at_least))
-        limits = [_limit_table(*asked, side=side) for side, all_asked in sides for asked in all_asked]
+        limits = [
+            _limit_table(*asked, side=side) for side, all_asked in sides for asked in all_asked
+        ]
         if file is not None:
             if self.elevation_deg is not None:
                 changes["field"] |= {"omega_min_deg": None, "omega_max_deg": None}
@@ -263,7 +340,9 @@ class RequirementOptions(Options):
             raise click.UsageError("give a requirement file, or a field and a mirror by options")
         data = self._tables(changes)
         return requirements_of(
-            title | data | ({"limit": limits} if limits else {}), SourceLocator("", "the options"), Path()
+            title | data | ({"limit": limits} if limits else {}),
+            SourceLocator("", "the options"),
+            Path(),
         )
 
     def _tables(self, changes: dict[str, Any]) -> dict[str, Any]:
@@ -273,9 +352,14 @@ class RequirementOptions(Options):
         base = PAPER if self.optimise is not None else {}
         if self.like is not None:
             base = tables_like(load_sensor(self.like))
-        data = {section: base.get(section, {}) | changes.get(section, {}) for section in {**base, **changes}}
+        data = {
+            section: base.get(section, {}) | changes.get(section, {})
+            for section in {**base, **changes}
+        }
         if data.get("lens", {}).get("kind") == "orthographic" and self.like is None:
-            data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
+            data["lens"] = {
+                k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"
+            }
         if "imager" in data:
             data["imager"] = PAPER_PIXELS | data["imager"]
         return data
@@ -297,14 +381,22 @@ class SearchedOptions(Options):
         help="Save the state of the search to this file and resume from it: JSON; Parquet for a Pareto front.",
     )
     paper_mode: bool = option(
-        is_flag=True, default=False, show_default=False,
+        is_flag=True,
+        default=False,
+        show_default=False,
         help="Compute blur merits with Eq. 29 of the paper instead of the exact form.",
-    )  # fmt: skip
-    image_radius_px: float | None = option(type=NUMBER, help="Image radius for the merits, 500 in the paper.")
+    )
+    image_radius_px: float | None = option(
+        type=NUMBER, help="Image radius for the merits, 500 in the paper."
+    )
     population: int = option(type=WHOLE, default=120, help="Population of the Pareto front.")
     generations: int = option(type=WHOLE, default=200, help="Generations of the Pareto front.")
-    figure: Path | None = option(type=Output(FIGURES), help="Figure of the Pareto front with known mirrors.")
-    pick: int | None = option(type=WHOLE, help="Index of the design to select from the Pareto front.")
+    figure: Path | None = option(
+        type=Output(FIGURES), help="Figure of the Pareto front with known mirrors."
+    )
+    pick: int | None = option(
+        type=WHOLE, help="Index of the design to select from the Pareto front."
+    )
 
     @property
     def mode(self) -> BlurMode:
@@ -313,10 +405,14 @@ class SearchedOptions(Options):
 
     def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
         """Return the settings for the optimisation of one mirror."""
-        return SearchOptions(self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px)
+        return SearchOptions(
+            self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px
+        )
 
 
-def _limit_table(quantity: str, number: float, entries: dict[str, Any], side: str) -> dict[str, Any]:
+def _limit_table(
+    quantity: str, number: float, entries: dict[str, Any], side: str
+) -> dict[str, Any]:
     return {"quantity": quantity, side: number, **entries}
 
 

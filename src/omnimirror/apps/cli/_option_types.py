@@ -27,7 +27,9 @@ def _as_written(value: Any) -> Any:
 class SensorName(click.types.StringParamType):
     """Sensor file or name of a bundled sensor, with shell completion."""
 
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         from ...optics.sensor_files import bundled_sensors
 
         named = [CompletionItem(name) for name in bundled_sensors() if name.startswith(incomplete)]
@@ -70,19 +72,27 @@ def values(text: str) -> NDArray[np.float64]:
     try:
         parts = [float_of(p) for p in text.split(":" if ":" in text else ",")]
     except ValueError:
-        raise click.BadParameter(f"{shown(text)} is not a range START:STOP:STEP or a list of numbers") from None
+        raise click.BadParameter(
+            f"{shown(text)} is not a range START:STOP:STEP or a list of numbers"
+        ) from None
     if not np.isfinite(parts).all():
         raise click.BadParameter(f"{shown(text)} holds a number that is not finite")
     if ":" not in text:
         return np.array(parts)
     if len(parts) != 3:
-        raise click.BadParameter(f"{shown(text)} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5")
+        raise click.BadParameter(
+            f"{shown(text)} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5"
+        )
     start, stop, step = parts
     if step <= 0 or stop < start:
-        raise click.BadParameter(f"{shown(text)} is an empty range; START must not be above STOP, nor STEP 0 or less")
+        raise click.BadParameter(
+            f"{shown(text)} is an empty range; START must not be above STOP, nor STEP 0 or less"
+        )
     count = int(np.floor((stop - start) / step + 1e-9)) + 1
     if count > MOST_VALUES:
-        raise click.BadParameter(f"{shown(text)} stands for {count} numbers; at most {MOST_VALUES} are valid")
+        raise click.BadParameter(
+            f"{shown(text)} stands for {count} numbers; at most {MOST_VALUES} are valid"
+        )
     return start + step * np.arange(count, dtype=np.float64)
 
 
@@ -129,7 +139,9 @@ def picture_size(text: str) -> tuple[int | None, int | None]:
     """
     match = re.fullmatch(r"([0-9]{0,6})x([0-9]{0,6})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"{shown(text)} is not a size in pixels, such as 1440x360, 1440x or x360")
+        raise click.BadParameter(
+            f"{shown(text)} is not a size in pixels, such as 1440x360, 1440x or x360"
+        )
     width, height = (int(side) if side else None for side in match.groups())
     return width, height
 
@@ -192,7 +204,9 @@ def distance(text: str) -> float:
     except ValueError:
         number = float("nan")
     if not number > 0:
-        raise click.BadParameter(f"{shown(text)} is not a distance in mm; it is valid above 0, and 'inf'")
+        raise click.BadParameter(
+            f"{shown(text)} is not a distance in mm; it is valid above 0, and 'inf'"
+        )
     return number
 
 

@@ -14,7 +14,14 @@ from typing import Any, TypeVar
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -54,7 +61,9 @@ class Output(click.Path):
         return take_standard_output(option, kind, Path(str(path)), ctx)
 
 
-def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: click.Context | None = None) -> Path:
+def take_standard_output(
+    option: str, kind: str, path: Path = Path("-"), ctx: click.Context | None = None
+) -> Path:
     """Reserve standard output for one output; return the name for an image of this kind.
 
     Raises
@@ -64,9 +73,13 @@ def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: cl
     """
     meta = (ctx or click.get_current_context()).meta
     if meta.setdefault(_TAKEN, option) != option:
-        raise click.UsageError(f"{meta[_TAKEN]} and {option} cannot both be written to standard output")
+        raise click.UsageError(
+            f"{meta[_TAKEN]} and {option} cannot both be written to standard output"
+        )
     if kind and kind != "csv" and sys.stdout.isatty():
-        raise click.UsageError("a picture is not shown on a terminal; send it to a file or another program")
+        raise click.UsageError(
+            "a picture is not shown on a terminal; send it to a file or another program"
+        )
     return path.with_suffix(f".{kind}") if kind else path
 
 
@@ -85,15 +98,25 @@ def refuse_losses(ctx: click.Context) -> None:
         if not isinstance(parameter.type, Output):
             read += paths
             continue
-        name = parameter.opts[0] if isinstance(parameter, click.Argument) else max(parameter.opts, key=len)
+        name = (
+            parameter.opts[0]
+            if isinstance(parameter, click.Argument)
+            else max(parameter.opts, key=len)
+        )
         for path in paths:
             if os.path.exists(path) and not os.path.isfile(path):  # devices and pipes
                 continue
             if written.setdefault(path.absolute(), name) != name:
-                raise click.UsageError(f"{written[path.absolute()]} and {name} would both be written to {path}")
+                raise click.UsageError(
+                    f"{written[path.absolute()]} and {name} would both be written to {path}"
+                )
     for path, name in written.items():
-        if os.path.isfile(path) and any(os.path.isfile(other) and is_same_file(path, other) for other in read):
-            raise click.UsageError(f"{name} would be written over {path.name}, which is read; name another file")
+        if os.path.isfile(path) and any(
+            os.path.isfile(other) and is_same_file(path, other) for other in read
+        ):
+            raise click.UsageError(
+                f"{name} would be written over {path.name}, which is read; name another file"
+            )
 
 
 def _paths(value: Any) -> list[Path]:
@@ -132,13 +155,19 @@ def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
         def checked(*args: Any, **kwargs: Any) -> Any:
             meta = click.get_current_context().meta
             if _FORMAT in meta and _TAKEN not in meta:
-                raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+                raise click.UsageError(
+                    "--format says what '-' writes; files are written as their suffix says"
+                )
             return function(*args, **kwargs)
 
         return click.option(
-            "--format", type=click.Choice(formats), is_eager=True, expose_value=False, callback=remember,
+            "--format",
+            type=click.Choice(formats),
+            is_eager=True,
+            expose_value=False,
+            callback=remember,
             help=f"Format of '-' (standard output).  [default: {formats[0]}]",
-        )(checked)  # type: ignore[return-value]  # fmt: skip
+        )(checked)  # type: ignore[return-value]
 
     return decorate
 
@@ -168,12 +197,17 @@ def output_console() -> Console:
     """
     stream = sys.stderr if takes_standard_output() else sys.stdout
     width = None if stream.isatty() else 200
-    return Terminal(file=stream, width=width, markup=False, emoji=False, highlight=False, quiet=is_quiet())
+    return Terminal(
+        file=stream, width=width, markup=False, emoji=False, highlight=False, quiet=is_quiet()
+    )
 
 
 def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
     """Print a line without wrapping, parts of it styled: ``say("Wrote ", ("a.csv", "bold"))``."""
-    plain = [terminal_text(part) if isinstance(part, str) else (terminal_text(part[0]), part[1]) for part in parts]
+    plain = [
+        terminal_text(part) if isinstance(part, str) else (terminal_text(part[0]), part[1])
+        for part in parts
+    ]
     (console or output_console()).print(Text.assemble(*plain), soft_wrap=True)
 
 
@@ -207,11 +241,15 @@ def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=tight)
     for i, heading in enumerate(heads):
         is_words = heading in words
-        table.add_column(heading, justify="left" if is_words else "right", no_wrap=i == 0 or not is_words)
+        table.add_column(
+            heading, justify="left" if is_words else "right", no_wrap=i == 0 or not is_words
+        )
     return table
 
 
-def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]) -> None:
+def print_rows(
+    console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]
+) -> None:
     """Print columns of numbers under multi-line headings, each row immediately after its
     computation.
 
@@ -219,7 +257,9 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
     number of rows.
     """
     told, cells = [list(heading) for heading in headings], list(columns)
-    widths = [max(map(len, (*heading, *column))) for heading, column in zip(told, cells, strict=True)]
+    widths = [
+        max(map(len, (*heading, *column))) for heading, column in zip(told, cells, strict=True)
+    ]
     for line in zip(*told, strict=True):
         row = " ".join(word.rjust(width) for word, width in zip(line, widths, strict=True))
         console.print(Text(row, style="bold"), soft_wrap=True)
@@ -227,7 +267,9 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
         return
     stream = console.file
     for numbers in zip(*cells, strict=True):
-        stream.write(" ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n")
+        stream.write(
+            " ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n"
+        )
     stream.flush()
 
 
@@ -241,10 +283,15 @@ def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
     """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
     console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
-        TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=console,
-        transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
+        TextColumn("Straightening"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:.0f} frames/s"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
     with bar:
         task = bar.add_task("", total=None, rate=0.0)
         yield lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate)
@@ -253,6 +300,10 @@ def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
 def progress_bar(console: Console) -> Progress:
     """Return a transient progress bar with a description, for terminals only."""
     return Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=console,
-        transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )

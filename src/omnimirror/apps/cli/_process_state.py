@@ -24,7 +24,18 @@ from ...base.errors import OmnimirrorWarning
 # -- Standard streams of a command, robust against closed streams, ASCII encodings and output of libraries
 
 _QUIET = "omnimirror.quiet"
-SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
+SPELLED = {
+    "–": "-",
+    "—": "-",
+    "−": "-",
+    "×": "x",
+    "…": "..",
+    "·": ".",
+    "°": " deg",
+    "²": "2",
+    "±": "+-",
+    "→": "->",
+}
 """Replacements of characters that a terminal cannot display."""
 
 
@@ -93,7 +104,10 @@ def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
         yield stream
         return
     stream.flush()
-    with open(os.dup(2), "w", 1, encoding=stream.encoding, errors="omnimirror") as own, _discarded(2):
+    with (
+        open(os.dup(2), "w", 1, encoding=stream.encoding, errors="omnimirror") as own,
+        _discarded(2),
+    ):
         yield own
 
 
@@ -216,7 +230,9 @@ def _signals() -> Iterator[None]:
 
     stop = _Stop(send_again)
     for number, handler in before.items():
-        if handler is signal.default_int_handler or (number in ENDING and handler is not signal.SIG_IGN):
+        if handler is signal.default_int_handler or (
+            number in ENDING and handler is not signal.SIG_IGN
+        ):
             signal.signal(number, stop)
     sys.unraisablehook = unraisable
     try:

@@ -56,26 +56,40 @@ class SceneOptions(Options):
     """Scene."""
 
     scene: str = option(
-        default="room", metavar="NAME|FILE",
+        default="room",
+        metavar="NAME|FILE",
         help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or a mesh (GLB, glTF, "
         f"OBJ, PLY, STL).",
-    )  # fmt: skip
+    )
     heading_deg: float | None = option(
-        type=angle, metavar="DEG", help="Heading of the centre of an environment image.  [default: 0]"
+        type=angle,
+        metavar="DEG",
+        help="Heading of the centre of an environment image.  [default: 0]",
     )
-    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]")
+    unit_mm: float | None = option(
+        type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]"
+    )
     up: str | None = option(
-        type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; z for STL]"
+        type=click.Choice(["y", "z"]),
+        help="Axis of a mesh that points up.  [default: y; z for STL]",
     )
-    background: str | None = option(metavar="FILE", help="Environment image behind a mesh.  [default: none]")
+    background: str | None = option(
+        metavar="FILE", help="Environment image behind a mesh.  [default: none]"
+    )
 
     def source(self) -> SceneSource:
         """Return the source of the scene."""
-        source = SceneSource(self.scene, **self.picked("heading_deg", "unit_mm", "up", "background"))
+        source = SceneSource(
+            self.scene, **self.picked("heading_deg", "unit_mm", "up", "background")
+        )
         if not source.is_mesh and (asked := self.picked("unit_mm", "up", "background")):
-            raise click.UsageError(f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none")
+            raise click.UsageError(
+                f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none"
+            )
         if self.heading_deg is not None and not (source.is_environment or self.background):
-            raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
+            raise click.UsageError(
+                "--heading-deg turns an environment; turn other scenes with --pose"
+            )
         return source
 
 
@@ -88,20 +102,24 @@ class TakingOptions(Options):
     """Rendering."""
 
     blur: str | None = option(
-        type=click.Choice(["on", "off"]), is_flag=False, flag_value="on",
+        type=click.Choice(["on", "off"]),
+        is_flag=False,
+        flag_value="on",
         help="Render through the whole aperture, or without blur.  [default: on; off for a calibrated camera, "
         "which has no known aperture]",
-    )  # fmt: skip
+    )
     no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
     samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
     seed: int = option(type=WHOLE, default=0, help="Random seed for ray sampling and noise.")
     reflectivity: Any = option(
-        type=reflectivity, metavar="SHARE|METAL|N+Kj",
+        type=reflectivity,
+        metavar="SHARE|METAL|N+Kj",
         help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green "
         "and blue.  [default: 1]",
-    )  # fmt: skip
+    )
     vignetting: bool | None = option(
-        "--vignetting/--no-vignetting", help="Natural vignetting of the lens, cos^4.  [default: none]"
+        "--vignetting/--no-vignetting",
+        help="Natural vignetting of the lens, cos^4.  [default: none]",
     )
     wavelengths_nm: tuple[float, float, float] | None = option(
         type=three_wavelengths,
@@ -109,26 +127,35 @@ class TakingOptions(Options):
         help="Wavelengths of the colours, for dispersion in lens and cover.",
     )
     sees_past: bool | None = option(
-        "--sees-past/--black-past", help="Render the surroundings of the mirror, or black.  [default: black]"
+        "--sees-past/--black-past",
+        help="Render the surroundings of the mirror, or black.  [default: black]",
     )
     exposure: float | None = option(
-        type=factor, metavar="FACTOR", help="Exposure factor; light above 1 saturates.  [default: 1]"
+        type=factor,
+        metavar="FACTOR",
+        help="Exposure factor; light above 1 saturates.  [default: 1]",
     )
     full_well_e: float | None = option(
         type=distance, metavar="N", help="Full-well capacity, electrons.  [default: no noise]"
     )
-    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]")
+    read_noise_e: float | None = option(
+        type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]"
+    )
     black_level_dn: float | None = option(
-        type=NUMBER, metavar="DN",
+        type=NUMBER,
+        metavar="DN",
         help="Black level added to linear values, which avoids clipping of dark noise.  [default: 5 standard "
         "deviations of read noise]",
-    )  # fmt: skip
+    )
     bits: int | None = option(
-        type=WHOLE, metavar="8..16", help="Bit depth; PNG and TIFF support more than 8.  [default: 8]"
+        type=WHOLE,
+        metavar="8..16",
+        help="Bit depth; PNG and TIFF support more than 8.  [default: 8]",
     )
     curve: str | None = option(type=click.Choice(CURVES), help="Transfer curve.  [default: srgb]")
     bayer: str | None = option(
-        type=click.Choice(BAYER), help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]"
+        type=click.Choice(BAYER),
+        help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]",
     )
 
     @property
@@ -148,7 +175,9 @@ class TakingOptions(Options):
         if not asked:
             return None
         if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
-            raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
+            raise click.UsageError(
+                "--reflectivity takes one value, or three for red, green and blue"
+            )
         return Radiometry(**asked | {"vignetting": float(self.vignetting or 0.0)})
 
     def detector(self) -> Detector:
@@ -160,9 +189,13 @@ class TakingOptions(Options):
 class FilmOptions(Options):
     """Video along poses."""
 
-    path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
+    path: Path | None = option(
+        type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file."
+    )
     fps: float | None = option(type=NUMBER, help="Videos: frames per second.  [default: 25]")
-    duration_s: float | None = option(type=NUMBER, help="Videos: duration.  [default: until the last pose]")
+    duration_s: float | None = option(
+        type=NUMBER, help="Videos: duration.  [default: until the last pose]"
+    )
     bodies: Path | None = option(
         type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file."
     )
@@ -182,9 +215,14 @@ def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     """Show a progress bar on stderr and yield its update function for rows or frames."""
     console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
-        TextColumn(what, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
-        console=console, transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
+        TextColumn(what, markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:.0f} %"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
     with bar:
         task = bar.add_task("", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

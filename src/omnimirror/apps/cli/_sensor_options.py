@@ -43,10 +43,11 @@ class HousingOptions(Options):
         help="Support of the mirror: an opaque rod, a clear tube or dome.  [default: as in the sensor file]",
     )
     support_diameter_mm: float | None = option(
-        type=distance, metavar="MM",
+        type=distance,
+        metavar="MM",
         help="Outer diameter of the support; of a rod at its foot.  [default: 4 for a rod, otherwise 3 mm "
         "clearance around the rim]",
-    )  # fmt: skip
+    )
     support_end_diameter_mm: float | None = option(
         type=distance, metavar="MM", help="Diameter of a tapered rod at the mirror."
     )
@@ -55,7 +56,9 @@ class HousingOptions(Options):
         metavar="MM",
         help="Distance from the foot of the rod to the lens.  [default: 0.25 of the distance between mirror and lens]",
     )
-    wall_mm: float | None = option(type=NUMBER, metavar="MM", help="Wall thickness of the tube or dome.  [default: 3]")
+    wall_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="Wall thickness of the tube or dome.  [default: 3]"
+    )
     refractive_index: float | None = option(
         type=NUMBER, metavar="N", help="Refractive index of the tube or dome.  [default: 1.49]"
     )
@@ -64,7 +67,8 @@ class HousingOptions(Options):
         help="Material of the tube, dome or window, instead of its refractive index.",
     )
     medium: str | None = option(
-        type=click.Choice(list(MATERIALS)), help="Medium outside the tube, dome or window.  [default: air]"
+        type=click.Choice(list(MATERIALS)),
+        help="Medium outside the tube, dome or window.  [default: air]",
     )
     dome_centre_mm: float | None = option(
         type=height,
@@ -72,9 +76,10 @@ class HousingOptions(Options):
         help="Height of the centre of the dome above the vertex.  [default: midway to the lens]",
     )
     camera_diameter_mm: float | None = option(
-        type=distance, metavar="MM",
+        type=distance,
+        metavar="MM",
         help="Diameter of the camera, which obscures the centre of the image.  [default: as in the sensor file]",
-    )  # fmt: skip
+    )
     camera_height_mm: float | None = option(
         type=height,
         metavar="MM",
@@ -112,7 +117,9 @@ class HousingOptions(Options):
             camera = replace(camera or CameraBody(1.0), diameter_mm=self.camera_diameter_mm)
         if self.camera_height_mm is not None:
             if camera is None:
-                raise click.UsageError("--camera-height-mm is of a camera; give --camera-diameter-mm")
+                raise click.UsageError(
+                    "--camera-height-mm is of a camera; give --camera-diameter-mm"
+                )
             camera = replace(camera, height_mm=self.camera_height_mm)
         if self.rim_width_mm is not None:
             rim = replace(rim or Rim(), width_mm=self.rim_width_mm)
@@ -123,7 +130,10 @@ class HousingOptions(Options):
         given = self.picked(*SIZES)
         if not given:
             return housing
-        there = {"rod": housing.rod, **({housing.shell.KIND: housing.shell} if housing.shell else {})}
+        there = {
+            "rod": housing.rod,
+            **({housing.shell.KIND: housing.shell} if housing.shell else {}),
+        }
         kinds = [kind for kind, part in there.items() if part is not None]
         for name in given:
             if not kinds:
@@ -133,9 +143,14 @@ class HousingOptions(Options):
                 held = [kind for kind in SIZES[name][1] if kind in SUPPORTS]
                 raise click.UsageError(f"{flag(name)} belongs to --support {' and '.join(held)}")
             if len(fitting) > 1:
-                raise click.UsageError(f"the sensor has a {' and a '.join(fitting)}; say which of them by --support")
+                raise click.UsageError(
+                    f"the sensor has a {' and a '.join(fitting)}; say which of them by --support"
+                )
             field = "rod" if fitting[0] == "rod" else "shell"
-            housing = replace(housing, **{field: replace(getattr(housing, field), **{SIZES[name][0]: given[name]})})
+            housing = replace(
+                housing,
+                **{field: replace(getattr(housing, field), **{SIZES[name][0]: given[name]})},
+            )
         return housing
 
 
@@ -160,10 +175,11 @@ class LensOptions(Options):
     """Lens files; None for the lens of the sensor."""
 
     lens: Path | None = option(
-        type=click.Path(path_type=Path), metavar="ZMX",
+        type=click.Path(path_type=Path),
+        metavar="ZMX",
         help="Lens prescription that replaces the lens of the sensor, with the same first principal point and "
         "focus distance.",
-    )  # fmt: skip
+    )
     glass_catalogue: Path | None = option(
         type=click.Path(path_type=Path),
         metavar="AGF",

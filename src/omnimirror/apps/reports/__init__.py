@@ -30,7 +30,9 @@ TEMPLATES = Path(__file__).parent
 
 def page_html(title: str, body: str, **parts: object) -> str:
     """Return a self-contained page from a named body template, filled with HTML fragments."""
-    return _template("page").substitute(title=html_text(title), body=_template(body).substitute(parts))
+    return _template("page").substitute(
+        title=html_text(title), body=_template(body).substitute(parts)
+    )
 
 
 def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
@@ -56,7 +58,11 @@ COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "bl
 
 @checked
 def write_demo(
-    sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True, progress: Told | None = None
+    sensor: Sensor,
+    out: str | Path = "omnimirror-demo",
+    *,
+    blur: bool = True,
+    progress: Told | None = None,
 ) -> Path:
     """Evaluate a sensor, render its image of the bundled room, dewarp it to two views, and write a
     report.
@@ -155,15 +161,19 @@ def _numbers(result: Evaluation) -> str:
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
         "Hidden": hidden_words(sensor.obscurations, sensor.hidden_percent),
     }
-    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
+    return "".join(
+        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()
+    )
 
 
 def _pictures(folder: Path) -> str:
     panorama = _picture(
-        folder / "panorama.png", "The field as a panorama: 360° around, and all the mirror sees up and down."
+        folder / "panorama.png",
+        "The field as a panorama: 360° around, and all the mirror sees up and down.",
     )
     circle = _picture(
-        folder / "circle.png", "The picture on the imager, of a room with signs on its walls: text runs backwards."
+        folder / "circle.png",
+        "The picture on the imager, of a room with signs on its walls: text runs backwards.",
     )
     view = _picture(folder / "view.png", "A perspective view straight ahead, 90° wide.")
     return f'{panorama}<div class="pair">{circle}{view}</div>'
@@ -192,7 +202,9 @@ def _table(result: Evaluation) -> str:
         for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
     )
     cells = result.texts(COLUMNS_SHOWN).values()
-    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True))
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True)
+    )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 

@@ -77,7 +77,9 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
 
 
 @checked
-def write_calibration_figures(calibration: Calibration, folder: str | Path, kind: str = "svg") -> list[Path]:
+def write_calibration_figures(
+    calibration: Calibration, folder: str | Path, kind: str = "svg"
+) -> list[Path]:
     """Write the figures of a calibration to a folder.
 
     Parameters
@@ -106,7 +108,10 @@ def write_calibration_figures(calibration: Calibration, folder: str | Path, kind
     ...     [path.name for path in om.write_calibration_figures(found, folder)][:2]
     ['coverage.svg', 'residuals.svg']
     """
-    return [save_figure(f, Path(folder) / f"{name}.{kind}") for name, f in calibration_figures(calibration).items()]
+    return [
+        save_figure(f, Path(folder) / f"{name}.{kind}")
+        for name, f in calibration_figures(calibration).items()
+    ]
 
 
 def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
@@ -124,14 +129,17 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     with styled():
         return {
             "coverage": coverage_map(
-                [s.pixels for s in fit.sightings], size, calibration.coverage.centre_px, calibration.coverage.radii_px,
+                [s.pixels for s in fit.sightings],
+                size,
+                calibration.coverage.centre_px,
+                calibration.coverage.radii_px,
                 direction_sigmas(calibration),
             ),
             "residuals": residual_vectors(pixels, residuals, size),
             "residuals-by-radius": residuals_by_radius(radius, radial, across),
             "residuals-by-picture": residuals_by_picture(names, *_by_picture(calibration)),
             "residual-histograms": residual_histograms(residuals, fit.noise_px),
-        }  # fmt: skip
+        }
 
 
 def direction_sigmas(calibration: Calibration) -> Array:
@@ -149,9 +157,15 @@ def direction_sigmas(calibration: Calibration) -> Array:
 def _by_picture(calibration: Calibration) -> tuple[Array, Array]:
     """Return the RMS residual (px) of each image, fitted and held out."""
     fit = calibration.adjustment
-    held = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
+    held = (
+        calibration.held_out.residuals
+        if calibration.held_out
+        else np.full_like(fit.residuals, np.nan)
+    )
     return tuple(  # type: ignore[return-value]
-        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices])
+        np.array(
+            [np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices]
+        )
         for e in (fit.residuals, held)
     )
 
@@ -192,13 +206,17 @@ def _numbers(calibration: Calibration) -> str:
     fit = calibration.adjustment
     entries = {
         "RMS": f"{calibration.rms_px:.3f} px",
-        "RMS of pictures left out": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
+        "RMS of pictures left out": f"{calibration.held_out_rms_px:.3f} px"
+        if calibration.held_out
+        else "-",
         "Noise of a coordinate": f"{fit.noise_px:.3f} px",
         calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} left out",
         "Pictures": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
         "Took": f"{calibration.seconds:.1f} s",
     }
-    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
+    return "".join(
+        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()
+    )
 
 
 def _candidates(calibration: Calibration) -> str:
@@ -211,18 +229,23 @@ def _candidates(calibration: Calibration) -> str:
 
 def _parameters(calibration: Calibration) -> str:
     rows = [
-        (p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit) for p in calibration.parameters
+        (p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit)
+        for p in calibration.parameters
     ]
     return _table(("", "value", "sigma", "unit"), rows)
 
 
 def _pictures(calibration: Calibration) -> str:
     rows = [
-        (p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}",
-         "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm),
-         "used" if p.used else p.reason or "")
+        (
+            p.name,
+            str(p.found),
+            "-" if p.rms_px is None else f"{p.rms_px:.3f}",
+            "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm),
+            "used" if p.used else p.reason or "",
+        )
         for p in calibration.pictures
-    ]  # fmt: skip
+    ]
     return _table(("picture", "corners", "RMS px", "camera at mm", ""), rows)
 
 
@@ -240,8 +263,13 @@ def _number(value: float) -> str:
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table; the first column contains text, and so does the last if it has no heading."""
     words = {0, len(headings) - 1} if not headings[-1] else {0}
-    styles = [' style="text-align: left; white-space: normal"' if i in words else "" for i in range(len(headings))]
-    head = "".join(f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True))
+    styles = [
+        ' style="text-align: left; white-space: normal"' if i in words else ""
+        for i in range(len(headings))
+    ]
+    head = "".join(
+        f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True)
+    )
     lines = []
     for row in rows:
         first, *others = (f"{style}>{html_text(c)}" for c, style in zip(row, styles, strict=True))

@@ -77,7 +77,9 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in (".html", ".png"):
-        raise InvalidParameter(f"a comparison is written as .html or .png, and {path.name} is neither")
+        raise InvalidParameter(
+            f"a comparison is written as .html or .png, and {path.name} is neither"
+        )
     pictures = take_pictures(comparison, Room() if scene is None else scene)
     if kind == ".html":
         write_text(path, comparison_html(comparison, pictures))
@@ -115,9 +117,15 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
             "mirror's rim to them.",
             css="plot",
         ),
-        circles="".join(_picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)),
-        panoramas="".join(_picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)),
-        command=html_text(shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])),
+        circles="".join(
+            _picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)
+        ),
+        panoramas="".join(
+            _picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)
+        ),
+        command=html_text(
+            shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])
+        ),
     )
 
 

@@ -53,7 +53,13 @@ class _Order:
         """Use the allocated tolerances with new trials, or the given ones."""
         plan, found = report.plan, report.allocation
         if found is None:
-            return cls(report, plan.tolerances, report.statistics, report.sensitivities, report.statistics.yields)
+            return cls(
+                report,
+                plan.tolerances,
+                report.statistics,
+                report.sensitivities,
+                report.statistics.yields,
+            )
         errors = {
             name: replace(bound, value=found.tolerances.get(name, bound.value))
             for name, bound in plan.tolerances.errors.items()
@@ -62,8 +68,16 @@ class _Order:
         evaluator = TrialEvaluator.of(
             report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects
         )
-        statistics = simulate_trials(evaluator, chosen, plan.limits, trials=found.trials, seed=report.seed + 2)
-        return cls(report, chosen, statistics, sensitivities(evaluator, chosen, plan.limits), found.confirmed_yield)
+        statistics = simulate_trials(
+            evaluator, chosen, plan.limits, trials=found.trials, seed=report.seed + 2
+        )
+        return cls(
+            report,
+            chosen,
+            statistics,
+            sensitivities(evaluator, chosen, plan.limits),
+            found.confirmed_yield,
+        )
 
     def cost(self, name: str) -> float:
         """Return the cost of a tolerance."""
@@ -122,7 +136,10 @@ def tolerances_html(report: ToleranceReport) -> str:
     """Format the report as a self-contained page."""
     order, name = _Order.of(report), report.sensor.name
     with styled():
-        bars, shares = (render(figure, "svg") for figure in (plot_tornado(order.effects), curves(order.statistics)))
+        bars, shares = (
+            render(figure, "svg")
+            for figure in (plot_tornado(order.effects), curves(order.statistics))
+        )
     wanted = "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
     return page_html(
         f"Tolerances of {name}",
@@ -130,11 +147,16 @@ def tolerances_html(report: ToleranceReport) -> str:
         heading=f"Tolerances of {html_text(name)}",
         lead=_lead(order),
         numbers=_numbers(order),
-        errors=_table(("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"), _errors(order)),
+        errors=_table(
+            ("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"),
+            _errors(order),
+        ),
         indications=_table(("", "ISO 10110", "description"), indications(order.tolerances)),
         limits=_table(("limit", "good, %", "median", "95 %"), _limits(order)),
         judged=_judged(order),
-        tornado=figure_html(bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"),
+        tornado=figure_html(
+            bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"
+        ),
         curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
         command=html_text(
             f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} "
@@ -162,7 +184,9 @@ def _numbers(order: _Order) -> str:
     }
     if found is not None:
         numbers["Cost with uniform scaling"] = f"{found.uniform_cost:.4g}"
-    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items())
+    return "".join(
+        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items()
+    )
 
 
 def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -175,7 +199,11 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
     for group, names in groups.items():
         yield (f"**{group}",)
         for name in names:
-            bound, kind, merits = order.tolerances.errors[name], known.get(name, MEASURED), effects[name].merits
+            bound, kind, merits = (
+                order.tolerances.errors[name],
+                known.get(name, MEASURED),
+                effects[name].merits,
+            )
             yield (
                 f"{kind.meaning}|{name}",
                 f"± {bound.value:.3g} {kind.unit}".rstrip(),
@@ -211,7 +239,9 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
     ]
     named = {"mirror.vertex_radius_mm": "vertex radius, mm", "mirror.conic": "conic constant"}
     named |= {"mirror.displacement_mm": "distance from the lens, mm"}
-    return rows + [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
+    return rows + [
+        (words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values
+    ]
 
 
 def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -237,7 +267,9 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     body = []
     for row in rows:
         if len(row) == 1:
-            body.append(f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>')
+            body.append(
+                f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>'
+            )
             continue
         words, _, small = row[0].partition("|")
         first = html_text(words) + (f" <small>{html_text(small)}</small>" if small else "")

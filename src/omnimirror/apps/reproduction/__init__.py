@@ -88,7 +88,9 @@ def draw_figures(
 def _figure_names(which: Iterable[str] | None) -> list[str]:
     names = list(ALL_FIGURES if which is None else dict.fromkeys(which))
     if unknown := [n for n in names if n not in ALL_FIGURES]:
-        raise InvalidParameter(f"figure {unknown[0]!r} is not known; valid are {', '.join(ALL_FIGURES)}")
+        raise InvalidParameter(
+            f"figure {unknown[0]!r} is not known; valid are {', '.join(ALL_FIGURES)}"
+        )
     return names
 
 

@@ -152,28 +152,55 @@ def _is_close(a: float, b: float, tolerance: float) -> bool:
 # -- kinds of statements ---------------------------------------------------------------------------
 
 
-def printed(place: str, quantity: str, method: str, text: str, compute: Compute, unit: str = "", **more: Any) -> Claim:
+def printed(
+    place: str, quantity: str, method: str, text: str, compute: Compute, unit: str = "", **more: Any
+) -> Claim:
     """Return the claim that a quantity has the printed number, to half a unit of its last digit."""
     target, tolerance = printed_number(text)
     return Claim(place, quantity, method, compute, text, target, tolerance, unit=unit, **more)
 
 
 def worded(
-    place: str, quantity: str, method: str, word: str, ideal: float, compute: Compute, unit: str = "", **more: Any
+    place: str,
+    quantity: str,
+    method: str,
+    word: str,
+    ideal: float,
+    compute: Compute,
+    unit: str = "",
+    **more: Any,
 ) -> Claim:
     """Return the claim that a word of :data:`WORDINGS` describes: a quantity is close to an ideal value."""
     relative, interpretation = WORDINGS[word]
-    return Claim(place, quantity, method, compute, f"{ideal:g} ({word})", ideal, relative * ideal,
-                 unit=unit, interpretation=interpretation, **more)  # fmt: skip
+    return Claim(
+        place,
+        quantity,
+        method,
+        compute,
+        f"{ideal:g} ({word})",
+        ideal,
+        relative * ideal,
+        unit=unit,
+        interpretation=interpretation,
+        **more,
+    )
 
 
 def ordered(
-    place: str, quantity: str, method: str, relation: Relation, bound: float, compute: Compute, unit: str = "",
+    place: str,
+    quantity: str,
+    method: str,
+    relation: Relation,
+    bound: float,
+    compute: Compute,
+    unit: str = "",
     **more: Any,
-) -> Claim:  # fmt: skip
+) -> Claim:
     """Return the claim that a quantity is on one side of a bound, without tolerance."""
     sign = {"<=": "≤", ">=": "≥", "=": "="}[relation]
-    return Claim(place, quantity, method, compute, f"{sign} {bound:g}", bound, 0.0, relation, unit, **more)
+    return Claim(
+        place, quantity, method, compute, f"{sign} {bound:g}", bound, 0.0, relation, unit, **more
+    )
 
 
 def identity(place: str, quantity: str, method: str, compute: Compute, **more: Any) -> Claim:
@@ -181,21 +208,44 @@ def identity(place: str, quantity: str, method: str, compute: Compute, **more: A
     return Claim(place, quantity, method, compute, "1 (identity)", 1.0, ROUNDING, **more)
 
 
-def zero(place: str, quantity: str, method: str, compute: Compute, unit: str = "", **more: Any) -> Claim:
+def zero(
+    place: str, quantity: str, method: str, compute: Compute, unit: str = "", **more: Any
+) -> Claim:
     """Return the claim that a difference vanishes to rounding."""
     return Claim(place, quantity, method, compute, "0", 0.0, ROUNDING, unit=unit, **more)
 
 
 def formula(
-    place: str, quantity: str, method: str, value: float, compute: Compute, unit: str = "", **more: Any
+    place: str,
+    quantity: str,
+    method: str,
+    value: float,
+    compute: Compute,
+    unit: str = "",
+    **more: Any,
 ) -> Claim:
     """Return the claim that a formula, evaluated as printed, is right to 1e-4 of its value."""
-    return Claim(place, quantity, method, compute, f"{value:.6g} (printed formula)", value, 1e-4 * abs(value),
-                 unit=unit, **more)  # fmt: skip
+    return Claim(
+        place,
+        quantity,
+        method,
+        compute,
+        f"{value:.6g} (printed formula)",
+        value,
+        1e-4 * abs(value),
+        unit=unit,
+        **more,
+    )
 
 
 def unprinted(
-    place: str, quantity: str, method: str, correct: str, compute: Compute, unit: str = "", **more: Any
+    place: str,
+    quantity: str,
+    method: str,
+    correct: str,
+    compute: Compute,
+    unit: str = "",
+    **more: Any,
 ) -> Claim:
     """Return a quantity of a figure or equation without a printed value in the paper."""
     return Claim(place, quantity, method, compute, unit=unit, correct=correct, **more)
@@ -236,8 +286,22 @@ def check_claims(claims: list[Claim], paper: Paper) -> list[CheckedClaim]:
 
 # -- Table of the checked statements as CSV, as Markdown and for the terminal ----------------------
 
-HEADINGS = ("no", "place", "quantity", "printed", "computed", "exact", "unit", "tolerance", "correct", "verdict",
-            "expected", "method", "interpretation", "note")  # fmt: skip
+HEADINGS = (
+    "no",
+    "place",
+    "quantity",
+    "printed",
+    "computed",
+    "exact",
+    "unit",
+    "tolerance",
+    "correct",
+    "verdict",
+    "expected",
+    "method",
+    "interpretation",
+    "note",
+)
 STYLES = {AGREES: "green", AS_INTERPRETED: "green", COMPUTED: "dim", ASSUMED: "dim"}
 
 
@@ -278,15 +342,40 @@ def write_csv(rows: Sequence[CheckedClaim], path: str | Path) -> None:
     for r in rows:
         c = r.claim
         writer.writerow(
-            [r.number, c.place, c.quantity, c.statement, number(r.computed, 12), number(r.exact, 12), c.unit,
-             number(c.tolerance, 12), c.correct or "", r.verdict, c.expected, c.method, c.interpretation, c.note]
-        )  # fmt: skip
+            [
+                r.number,
+                c.place,
+                c.quantity,
+                c.statement,
+                number(r.computed, 12),
+                number(r.exact, 12),
+                c.unit,
+                number(c.tolerance, 12),
+                c.correct or "",
+                r.verdict,
+                c.expected,
+                c.method,
+                c.interpretation,
+                c.note,
+            ]
+        )
     write_text(path, text.getvalue())
 
 
 def write_markdown(rows: Sequence[CheckedClaim], path: str | Path) -> None:
     """Write the table with methods, interpretations and notes as Markdown."""
-    head = ("", "Place", "Quantity", "Printed", "Computed", "Exact", "Unit", "Verdict", "Method", "Note")
+    head = (
+        "",
+        "Place",
+        "Quantity",
+        "Printed",
+        "Computed",
+        "Exact",
+        "Unit",
+        "Verdict",
+        "Method",
+        "Note",
+    )
     lines = [
         "# Statements of the paper",
         "",
@@ -304,8 +393,18 @@ def write_markdown(rows: Sequence[CheckedClaim], path: str | Path) -> None:
         verdict = r.verdict if r.as_expected else f"**{r.verdict}** (expected: {c.expected})"
         statement = c.statement + (f" ± {number(c.tolerance)}" if c.tolerance else "")
         note = "; ".join(filter(None, (c.interpretation, c.note)))
-        cells = (str(r.number), c.place, c.quantity, statement, number(r.computed), number(r.exact), c.unit, verdict,
-                 c.method, note)  # fmt: skip
+        cells = (
+            str(r.number),
+            c.place,
+            c.quantity,
+            statement,
+            number(r.computed),
+            number(r.exact),
+            c.unit,
+            verdict,
+            c.method,
+            note,
+        )
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     write_text(path, "\n".join(lines) + "\n")
 
@@ -323,6 +422,14 @@ def terminal_table(rows: Sequence[CheckedClaim]) -> Table:
     for r in rows:
         c = r.claim
         style = STYLES.get(r.verdict, "yellow") if r.as_expected else "bold red"
-        cells = (str(r.number), c.place, c.quantity, c.statement, number(r.computed), number(r.exact), c.unit)
+        cells = (
+            str(r.number),
+            c.place,
+            c.quantity,
+            c.statement,
+            number(r.computed),
+            number(r.exact),
+            c.unit,
+        )
         table.add_row(*map(Text, cells), Text(r.verdict, style=style))
     return table

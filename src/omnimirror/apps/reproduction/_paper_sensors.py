@@ -12,7 +12,12 @@ from ...analysis.evaluation import Evaluation, evaluate
 from ...analysis.figures.curves import sphere_for
 from ...analysis.figures.subjects import EXACT, PAPER, Conditions
 from ...analysis.focus import BestFocus, best_focus
-from ...analysis.viewpoints import SingleViewpoint, best_viewpoint, viewpoint_angle_error, viewpoint_z
+from ...analysis.viewpoints import (
+    SingleViewpoint,
+    best_viewpoint,
+    viewpoint_angle_error,
+    viewpoint_z,
+)
 from ...base.caching import cached_property
 from ...base.typing import Array
 from ...optics.lenses import Orthographic, Perspective
@@ -54,15 +59,23 @@ class Paper:
     def _evaluations(self) -> dict[tuple[str, Conditions, float], Evaluation]:
         return {}
 
-    def field(self, name: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf) -> Evaluation:
+    def field(
+        self, name: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
+    ) -> Evaluation:
         """Evaluate the whole field of a sensor, every 0.5 deg from 0 to 135 deg."""
         key = (name, conditions, object_distance_mm)
         if key not in self._evaluations:
-            self._evaluations[key] = self.at(name, np.arange(0, 135.25, 0.5), conditions, object_distance_mm)
+            self._evaluations[key] = self.at(
+                name, np.arange(0, 135.25, 0.5), conditions, object_distance_mm
+            )
         return self._evaluations[key]
 
     def at(
-        self, name: str, omega_deg: ArrayLike, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
+        self,
+        name: str,
+        omega_deg: ArrayLike,
+        conditions: Conditions = PAPER,
+        object_distance_mm: float = np.inf,
     ) -> Evaluation:
         """Evaluate a sensor at field angles (n,), deg."""
         return evaluate(
@@ -83,7 +96,11 @@ class Paper:
         return float(np.ptp(self.field(name).viewpoint_z_mm)) / M
 
     def worst_blur_px(
-        self, name: str, way: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
+        self,
+        name: str,
+        way: str,
+        conditions: Conditions = PAPER,
+        object_distance_mm: float = np.inf,
     ) -> float:
         """Return the largest tangential (``"t"``) or sagittal (``"s"``) blur of the field."""
         blur: Array = getattr(self.field(name, conditions, object_distance_mm), f"blur_{way}_px")
@@ -97,13 +114,19 @@ class Paper:
         """Return the L0 that minimises the largest blur area (the product used in the paper)."""
         omega = np.linspace(0.0, 135.0, 1001)
         return best_focus(
-            self.sensors[name], "worst_blur_area_deg2", omega_deg=omega, mode="paper", image_radius_px=RADIUS_PX
+            self.sensors[name],
+            "worst_blur_area_deg2",
+            omega_deg=omega,
+            mode="paper",
+            image_radius_px=RADIUS_PX,
         )
 
     def one_viewpoint(self, distance_in_m: float, name: str = "SPH") -> SingleViewpoint:
         """Return the best single viewpoint for objects at a distance in units of M."""
         omega = np.linspace(0, 135, 1001)
-        return best_viewpoint(self.sensors[name], distance_in_m * M, omega_deg=omega, image_radius_px=RADIUS_PX)
+        return best_viewpoint(
+            self.sensors[name], distance_in_m * M, omega_deg=omega, image_radius_px=RADIUS_PX
+        )
 
     def viewpoint_error_deg(self, distance_in_m: float, name: str) -> float:
         """Return the largest |eps| of Eq. 23 over 0 to 135 deg for the viewpoint that minimises it."""
@@ -115,7 +138,9 @@ class Paper:
 
         # |eps| grows with the distance from z_v, so the maximum over the field is quasi-convex in z
         z = viewpoint_z(rays)
-        found = minimize_scalar(largest, bounds=(z.min(), z.max()), method="bounded", options={"xatol": 1e-8})
+        found = minimize_scalar(
+            largest, bounds=(z.min(), z.max()), method="bounded", options={"xatol": 1e-8}
+        )
         return float(np.degrees(found.fun))
 
     @cached_property
@@ -128,7 +153,11 @@ class Paper:
         """Return the smallest possible largest single blur in pixels over all focus settings."""
         omega = np.linspace(0, 135.0, 1001)
         return best_focus(
-            self.sensors[name], "worst_blur_px", omega_deg=omega, mode="paper", image_radius_px=RADIUS_PX
+            self.sensors[name],
+            "worst_blur_px",
+            omega_deg=omega,
+            mode="paper",
+            image_radius_px=RADIUS_PX,
         ).value
 
     @cached_property
@@ -194,4 +223,14 @@ def worst_ratio(a: Array, b: Array) -> float:
     return float(ratio[np.abs(ratio - 1).argmax()])
 
 
-__all__ = ["EXACT", "PAPER", "TABLE_1", "M", "Paper", "change", "half_range", "paper_sensors", "worst_ratio"]
+__all__ = [
+    "EXACT",
+    "PAPER",
+    "TABLE_1",
+    "M",
+    "Paper",
+    "change",
+    "half_range",
+    "paper_sensors",
+    "worst_ratio",
+]

@@ -52,7 +52,9 @@ def opened(name: str, data: bytes) -> Opened:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
+        raise SpecError(
+            f"{name} is not a text file; valid are sensor files and requirement files"
+        ) from None
     tables = parse_toml(text, name)
     where = SourceLocator(text, name)
     if "field" in tables:
@@ -97,7 +99,9 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
+def downloaded(
+    asked: Download, tell: Callable[[str, float], None] = lambda what, share: None
+) -> File:
     """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
     For reports, ``tell`` receives the current step and the completed fraction.

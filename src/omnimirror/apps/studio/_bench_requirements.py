@@ -45,7 +45,10 @@ def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
 
 def lens_table(sensor: Sensor) -> dict[str, Any]:
     """Return the lens of a sensor as a table of a requirement file, with rounded numbers."""
-    return {name: round(v, DIGITS) if isinstance(v, float) else v for name, v in lens_like(sensor).items()}
+    return {
+        name: round(v, DIGITS) if isinstance(v, float) else v
+        for name, v in lens_like(sensor).items()
+    }
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,9 @@ def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
     return Judged(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
 
 
-def rows_of(tables: dict[str, Any], requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+def rows_of(
+    tables: dict[str, Any], requirements: Requirements, sensor: Sensor, angles: int
+) -> list[Judgement]:
     """Return the checked requirements of the tables; limits last, in their order."""
     asked = {*tables.get("mirror", {}), *tables.get("lens", {})}
     rows = judge(requirements, sensor, angles=angles).rows
@@ -83,12 +88,16 @@ def rows_of(tables: dict[str, Any], requirements: Requirements, sensor: Sensor, 
 def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
     """Return the limits over the field, the stricter of near and far objects."""
     omega = curve.omega_deg
-    fields = [values_of_evaluation(result) for result in evaluations(requirements, curve.sensor, omega)]
+    fields = [
+        values_of_evaluation(result) for result in evaluations(requirements, curve.sensor, omega)
+    ]
     columns = {"omega_deg": omega}
     for limit in requirements.limits:
         values = np.stack([limit.of.values(field) for field in fields])
         if values.shape[1:] == omega.shape:
-            columns[limit.name] = (np.max if limit.of.takes == "largest" else np.min)(values, axis=0)
+            columns[limit.name] = (np.max if limit.of.takes == "largest" else np.min)(
+                values, axis=0
+            )
     return columns_of("limits", tuple(columns), np.stack(list(columns.values())))
 
 
@@ -125,15 +134,23 @@ def slid(asked: SlidesAsk) -> SlidesOf:
     """
     requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
     return SlidesOf(
-        missed=tuple(tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides)
+        missed=tuple(
+            tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides
+        )
     )
 
 
 def _missed(asked: SlidesAsk, slide: Slide, value: float) -> tuple[float, ...] | None:
     is_distance = slide.path == ("mount", "mirror_distance_mm")
     try:
-        sensor = in_place(sensor_on_bench(_with(asked.tables, slide.path, value), asked.follows and not is_distance))
-        rows = rows_of(asked.requirements, requirements_for(asked.requirements, sensor), sensor, SLIDER_ANGLES)
+        sensor = in_place(
+            sensor_on_bench(
+                _with(asked.tables, slide.path, value), asked.follows and not is_distance
+            )
+        )
+        rows = rows_of(
+            asked.requirements, requirements_for(asked.requirements, sensor), sensor, SLIDER_ANGLES
+        )
     except OmnimirrorError:
         return None
     return tuple(min(row.shortfall, 0.0) if row.is_met else row.shortfall for row in rows)

@@ -64,7 +64,9 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
     def bundled(name: str) -> BenchSensor:
         """Return a bundled sensor."""
         if name not in bench_start().sensors:
-            raise OmnimirrorError(f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}")
+            raise OmnimirrorError(
+                f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}"
+            )
         return on_bench(load_sensor(name))
 
     @app.post("/api/bench/slides")
@@ -129,7 +131,9 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/errors")
     def errors(asked: ErrorsAsk) -> ErrorsOf:
         """Return the error sources of a sensor."""
-        from ._bench_tolerances import errors_known  # deferred import: requires the tolerancing modules
+        from ._bench_tolerances import (
+            errors_known,
+        )  # deferred import: requires the tolerancing modules
 
         return errors_known(asked)
 

@@ -1,4 +1,6 @@
-"""Sensors on the bench: slider metadata, tables of a sensor file, conversion between kinds of parts, manual shape editing."""
+"""Sensors on the bench: slider metadata, tables of a sensor file, conversion between kinds of
+parts, manual shape editing.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,17 @@ from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
 from ...optics.toml_validation import EntryError, NoFile
-from .bench_messages import BenchSensor, BenchStart, Bend, Change, ParameterOf, PartOf, QuantityOf, Trouble, distance_of
+from .bench_messages import (
+    BenchSensor,
+    BenchStart,
+    Bend,
+    Change,
+    ParameterOf,
+    PartOf,
+    QuantityOf,
+    Trouble,
+    distance_of,
+)
 
 # -- Slider metadata of the bench, from the parameter descriptions of the parts --------------------
 
@@ -66,7 +78,9 @@ def bench_start() -> BenchStart:
     return BenchStart(
         mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
         secondaries=tuple(
-            part_of(kind, SECONDARIES[kind]) for kind in SECONDARIES if kind in mirrors or kind not in MIRRORS
+            part_of(kind, SECONDARIES[kind])
+            for kind in SECONDARIES
+            if kind in mirrors or kind not in MIRRORS
         ),
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
@@ -75,7 +89,9 @@ def bench_start() -> BenchStart:
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.PER_ANGLE)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
-        of_frequency=tuple(name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None),
+        of_frequency=tuple(
+            name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None
+        ),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
         shapes=tuple(FREE_FORMS),
         sensors=tuple(bundled_sensors()),
@@ -83,7 +99,14 @@ def bench_start() -> BenchStart:
 
 
 def _quantity(q: Quantity) -> QuantityOf:
-    return QuantityOf(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
+    return QuantityOf(
+        name=q.name,
+        symbol=q.symbol,
+        unit=q.unit,
+        title=q.title,
+        meaning=q.meaning,
+        equation=q.equation,
+    )
 
 
 def part_of(kind: str, cls: type[Any]) -> PartOf:
@@ -91,7 +114,9 @@ def part_of(kind: str, cls: type[Any]) -> PartOf:
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    found = [_parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()]
+    found = [
+        _parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()
+    ]
     return PartOf(kind=kind, parameters=tuple(found))
 
 
@@ -156,7 +181,9 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
         return sensor_of(tables, form)
     distance = sensor.mirror.design_distance
-    return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
+    return form.wrap(
+        ("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance)
+    )
 
 
 def in_place(sensor: Sensor) -> Sensor:
@@ -176,7 +203,8 @@ def remark_on(sensor: Sensor) -> str | None:
             "cross-section, plots and requirements are those of the sensor without."
         )
     shift, tilt = (
-        f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
+        f"{a:g} and {b:g}"
+        for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
     )
     return (
         f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken "
@@ -198,7 +226,9 @@ def why_not_optimised(sensor: Sensor) -> str | None:
 def on_bench(sensor: Sensor) -> BenchSensor:
     """Convert a sensor to its bench representation."""
     mirror = sensor.mirror
-    is_mapped = isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+    is_mapped = (
+        isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+    )
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
@@ -220,9 +250,15 @@ def changed(change: Change) -> Sensor:
         best = best_focus(sensor, change.to, object_distance_mm=distance)
         made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
     else:
-        changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
+        changed_part = (
+            _with_lens(sensor, change.to)
+            if change.what == "lens"
+            else _with_mirror(sensor, change.to)
+        )
         made = _focused(changed_part, distance)
-    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal)
+    return replace(
+        made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal
+    )
 
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
@@ -230,7 +266,14 @@ def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
         raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
     mounted = recast(sensor, kind)
     distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
-    return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
+    return replace(
+        sensor,
+        mirror=mounted.mirror,
+        mirror_distance_mm=distance,
+        secondary=None,
+        name=kind,
+        notes="",
+    )
 
 
 def recast(sensor: Sensor, kind: str) -> MountedMirror:
@@ -265,11 +308,19 @@ def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
     """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
     M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
-    own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
-    needed = [name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS]
+    own = {
+        "plane_distance_mm": AROUND * M,
+        "cylinder_radius_mm": AROUND * M,
+        "omega_min_deg": omega / 3,
+    }
+    needed = [
+        name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS
+    ]
     if "cylinder_radius_mm" in needed:
         needed.append("omega_min_deg")
-    made: Mapped = cls(omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed})
+    made: Mapped = cls(
+        omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed}
+    )
     return made
 
 
@@ -314,14 +365,20 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
     lens = sensor.lens
     if not isinstance(lens, GaussianLens):
         raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
-    angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
+    angles = np.linspace(
+        0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS
+    )
     tangent = np.tan(np.radians(angles))
     heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
     return TabulatedLens(
-        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(np.round(angles, 6)),
-        tuple(np.round(heights, 6)), tuple(np.round(lens.pupil.place(tangent), 6)),
+        lens.focal_length_mm,
+        lens.f_number,
+        lens.focus_distance_mm,
+        tuple(np.round(angles, 6)),
+        tuple(np.round(heights, 6)),
+        tuple(np.round(lens.pupil.place(tangent), 6)),
         principal_point_mm=lens.principal_point_mm,
-    )  # fmt: skip
+    )
 
 
 def _with_lens(sensor: Sensor, kind: str) -> Sensor:
@@ -336,7 +393,9 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     if kind == "table":
         return replace(sensor, lens=_as_table(sensor))
     if kind == "surfaces":
-        raise InvalidParameter("a lens by its surfaces comes from its .zmx file, named in a sensor file; open that")
+        raise InvalidParameter(
+            "a lens by its surfaces comes from its .zmx file, named in a sensor file; open that"
+        )
     if kind != "perspective":
         raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
@@ -432,7 +491,9 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
         )
     rim_px = sensor.rim_radius_px
     if not 0 < height_px < rim_px:
-        raise InvalidParameter(f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px")
+        raise InvalidParameter(
+            f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px"
+        )
     table = mapping_like(sensor)
     omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
     beam = _beam(omega - low, omega_deg - low, high - low)
@@ -457,7 +518,9 @@ def _shares(sensor: Sensor, x_mm: Array) -> Array:
     over the rim value."""
     if sensor.lens.TELECENTRIC:
         return x_mm / sensor.mirror.rim_radius_mm
-    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(np.radians(rim_of(sensor).theta_max_deg))
+    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(
+        np.radians(rim_of(sensor).theta_max_deg)
+    )
     return shares
 
 

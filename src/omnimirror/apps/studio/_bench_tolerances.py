@@ -14,9 +14,17 @@ from ...base.typing import Array
 from ...manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ...manufacturing.tolerancing.evaluator import TrialEvaluator
 from ...manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, simulate_trials
-from ...manufacturing.tolerancing.perturbation import check_error_names, error_sources, group_of, perturbed
+from ...manufacturing.tolerancing.perturbation import (
+    check_error_names,
+    error_sources,
+    group_of,
+    perturbed,
+)
 from ...manufacturing.tolerancing.perturbed_states import is_vectorised
-from ...manufacturing.tolerancing.requirement_merits import is_lower_limit, select_requirement_merits
+from ...manufacturing.tolerancing.requirement_merits import (
+    is_lower_limit,
+    select_requirement_merits,
+)
 from ...manufacturing.tolerancing.tolerances import Tolerance, Tolerances
 from ...manufacturing.tolerancing.trial_images import Refocus
 from ...optics.sensor import Sensor
@@ -24,7 +32,16 @@ from ...optics.sensor_files import tables_of
 from ._bench_evaluation import finite
 from ._bench_sensors import in_place, sensor_on_bench
 from ._http_messages import framed
-from .bench_messages import Built, BuiltAsk, ErrorAlone, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
+from .bench_messages import (
+    Built,
+    BuiltAsk,
+    ErrorAlone,
+    ErrorOf,
+    ErrorsAsk,
+    ErrorsOf,
+    YieldAsk,
+    YieldOf,
+)
 
 LAST_ZERNIKE = 11
 """Highest Zernike term with a slider; the remaining terms would add 80 sliders."""
@@ -39,7 +56,13 @@ def errors_known(ask: ErrorsAsk) -> ErrorsOf:
     sensor = in_place(sensor_on_bench(ask.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     known = tuple(
-        ErrorOf(name=k.name, unit=k.unit, meaning=k.meaning, group=group_of(k.name), **dict(k.typical_tolerances))
+        ErrorOf(
+            name=k.name,
+            unit=k.unit,
+            meaning=k.meaning,
+            group=group_of(k.name),
+            **dict(k.typical_tolerances),
+        )
         for k in kinds
     )
     return ErrorsOf(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
@@ -60,25 +83,40 @@ def built(ask: BuiltAsk) -> bytes:
     """
     meant = in_place(sensor_on_bench(ask.tables))
     check_error_names(meant, ask.values)
-    values = {name: value for name, value in ask.values.items() if value} or {"imager.shift_x_px": 0.0}
+    values = {name: value for name, value in ask.values.items() if value} or {
+        "imager.shift_x_px": 0.0
+    }
     is_quick = is_vectorised(meant, values)
     evaluator = _judge(_told(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ())
-    merits, moved = evaluator.evaluate_with_motions({name: np.array([0.0, value]) for name, value in values.items()})
-    left = evaluator.compensators.left(np.nan_to_num(moved[1:]))[:, 0].reshape(len(CALIBRATIONS), 2, -1)
-    of = {name: [finite(float(v)) for v in column] for name, column in zip(evaluator.names, merits.T, strict=True)}
-    straight: list[float | None] = [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
+    merits, moved = evaluator.evaluate_with_motions(
+        {name: np.array([0.0, value]) for name, value in values.items()}
+    )
+    left = evaluator.compensators.left(np.nan_to_num(moved[1:]))[:, 0].reshape(
+        len(CALIBRATIONS), 2, -1
+    )
+    of = {
+        name: [finite(float(v)) for v in column]
+        for name, column in zip(evaluator.names, merits.T, strict=True)
+    }
+    straight: list[float | None] = (
+        [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
+    )
     header = Built(
         objects=len(evaluator.field),
         lost=int(merits[1, -1]),
         radius_px=meant.rim_radius_px,
         motion_px=tuple(of[after("motion_px", depth)][1] for depth in CALIBRATIONS),
-        direction_error_deg=tuple(of[after("direction_error_deg", depth)][1] for depth in CALIBRATIONS),
+        direction_error_deg=tuple(
+            of[after("direction_error_deg", depth)][1] for depth in CALIBRATIONS
+        ),
         straightness_deg=tuple(straight),
         blur_px=(of["blur_px"][0], of["blur_px"][1]),
         focus_mm=(of["focus_distance_mm"][0], of["focus_distance_mm"][1]),
         tables=_tables_of_built(meant, ask.values),
     )
-    return framed(header, evaluator.reference_px.T.astype("<f4").tobytes(), left.astype("<f4").tobytes())
+    return framed(
+        header, evaluator.reference_px.T.astype("<f4").tobytes(), left.astype("<f4").tobytes()
+    )
 
 
 def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:
@@ -102,7 +140,9 @@ def yielded(ask: YieldAsk) -> YieldOf:
     tolerances = Tolerances(sensor, errors)
     evaluator = _judge(_told(ask.tables), ask.refocus, select_requirement_merits([ask.merit]))
     trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
-    statistics = simulate_trials(evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed)
+    statistics = simulate_trials(
+        evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed
+    )
     return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
 
 
@@ -112,14 +152,27 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tup
     if not sizes:
         return ()
     ends = np.kron(np.eye(len(sizes)), [1.0, -1.0])
-    merits = evaluator.evaluate({name: size * row for (name, size), row in zip(sizes.items(), ends, strict=True)})
+    merits = evaluator.evaluate(
+        {name: size * row for (name, size), row in zip(sizes.items(), ends, strict=True)}
+    )
     pairs = merits.reshape(len(sizes), 2, -1)
     names = [after("motion_px", depth) for depth in CALIBRATIONS]
     rows = []
     for (name, size), pair in zip(sizes.items(), pairs, strict=True):
-        worst = {each: _worst(each, pair[:, evaluator.names.index(each)]) for each in (*names, merit)}
-        rows.append(ErrorAlone(name=name, tolerance=size, motion_px=tuple(worst[n] for n in names), merit=worst[merit]))
-    return tuple(sorted(rows, key=lambda row: -np.inf if row.motion_px[0] is None else -row.motion_px[0]))
+        worst = {
+            each: _worst(each, pair[:, evaluator.names.index(each)]) for each in (*names, merit)
+        }
+        rows.append(
+            ErrorAlone(
+                name=name,
+                tolerance=size,
+                motion_px=tuple(worst[n] for n in names),
+                merit=worst[merit],
+            )
+        )
+    return tuple(
+        sorted(rows, key=lambda row: -np.inf if row.motion_px[0] is None else -row.motion_px[0])
+    )
 
 
 def _worst(name: str, values: Array) -> float | None:

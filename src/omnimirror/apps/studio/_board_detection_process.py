@@ -42,7 +42,9 @@ def told(found: Detection) -> BoardSeen:
         image_size=found.image_size,
         ids=tuple(int(i) for i in found.ids),
         corners_px=tuple((float(u), float(v)) for u, v in np.round(found.corners_px, PLACES)),
-        sigma_px=None if found.sigma_px is None else tuple(float(s) for s in np.round(found.sigma_px, PLACES)),
+        sigma_px=None
+        if found.sigma_px is None
+        else tuple(float(s) for s in np.round(found.sigma_px, PLACES)),
         reason=found.reason,
         blur_px=found.blur_px if math.isfinite(found.blur_px) else None,
         is_reversed=found.is_reversed,
@@ -55,7 +57,9 @@ def told(found: Detection) -> BoardSeen:
 def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
     """Detect the board in an image; return the detection or a problem."""
     try:
-        return told(find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick))
+        return told(
+            find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick)
+        )
     except OmnimirrorError as e:
         return Problem(detail=str(e))
     except MemoryError:

@@ -9,7 +9,12 @@ import numpy as np
 
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...calibration.estimation.observation_checks import MIN_CORNERS_PER_CELL, Coverage, coverage, recommendations
+from ...calibration.estimation.observation_checks import (
+    MIN_CORNERS_PER_CELL,
+    Coverage,
+    coverage,
+    recommendations,
+)
 from ...calibration.estimation.observations import Sighting
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
@@ -19,7 +24,14 @@ from ...dewarp import Dewarper
 from ...optics.sensor_files import parse_camera
 from ._board_detection_process import board_of
 from ._uploads import eight_bits, encoded, picture_in
-from .calibration_messages import BoardPlace, BoardSeen, CoverageShown, StraightAsk, Together, TogetherAsk
+from .calibration_messages import (
+    BoardPlace,
+    BoardSeen,
+    CoverageShown,
+    StraightAsk,
+    Together,
+    TogetherAsk,
+)
 
 # -- Conversion of board detections between messages and the calibration engine --------------------
 
@@ -32,10 +44,15 @@ def taken(seen: BoardSeen, board: Board) -> Detection:
     InvalidParameter
         Corners outside the board or outside the image.
     """
-    ids, corners = np.asarray(seen.ids, dtype=int), np.asarray(seen.corners_px, dtype=float).reshape(-1, 2)
+    ids, corners = (
+        np.asarray(seen.ids, dtype=int),
+        np.asarray(seen.corners_px, dtype=float).reshape(-1, 2),
+    )
     sigma = None if seen.sigma_px is None else np.asarray(seen.sigma_px, dtype=float)
     size = np.array(seen.image_size)
-    good = len(ids) == len(corners) == len(set(seen.ids)) and (sigma is None or len(sigma) == len(ids))
+    good = len(ids) == len(corners) == len(set(seen.ids)) and (
+        sigma is None or len(sigma) == len(ids)
+    )
     good = good and bool(np.all((ids >= 0) & (ids < board.corner_count)))
     if not (good and np.all((corners >= -0.5) & (corners <= size - 0.5))):
         raise InvalidParameter(
@@ -43,9 +60,18 @@ def taken(seen: BoardSeen, board: Board) -> Detection:
         )
     blur = math.nan if seen.blur_px is None else seen.blur_px
     return Detection(
-        seen.name, seen.image_size, ids, corners, seen.reason, sigma, blur, seen.is_reversed, seen.begins_white,
-        seen.is_part, seen.time_s,
-    )  # fmt: skip
+        seen.name,
+        seen.image_size,
+        ids,
+        corners,
+        seen.reason,
+        sigma,
+        blur,
+        seen.is_reversed,
+        seen.begins_white,
+        seen.is_part,
+        seen.time_s,
+    )
 
 
 def together(ask: TogetherAsk) -> Together:
@@ -65,7 +91,9 @@ def together(ask: TogetherAsk) -> Together:
         reasons=tuple(d.reason for d in detections),
         coverage=coverage_shown(spread) if spread else None,
         advice=recommendations(spread, len(used)) if spread else (),
-        not_new=None if ask.candidate is None else why_not_new(taken(ask.candidate, board), used, board),
+        not_new=None
+        if ask.candidate is None
+        else why_not_new(taken(ask.candidate, board), used, board),
     )
 
 
@@ -167,7 +195,9 @@ def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace
 
 def _px_per_mm(sighting: Sighting) -> float:
     """Return the image scale of a board, from the square root of area ratios."""
-    areas = [np.linalg.det(np.cov(values.T)) for values in (sighting.pixels, sighting.points[:, :2])]
+    areas = [
+        np.linalg.det(np.cov(values.T)) for values in (sighting.pixels, sighting.points[:, :2])
+    ]
     return float((areas[0] / areas[1]) ** 0.25)
 
 
@@ -196,7 +226,9 @@ def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> flo
             line = met[(points[:, axis] == at) & np.isfinite(met).all(axis=1)]
             if len(line) >= LEAST_OF_LINE:
                 from_middle = line - line.mean(axis=0)
-                worst = max(worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max()))
+                worst = max(
+                    worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max())
+                )
     return worst
 
 

@@ -38,13 +38,25 @@ from .calibration_messages import (
 Tell = Callable[[CalibrationNews], None]
 
 
-def perform(ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]) -> None:
+def perform(
+    ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]
+) -> None:
     """Calibrate a camera and send progress, camera and report, or an error."""
     try:
         board = board_of(ask.board)
-        found = _calibrated(ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop)
-        tell(CalibrationNews(state="done", sentence=found.summary, share=1.0, found=found_message(found)))
-        tell(CalibrationNews(state="reported", sentence="The report is made.", report=_report(found, ask.command)))
+        found = _calibrated(
+            ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop
+        )
+        tell(
+            CalibrationNews(
+                state="done", sentence=found.summary, share=1.0, found=found_message(found)
+            )
+        )
+        tell(
+            CalibrationNews(
+                state="reported", sentence="The report is made.", report=_report(found, ask.command)
+            )
+        )
     except OmnimirrorError as e:
         tell(CalibrationNews(state="failed", sentence=_plain(str(e))))
 
@@ -53,26 +65,44 @@ def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
     """Mark inconsistent detections; select the distinct frames of a video."""
     judged = compared(detections, board)
     frames = [d for d in judged if d.time_s is not None]
-    told = {id(before): after for before, after in zip(frames, selected_frames(frames, board), strict=True)}
+    told = {
+        id(before): after
+        for before, after in zip(frames, selected_frames(frames, board), strict=True)
+    }
     return [told.get(id(d), d) for d in judged]
 
 
 def _calibrated(
-    ask: CalibrationAsk, detections: Sequence[Detection], board: Board, tell: Tell, stop: Callable[[], bool]
+    ask: CalibrationAsk,
+    detections: Sequence[Detection],
+    board: Board,
+    tell: Tell,
+    stop: Callable[[], bool],
 ) -> Calibration:
     def progress(what: str, share: float) -> None:
-        tell(CalibrationNews(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share))
+        tell(
+            CalibrationNews(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share)
+        )
 
     return calibrate_camera(
-        detections, board, model=ask.model, optics=ask.optics,
-        mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped), centre_px=ask.centre_px,
-        rim_radius_px=ask.rim_radius_px, board_shape=not ask.flat_board, progress=progress, stop=stop,
-    )  # fmt: skip
+        detections,
+        board,
+        model=ask.model,
+        optics=ask.optics,
+        mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped),
+        centre_px=ask.centre_px,
+        rim_radius_px=ask.rim_radius_px,
+        board_shape=not ask.flat_board,
+        progress=progress,
+        stop=stop,
+    )
 
 
 def _plain(sentence: str) -> str:
     """Convert a message of the command line to the labels of the page."""
-    return sentence.replace("say --flipped", "say that the driver reverses them").replace("--optics", "kind of camera")
+    return sentence.replace("say --flipped", "say that the driver reverses them").replace(
+        "--optics", "kind of camera"
+    )
 
 
 def _report(found: Calibration, command: str) -> str:
@@ -99,7 +129,8 @@ def found_message(found: Calibration) -> CalibrationFound:
         image_size=fit.model.image_size,
         pictures=_pictures(found),
         parameters=tuple(
-            ParameterFound(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit) for p in found.parameters
+            ParameterFound(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
+            for p in found.parameters
         ),
         models=tuple(
             ModelTried(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
@@ -109,9 +140,11 @@ def found_message(found: Calibration) -> CalibrationFound:
         notes=found.notes,
         advice=found.advice,
         coverage=coverage_shown(found.coverage),
-        places=tuple(place_of(s, found.model, found.board) for s in fit.sightings if s.name in used),
+        places=tuple(
+            place_of(s, found.model, found.board) for s in fit.sightings if s.name in used
+        ),
         camera_file=format_camera(found.camera, found.summary),  # type: ignore[arg-type]
-    )  # fmt: skip
+    )
 
 
 def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
@@ -129,13 +162,21 @@ def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
             off = finite(off_straight_px(sightings[picture.name], found.model, found.board))
             if found.held_out is not None:
-                held = finite(float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1)))))
+                held = finite(
+                    float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
+                )
         told.append(
             PictureOutcome(
-                name=picture.name, found=picture.found, used=picture.used, reason=picture.reason, rms_px=picture.rms_px,
-                held_out_rms_px=held, off_straight_px=off, residuals=rows,
+                name=picture.name,
+                found=picture.found,
+                used=picture.used,
+                reason=picture.reason,
+                rms_px=picture.rms_px,
+                held_out_rms_px=held,
+                off_straight_px=off,
+                residuals=rows,
             )
-        )  # fmt: skip
+        )
     return tuple(told)
 
 

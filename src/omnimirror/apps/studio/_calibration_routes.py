@@ -38,7 +38,10 @@ def add_calibrate(app: FastAPI, studio: Studio) -> None:
     """Register the routes of calibration."""
     _add_questions(app, studio.lookers)
     _add_straight(app, studio)
-    _add_socket(app, Workers("omnimirror.apps.studio._calibration_process", MOST_CALIBRATIONS, "calibrations"))
+    _add_socket(
+        app,
+        Workers("omnimirror.apps.studio._calibration_process", MOST_CALIBRATIONS, "calibrations"),
+    )
 
 
 def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
@@ -49,7 +52,9 @@ def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
         from ...calibration.sensor_model import SensorModel
         from ...calibration.targets.boards import families
 
-        return CalibrateStart(models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families()))
+        return CalibrateStart(
+            models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families())
+        )
 
     @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
     async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
@@ -64,7 +69,12 @@ def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
 
 
 def _add_straight(app: FastAPI, studio: Studio) -> None:
-    @app.post("/api/calibrate/straight", openapi_extra=FILE_BODY, response_class=Response, responses={200: BYTES})
+    @app.post(
+        "/api/calibrate/straight",
+        openapi_extra=FILE_BODY,
+        response_class=Response,
+        responses={200: BYTES},
+    )
     async def straight(request: Request) -> Response:
         """Return a dewarped board as JPEG; the request header precedes the image."""
         from ._calibration_boards import straightened  # deferred import: requires the dewarper

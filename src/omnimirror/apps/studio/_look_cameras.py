@@ -17,7 +17,14 @@ from ...cameras.models.camera_model import Optics
 from ...cameras.models.ocam import parse_ocam
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import AnyCamera, bundled_sensors, format_sensor, is_ocam_text, load_sensor, parse_camera
+from ...optics.sensor_files import (
+    AnyCamera,
+    bundled_sensors,
+    format_sensor,
+    is_ocam_text,
+    load_sensor,
+    parse_camera,
+)
 from ._camera_tables import camera_model, kind_of, mount_message, title_of
 from .look_messages import CameraShown, SensorEntry, SensorFile
 
@@ -63,7 +70,9 @@ class Cameras:
     first."""
 
     def __init__(self, given: Known | None = None) -> None:
-        self._bundled = {name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()}
+        self._bundled = {
+            name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()
+        }
         self._given = {given.id: given} if given else {}
         self._uploaded: OrderedDict[str, Known] = OrderedDict()
 
@@ -122,7 +131,9 @@ class Cameras:
         camera = self.find(wanted.id).camera
         if isinstance(camera, MirrorBall):
             mount = Mount(**wanted.mount.model_dump())
-            return MirrorBall(wanted.centre_px, wanted.rim_radius_px, camera.field_deg, wanted.image_size, mount)
+            return MirrorBall(
+                wanted.centre_px, wanted.rim_radius_px, camera.field_deg, wanted.image_size, mount
+            )
         return self.fitted(wanted)
 
     def fitted(self, wanted: SensorFile) -> Sensor:
@@ -130,14 +141,18 @@ class Cameras:
         ``file_of``."""
         camera = self.find(wanted.id).camera
         if not isinstance(camera, Sensor) or camera.symmetry is None:
-            raise InvalidParameter(f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors")
+            raise InvalidParameter(
+                f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors"
+            )
         return fitted(camera, wanted)
 
 
 def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
     """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
     if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
-        raise InvalidParameter(f"a circle at {wanted.centre_px} of radius {wanted.rim_radius_px} is none")
+        raise InvalidParameter(
+            f"a circle at {wanted.centre_px} of radius {wanted.rim_radius_px} is none"
+        )
     width, height = wanted.image_size
     u, v = wanted.centre_px
     if wanted.mount.image_flipped:
@@ -158,7 +173,9 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
     id = f"file:{hashlib.sha256(data + f'{name} {optics}'.encode()).hexdigest()[:16]}"
     if is_ocam_text(text):
         if optics not in get_args(Optics):
-            raise InvalidParameter(f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}")
+            raise InvalidParameter(
+                f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}"
+            )
         kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
         camera = parse_ocam(text, name, kind)
         return Known(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)

@@ -65,7 +65,10 @@ def rim_in(data: bytes, name: str) -> RimFound:
     if found is None:
         rim = find_rim(eight_bits(picture_in(data, name)))
         found = RimFound(
-            centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure
+            centre_px=rim.centre_px,
+            radius_px=rim.radius_px,
+            confidence=rim.confidence,
+            is_sure=rim.is_sure,
         )
         if len(_rims) >= RIMS_KEPT:
             _rims.clear()
@@ -82,9 +85,12 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
     if level is None:
         return None
     return LevelFound(
-        pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright,
+        pitch_deg=level.pitch_deg,
+        roll_deg=level.roll_deg,
+        sigma_deg=level.sigma_deg,
+        upright=level.upright,
         is_sure=level.is_sure,
-    )  # fmt: skip
+    )
 
 
 def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
@@ -163,12 +169,17 @@ def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
         known = _known(cameras, id)
         flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
         stands = known.standing(Mount(image_flipped=flipped))
-        return Response(camera_tables(stands).values.astype("<f4").tobytes(), media_type="application/octet-stream")
+        return Response(
+            camera_tables(stands).values.astype("<f4").tobytes(),
+            media_type="application/octet-stream",
+        )
 
 
 def _add_files(app: FastAPI, cameras: Cameras) -> None:
     @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
-    async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
+    async def load_sensor(
+        request: Request, name: FileName = "sensor.toml", optics: str = "mirror"
+    ) -> SensorEntry:
         """Read a calibration file: a sensor file, a camera file, or OCamCalib text."""
         data = await collected(request)
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
@@ -199,11 +210,15 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         path = Path(shown.place)
         return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
 
-    @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    @app.post(
+        "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+    )
     async def convert(request: Request, name: FileName = "picture") -> Response:
         """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await collected(request)
-        return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name))))
+        return _png(
+            await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name)))
+        )
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
     async def rim(request: Request, name: FileName = "picture") -> RimFound:
@@ -219,13 +234,17 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         camera = studio.cameras.looking(ask)
         return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
 
-    @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    @app.post(
+        "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+    )
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
         ask, picture = unframed(await collected(request), RestoreAsk)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
-        return _png(await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture)))
+        return _png(
+            await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture))
+        )
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:
@@ -248,7 +267,9 @@ def _known(cameras: Cameras, id: str) -> Known:
     try:
         return cameras.find(id)
     except KeyError:
-        raise HTTPException(404, f"there is no camera {id!r}; it may have been forgotten: load it again") from None
+        raise HTTPException(
+            404, f"there is no camera {id!r}; it may have been forgotten: load it again"
+        ) from None
 
 
 def _png(data: bytes) -> Response:

@@ -53,7 +53,11 @@ def optimisable(sensor: Sensor, task: Task) -> Requirements:
     like = requirements_like(bare, optimise=task.merit, shape=f"{task.shape}:{task.terms}")
     distance = distance_of(task.object_distance_mm)
     asked = like.changed(omega_min_deg=0.0, object_distance_mm=distance)
-    limits = requirements_for(task.requirements, sensor).limits if task.requirements and task.keeps_limits else ()
+    limits = (
+        requirements_for(task.requirements, sensor).limits
+        if task.requirements and task.keeps_limits
+        else ()
+    )
     name = f"optimised-{task.merit.replace('_', '-')}"
     return replace(asked, imager=_filled(sensor), limits=limits, name=name)
 
@@ -75,7 +79,9 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
         words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
         tell(_news("running", words, progress.run / progress.runs, progress.value))
 
-    made = design_sensor(optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=said))
+    made = design_sensor(
+        optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=said)
+    )
     if made.optimum is None:
         missed = ", ".join(made.verdict.missed)
         raise InvalidParameter(f"{made.notes[0]}; missed: {missed}" if missed else made.notes[0])
@@ -94,7 +100,11 @@ def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
 
 
 def _news(
-    state: str, sentence: str, share: float | None = None, value: float | None = None, sensor: Sensor | None = None
+    state: str,
+    sentence: str,
+    share: float | None = None,
+    value: float | None = None,
+    sensor: Sensor | None = None,
 ) -> News:
     on = on_bench(sensor) if sensor is not None else None
     return News(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]

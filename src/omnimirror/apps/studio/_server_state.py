@@ -62,10 +62,14 @@ class Sources:
         Invalid address of a live camera or stream.
     """
 
-    def __init__(self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()) -> None:
+    def __init__(
+        self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()
+    ) -> None:
         places = list(dict.fromkeys(given))
         ids = ["source", *(f"source-{number}" for number in range(2, len(places) + 1))]
-        self.given = [_listed(id, place, place in live) for id, place in zip(ids, places, strict=False)]
+        self.given = [
+            _listed(id, place, place in live) for id, place in zip(ids, places, strict=False)
+        ]
         self._folders = [folder.resolve() for folder in folders]
 
     def list(self) -> list[Shown]:
@@ -73,7 +77,9 @@ class Sources:
         found = list(self.given)
         for number, folder in enumerate(self._folders):
             for path in sorted(folder.iterdir()):
-                inside = path.resolve().is_relative_to(folder)  # symbolic links can point outside the folder
+                inside = path.resolve().is_relative_to(
+                    folder
+                )  # symbolic links can point outside the folder
                 if inside and path.is_file() and kind_of_file(path) and len(found) < MOST_LISTED:
                     shown = _listed(f"{number}/{path.name}", str(path), False)
                     found.append(shown)
@@ -143,7 +149,9 @@ class Stream:
         self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
         self._thread.start()
 
-    async def after(self, count: int, state: StreamState | None) -> tuple[int, bytes | None, StreamState]:
+    async def after(
+        self, count: int, state: StreamState | None
+    ) -> tuple[int, bytes | None, StreamState]:
         """Wait for a frame newer than ``count`` or a change of state; return both."""
         while self.count == count and self.state == state:
             await self._news.wait()
@@ -160,7 +168,11 @@ class Stream:
 
         try:
             for frame in self._playing.frames():
-                self._tell(encoded(image_of_frame(frame), ".jpg"), "playing", f"{self.shown.name} is playing")
+                self._tell(
+                    encoded(image_of_frame(frame), ".jpg"),
+                    "playing",
+                    f"{self.shown.name} is playing",
+                )
             self._tell(None, "ended", f"{self.shown.name} has ended")
         except OmnimirrorError as e:
             self._tell(None, "ended", str(e))
@@ -170,7 +182,9 @@ class Stream:
 
     def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:
         if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._publish, jpeg, StreamState(state=state, sentence=sentence))
+            self._loop.call_soon_threadsafe(
+                self._publish, jpeg, StreamState(state=state, sentence=sentence)
+            )
 
     def _publish(self, jpeg: bytes | None, state: StreamState) -> None:
         if jpeg is not None:

@@ -25,7 +25,15 @@ MOST_UNPACKED = 256 << 20
 STRIP = 256
 """Rows per conversion step."""
 BITS_PER_SAMPLE = 258  # TIFF tag
-KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp", "GIF": ".gif", "PPM": ".pnm"}
+KINDS = {
+    "PNG": ".png",
+    "JPEG": ".jpg",
+    "TIFF": ".tif",
+    "WEBP": ".webp",
+    "BMP": ".bmp",
+    "GIF": ".gif",
+    "PPM": ".pnm",
+}
 
 
 async def collected(request: Request) -> bytes:
@@ -86,7 +94,11 @@ def picture_in(data: bytes, name: str) -> NDArray[Any]:
 
 def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
     """Encode a grey, RGB or RGBA image as a file."""
-    parameters = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 2]
+    parameters = (
+        [cv2.IMWRITE_JPEG_QUALITY, quality]
+        if suffix == ".jpg"
+        else [cv2.IMWRITE_PNG_COMPRESSION, 2]
+    )
     return images.encoded(image, suffix, parameters)
 
 
@@ -108,23 +120,31 @@ def _checked_kind(data: bytes, name: str) -> str:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of large or damaged images; both are rejected below
+            warnings.simplefilter(
+                "ignore"
+            )  # Pillow warns of large or damaged images; both are rejected below
             with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
                 kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
         is_huge = unpacked > MOST_UNPACKED
     except Image.DecompressionBombError:
         is_huge = True
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
-        raise MediaError(f"{name} is not a picture that can be read; valid are {', '.join(KINDS)}") from None
+        raise MediaError(
+            f"{name} is not a picture that can be read; valid are {', '.join(KINDS)}"
+        ) from None
     if is_huge:
-        raise MediaError(f"{name} unfolds to too many pixels; at most {MOST_UNPACKED >> 20} MB of them are valid")
+        raise MediaError(
+            f"{name} unfolds to too many pixels; at most {MOST_UNPACKED >> 20} MB of them are valid"
+        )
     return KINDS[kind]
 
 
 def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
     """Return the decoded size of an image in bytes, from its header."""
     width, height = picture.size
-    channels = 4 if picture.mode in ("P", "PA") else len(picture.getbands())  # palettes are expanded to colours
+    channels = (
+        4 if picture.mode in ("P", "PA") else len(picture.getbands())
+    )  # palettes are expanded to colours
     depth = 8
     if picture.format == "PNG":
         depth = data[24]

@@ -25,7 +25,10 @@ from .messages import Problem
 def begun(module: str) -> subprocess.Popen[bytes]:
     """Start a module as a process that is isolated from Ctrl-C at the server."""
     return subprocess.Popen(
-        [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        [sys.executable, "-m", module],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
     )
 
 
@@ -94,7 +97,9 @@ class Workers:
             Too many active workers.
         """
         if self._running >= self.most:
-            raise InvalidParameter(f"{self.most} {self.what} are running already; wait for one of them, or cancel it")
+            raise InvalidParameter(
+                f"{self.most} {self.what} are running already; wait for one of them, or cancel it"
+            )
         self._running += 1
         process = begun(self.module)
         try:
@@ -149,7 +154,9 @@ class BoardDetectorPool:
             Unreadable image or invalid board.
         """
         if self._asked >= MAX_QUEUED_JOBS:
-            raise ServerBusy("more pictures are looked at than can be waited for; try again in a while")
+            raise ServerBusy(
+                "more pictures are looked at than can be waited for; try again in a while"
+            )
         self._asked += 1
         if self._letting_go is not None:
             self._letting_go.cancel()

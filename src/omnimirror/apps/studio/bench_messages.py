@@ -70,9 +70,13 @@ class BenchStart(Message):
     place: PartOf = Field(description="of a second mirror")
     mount: PartOf = Field(description="how far the mirror stands")
     pose: PartOf = Field(description="how far the mirror is out of its place")
-    columns: tuple[QuantityOf, ...] = Field(description="what plots can show against the field angle")
+    columns: tuple[QuantityOf, ...] = Field(
+        description="what plots can show against the field angle"
+    )
     quantities: tuple[QuantityOf, ...] = Field(description="what a requirement can limit")
-    of_frequency: tuple[str, ...] = Field(description="those of which a limit says at which spatial frequency")
+    of_frequency: tuple[str, ...] = Field(
+        description="those of which a limit says at which spatial frequency"
+    )
     merits: tuple[QuantityOf, ...]
     shapes: tuple[str, ...] = Field(description="free forms in which a mirror can be sought")
     sensors: tuple[str, ...]
@@ -97,7 +101,9 @@ class BenchAlone(Message):
 
     start: BenchStart
     sensors: tuple[BenchSensor, ...] = Field(description="in the order of their names in start")
-    search: tuple[float, ...] = Field(description="how a best focus is looked for, as the compiled evaluator takes it")
+    search: tuple[float, ...] = Field(
+        description="how a best focus is looked for, as the compiled evaluator takes it"
+    )
     kernel: str = Field(description="the compiled evaluator, WebAssembly in base64")
     script: str = Field(description="of the bench")
 
@@ -122,8 +128,12 @@ class Bend(ClientMessage):
     """Manual deformation of a design curve through a point."""
 
     of: Literal["profile", "mapping"]
-    at: float = Field(description="where it is held: distance from the axis, mm, or field angle, deg")
-    to: float = Field(description="where it is pulled: height of the profile, mm, or image height, px")
+    at: float = Field(
+        description="where it is held: distance from the axis, mm, or field angle, deg"
+    )
+    to: float = Field(
+        description="where it is pulled: height of the profile, mm, or image height, px"
+    )
 
 
 class Ask(ClientMessage):
@@ -138,7 +148,9 @@ class Ask(ClientMessage):
     squares: bool
     space: bool = Field(default=False, description="its parts and rays in three dimensions")
     requirements: Tables | None
-    bend: Bend | None = Field(default=None, description="of which it is answered as it is bent by hand")
+    bend: Bend | None = Field(
+        default=None, description="of which it is answered as it is bent by hand"
+    )
 
 
 class Facts(Message):
@@ -158,7 +170,9 @@ class Facts(Message):
     worst_blur_px: float | None
     worst_floored_area_deg2: float | None
     resolution_px_per_deg: tuple[float, float | None]
-    not_optimised: str | None = Field(description="why its mirror cannot be optimised, if it cannot")
+    not_optimised: str | None = Field(
+        description="why its mirror cannot be optimised, if it cannot"
+    )
 
 
 class JudgementOf(Message):
@@ -213,7 +227,9 @@ class Answer(Message):
 class Slide(ClientMessage):
     """Number of a design with its candidate values."""
 
-    path: tuple[str, ...] = Field(min_length=2, max_length=3, description="table, entry, and which of a list")
+    path: tuple[str, ...] = Field(
+        min_length=2, max_length=3, description="table, entry, and which of a list"
+    )
     values: tuple[float, ...] = Field(min_length=1, max_length=33)
 
 
@@ -229,7 +245,9 @@ class SlidesAsk(ClientMessage):
 class SlidesOf(Message):
     """Relative violation of each requirement, negative if satisfied; null for an invalid design."""
 
-    missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(description="of each slide at each value")
+    missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(
+        description="of each slide at each value"
+    )
 
 
 class PictureAsk(ClientMessage):
@@ -279,7 +297,8 @@ class Task(ClientMessage):
     merit: str = Field(max_length=40)
     shape: str = Field(max_length=40, description="the free form in which the mirror is sought")
     keeps_limits: bool = Field(
-        default=False, description="whether an optimised mirror keeps the limits of the requirements"
+        default=False,
+        description="whether an optimised mirror keeps the limits of the requirements",
     )
     terms: int = Field(ge=1, le=32)
     starts: int = Field(ge=1, le=8)

@@ -61,7 +61,9 @@ class TogetherAsk(ClientMessage):
     board: BoardAsked
     pictures: tuple[BoardSeen, ...] = Field(max_length=MOST_PICTURES)
     centre_px: Pixel | None = Field(description="of the field; null: the middle of the picture")
-    radius_px: float | None = Field(gt=0, description="of the field; null: that of the farthest corner")
+    radius_px: float | None = Field(
+        gt=0, description="of the field; null: that of the farthest corner"
+    )
     candidate: BoardSeen | None = Field(description="what a camera sees now")
 
 
@@ -108,8 +110,12 @@ class PictureOutcome(Message):
     reason: str | None
     rms_px: float | None
     held_out_rms_px: float | None = Field(description="in a fit that was made without it")
-    off_straight_px: float | None = Field(description="how far its corners lie off the lines of the straightened board")
-    residuals: tuple[tuple[float, float, float, float], ...] = Field(description="corner u, v, and how far it lies off")
+    off_straight_px: float | None = Field(
+        description="how far its corners lie off the lines of the straightened board"
+    )
+    residuals: tuple[tuple[float, float, float, float], ...] = Field(
+        description="corner u, v, and how far it lies off"
+    )
 
 
 class ParameterFound(Message):
@@ -143,7 +149,9 @@ class BoardPlace(ClientMessage):
     """Pose of a board, used for its dewarped image."""
 
     picture: str
-    rotation: tuple[float, ...] = Field(min_length=9, max_length=9, description="from the board's frame to the world's")
+    rotation: tuple[float, ...] = Field(
+        min_length=9, max_length=9, description="from the board's frame to the world's"
+    )
     shift_mm: tuple[float, float, float]
     low_mm: tuple[float, float] = Field(description="the board's first corner")
     high_mm: tuple[float, float]

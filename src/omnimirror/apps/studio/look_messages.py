@@ -53,9 +53,15 @@ class TableLayout(Message):
     last: float = Field(description="sin(Omega/2) of the last radius, or where the lattice ends")
     eye_mm: float = Field(description="about where along the axis near things are seen from")
     radii: int = Field(description="image radii, px, at even steps of sin(Omega/2)")
-    origins: int = Field(description="origins of rays, mm: so many from the axis, then so many along it")
-    lattice: int = Field(description="side of a lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth")
-    limits: int = Field(description="sin(Omega/2) where the field ends, at even steps of the azimuth")
+    origins: int = Field(
+        description="origins of rays, mm: so many from the axis, then so many along it"
+    )
+    lattice: int = Field(
+        description="side of a lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth"
+    )
+    limits: int = Field(
+        description="sin(Omega/2) where the field ends, at even steps of the azimuth"
+    )
     starts: int = Field(
         description="side of a lattice, over the same disk, of where rays start: mm along axis, right, down"
     )
@@ -73,7 +79,9 @@ class CameraShown(Message):
     mount_in_file: MountOf
     image_size: Size
     centre_px: Pixel = Field(description="image of the axis")
-    rim_radius_px: float = Field(description="image radius of the end of the field; its mean where it is no circle")
+    rim_radius_px: float = Field(
+        description="image radius of the end of the field; its mean where it is no circle"
+    )
     axis: Vector
     right: Vector
     down: Vector
@@ -135,7 +143,9 @@ class Source(Message):
     id: str
     name: str
     kind: Literal["picture", "video", "live"]
-    command: str = Field(description="how the command line names it, from where the server was started")
+    command: str = Field(
+        description="how the command line names it, from where the server was started"
+    )
 
 
 class Start(Message):
@@ -160,7 +170,9 @@ class Embedded(Message):
 
     camera: CameraShown
     tables: str = Field(description="float32 values, little-endian, in base64")
-    media: str = Field(description="address of the picture or video: with it inside, or of a file beside the page")
+    media: str = Field(
+        description="address of the picture or video: with it inside, or of a file beside the page"
+    )
     is_video: bool
     name: str
 
@@ -173,7 +185,9 @@ class CameraAlone(Message):
         description="plumb, with the top of the picture forward: each way to look, reversed left to right and not"
     )
     tables: str = Field(description="float32 values, little-endian, in base64")
-    room: str = Field(description="the picture that it takes of a room, in its address; none if empty")
+    room: str = Field(
+        description="the picture that it takes of a room, in its address; none if empty"
+    )
 
 
 class Alone(Message):

@@ -85,7 +85,9 @@ class PageFile:
             return Response(status_code=304, headers=headers)
         if not _takes_gzip(request.headers.get("accept-encoding", "")):
             return Response(self.data, media_type=self.kind, headers=headers)
-        return Response(self.squeezed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"})
+        return Response(
+            self.squeezed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"}
+        )
 
 
 def _takes_gzip(accepted: str) -> bool:
@@ -114,7 +116,11 @@ LARGEST_INSIDE = 64 << 20
 
 
 def viewer_of(
-    camera: AnyCamera, name: str, options: tuple[str, ...], path: Path | None, image: NDArray[np.generic]
+    camera: AnyCamera,
+    name: str,
+    options: tuple[str, ...],
+    path: Path | None,
+    image: NDArray[np.generic],
 ) -> str:
     """Return a page with one image and its camera.
 
@@ -139,11 +145,18 @@ def viewer_of(
     """
     _check_size(camera, (image.shape[1], image.shape[0]), "picture")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
-    if path is not None and kind is not None and image.dtype == np.uint8 and orientation_of(path) == UPRIGHT:
+    if (
+        path is not None
+        and kind is not None
+        and image.dtype == np.uint8
+        and orientation_of(path) == UPRIGHT
+    ):
         media = inside(read_bytes(path, MAX_FILE_BYTES), kind)
     else:
         media = inside(encoded(eight_bits(image), ".png"), "image/png")
-    return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
+    return _page_with(
+        camera, name, options, media, path.name if path else "picture.png", is_video=False
+    )
 
 
 def video_viewer_of(
@@ -184,10 +197,14 @@ def video_viewer_of(
 
     kind = VIDEO_KINDS.get(path.suffix.lower())
     if kind is None:
-        raise MediaError(f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}")
+        raise MediaError(
+            f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}"
+        )
     video = VideoReader(path, with_sound=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
-        raise MediaError(f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}")
+        raise MediaError(
+            f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}"
+        )
     if video.rotation_deg:
         raise MediaError(
             f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers "
@@ -202,7 +219,9 @@ def video_viewer_of(
 def _check_size(camera: AnyCamera, size: tuple[int, int], what: str) -> None:
     if size != camera.image_size:
         width, height = camera.image_size
-        raise InvalidParameter(f"the {what} has {size[0]} x {size[1]} px, and the camera's have {width} x {height}")
+        raise InvalidParameter(
+            f"the {what} has {size[0]} x {size[1]} px, and the camera's have {width} x {height}"
+        )
 
 
 def _beside(path: Path, page: Path) -> str:
@@ -210,11 +229,15 @@ def _beside(path: Path, page: Path) -> str:
     try:
         relative = os.path.relpath(path.resolve(), page.resolve().parent)
     except ValueError:  # different drive
-        raise InvalidParameter(f"{path} and {page} are on different drives; put them beside each other") from None
+        raise InvalidParameter(
+            f"{path} and {page} are on different drives; put them beside each other"
+        ) from None
     return quote(Path(relative).as_posix())
 
 
-def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool) -> str:
+def _page_with(
+    camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
+) -> str:
     shown = Embedded(
         camera=camera_model(name, name, title_of(camera), options, camera),
         tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()),
@@ -326,12 +349,20 @@ def show(
     '<iframe srcdoc='
     """
     if not isinstance(camera, AnyCamera):
-        raise InvalidParameter(f"camera = {shown(camera)} is no camera; load_sensor and load_camera give some")
+        raise InvalidParameter(
+            f"camera = {shown(camera)} is no camera; load_sensor and load_camera give some"
+        )
     height = number("height_px", height_px)
     if not LOWEST_PX <= height <= HIGHEST_PX:
         raise InvalidParameter(f"height_px = {height:g} is outside {LOWEST_PX} to {HIGHEST_PX}")
     path = Path(picture) if isinstance(picture, str | Path) else None
-    image = read_image(picture, stored_orientation=stored_orientation) if isinstance(picture, str | Path) else picture
+    image = (
+        read_image(picture, stored_orientation=stored_orientation)
+        if isinstance(picture, str | Path)
+        else picture
+    )
     check_picture(image)
     name = camera.name if isinstance(camera, Sensor) else camera.KIND
-    return LookAround(viewer_of(camera, name, ("--sensor", f"{name}.toml"), path, image), round(height))
+    return LookAround(
+        viewer_of(camera, name, ("--sensor", f"{name}.toml"), path, image), round(height)
+    )

@@ -55,7 +55,12 @@ class NormalEquations(NamedTuple):
 
 
 def assembled(
-    stack: Stack, residuals: Array, d_shared: Array, d_motion: Array, weights: Array, moving: NDArray[np.bool_]
+    stack: Stack,
+    residuals: Array,
+    d_shared: Array,
+    d_motion: Array,
+    weights: Array,
+    moving: NDArray[np.bool_],
 ) -> NormalEquations:
     """Assemble the normal equations.
 
@@ -66,7 +71,11 @@ def assembled(
     weighted = (together * weights[:, None, None]).reshape(2 * len(weights), -1)
     together = together.reshape(weighted.shape)
     count, g = len(stack.slices), d_shared.shape[2]
-    cross, blocks, gradients = np.zeros((count, g, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6))
+    cross, blocks, gradients = (
+        np.zeros((count, g, 6)),
+        np.zeros((count, 6, 6)),
+        np.zeros((count, 6)),
+    )
     square, gradient = np.zeros((g, g)), np.zeros(g)
     for i, where in enumerate(stack.slices):
         rows = slice(2 * where.start, 2 * where.stop)
@@ -74,7 +83,11 @@ def assembled(
         square += product[:g, :g]
         gradient += product[:g, -1]
         if moving[i]:
-            cross[i], blocks[i], gradients[i] = product[:g, g:-1], product[g:-1, g:-1], product[g:-1, -1]
+            cross[i], blocks[i], gradients[i] = (
+                product[:g, g:-1],
+                product[g:-1, g:-1],
+                product[g:-1, -1],
+            )
         else:
             blocks[i] = np.eye(6)
     return NormalEquations(square, cross, blocks, gradient, gradients)
@@ -95,7 +108,9 @@ def _product(one: Array, other: Array) -> Array:
 
 def with_priors(blocks: NormalEquations, information: Array, pull: Array) -> NormalEquations:
     """Add priors on shared parameters: information (g, g), and information times deviations (g,)."""
-    return blocks._replace(shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull)
+    return blocks._replace(
+        shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull
+    )
 
 
 def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array, Array]:
@@ -121,7 +136,9 @@ def reduced_system(blocks: NormalEquations) -> tuple[Array, Array]:
     """Return the reduced system for free poses: Schur complement (g, g) and gradient (g,)."""
     inverse_cross, inverse_gradient = _eliminated(_damped(blocks.motions, 1e-12), blocks)
     reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
-    gradient: Array = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
+    gradient: Array = blocks.shared_gradient - np.einsum(
+        "mgk,mk->g", blocks.cross, inverse_gradient
+    )
     return (reduced + reduced.T) / 2, gradient
 
 
@@ -140,7 +157,9 @@ def _damped(matrices: Array, damping: float) -> Array:
     diagonal = np.einsum("...ii->...i", matrices)
     least = np.maximum(diagonal.max(axis=-1, initial=0.0, keepdims=True) * 1e-14, 1e-30)
     damped = matrices.copy()
-    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(diagonal <= least, least, 0.0)
+    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(
+        diagonal <= least, least, 0.0
+    )
     return damped
 
 
@@ -148,7 +167,9 @@ def _eliminated(motions: Array, blocks: NormalEquations) -> tuple[Array, Array]:
     """Return ``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled for radians and mm."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", motions), 1e-300))
     scaled = motions * scale[:, :, None] * scale[:, None, :]
-    right = np.concatenate([blocks.cross.transpose(0, 2, 1), blocks.motion_gradients[..., None]], axis=2)
+    right = np.concatenate(
+        [blocks.cross.transpose(0, 2, 1), blocks.motion_gradients[..., None]], axis=2
+    )
     found = np.linalg.solve(scaled, right * scale[..., None]) * scale[..., None]
     return found[..., :-1], found[..., -1]
 
@@ -198,7 +219,10 @@ class AdjustmentProblem:
 
     def prior(self, values: Array) -> PriorInformation:
         """Return the prior information on free shared parameters at values (g,)."""
-        information, off = np.diag(self.information * self.free), (values - self.expected) * self.free
+        information, off = (
+            np.diag(self.information * self.free),
+            (values - self.expected) * self.free,
+        )
         pull = information @ off
         cost = float(off @ pull)
         if self.edges is not None:
@@ -259,7 +283,12 @@ def minimise(
                 found = linearise(trial, question.stack)
                 trial_cost = _cost(trial, found, question)
                 if trial_cost <= cost:
-                    estimate, raw, cost, damping = trial, found, trial_cost, max(damping / 5, LEAST_DAMPING)
+                    estimate, raw, cost, damping = (
+                        trial,
+                        found,
+                        trial_cost,
+                        max(damping / 5, LEAST_DAMPING),
+                    )
                     break
             damping, growth = damping * growth, growth * 2
         else:
@@ -281,7 +310,12 @@ def _cost(estimate: Estimate, found: Linearised, question: AdjustmentProblem) ->
 def _blocks(estimate: Estimate, found: Linearised, question: AdjustmentProblem) -> NormalEquations:
     weights = question.loss.weights(found.residuals) * found.seen
     blocks = assembled(
-        question.stack, found.residuals, found.d_shared[:, :, question.free], found.d_motion, weights, question.moving
+        question.stack,
+        found.residuals,
+        found.d_shared[:, :, question.free],
+        found.d_motion,
+        weights,
+        question.moving,
     )
     prior, scale = question.prior(shared_values(estimate)), question.noise_px**2
     return with_priors(blocks, scale * prior.information, scale * prior.pull)
@@ -304,10 +338,19 @@ def _trial_step(
         stopped = _stopped(estimate, step)
         step = _solved(estimate, blocks, question, damping, stopped) if stopped.any() else None
         return None if step is None else _stepped(estimate, raw, question, step)
-    bend = _acceleration(estimate, raw, blocks, question, damping, step) if is_bent and raw.d_slide is None else None
+    bend = (
+        _acceleration(estimate, raw, blocks, question, damping, step)
+        if is_bent and raw.d_slide is None
+        else None
+    )
     if bend is None:
         return straight
-    return _stepped(estimate, raw, question, Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2))
+    return _stepped(
+        estimate,
+        raw,
+        question,
+        Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2),
+    )
 
 
 def _acceleration(
@@ -323,14 +366,27 @@ def _acceleration(
     if probe is None:
         return None
     found = linearise(probe, question.stack)
-    along = raw.d_shared @ step.shared + np.einsum("nki,ni->nk", raw.d_motion, step.motions[question.stack.owner])
+    along = raw.d_shared @ step.shared + np.einsum(
+        "nki,ni->nk", raw.d_motion, step.motions[question.stack.owner]
+    )
     second = 2 / PROBE * ((found.residuals - raw.residuals) / PROBE - along)
     both = found.seen & raw.seen
     weights = question.loss.weights(raw.residuals) * both
-    bent = assembled(question.stack, second, raw.d_shared[:, :, question.free], raw.d_motion, weights, question.moving)
-    right = blocks._replace(shared_gradient=bent.shared_gradient, motion_gradients=bent.motion_gradients)
+    bent = assembled(
+        question.stack,
+        second,
+        raw.d_shared[:, :, question.free],
+        raw.d_motion,
+        weights,
+        question.moving,
+    )
+    right = blocks._replace(
+        shared_gradient=bent.shared_gradient, motion_gradients=bent.motion_gradients
+    )
     bend = _solved(estimate, right, question, damping)
-    if bend is None or _step_length(bend, blocks, question) > MAX_ACCELERATION * _step_length(step, blocks, question):
+    if bend is None or _step_length(bend, blocks, question) > MAX_ACCELERATION * _step_length(
+        step, blocks, question
+    ):
         return None
     return bend
 
@@ -363,11 +419,16 @@ def _solved(
     stopped: Mask | None = None,
 ) -> Step | None:
     """Return the step; stopped parameters are held."""
-    scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
+    scales = [
+        *(p.scale for p in estimate.model.parameters),
+        *(estimate.shape.sigmas if estimate.shape else ()),
+    ]
     scales += [1.0] * len(estimate.marks)
     floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
     if stopped is not None:
-        floor = np.where(stopped[question.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor)
+        floor = np.where(
+            stopped[question.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor
+        )
     try:
         free, motions = solved(blocks, damping, floor)
     except np.linalg.LinAlgError:
@@ -379,7 +440,9 @@ def _solved(
     return Step(shared, motions)
 
 
-def _stepped(estimate: Estimate, raw: Linearised, question: AdjustmentProblem, step: Step) -> Estimate | None:
+def _stepped(
+    estimate: Estimate, raw: Linearised, question: AdjustmentProblem, step: Step
+) -> Estimate | None:
     """Return the estimate after a step; None if the values do not describe a camera."""
     values = shared_values(estimate) + step.shared
     count, last = len(estimate.model.parameters), len(values) - len(estimate.marks)
@@ -460,7 +523,12 @@ class Adjustment:
 
     def again(self, sightings: Sequence[Sighting], **options: Any) -> Adjustment:
         """Adjust again from this solution with other sightings; options as of :func:`adjust`."""
-        given = {"shape": self.shape, "fixed": self.fixed, "priors": self.priors, "edges": self.edges} | options
+        given = {
+            "shape": self.shape,
+            "fixed": self.fixed,
+            "priors": self.priors,
+            "edges": self.edges,
+        } | options
         return adjust(self.model, sightings, **given)
 
     @property
@@ -472,7 +540,11 @@ class Adjustment:
     def units(self) -> tuple[str, ...]:
         """Units of all shared parameters."""
         marks = ("mm",) * len(_mark_names(self.question.stack))
-        return (*(p.unit for p in self.model.parameters), *(SHAPE_UNITS if self.shape else ()), *marks)
+        return (
+            *(p.unit for p in self.model.parameters),
+            *(SHAPE_UNITS if self.shape else ()),
+            *marks,
+        )
 
     @property
     def residuals(self) -> Array:
@@ -516,7 +588,11 @@ def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...
 
 def _mark_names(stack: Stack) -> tuple[str, ...]:
     """Return the names of the coordinates of marks on their planes."""
-    return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
+    return (
+        ()
+        if stack.marks is None
+        else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
+    )
 
 
 @checked
@@ -597,7 +673,7 @@ def adjust(
         before = estimate.model
         estimate, question = _settled(
             estimate, replace(question, edges=known), loss, noise_px, most_steps, settled, on_step
-        )  # fmt: skip
+        )
         if _max_change(before, estimate.model) < EDGES_SETTLED:
             break
     found = _informed(estimate, sightings, question, fixed, priors)
@@ -605,9 +681,14 @@ def adjust(
 
 
 def _settled(
-    estimate: Estimate, question: AdjustmentProblem, loss: str, noise_px: float | None, most_steps: int, settled: float,
+    estimate: Estimate,
+    question: AdjustmentProblem,
+    loss: str,
+    noise_px: float | None,
+    most_steps: int,
+    settled: float,
     on_step: Callable[[float], None] | None,
-) -> tuple[Estimate, AdjustmentProblem]:  # fmt: skip
+) -> tuple[Estimate, AdjustmentProblem]:
     """Return the minimum for the given noise, or for noise estimated from the residuals."""
     if noise_px is not None:
         question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
@@ -619,7 +700,9 @@ def _settled(
         now = _noise(estimate, question, robust=loss != "squares")
         if abs(now - noise) < 0.02 * noise:
             break
-    return estimate, replace(question, noise_px=_noise(estimate, question, robust=loss != "squares"))
+    return estimate, replace(
+        question, noise_px=_noise(estimate, question, robust=loss != "squares")
+    )
 
 
 def _max_change(before: CameraModel, after: CameraModel) -> float:
@@ -638,9 +721,16 @@ def _informed(
     found = linearise(estimate, question.stack)
     moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
     if question.stack.marks is not None:  # sightings hold the positions of the marks
-        at = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack)
-        moved = tuple(replace(s, points=at[where]) for s, where in zip(moved, question.stack.slices, strict=True))
-    return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors)
+        at = targets(
+            estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack
+        )
+        moved = tuple(
+            replace(s, points=at[where])
+            for s, where in zip(moved, question.stack.slices, strict=True)
+        )
+    return Adjustment(
+        estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors
+    )
 
 
 def _problem(
@@ -675,7 +765,11 @@ def _problem(
 
 
 def _start(
-    model: CameraModel, sightings: Sequence[Sighting], shape: BoardShape | None, priors: tuple[Prior, ...], stack: Stack
+    model: CameraModel,
+    sightings: Sequence[Sighting],
+    shape: BoardShape | None,
+    priors: tuple[Prior, ...],
+    stack: Stack,
 ) -> Estimate:
     values = np.array([p.value for p in model.parameters])
     names = [p.name for p in model.parameters]
@@ -684,7 +778,11 @@ def _start(
             values[names.index(prior.name)] = prior.value
     motions = tuple(s.motion for s in sightings if s.motion is not None)
     return Estimate(
-        model.with_parameters(values), motions, shape, np.zeros(len(stack.pixels)), np.zeros(len(_mark_names(stack)))
+        model.with_parameters(values),
+        motions,
+        shape,
+        np.zeros(len(stack.pixels)),
+        np.zeros(len(_mark_names(stack))),
     )
 
 

@@ -29,7 +29,14 @@ from ..straight_edges import StraightEdges
 from ..targets import Board, Detection, find_boards
 from ._bundle_adjustment import Adjustment, Prior
 from ._covariance import ParameterCovariance, uncertainty
-from ._pipeline import CalibrationPlan, CalibrationStopped, FitState, ParameterPriors, ProgressReporter, run
+from ._pipeline import (
+    CalibrationPlan,
+    CalibrationStopped,
+    FitState,
+    ParameterPriors,
+    ProgressReporter,
+    run,
+)
 from ._residuals import SHAPE_NAMES, BoardShape
 from .calibration_result import Calibration, EdgeResult, ParameterResult, PictureResult
 from .model_sequence import KINDS, is_central
@@ -112,7 +119,9 @@ def has_several(central: Adjustment, other: Adjustment) -> bool:
 def _board_corners(fit: Adjustment, of: Adjustment) -> Array:
     """Return the corners (n, 3) of all boards in one fit, limited to those of another fit."""
     motions = {s.name: s.motion for s in fit.sightings}
-    return np.concatenate([m(s.points[~s.distant]) for s in of.sightings if (m := motions.get(s.name)) is not None])
+    return np.concatenate(
+        [m(s.points[~s.distant]) for s in of.sightings if (m := motions.get(s.name)) is not None]
+    )
 
 
 def _rigid_transform(points: Array, others: Array) -> Motion:
@@ -132,9 +141,13 @@ def _parallax_at(
     seen = ways @ move.rotation.T if is_far else move(starts + distance_mm * ways)
     image = central.model.image(seen, distant=bool(is_far))
     off_px = np.linalg.norm((image.pixels - pixels[rays.valid])[image.valid], axis=1)
-    looks = turned(central.model.backproject(pixels[rays.valid]).directions, central.model.mount.rotation())
+    looks = turned(
+        central.model.backproject(pixels[rays.valid]).directions, central.model.mount.rotation()
+    )
     off = np.linalg.norm(looks - seen / np.linalg.norm(seen, axis=1)[:, None], axis=1)
-    rms_px, rms = (float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else np.nan for e in (off_px, off))
+    rms_px, rms = (
+        float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else np.nan for e in (off_px, off)
+    )
     return ViewpointCost(distance_mm, rms_px, float(np.degrees(rms)))
 
 
@@ -264,11 +277,19 @@ def calibrate_camera(
     size = _size(detections, board, surveys, image_size, is_reversed=is_reversed)
     known = ParameterPriors(tuple(fixed), tuple(_prior(p) for p in priors))
     plan = CalibrationPlan(
-        sightings=(*(_sighting(d, board) for d in detections if board is not None and is_used(d)), *surveys),
+        sightings=(
+            *(_sighting(d, board) for d in detections if board is not None and is_used(d)),
+            *surveys,
+        ),
         image_size=size,
         centre_px=centre_px,
         empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
-        wanted=_wanted(model, size, optics, is_near=bool(detections) or not all(s.distant.all() for s in surveys)),
+        wanted=_wanted(
+            model,
+            size,
+            optics,
+            is_near=bool(detections) or not all(s.distant.all() for s in surveys),
+        ),
         known=known,
         shape=BoardShape.flat(board.points_mm) if board_shape and board is not None else None,
         is_mirrored_alike=board is not None and board.kind == "chessboard",
@@ -286,7 +307,9 @@ def calibrate_camera(
     if rim is not None and course.fit is not None and isinstance(course.fit.model, RadialModel):
         with_rim: CameraModel = replace(course.fit.model, rim_radius_px=rim)  # type: ignore[type-var]
         course.fit = replace(course.fit, model=with_rim)
-    told = _told(course, detections, surveys, board, known, time.perf_counter() - started, is_complete)
+    told = _told(
+        course, detections, surveys, board, known, time.perf_counter() - started, is_complete
+    )
     if plan.edges is not None and is_complete:
         told = _with_edges(told, plan.edges)
     if rim is not None and not isinstance(told.model, RadialModel):
@@ -294,12 +317,16 @@ def calibrate_camera(
     return told
 
 
-def _found(pictures: Sequence[Any], board: Board | None, stored_orientation: bool) -> Sequence[Detection]:
+def _found(
+    pictures: Sequence[Any], board: Board | None, stored_orientation: bool
+) -> Sequence[Detection]:
     """Return the given detections, or detect boards in images."""
     given = list(pictures)
     if board is None:
         if given:
-            raise InvalidParameter(f"{len(given)} pictures are given and not the board that they show")
+            raise InvalidParameter(
+                f"{len(given)} pictures are given and not the board that they show"
+            )
         return []
     if given and all(isinstance(p, Detection) for p in given):
         return given
@@ -338,7 +365,9 @@ def _size(
                 f"image_size is said to be {w} x {h} px, and the pictures have {width} x {height} px"
             )
     if size is None:
-        raise InvalidParameter("of surveyed points alone the pictures' size has to be said (image_size, --image-size)")
+        raise InvalidParameter(
+            "of surveyed points alone the pictures' size has to be said (image_size, --image-size)"
+        )
     if not detections and (count := sum(map(len, surveys))) < MIN_CORNERS_PER_IMAGE:
         raise InvalidParameter(
             f"{count} points are known, and {MIN_CORNERS_PER_IMAGE} are the fewest; 40 all around are usual"
@@ -347,7 +376,9 @@ def _size(
         outside = np.any((survey.pixels < -0.5) | (survey.pixels > np.array(size) - 0.5), axis=1)
         if outside.any():
             (u, v), (width, height) = survey.pixels[outside][0], size
-            raise InvalidParameter(f"{survey.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px")
+            raise InvalidParameter(
+                f"{survey.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px"
+            )
     return size
 
 
@@ -357,13 +388,17 @@ def _with_names(detections: Sequence[Detection]) -> list[Detection]:
     renamed = []
     for detection in detections:
         count = names[detection.name] = names.get(detection.name, 0) + 1
-        renamed.append(replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection)
+        renamed.append(
+            replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection
+        )
     return renamed
 
 
 def _prior(given: Any) -> Prior:
     if not (isinstance(given, tuple) and len(given) == len(Prior._fields)):
-        raise WrongKind(f"{shown(given)} among the priors is not a name, a value and its standard deviation")
+        raise WrongKind(
+            f"{shown(given)} among the priors is not a name, a value and its standard deviation"
+        )
     return Prior(*given)
 
 
@@ -387,13 +422,19 @@ def _wanted(
     if isinstance(model, str):
         choice("model", model, ("auto", *KINDS))
         if model == SensorModel.KIND and optics != "mirror":
-            raise InvalidParameter("model = 'sensor' is a mirror before a lens, and optics = 'fisheye' has none")
+            raise InvalidParameter(
+                "model = 'sensor' is a mirror before a lens, and optics = 'fisheye' has none"
+            )
         return (model,)
     if not isinstance(model, CameraModel):
-        raise InvalidParameter(f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}")
+        raise InvalidParameter(
+            f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}"
+        )
     if tuple(model.image_size) != tuple(size):
         (w, h), (width, height) = model.image_size, size
-        raise InvalidParameter(f"the pictures have {width} x {height} px, and the camera to begin with {w} x {h}")
+        raise InvalidParameter(
+            f"the pictures have {width} x {height} px, and the camera to begin with {w} x {h}"
+        )
     return (model,)
 
 
@@ -403,7 +444,13 @@ def _with_edges(told: Calibration, edges: StraightEdges) -> Calibration:
     straight = {edge.name for edge in kept.edges} if kept else set()
     errors = edges.rms_px(told.model)
     found = tuple(
-        EdgeResult(e.picture, e.number, len(e.pixels), e.name in straight and bool(np.isfinite(r)), float(r))
+        EdgeResult(
+            e.picture,
+            e.number,
+            len(e.pixels),
+            e.name in straight and bool(np.isfinite(r)),
+            float(r),
+        )
         for e, r in zip(edges.edges, errors, strict=True)
     )
     used = np.array([edge.rms_px for edge in found if edge.used])
@@ -435,7 +482,9 @@ def _told(
     centre = _centre(fit)
     found = coverage(fit.sightings, centre, getattr(fit.model, "rim_radius_px", None))
     pictures = _pictures(fit, course, detections, surveys)
-    parameters = [p.value for p in fit.model.parameters] + list(fit.shape.values if fit.shape else ())
+    parameters = [p.value for p in fit.model.parameters] + list(
+        fit.shape.values if fit.shape else ()
+    )
     return Calibration(
         model=fit.model,
         board=board,
@@ -451,7 +500,9 @@ def _told(
         uncertainty=certain,
         candidates=course.candidates,
         notes=_notes(fit, course, certain, is_complete),
-        advice=recommendations(found, boards) if (boards := sum(not s.is_surveyed for s in fit.sightings)) else (),
+        advice=recommendations(found, boards)
+        if (boards := sum(not s.is_surveyed for s in fit.sightings))
+        else (),
         coverage=found,
         adjustment=fit,
         held_out=course.held,
@@ -476,14 +527,18 @@ def _pictures(
 ) -> tuple[PictureResult, ...]:
     errors = {s.name: rms_px(fit.residuals_of(i)) for i, s in enumerate(fit.sightings)}
     poses = {s.name: _pose_told(s) for s in fit.sightings}
-    reasons = {d.name: course.strangers.get(d.name) if is_used(d) else reason_of(d) for d in detections}
+    reasons = {
+        d.name: course.strangers.get(d.name) if is_used(d) else reason_of(d) for d in detections
+    }
     reasons |= {s.name: course.strangers.get(s.name) for s in surveys}
     counts = {d.name: len(d.ids) for d in detections} | {s.name: len(s) for s in surveys}
     results = []
     for name, reason in reasons.items():
         used = name in errors and reason is None
         pose = poses[name] if used else (None, None)
-        results.append(PictureResult(name, counts[name], used, reason, errors[name] if used else None, *pose))
+        results.append(
+            PictureResult(name, counts[name], used, reason, errors[name] if used else None, *pose)
+        )
     return tuple(results)
 
 
@@ -494,7 +549,9 @@ def _pose_told(sighting: Sighting) -> tuple[Array | None, Array | None]:
     return sighting.motion.rotation, None if sighting.distant.all() else sighting.motion.shift_mm
 
 
-def _notes(fit: Adjustment, course: FitState, certain: ParameterCovariance, is_complete: bool) -> tuple[str, ...]:
+def _notes(
+    fit: Adjustment, course: FitState, certain: ParameterCovariance, is_complete: bool
+) -> tuple[str, ...]:
     """Return notes for users of the camera."""
     notes = []
     if not is_complete:
@@ -505,7 +562,8 @@ def _notes(fit: Adjustment, course: FitState, certain: ParameterCovariance, is_c
             "and take more."
         )
     notes += [
-        f"The pictures do not tell {joined_names(free.names)}{' apart' if len(free.names) > 1 else ''}: a camera that has "
+        f"The pictures do not tell "
+        f"{joined_names(free.names)}{' apart' if len(free.names) > 1 else ''}: a camera that has "
         f"{free} (one standard deviation) shows nearly the same."
         for free in certain.free
     ]
@@ -547,7 +605,11 @@ def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]
     (nearest, farthest), near, far = viewpoint_costs(fit, wandering)
     if not max(near.rms_px, far.rms_px) > COSTLY * wandering.question.noise_px:
         return []
-    remedy = "choose the model sensor or viewpoint-spline" if fit.model.looks_back else "choose viewpoint-spline"
+    remedy = (
+        "choose the model sensor or viewpoint-spline"
+        if fit.model.looks_back
+        else "choose viewpoint-spline"
+    )
     return [
         f"{fit.model.KIND} has one viewpoint, and what the pictures show has several: it is right where the boards "
         f"stood, at {nearest / 1000:.2g} to {farthest / 1000:.2g} m. By {wandering.model.KIND} it is off by "

@@ -13,7 +13,14 @@ from ...base.typing import Array
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
 from ...cameras.models.sphere_models import Unified
-from ._bundle_adjustment import Adjustment, adjust, assembled, reduced_system, shared_values, with_priors
+from ._bundle_adjustment import (
+    Adjustment,
+    adjust,
+    assembled,
+    reduced_system,
+    shared_values,
+    with_priors,
+)
 from ._residuals import UNSEEN_PX, without_motions
 
 FREE_ABOVE = 0.02
@@ -106,13 +113,19 @@ def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
         weakest = int(np.flatnonzero(free)[np.argmax(np.abs(vectors[:, 0]))])
         valleys = _valleys(adjustment, weakest, float(sigmas[weakest]))
     if valleys is not None:
-        conditional = covariance - np.outer(covariance[weakest], covariance[weakest]) / covariance[weakest, weakest]
+        conditional = (
+            covariance
+            - np.outer(covariance[weakest], covariance[weakest]) / covariance[weakest, weakest]
+        )
         sigmas = np.sqrt(np.maximum(np.diag(conditional), 0.0) + np.diag(valleys))
         sizes, axes = np.linalg.eigh(valleys[np.ix_(free, free)] / scales[:, None] / scales)
         extents[0], vectors[:, 0] = np.sqrt(max(sizes[-1], 0.0)), axes[:, -1]
     limit = FREE_ABOVE * max(adjustment.model.image_size)
     known = [(n, u) for n, u, f in zip(names, adjustment.units, free, strict=True) if f]
-    loose = [_combination(known, vectors[:, i], scales, float(extents[i])) for i in np.flatnonzero(extents > limit)]
+    loose = [
+        _combination(known, vectors[:, i], scales, float(extents[i]))
+        for i in np.flatnonzero(extents > limit)
+    ]
     return ParameterCovariance(names, covariance, tuple(loose), sigmas)
 
 
@@ -136,7 +149,12 @@ def _paraboloid(adjustment: Adjustment) -> _Paraboloid:
     scales = _scales(found.d_shared[:, :, free][found.seen])
     weights = found.seen.astype(float) / adjustment.noise_px**2
     blocks = assembled(
-        question.stack, found.residuals, found.d_shared[:, :, free], found.d_motion, weights, question.moving
+        question.stack,
+        found.residuals,
+        found.d_shared[:, :, free],
+        found.d_motion,
+        weights,
+        question.moving,
     )
     prior = question.prior(shared_values(adjustment.estimate))
     matrix, _ = reduced_system(with_priors(blocks, prior.information, prior.pull))
@@ -154,13 +172,24 @@ def _valleys(adjustment: Adjustment, number: int, sigma: float) -> Array | None:
     moments are those of the likelihood ``exp(-chi^2 / 2)`` over these fits and over those around
     other minima of similar depth. None if no fit succeeds.
     """
-    start = _State(0.0, shared_values(adjustment.estimate), adjustment, _chi_square(adjustment, adjustment.noise_px))
+    start = _State(
+        0.0,
+        shared_values(adjustment.estimate),
+        adjustment,
+        _chi_square(adjustment, adjustment.noise_px),
+    )
     minima = [start, *_other_minima(start, number)]
     least = min(s.chi_square for s in minima)
     total, moments = 0.0, np.zeros((len(start.values),) * 2)
     for minimum in minima:
-        step = sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
-        states = [*reversed(_followed(minimum, number, -step)), minimum, *_followed(minimum, number, step)]
+        step = (
+            sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
+        )
+        states = [
+            *reversed(_followed(minimum, number, -step)),
+            minimum,
+            *_followed(minimum, number, step),
+        ]
         if len(states) < 2:
             continue
         at = np.array([s.at for s in states])
@@ -186,25 +215,43 @@ def _other_minima(start: _State, number: int) -> list[_State]:
     for xi in OTHER_XIS:
         focal = fit.model.scale_px * (1 + xi) / (1 + fit.model.xi)
         ratio = focal / fit.model.scale_px
-        model = replace(fit.model, xi=xi, focal_px=tuple(f * ratio for f in fit.model.focal_px), uncertainty=None)  # type: ignore[arg-type]
-        options: dict[str, Any] = {"shape": fit.shape, "noise_px": fit.noise_px, "priors": fit.priors}
+        model = replace(
+            fit.model,
+            xi=xi,
+            focal_px=tuple(f * ratio for f in fit.model.focal_px),
+            uncertainty=None,
+        )  # type: ignore[arg-type]
+        options: dict[str, Any] = {
+            "shape": fit.shape,
+            "noise_px": fit.noise_px,
+            "priors": fit.priors,
+        }
         try:
             held = adjust(
-                model, fit.sightings, **options, fixed=(*fit.fixed, "xi"), most_steps=HELD_STEPS, settled=ROUGHLY
+                model,
+                fit.sightings,
+                **options,
+                fixed=(*fit.fixed, "xi"),
+                most_steps=HELD_STEPS,
+                settled=ROUGHLY,
             )
             if _chi_square(held, fit.noise_px) > start.chi_square + HOPELESS:
                 continue
             options |= {"shape": held.shape, "fixed": fit.fixed, "edges": fit.edges}
-            found = adjust(held.model, held.sightings, **options, most_steps=FREE_STEPS, settled=ROUGHLY)
+            found = adjust(
+                held.model, held.sightings, **options, most_steps=FREE_STEPS, settled=ROUGHLY
+            )
             if _is_known(found.model, minima):
                 continue
             found = found.again(found.sightings, noise_px=fit.noise_px, settled=FIT_SETTLED)
         except OmnimirrorError:
             continue
         state = _State(
-            shared_values(found.estimate)[number] - start.values[number], shared_values(found.estimate), found,
+            shared_values(found.estimate)[number] - start.values[number],
+            shared_values(found.estimate),
+            found,
             _chi_square(found, fit.noise_px),
-        )  # fmt: skip
+        )
         if state.chi_square < start.chi_square + FOLLOWED_TO and not _is_known(found.model, minima):
             minima.append(state)
     return minima[1:]
@@ -258,10 +305,16 @@ def _held_at(states: list[_State], number: int, step: float, noise_px: float) ->
     end = count + (len(shape.values) if shape else 0)
     try:
         held = adjust(
-            fit.model.with_parameters(values[:count]), fit.sightings,
-            shape=shape.with_values(values[count:end]) if shape else None, fixed=(*fit.fixed, fit.names[number]),
-            priors=fit.priors, edges=fit.edges, noise_px=noise_px, most_steps=FIT_STEPS, settled=FIT_SETTLED,
-        )  # fmt: skip
+            fit.model.with_parameters(values[:count]),
+            fit.sightings,
+            shape=shape.with_values(values[count:end]) if shape else None,
+            fixed=(*fit.fixed, fit.names[number]),
+            priors=fit.priors,
+            edges=fit.edges,
+            noise_px=noise_px,
+            most_steps=FIT_STEPS,
+            settled=FIT_SETTLED,
+        )
     except OmnimirrorError:
         return None
     return _State(last.at + step, shared_values(held.estimate), held, _chi_square(held, noise_px))
@@ -271,7 +324,9 @@ def _chi_square(fit: Adjustment, noise_px: float) -> float:
     """Return the sum of squared residuals over the noise variance, including priors."""
     prior = fit.question.prior(shared_values(fit.estimate)).cost
     unseen = UNSEEN_PX**2 * int((~fit.seen).sum())
-    return (float(np.sum(without_motions(fit.linearised).residuals ** 2)) + unseen) / noise_px**2 + prior
+    return (
+        float(np.sum(without_motions(fit.linearised).residuals ** 2)) + unseen
+    ) / noise_px**2 + prior
 
 
 def _scales(derivatives: Array) -> Array:
@@ -279,14 +334,24 @@ def _scales(derivatives: Array) -> Array:
 
     The input are derivatives (n, 2, g).
     """
-    size = np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
+    size = (
+        np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
+    )
     return np.asarray(1 / np.where(size > 0, size, 1.0))
 
 
-def _combination(named: list[tuple[str, str]], vector: Array, scales: Array, sigma: float) -> FreeCombination:
-    order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()]
+def _combination(
+    named: list[tuple[str, str]], vector: Array, scales: Array, sigma: float
+) -> FreeCombination:
+    order = [
+        i
+        for i in np.argsort(-np.abs(vector))
+        if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()
+    ]
     vector = vector * np.sign(vector[order[0]])
     return FreeCombination(
-        tuple(named[i][0] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma,
+        tuple(named[i][0] for i in order),
+        tuple(float(sigma * vector[i] * scales[i]) for i in order),
+        sigma,
         tuple(named[i][1] for i in order),
-    )  # fmt: skip
+    )

@@ -18,10 +18,14 @@ from .observations import rms_px
 
 # -- Cross-validation: residuals in held-out images ------------------------------------------------
 
-MAX_LEAVE_ONE_OUT = 20  # maximum number of images for leave-one-out; larger sets are split into groups
+MAX_LEAVE_ONE_OUT = (
+    20  # maximum number of images for leave-one-out; larger sets are split into groups
+)
 GROUPS = 10
 MAX_STEPS = 12
-RELATIVE_TOLERANCE = 1e-5  # relative decrease that ends an iteration; fits start at the joint solution
+RELATIVE_TOLERANCE = (
+    1e-5  # relative decrease that ends an iteration; fits start at the joint solution
+)
 
 
 class HeldOut(NamedTuple):
@@ -67,9 +71,15 @@ def held_out(adjustment: Adjustment, *, seed: int = 0, spread: WorkerPool | None
     if len(sightings) < 2 and not sightings[0].is_surveyed:
         return HeldOut(float("nan"), residuals)
     boards = np.array([i for i, s in enumerate(sightings) if not s.is_surveyed], dtype=np.int64)
-    jobs = [(adjustment, boards[fold]) for fold in (folds(len(boards), seed) if len(boards) else ())]
+    jobs = [
+        (adjustment, boards[fold]) for fold in (folds(len(boards), seed) if len(boards) else ())
+    ]
     is_dear = isinstance(adjustment.model, SensorModel)
-    lost = spread.map(_left_out, jobs) if spread is not None and is_dear else list(starmap(_left_out, jobs))
+    lost = (
+        spread.map(_left_out, jobs)
+        if spread is not None and is_dear
+        else list(starmap(_left_out, jobs))
+    )
     for (_, out), found in zip(jobs, lost, strict=True):
         for number, wrong in zip(out, found, strict=True):
             residuals[adjustment.question.stack.slices[number]] = wrong
@@ -82,8 +92,16 @@ def _left_out(adjustment: Adjustment, out: NDArray[np.int64]) -> list[Array]:
     """Return the residuals (n, 2) of each held-out board, from a fit to all others."""
     sightings = adjustment.sightings
     others = [s for i, s in enumerate(sightings) if i not in out]
-    fit = adjustment.again(others, noise_px=adjustment.noise_px, most_steps=MAX_STEPS, settled=RELATIVE_TOLERANCE)
-    placed = adjust(fit.model, [sightings[i] for i in out], shape=fit.shape, fixed=fit.names, most_steps=MAX_STEPS)
+    fit = adjustment.again(
+        others, noise_px=adjustment.noise_px, most_steps=MAX_STEPS, settled=RELATIVE_TOLERANCE
+    )
+    placed = adjust(
+        fit.model,
+        [sightings[i] for i in out],
+        shape=fit.shape,
+        fixed=fit.names,
+        most_steps=MAX_STEPS,
+    )
     lost = np.where(placed.seen[:, None], placed.residuals, UNSEEN_PX)
     return [lost[where] for where in placed.question.stack.slices]
 
@@ -91,16 +109,29 @@ def _left_out(adjustment: Adjustment, out: NDArray[np.int64]) -> list[Array]:
 def _leave_points_out(adjustment: Adjustment, seed: int, residuals: Array) -> None:
     """Compute residuals (n, 2) of surveyed points in place, from fits to 90 % of them."""
     random = np.random.default_rng(seed)
-    groups = [random.permutation(len(s)) % GROUPS if s.is_surveyed else None for s in adjustment.sightings]
+    groups = [
+        random.permutation(len(s)) % GROUPS if s.is_surveyed else None for s in adjustment.sightings
+    ]
     for group in range(GROUPS):
-        parts = [(i, np.asarray(of == group)) for i, of in enumerate(groups) if of is not None and (of == group).any()]
+        parts = [
+            (i, np.asarray(of == group))
+            for i, of in enumerate(groups)
+            if of is not None and (of == group).any()
+        ]
         lost = dict(parts)
         others = [s.only(~lost[i]) if i in lost else s for i, s in enumerate(adjustment.sightings)]
-        fit = adjustment.again(others, noise_px=adjustment.noise_px, most_steps=MAX_STEPS, settled=RELATIVE_TOLERANCE)
-        out = [adjustment.sightings[i].only(mask).moved(fit.sightings[i].motion) for i, mask in parts]
+        fit = adjustment.again(
+            others, noise_px=adjustment.noise_px, most_steps=MAX_STEPS, settled=RELATIVE_TOLERANCE
+        )
+        out = [
+            adjustment.sightings[i].only(mask).moved(fit.sightings[i].motion) for i, mask in parts
+        ]
         found = as_placed(fit.model, out)
         wrong = np.where(found.seen[:, None], found.residuals, UNSEEN_PX)
-        rows = [np.arange(len(mask))[mask] + adjustment.question.stack.slices[i].start for i, mask in parts]
+        rows = [
+            np.arange(len(mask))[mask] + adjustment.question.stack.slices[i].start
+            for i, mask in parts
+        ]
         residuals[np.concatenate(rows)] = wrong
 
 
@@ -120,7 +151,9 @@ class ModelCandidate(NamedTuple):
     """Reason for the selection or rejection."""
 
 
-def select_model(fits: Sequence[tuple[Adjustment, HeldOut | None]]) -> tuple[int, tuple[ModelCandidate, ...]]:
+def select_model(
+    fits: Sequence[tuple[Adjustment, HeldOut | None]],
+) -> tuple[int, tuple[ModelCandidate, ...]]:
     """Return the index of the selected model and the reason for each decision.
 
     Among models within 2 % of the smallest held-out error, the mirror model is preferred because it
@@ -133,7 +166,11 @@ def select_model(fits: Sequence[tuple[Adjustment, HeldOut | None]]) -> tuple[int
     is_mirror = [fit.model.KIND == SensorModel.KIND for fit, _ in fits]
     alike = [i for i, e in enumerate(errors) if e <= (1 + MIN_GAIN) * least]
     best = min(alike, key=lambda i: (not is_mirror[i], counts[i], errors[i]))
-    merit = "and the mirror itself, right at all distances" if is_mirror[best] else "with fewer parameters"
+    merit = (
+        "and the mirror itself, right at all distances"
+        if is_mirror[best]
+        else "with fewer parameters"
+    )
     candidates = []
     for i, (fit, held) in enumerate(fits):
         worse = 100 * (errors[i] / errors[best] - 1)

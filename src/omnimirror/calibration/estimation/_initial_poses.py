@@ -51,9 +51,13 @@ def _among_directions(sighting: Sighting, bearings: Array) -> Motion | None:
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     if far.all():
         return Motion(rotation, np.zeros(3))
-    across = np.eye(3) - bearings[~far][:, :, None] * bearings[~far][:, None, :]  # (I - b b^T)(R p + t) = 0
+    across = (
+        np.eye(3) - bearings[~far][:, :, None] * bearings[~far][:, None, :]
+    )  # (I - b b^T)(R p + t) = 0
     turned = sighting.points[~far] @ rotation.T
-    shift = -np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, turned), rcond=None)[0]
+    shift = -np.linalg.lstsq(
+        across.sum(axis=0), np.einsum("nij,nj->i", across, turned), rcond=None
+    )[0]
     return Motion(rotation, shift)
 
 
@@ -64,7 +68,11 @@ def _among_points(bearings: Array, points_mm: Array) -> Motion | None:
     if not extents[2] > PLANAR_DEPTH * extents[0]:
         frame = np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
         flat = board_pose(bearings, (points_mm - middle) @ frame.T)
-        return None if flat is None else Motion(flat.rotation @ frame, flat.shift_mm - flat.rotation @ frame @ middle)
+        return (
+            None
+            if flat is None
+            else Motion(flat.rotation @ frame, flat.shift_mm - flat.rotation @ frame @ middle)
+        )
     size = float(extents[0]) / np.sqrt(len(points_mm))
     p = np.column_stack([(points_mm - middle) / size, np.ones(len(points_mm))])
     solution = _linear(bearings, p)
@@ -156,7 +164,10 @@ class StereographicStart(NamedTuple):
 
 
 def stereographic_start(
-    sightings: Sequence[Sighting], image_size: tuple[int, int], centre_px: tuple[float, float], signs: Array
+    sightings: Sequence[Sighting],
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float],
+    signs: Array,
 ) -> StereographicStart:
     """Return the focal length and the board poses with the smallest median residual.
 
@@ -185,7 +196,9 @@ def _start_at(
     return StereographicStart(focal_px, centre_px, tuple(motions), median)
 
 
-def stereographic_bearings(pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
+def stereographic_bearings(
+    pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array
+) -> Array:
     """Return unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
 
     >>> lifted(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
@@ -193,10 +206,14 @@ def stereographic_bearings(pixels: Array, focal_px: float, centre_px: tuple[floa
     """
     x, y = (pixels - centre_px).T / focal_px
     s = x * x + y * y
-    return np.asarray(np.stack([2 * x / (1 + s), 2 * y / (1 + s), (1 - s) / (1 + s)], axis=1) * signs)
+    return np.asarray(
+        np.stack([2 * x / (1 + s), 2 * y / (1 + s), (1 - s) / (1 + s)], axis=1) * signs
+    )
 
 
-def stereographic_pixels(points: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
+def stereographic_pixels(
+    points: Array, focal_px: float, centre_px: tuple[float, float], signs: Array
+) -> Array:
     """Return pixels (n, 2) of points (n, 3) in a stereographic camera."""
     right, down, forward = (points * signs).T
     denominator = np.maximum(np.linalg.norm(points, axis=1) + forward, 1e-9)

@@ -51,7 +51,9 @@ GROUPS = (
     "{centre} in {} lies {:.1f} px from that in {}: {moved} between them, or pictures are flipped or cut; "
     "calibrate them apart"
 )
-FLIPPED = "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
+FLIPPED = (
+    "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
+)
 HALF_FLIPPED = (
     "half of the pictures, {}, fit the others when they are flipped left to right, and not as they are: flip those "
     "that are not as the camera delivers them"
@@ -112,7 +114,9 @@ def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
     (gained,), (explained, _) = own.of_groups(own.split()[None])[0], own.explained
     if gained < max(WORTH_A_FLIP, MOSTLY * explained):
         return {}
-    ends = [_all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))]
+    ends = [
+        _all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))
+    ]
     if not ends:
         return {}
     fit, turned = min(ends, key=lambda one: float(np.sum(one[0].residuals ** 2)))
@@ -145,16 +149,28 @@ class OwnCentres:
     def of(cls, adjustment: Adjustment, applied: Array) -> OwnCentres:
         """Compute from the derivatives of a fit with applied centre offsets (m, 2) px."""
         question, found = adjustment.question, without_motions(adjustment.linearised)
-        count, points, free = len(question.stack.slices), len(question.stack.owner), int(question.free.sum())
+        count, points, free = (
+            len(question.stack.slices),
+            len(question.stack.owner),
+            int(question.free.sum()),
+        )
         own = np.zeros((points, 2, count, 2))
         own[np.arange(points), :, question.stack.owner] = np.eye(2)
-        shared = np.concatenate([found.d_shared[:, :, question.free], own.reshape(points, 2, -1)], axis=2)
+        shared = np.concatenate(
+            [found.d_shared[:, :, question.free], own.reshape(points, 2, -1)], axis=2
+        )
         weights = found.seen / adjustment.noise_px**2
-        blocks = assembled(question.stack, found.residuals, shared, found.d_motion, weights, question.moving)
+        blocks = assembled(
+            question.stack, found.residuals, shared, found.d_motion, weights, question.moving
+        )
         known, rest = question.prior(shared_values(adjustment.estimate)), (0, 2 * count)
-        matrix, right = reduced_system(with_priors(blocks, np.pad(known.information, rest), np.pad(known.pull, rest)))
+        matrix, right = reduced_system(
+            with_priors(blocks, np.pad(known.information, rest), np.pad(known.pull, rest))
+        )
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix)[:free], 1e-300))
-        camera = np.linalg.pinv(matrix[:free, :free] * scale[:, None] * scale, rcond=ROUNDING, hermitian=True)
+        camera = np.linalg.pinv(
+            matrix[:free, :free] * scale[:, None] * scale, rcond=ROUNDING, hermitian=True
+        )
         taken_up = matrix[free:, :free] @ (camera * scale[:, None] * scale)
         information = matrix[free:, free:] - taken_up @ matrix[:free, free:]
         pull = right[free:] - taken_up @ right[:free] - information @ applied.ravel()
@@ -214,12 +230,18 @@ class OwnCentres:
 def _all_flips(fit: Adjustment, turned: Mask) -> tuple[Adjustment, Mask]:
     """Return the fit after successive flips and the smaller group (m,) of flipped images."""
     while True:
-        better = min(_with_one_flipped(fit, turned), key=lambda one: float(np.sum(one[0].residuals ** 2)), default=None)
+        better = min(
+            _with_one_flipped(fit, turned),
+            key=lambda one: float(np.sum(one[0].residuals ** 2)),
+            default=None,
+        )
         if better is None or _gain(fit, better[0]) < FLIPPED_GAIN:
             break
         fit, turned = better
     is_first = 2 * turned.sum() == len(turned) and turned[0]  # half without the first image
-    return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(turned) or is_first else turned
+    return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(
+        turned
+    ) or is_first else turned
 
 
 def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, Mask]]:
@@ -229,15 +251,22 @@ def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, M
     """
     count, ends_mm, width = len(fit.sightings), board_ends(fit.sightings), fit.model.image_size[0]
     own = OwnCentres.of(fit, np.zeros((count, 2)))
-    across = own.pull[:, 0] ** 2 / np.maximum(own.information[range(count), 0, range(count), 0], 1e-300)
+    across = own.pull[:, 0] ** 2 / np.maximum(
+        own.information[range(count), 0, range(count), 0], 1e-300
+    )
     across[[s.is_surveyed for s in fit.sightings]] = 0.0
     tried = []
     for number in np.argsort(-across)[:FLIPS_TRIED]:
         if across[number] < WORTH_A_FLIP:
             break
-        other = [flipped_observations(s, ends_mm, width) if i == number else s for i, s in enumerate(fit.sightings)]
+        other = [
+            flipped_observations(s, ends_mm, width) if i == number else s
+            for i, s in enumerate(fit.sightings)
+        ]
         with suppress(OmnimirrorError):  # the flip may lead to no valid camera
-            tried.append((fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number)))
+            tried.append(
+                (fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number))
+            )
     return tried
 
 
@@ -255,7 +284,10 @@ def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
         second = own.split()
         (gain,), (offset,) = own.of_groups(second[None])
         explained, numbers = own.explained
-        if number == 0 and _chance(float(gain), explained - float(gain), count, numbers) > PLAUSIBLE:
+        if (
+            number == 0
+            and _chance(float(gain), explained - float(gain), count, numbers) > PLAUSIBLE
+        ):
             return None
         step = offset * second[:, None] - applied
         applied = applied + step
@@ -266,7 +298,11 @@ def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
     gained = _gain(adjustment, fit)
     left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
     distance = float(np.hypot(*offset))
-    is_apart = distance > MOVED_PX and gained > MOVED_GAIN and _chance(gained, left, count, numbers) < CHANCE
+    is_apart = (
+        distance > MOVED_PX
+        and gained > MOVED_GAIN
+        and _chance(gained, left, count, numbers) < CHANCE
+    )
     return (second, distance) if is_apart else None
 
 

@@ -78,7 +78,9 @@ class ParameterPriors:
     fixed: tuple[str, ...] = ()
     priors: tuple[Prior, ...] = ()
 
-    def of(self, model: CameraModel, shape: BoardShape | None) -> tuple[tuple[str, ...], tuple[Prior, ...]]:
+    def of(
+        self, model: CameraModel, shape: BoardShape | None
+    ) -> tuple[tuple[str, ...], tuple[Prior, ...]]:
         """Return fixed names and priors of the parameters that a model has.
 
         The model's own priors are included.
@@ -87,14 +89,18 @@ class ParameterPriors:
         said = {p.name for p in self.priors}
         own = (Prior(*p) for p in getattr(model, "priors", ()))
         priors = (*self.priors, *(p for p in own if p.name not in said))
-        return tuple(n for n in self.fixed if n in names), tuple(p for p in priors if p.name in names)
+        return tuple(n for n in self.fixed if n in names), tuple(
+            p for p in priors if p.name in names
+        )
 
     def check(self, fits: Iterable[Adjustment]) -> None:
         """Check that each name belongs to at least one model."""
         names = dict.fromkeys(name for fit in fits for name in fit.names)
         for name in (*self.fixed, *(p.name for p in self.priors)):
             if name not in names:
-                raise InvalidParameter(f"there is no parameter {name!r} to fix or expect; {', '.join(names)} are")
+                raise InvalidParameter(
+                    f"there is no parameter {name!r} to fix or expect; {', '.join(names)} are"
+                )
 
 
 @dataclass
@@ -147,17 +153,33 @@ def run(plan: CalibrationPlan, watch: ProgressReporter, course: FitState) -> Non
 
 def _first_fit(plan: CalibrationPlan, course: FitState) -> Adjustment:
     """Return a unified model fitted to images with different board poses."""
-    fixed, priors = plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
+    fixed, priors = (
+        plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
+    )
     low = fit_first_model(
-        plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount, fixed=fixed, priors=priors
-    )  # fmt: skip
+        plan.sightings,
+        plan.image_size,
+        plan.centre_px,
+        plan.empty.optics,
+        plan.empty.mount,
+        fixed=fixed,
+        priors=priors,
+    )
     course.fit, course.strangers = low.fit, low.strangers
     check_poses(low.fit.sightings)
-    return replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
+    return (
+        replace(low.fit, sightings=from_the_front(low.fit.sightings))
+        if plan.is_mirrored_alike
+        else low.fit
+    )
 
 
 def _fit_and_select(
-    base: Adjustment, plan: CalibrationPlan, watch: ProgressReporter, course: FitState, spread: WorkerPool
+    base: Adjustment,
+    plan: CalibrationPlan,
+    watch: ProgressReporter,
+    course: FitState,
+    spread: WorkerPool,
 ) -> None:
     """Fit the model sequence, reject outliers, compare and select a model."""
     fits = _all_fits(base, plan, watch, course, spread)
@@ -171,13 +193,25 @@ def _fit_and_select(
     names = {_kind(w) for w in plan.wanted}
     wandering = [fit for fit in fits.values() if not is_central(fit.model)]
     if wandering:
-        course.wandering = _frozen(min(wandering, key=lambda fit: fit.question.noise_px), judge, course)
+        course.wandering = _frozen(
+            min(wandering, key=lambda fit: fit.question.noise_px), judge, course
+        )
     course.fit = judge if judge.model.KIND in names else course.fit
-    _compare({k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names}, plan, watch, course, spread)
+    _compare(
+        {k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names},
+        plan,
+        watch,
+        course,
+        spread,
+    )
 
 
 def _compare(
-    fits: dict[str, Adjustment], plan: CalibrationPlan, watch: ProgressReporter, course: FitState, spread: WorkerPool
+    fits: dict[str, Adjustment],
+    plan: CalibrationPlan,
+    watch: ProgressReporter,
+    course: FitState,
+    spread: WorkerPool,
 ) -> None:
     """Cross-validate the models in order of fit error; skip those with a hopeless fit error."""
     compared: list[tuple[Adjustment, HeldOut | None]] = []
@@ -194,7 +228,11 @@ def _kind(wanted: str | CameraModel) -> str:
 
 
 def _all_fits(
-    base: Adjustment, plan: CalibrationPlan, watch: ProgressReporter, course: FitState, spread: WorkerPool
+    base: Adjustment,
+    plan: CalibrationPlan,
+    watch: ProgressReporter,
+    course: FitState,
+    spread: WorkerPool,
 ) -> dict[str, Adjustment]:
     """Return robust fits of the requested models and of the reference models for outliers."""
     ladder: list[str | CameraModel] = list(plan.wanted)
@@ -207,7 +245,11 @@ def _all_fits(
         kind = _kind(wanted)
         watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
         try:
-            starts = [wanted] if isinstance(wanted, CameraModel) else _starts(wanted, unified, base, fits)
+            starts = (
+                [wanted]
+                if isinstance(wanted, CameraModel)
+                else _starts(wanted, unified, base, fits)
+            )
             fits[kind] = _best_fit(base, starts, plan, spread)
         except OmnimirrorError as e:
             course.failures[kind] = str(e)
@@ -220,7 +262,9 @@ def _all_fits(
     return fits
 
 
-def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> list[CameraModel]:
+def _starts(
+    kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]
+) -> list[CameraModel]:
     """Return initial models of a kind, including mirror sizes estimated from fitted viewpoints.
 
     An unknown mirror has several initial values: if the images determine its distance poorly, the
@@ -234,7 +278,9 @@ def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjus
     return [usual, far] if sized is None else [sized, usual, far]
 
 
-def _best_fit(base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, spread: WorkerPool) -> Adjustment:
+def _best_fit(
+    base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, spread: WorkerPool
+) -> Adjustment:
     """Return the fit from the best initial value.
 
     Initial values are compared by their robust loss after some steps with some of the points, with
@@ -248,11 +294,18 @@ def _best_fit(base: Adjustment, starts: Sequence[CameraModel], plan: Calibration
     if len(starts) == 1:
         return fit_next_model(base, starts[0], **known(starts[0]))
     every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
-    some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings))
-    jobs = [(some, into, known(into), is_conic_first) for into, is_conic_first in product(starts, (False, True))]
+    some = replace(
+        base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings)
+    )
+    jobs = [
+        (some, into, known(into), is_conic_first)
+        for into, is_conic_first in product(starts, (False, True))
+    ]
     found = spread.map(_trial, jobs)
     tried = [fit for fit in found if isinstance(fit, Adjustment)]
-    options = [own for fit, (_, _, own, _) in zip(found, jobs, strict=True) if isinstance(fit, Adjustment)]
+    options = [
+        own for fit, (_, _, own, _) in zip(found, jobs, strict=True) if isinstance(fit, Adjustment)
+    ]
     if not tried:
         raise next(fit for fit in found if isinstance(fit, OmnimirrorError))
     loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
@@ -262,7 +315,11 @@ def _best_fit(base: Adjustment, starts: Sequence[CameraModel], plan: Calibration
     placed = [s.moved(b.motion) for s, b in zip(base.sightings, best.sightings, strict=True)]
     best = best.again(placed, loss="cauchy", settled=ROUGH_TOLERANCE)
     return adjust(
-        best.model, best.sightings, **options[number] | {"shape": best.shape}, loss="cauchy", settled=ROUGH_TOLERANCE
+        best.model,
+        best.sightings,
+        **options[number] | {"shape": best.shape},
+        loss="cauchy",
+        settled=ROUGH_TOLERANCE,
     )
 
 
@@ -276,18 +333,31 @@ def _trial(
         return e
 
 
-def _some_steps(some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool) -> Adjustment:
+def _some_steps(
+    some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
+) -> Adjustment:
     """Return the fit after some steps, with aspheric terms free at once or after the conic.
 
     With its axis free from the start, an unknown mirror may converge to an implausible shape; with
     free aspheric terms, these may compensate for a conic of the wrong size.
     """
-    terms = tuple(p.name for p in into.parameters if p.name.startswith(TERMS)) if is_conic_first else ()
-    fit = fit_next_model(some, into, **known | {"fixed": (*known["fixed"], *AXIS, *terms)}, most_steps=TRIAL_STEPS)
+    terms = (
+        tuple(p.name for p in into.parameters if p.name.startswith(TERMS)) if is_conic_first else ()
+    )
+    fit = fit_next_model(
+        some, into, **known | {"fixed": (*known["fixed"], *AXIS, *terms)}, most_steps=TRIAL_STEPS
+    )
     if not terms:
         return fit
     freed = known | {"fixed": (*known["fixed"], *AXIS), "shape": fit.shape}
-    return adjust(fit.model, fit.sightings, **freed, loss="cauchy", settled=ROUGH_TOLERANCE, most_steps=TRIAL_STEPS)
+    return adjust(
+        fit.model,
+        fit.sightings,
+        **freed,
+        loss="cauchy",
+        settled=ROUGH_TOLERANCE,
+        most_steps=TRIAL_STEPS,
+    )
 
 
 def _order(wanted: str | CameraModel) -> int:
@@ -304,7 +374,9 @@ def _without_strangers(fit: Adjustment, course: FitState) -> Adjustment:
     return fit.again([s for s in fit.sightings if s.name not in found], loss="cauchy")
 
 
-def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: CalibrationPlan, course: FitState) -> Adjustment:
+def _agreeing(
+    robust: Adjustment, fits: dict[str, Adjustment], plan: CalibrationPlan, course: FitState
+) -> Adjustment:
     """Return the fit without outliers, of images with a consistent mirror centre.
 
     Inconsistent images are recorded in ``course.strangers``.
@@ -312,7 +384,9 @@ def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: Calibration
     fit, course.outliers = without_outliers(robust)
     odd: dict[str, str] = {}
     if plan.is_mirrored_alike:  # the model with fewer parameters is more sensitive
-        odd = flipped_pictures(fit) or flipped_pictures(_frozen(fits.get(Unified.KIND, fit), fit, course))
+        odd = flipped_pictures(fit) or flipped_pictures(
+            _frozen(fits.get(Unified.KIND, fit), fit, course)
+        )
     odd = odd or check_mount_stability(fit)
     if odd:
         course.strangers |= odd
@@ -327,7 +401,11 @@ def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: Calibration
 def _reference_fit(fits: dict[str, Adjustment]) -> Adjustment:
     """Return the reference fit for outliers: the smallest noise among well-determined models."""
     sound = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
-    return min(sound, key=lambda fit: fit.question.noise_px) if sound else min(fits.values(), key=lambda f: f.unknowns)
+    return (
+        min(sound, key=lambda fit: fit.question.noise_px)
+        if sound
+        else min(fits.values(), key=lambda f: f.unknowns)
+    )
 
 
 def _frozen(fit: Adjustment, judge: Adjustment, course: FitState) -> Adjustment:
@@ -335,4 +413,6 @@ def _frozen(fit: Adjustment, judge: Adjustment, course: FitState) -> Adjustment:
     names = {s.name for s in judge.sightings}
     kept = without_rejected(tuple(s for s in fit.sightings if s.name in names), course.outliers)
     is_far = fit.question.noise_px > FAR * judge.question.noise_px
-    return fit.again(kept, settled=ROUGH_TOLERANCE if is_far else RELATIVE_TOLERANCE, edges=course.edges)
+    return fit.again(
+        kept, settled=ROUGH_TOLERANCE if is_far else RELATIVE_TOLERANCE, edges=course.edges
+    )

@@ -63,7 +63,9 @@ class BoardShape:
 
     def with_values(self, values: ArrayLike) -> BoardShape:
         """Return the same board with other shape values (5,)."""
-        return BoardShape(self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values)))
+        return BoardShape(
+            self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values))
+        )
 
     def is_flat_within(self, sigmas: Array) -> bool:
         """Return whether all values are zero within three standard deviations (5,)."""
@@ -173,11 +175,17 @@ def linearise(estimate: Estimate, stack: Stack) -> Linearised:
         changes[~stack.shaped] = 0.0
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ changes], axis=2)
     if stack.marks is not None:
-        d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2)
+        d_shared = np.concatenate(
+            [d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2
+        )
     d_motion = np.empty((len(points), 2, 6))
     # d(turn x X) = -[X]x turn: a row g of d_points becomes X x g
     (x, y, z), (gx, gy, gz) = turned.T[..., None], np.moveaxis(d_points, 2, 0)
-    d_motion[..., 0], d_motion[..., 1], d_motion[..., 2] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
+    d_motion[..., 0], d_motion[..., 1], d_motion[..., 2] = (
+        y * gz - z * gy,
+        z * gx - x * gz,
+        x * gy - y * gx,
+    )
     d_motion[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
     d_slide = None
     if stack.along is not None:
@@ -190,7 +198,9 @@ def as_placed(model: CameraModel, sightings: Sequence[Sighting]) -> Linearised:
     """Compute residuals of points and directions at their current poses, without a board shape."""
     stack = stacked(sightings)
     motions = tuple(s.motion or Motion.none() for s in sightings)
-    return linearise(Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack)
+    return linearise(
+        Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack
+    )
 
 
 def targets(estimate: Estimate, stack: Stack) -> Array:
@@ -222,7 +232,11 @@ def without_motions(found: Linearised) -> Linearised:
 def slid(found: Linearised, stack: Stack, shared: Array, motions: Array) -> Array:
     """Return steps (n,) along lines for steps of the shared parameters (g,) and poses (m, 6)."""
     assert found.d_slide is not None
-    e = found.residuals + found.d_shared @ shared + np.einsum("nki,ni->nk", found.d_motion, motions[stack.owner])
+    e = (
+        found.residuals
+        + found.d_shared @ shared
+        + np.einsum("nki,ni->nk", found.d_motion, motions[stack.owner])
+    )
     length = np.sum(found.d_slide**2, axis=1)
     return np.asarray(-np.sum(found.d_slide * e, axis=1) / np.where(length > 0, length, np.inf))
 
@@ -235,7 +249,8 @@ def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Ma
         if seen.all():
             return image.pixels, seen, image.d_points, image.d_parameters
         d_points, d_parameters = (
-            np.where(seen[:, None, None], part, 0.0) for part in (image.d_points, image.d_parameters)
+            np.where(seen[:, None, None], part, 0.0)
+            for part in (image.d_points, image.d_parameters)
         )
         return np.where(seen[:, None], image.pixels, 0.0), seen, d_points, d_parameters
     both: Sequence[Mask] = (~distant, distant)

@@ -48,7 +48,11 @@ class PictureResult(NamedTuple):
     @property
     def camera_at_mm(self) -> Array | None:
         """Origin (3,) of the camera frame in the target frame."""
-        return None if self.rotation is None or self.shift_mm is None else -self.rotation.T @ self.shift_mm
+        return (
+            None
+            if self.rotation is None or self.shift_mm is None
+            else -self.rotation.T @ self.shift_mm
+        )
 
 
 class ParameterResult(NamedTuple):
@@ -191,7 +195,9 @@ class Calibration:
         Beyond it the camera is an extrapolation with unknown errors.
         """
         edges = self.adjustment.edges
-        measured = [s.pixels for s in self.adjustment.sightings] + [e.pixels for e in (edges.edges if edges else ())]
+        measured = [s.pixels for s in self.adjustment.sightings] + [
+            e.pixels for e in (edges.edges if edges else ())
+        ]
         return measured_field_deg(self.model, np.concatenate(measured))
 
     @property
@@ -201,9 +207,11 @@ class Calibration:
         sigmas = self.uncertainty.sigmas[: len(names)]
         is_linear = np.allclose(sigmas**2, np.diag(self.covariance), rtol=1e-9, atol=0)
         known = Uncertainty(
-            names, tuple(tuple(float(c) for c in row) for row in self.covariance), self.field_deg,
+            names,
+            tuple(tuple(float(c) for c in row) for row in self.covariance),
+            self.field_deg,
             None if is_linear else tuple(sigmas.tolist()),
-        )  # fmt: skip
+        )
         if isinstance(self.model, SensorModel):
             return replace(without_fold(self.model.sensor), uncertainty=known)
         if isinstance(self.model, RadialModel):
@@ -264,7 +272,8 @@ class Calibration:
             "noise_px": self.adjustment.noise_px,
             "covariance": self.uncertainty.covariance,
             "free": [
-                {"parameters": c.names, "parts": c.parts, "units": c.units, "sigma_px": c.sigma_px} for c in self.free
+                {"parameters": c.names, "parts": c.parts, "units": c.units, "sigma_px": c.sigma_px}
+                for c in self.free
             ],
             "candidates": [c._asdict() for c in self.candidates],
             "notes": self.notes,

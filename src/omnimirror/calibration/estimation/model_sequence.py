@@ -12,7 +12,15 @@ from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
 from ...cameras.camera import inside_image
 from ...cameras.frames import Mount, turned
-from ...cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RadialSpline, Unified, ViewpointSpline
+from ...cameras.models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RadialSpline,
+    Unified,
+    ViewpointSpline,
+)
 from ...cameras.models.camera_model import CameraModel
 from .._initial_sensor import guessed_size
 from ..sensor_model import SensorModel
@@ -33,11 +41,15 @@ def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _enhanced(u: Unified, omega_max_deg: float) -> CameraModel:
-    return EnhancedUnified(u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+    return EnhancedUnified(
+        u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
+    )
 
 
 def _double(u: Unified, omega_max_deg: float) -> CameraModel:
-    return DoubleSphere(0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+    return DoubleSphere(
+        0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
+    )
 
 
 def _kannala_brandt(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -63,7 +75,9 @@ def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
     return SensorModel.start_from(u, omega_max_deg=omega_max_deg)
 
 
-def mirror_of_viewpoints(central: Unified, fit: Adjustment, omega_max_deg: float) -> SensorModel | None:
+def mirror_of_viewpoints(
+    central: Unified, fit: Adjustment, omega_max_deg: float
+) -> SensorModel | None:
     """Return an initial mirror model with the size given by fitted viewpoints.
 
     None if the size is undetermined.
@@ -80,7 +94,9 @@ def mirror_of_viewpoints(central: Unified, fit: Adjustment, omega_max_deg: float
     model = fit.model
     assert isinstance(model, ViewpointSpline)
     end = min(omega_max_deg, _degrees(central.model_end))
-    corners = np.concatenate([s.motion(s.points[~s.distant]) for s in fit.sightings if s.motion is not None])
+    corners = np.concatenate(
+        [s.motion(s.points[~s.distant]) for s in fit.sightings if s.motion is not None]
+    )
     omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // MAX_SIZE_CORNERS)]
     try:
@@ -90,7 +106,9 @@ def mirror_of_viewpoints(central: Unified, fit: Adjustment, omega_max_deg: float
     if guess is None:
         return None
     rim, distance = guess
-    return SensorModel.start_from(central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance)
+    return SensorModel.start_from(
+        central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance
+    )
 
 
 KINDS: dict[str, ModelConstructor] = {
@@ -124,7 +142,9 @@ def initial_model(kind: str, central: Unified, omega_max_deg: float) -> CameraMo
 def mirror_farther(central: Unified, omega_max_deg: float) -> SensorModel:
     """Return an initial mirror model with a larger distance from its lens than usual."""
     end = min(omega_max_deg, _degrees(central.model_end))
-    return SensorModel.start_from(central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM)
+    return SensorModel.start_from(
+        central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM
+    )
 
 
 def _focal(u: Unified) -> tuple[float, float]:
@@ -180,10 +200,20 @@ def convert_model(
     kept = image.valid.copy()
     kept[kept] = inside_image(image.pixels[kept], model.image_size)
     if kept.sum() < len(into.parameters):
-        raise InvalidParameter(f"the model sees nothing of the {omega_max_deg:g} deg about its axis")
-    sighting = Sighting("model", image.pixels[kept], directions[kept], Motion.none(), is_known=True, is_distant=True)
+        raise InvalidParameter(
+            f"the model sees nothing of the {omega_max_deg:g} deg about its axis"
+        )
+    sighting = Sighting(
+        "model", image.pixels[kept], directions[kept], Motion.none(), is_known=True, is_distant=True
+    )
     return adjust(
-        into, [sighting], fixed=fixed, priors=priors, loss="huber", noise_px=AGREEMENT_PX, most_steps=60
+        into,
+        [sighting],
+        fixed=fixed,
+        priors=priors,
+        loss="huber",
+        noise_px=AGREEMENT_PX,
+        most_steps=60,
     ).model
 
 
@@ -192,7 +222,11 @@ def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
     omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))[:, None]
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)[None, :]
     forward = -1.0 if model.optics == "mirror" else 1.0
-    parts = np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), forward * np.cos(omega) + 0 * phi
+    parts = (
+        np.sin(omega) * np.cos(phi),
+        np.sin(omega) * np.sin(phi),
+        forward * np.cos(omega) + 0 * phi,
+    )
     return np.stack([p.ravel() for p in parts], axis=1)
 
 
@@ -258,7 +292,9 @@ UNPLACED = (
     "what it shows cannot be placed before the camera: it takes 6 points that do not lie on a line, or 3 directions, "
     "and not mirror images of them"
 )
-FIELD_MARGIN = 1.03  # maximum field angle of the model comparison relative to that of the farthest corner
+FIELD_MARGIN = (
+    1.03  # maximum field angle of the model comparison relative to that of the farthest corner
+)
 
 
 class InitialFit(NamedTuple):
@@ -302,7 +338,10 @@ def fit_first_model(
         if motion is None
     }
     known = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
-    fit = min((_lowest(model, known, free, fixed, priors) for free in FIRST_FREE), key=lambda f: f.question.noise_px)
+    fit = min(
+        (_lowest(model, known, free, fixed, priors) for free in FIRST_FREE),
+        key=lambda f: f.question.noise_px,
+    )
     check_start(_median_of(fit), image_size, boards=boards)
     found = inconsistent_images(fit)
     if found:
@@ -315,13 +354,24 @@ def fit_first_model(
 
 
 def _lowest(
-    model: Unified, known: Sequence[Sighting], first: tuple[str, ...], fixed: tuple[str, ...], priors: tuple[Prior, ...]
+    model: Unified,
+    known: Sequence[Sighting],
+    first: tuple[str, ...],
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
 ) -> Adjustment:
     """Return a unified model after adjustment of some of its parameters, then of all."""
     held = (p.name for p in model.parameters if p.name not in first)
-    rough = adjust(model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGH_TOLERANCE)
+    rough = adjust(
+        model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGH_TOLERANCE
+    )
     return adjust(
-        rough.model, replaced_boards(rough), fixed=fixed, priors=priors, loss="cauchy", settled=ROUGH_TOLERANCE
+        rough.model,
+        replaced_boards(rough),
+        fixed=fixed,
+        priors=priors,
+        loss="cauchy",
+        settled=ROUGH_TOLERANCE,
     )
 
 
@@ -338,9 +388,15 @@ def replaced_boards(fit: Adjustment) -> tuple[Sighting, ...]:
         rays = fit.model.backproject(sighting.pixels)
         other = None
         if rays.valid.sum() >= len(sighting) / 2 and not sighting.is_known:
-            other = linear_pose(sighting.only(rays.valid), turned(rays.directions[rays.valid], world))
+            other = linear_pose(
+                sighting.only(rays.valid), turned(rays.directions[rays.valid], world)
+            )
         here = _median_px(fit.model, sighting, sighting.motion)
-        result.append(sighting.moved(other) if _median_px(fit.model, sighting, other) < here else fit.sightings[number])
+        result.append(
+            sighting.moved(other)
+            if _median_px(fit.model, sighting, other) < here
+            else fit.sightings[number]
+        )
     return tuple(result)
 
 
@@ -385,18 +441,29 @@ def fit_next_model(
     """
     names = {p.name for p in into.parameters}
     model = convert_model(
-        fit.model, into, omega_max_deg=field_of(fit), fixed=[n for n in fixed if n in names],
+        fit.model,
+        into,
+        omega_max_deg=field_of(fit),
+        fixed=[n for n in fixed if n in names],
         priors=[p for p in priors if p.name in names],
-    )  # fmt: skip
+    )
     sightings = fit.sightings
     if not is_central(model):
         sightings = shifted_to_viewpoint(model, sightings)
-    settled = adjust(model, sightings, fixed=[p.name for p in model.parameters], loss="cauchy", most_steps=20)
+    settled = adjust(
+        model, sightings, fixed=[p.name for p in model.parameters], loss="cauchy", most_steps=20
+    )
     supported = (*priors, *(p for p in supports(model) if p.name not in fixed))
     return adjust(
-        model, settled.sightings, shape=shape, fixed=fixed, priors=supported, loss="cauchy", settled=ROUGH_TOLERANCE,
+        model,
+        settled.sightings,
+        shape=shape,
+        fixed=fixed,
+        priors=supported,
+        loss="cauchy",
+        settled=ROUGH_TOLERANCE,
         most_steps=most_steps,
-    )  # fmt: skip
+    )
 
 
 def supports(model: CameraModel) -> tuple[Prior, ...]:

@@ -42,7 +42,9 @@ def joined_names(names: Sequence[str]) -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool, fewest: int) -> tuple[int, int]:
+def check_detections(
+    detections: Sequence[Any], board: Any, *, is_reversed: bool, fewest: int
+) -> tuple[int, int]:
     """Return the common image size if enough images show the board.
 
     Parameters
@@ -62,7 +64,8 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
         odd = [d.name for d in detections if is_used(d) and tuple(d.image_size) != usual]
         names = ", ".join(f"{w} x {h}" for (w, h), _ in others)
         raise InvalidParameter(
-            f"{joined_names(odd)}: {names} px, where the other pictures have {usual[0]} x {usual[1]} px; pictures of one "
+            f"{joined_names(odd)}: {names} px, where the other pictures have "
+            f"{usual[0]} x {usual[1]} px; pictures of one "
             "calibration are all as the camera delivers them"
         )
     if not detections:
@@ -80,7 +83,9 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
     wrong = [d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed]
     if wrong:
         what = (
-            "not mirror images, and a mirror's are" if is_reversed else "mirror images, and those of a fisheye are not"
+            "not mirror images, and a mirror's are"
+            if is_reversed
+            else "mirror images, and those of a fisheye are not"
         )
         whole = len(wrong) == sum(d.is_reversed is not None for d in used)
         remedy = (
@@ -101,13 +106,19 @@ def reason_of(detection: Any) -> str:
     """Return the reason for which an image is not used, with its name."""
     if detection.reason is None:
         return f"{detection.name}: {len(detection.ids)} corners were found, and {MIN_CORNERS_PER_IMAGE} are the fewest"
-    return detection.reason if detection.name in detection.reason else f"{detection.name}: {detection.reason}"
+    return (
+        detection.reason
+        if detection.name in detection.reason
+        else f"{detection.name}: {detection.reason}"
+    )
 
 
 def check_start(median_px: float, image_size: tuple[int, int], *, boards: bool = True) -> None:
     """Check that a camera explains the corners of boards, or surveyed points."""
     if not median_px < WORST_MEDIAN * max(image_size):
-        what, remedy = ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
+        what, remedy = (
+            ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
+        )
         raise InvalidParameter(
             f"no camera explains the {what}: with the best half of them lie more than {median_px:.1f} px from where "
             f"they should; {remedy}"
@@ -133,8 +144,15 @@ def check_poses(sightings: Sequence[Sighting]) -> None:
 
 def inconsistent_images(adjustment: Adjustment) -> dict[str, str]:
     """Return images without a consistent board pose, as a mapping of name to reason."""
-    medians = np.array([np.median(np.hypot(*adjustment.residuals_of(i).T)) for i in range(len(adjustment.sightings))])
-    unseen = np.array([1 - adjustment.seen[where].mean() for where in adjustment.question.stack.slices])
+    medians = np.array(
+        [
+            np.median(np.hypot(*adjustment.residuals_of(i).T))
+            for i in range(len(adjustment.sightings))
+        ]
+    )
+    unseen = np.array(
+        [1 - adjustment.seen[where].mean() for where in adjustment.question.stack.slices]
+    )
     usual = max(float(np.median(medians)), 0.05)
     limit = max(10 * usual, 1.0)
     return {
@@ -178,13 +196,19 @@ class Outlier(NamedTuple):
 def outlier_limit_px(adjustment: Adjustment) -> float:
     """Return the residual above which a corner is an outlier of normally distributed noise."""
     lengths = np.hypot(*adjustment.residuals[adjustment.seen].T)
-    taken_up = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MAX_ABSORBED)  # noise in parameters
+    taken_up = 1 - min(
+        adjustment.unknowns / max(2 * len(lengths), 1), MAX_ABSORBED
+    )  # noise in parameters
     noise = float(np.median(lengths)) / MEDIAN_OF_NOISE / np.sqrt(taken_up) if len(lengths) else 0.0
     noise *= 1 + DOUBT / np.sqrt(max(len(lengths), 1))
-    return max(float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), MIN_REJECTED_PX)
+    return max(
+        float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), MIN_REJECTED_PX
+    )
 
 
-def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tuple[Adjustment, tuple[Outlier, ...]]:
+def without_outliers(
+    adjustment: Adjustment, *, most: int | None = None
+) -> tuple[Adjustment, tuple[Outlier, ...]]:
     """Reject the worst corner and adjust again until none is significant or the limit is reached.
 
     Parameters
@@ -202,7 +226,9 @@ def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tupl
         Rejected corners, worst first.
     """
     count = len(adjustment.residuals)
-    left, left_gross = ((max(1, int(s * count)) if most is None else most) for s in (MAX_REJECTED, MAX_GROSS))
+    left, left_gross = (
+        (max(1, int(s * count)) if most is None else most) for s in (MAX_REJECTED, MAX_GROSS)
+    )
     found: list[Outlier] = []
     now = adjustment
     while True:
@@ -214,7 +240,9 @@ def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tupl
         if lengths[at] > GROSS * limit:
             alike = np.flatnonzero(lengths > max(GROSS * limit, ALIKE * lengths[at]))
             rejected = _spared(now, alike[np.argsort(-lengths[alike])][: left_gross - len(found)])
-        if len(found) + len(rejected) > (left_gross if lengths[at] > GROSS * limit else left) or not len(rejected):
+        if len(found) + len(rejected) > (
+            left_gross if lengths[at] > GROSS * limit else left
+        ) or not len(rejected):
             break
         outliers = [_outlier(now, int(i), float(lengths[i])) for i in rejected]
         found += outliers
@@ -236,7 +264,10 @@ def remaining_outliers(adjustment: Adjustment) -> tuple[Outlier, ...]:
     """
     lengths = np.where(adjustment.seen, np.hypot(*adjustment.residuals.T), UNSEEN_PX)
     beyond = np.flatnonzero(lengths > outlier_limit_px(adjustment))
-    return tuple(_outlier(adjustment, int(i), float(lengths[i])) for i in beyond[np.argsort(-lengths[beyond])])
+    return tuple(
+        _outlier(adjustment, int(i), float(lengths[i]))
+        for i in beyond[np.argsort(-lengths[beyond])]
+    )
 
 
 def _outlier(adjustment: Adjustment, at: int, length_px: float) -> Outlier:
@@ -264,13 +295,16 @@ def _worst(adjustment: Adjustment, lengths: NDArray[np.float64]) -> int | None:
     return int(np.argmax(np.where(spare, lengths, -1.0))) if spare.any() else None
 
 
-def without_rejected(sightings: tuple[Sighting, ...], outliers: tuple[Outlier, ...]) -> tuple[Sighting, ...]:
+def without_rejected(
+    sightings: tuple[Sighting, ...], outliers: tuple[Outlier, ...]
+) -> tuple[Sighting, ...]:
     """Return sightings without the given outliers."""
     named: dict[str, list[int]] = {}
     for outlier in outliers:
         named.setdefault(outlier.picture, []).append(outlier.corner)
     return tuple(
-        s.only(~np.isin(s.ids, named[s.name])) if s.name in named and s.ids is not None else s for s in sightings
+        s.only(~np.isin(s.ids, named[s.name])) if s.name in named and s.ids is not None else s
+        for s in sightings
     )
 
 
@@ -298,7 +332,9 @@ class Coverage(NamedTuple):
 
 
 def coverage(
-    sightings: Sequence[Sighting], centre_px: tuple[float, float], outer_radius_px: float | None = None
+    sightings: Sequence[Sighting],
+    centre_px: tuple[float, float],
+    outer_radius_px: float | None = None,
 ) -> Coverage:
     """Return the distribution of corners, up to the rim or to the farthest corner if it is unknown.
 
@@ -318,7 +354,9 @@ def coverage(
     toward = np.sum(normals * middles, axis=1) / np.linalg.norm(middles, axis=1)
     cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
     facing = float(np.degrees(np.arccos(cosines.min()))) if placed else float("nan")
-    return Coverage(centre_px, radii, counts, np.degrees(np.arccos(np.clip(np.abs(toward), 0, 1))), facing)
+    return Coverage(
+        centre_px, radii, counts, np.degrees(np.arccos(np.clip(np.abs(toward), 0, 1))), facing
+    )
 
 
 def recommendations(found: Coverage, pictures: int) -> tuple[str, ...]:
@@ -326,8 +364,8 @@ def recommendations(found: Coverage, pictures: int) -> tuple[str, ...]:
     sentences = []
     if pictures < SUFFICIENT_IMAGES:
         sentences.append(
-            f"Take more pictures: {pictures} {'is' if pictures == 1 else 'are'} used, and {SUFFICIENT_IMAGES} to 20 with "
-            "the board at different places are usual."
+            f"Take more pictures: {pictures} {'is' if pictures == 1 else 'are'} used, and "
+            f"{SUFFICIENT_IMAGES} to 20 with the board at different places are usual."
         )
     outer = np.flatnonzero(found.counts[-1] < MIN_CORNERS_PER_CELL)
     if len(outer):
@@ -338,7 +376,9 @@ def recommendations(found: Coverage, pictures: int) -> tuple[str, ...]:
         )
     inner = np.flatnonzero(found.counts[:-1].sum(axis=0) < MIN_CORNERS_PER_CELL)
     if len(inner):
-        sentences.append(f"Hold the board towards the {_listed(inner)} of the picture: hardly any corner lies there.")
+        sentences.append(
+            f"Hold the board towards the {_listed(inner)} of the picture: hardly any corner lies there."
+        )
     if found.counts[0].sum() < MIN_CORNERS_PER_CELL:
         sentences.append(
             f"Hold the board nearer to the axis: few corners lie within {found.radii_px[1]:.0f} px of the centre."

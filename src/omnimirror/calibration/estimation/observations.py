@@ -86,7 +86,10 @@ def rotations_of(vectors: Array) -> Array:
     x, y, z = vectors.T
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
     cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2  # sin(a) / a, (1 - cos(a)) / a^2
+    first, second = (
+        np.sinc(angle / np.pi),
+        np.sinc(angle / (2 * np.pi)) ** 2 / 2,
+    )  # sin(a) / a, (1 - cos(a)) / a^2
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
 
 
@@ -145,7 +148,10 @@ class Sighting:
     is_surveyed: bool = False
 
     def __post_init__(self) -> None:
-        pixels, points = finite("pixels", self.pixels, last=2), finite("points", self.points, last=3)
+        pixels, points = (
+            finite("pixels", self.pixels, last=2),
+            finite("points", self.points, last=3),
+        )
         if pixels.ndim != 2 or len(pixels) != len(points):
             raise InvalidParameter(
                 f"{self.name}: pixels {pixels.shape} and points {points.shape} are not as many; valid: (n, 2), (n, 3)"
@@ -164,14 +170,18 @@ class Sighting:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._directions(name, len(pixels)))
         if self.normals is not None and (self.along is not None or self.distant.any()):
-            raise InvalidParameter(f"{self.name}: normals belong to planes, not to lines or to what is far away")
+            raise InvalidParameter(
+                f"{self.name}: normals belong to planes, not to lines or to what is far away"
+            )
 
     def _directions(self, name: str, count: int) -> Array:
         """Return unit vectors (n, 3), one per point."""
         given = finite(name, getattr(self, name), last=3)
         lengths = np.linalg.norm(given, axis=-1, keepdims=True)
         if given.shape != (count, 3) or not (lengths > 0).all():
-            raise InvalidParameter(f"{self.name}: {name} {given.shape} are not ({count}, 3) directions, one a point")
+            raise InvalidParameter(
+                f"{self.name}: {name} {given.shape} are not ({count}, 3) directions, one a point"
+            )
         return np.asarray(given / lengths)
 
     def __len__(self) -> int:
@@ -215,9 +225,14 @@ class Sighting:
         along, normals = (None if d is None else d[kept] for d in (self.along, self.normals))
         distant = self.distant[kept] if np.ndim(self.is_distant) else self.is_distant
         return replace(
-            self, pixels=self.pixels[kept], points=self.points[kept], along=along, normals=normals, ids=self.ids[kept],
+            self,
+            pixels=self.pixels[kept],
+            points=self.points[kept],
+            along=along,
+            normals=normals,
+            ids=self.ids[kept],
             is_distant=distant,
-        )  # fmt: skip
+        )
 
     def moved(self, motion: Motion | None) -> Sighting:
         """Return the sighting with another pose.
@@ -285,7 +300,9 @@ def stacked(sightings: Sequence[Sighting]) -> Stack:
     ends = np.cumsum(counts)
     along = None
     if any(s.along is not None for s in sightings):
-        along = np.concatenate([np.zeros((len(s), 3)) if s.along is None else s.along for s in sightings])
+        along = np.concatenate(
+            [np.zeros((len(s), 3)) if s.along is None else s.along for s in sightings]
+        )
     return Stack(
         np.concatenate([s.pixels for s in sightings]),
         np.concatenate([s.points for s in sightings]),
@@ -309,9 +326,13 @@ def _marks(sightings: Sequence[Sighting]) -> Marks:
     """
     ids = np.concatenate([s.ids for s in sightings if s.ids is not None])
     points = np.concatenate([s.points for s in sightings])
-    normals = np.concatenate([np.zeros((len(s), 3)) if s.normals is None else s.normals for s in sightings])
+    normals = np.concatenate(
+        [np.zeros((len(s), 3)) if s.normals is None else s.normals for s in sightings]
+    )
     at = np.flatnonzero(np.any(normals != 0, axis=1))
-    known, first, number, count = np.unique(ids[at], return_index=True, return_inverse=True, return_counts=True)
+    known, first, number, count = np.unique(
+        ids[at], return_index=True, return_inverse=True, return_counts=True
+    )
     if (alone := known[count < 2]).size:
         raise InvalidParameter(
             f"mark {alone[0]} on a plane is seen once, which says nothing: somewhere on it every pixel looks; it is "
@@ -320,8 +341,12 @@ def _marks(sightings: Sequence[Sighting]) -> Marks:
     one, other = at[first][number], at
     off = np.abs(np.sum(normals[one] * (points[other] - points[one]), axis=1))
     size = 1e-6 * (np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[one], axis=1))
-    if (apart := (off > size) | (np.abs(np.sum(normals[one] * normals[other], axis=1)) < 1 - 1e-9)).any():
-        raise InvalidParameter(f"mark {ids[at][apart][0]} is said to lie on two planes; it is valid on one")
+    if (
+        apart := (off > size) | (np.abs(np.sum(normals[one] * normals[other], axis=1)) < 1 - 1e-9)
+    ).any():
+        raise InvalidParameter(
+            f"mark {ids[at][apart][0]} is said to lie on two planes; it is valid on one"
+        )
     axes = np.zeros((len(ids), 3, 2))
     axes[at] = np.linalg.svd(normals[one][:, None])[2][:, 1:].transpose(0, 2, 1)
     numbers = np.full(len(ids), -1)
@@ -370,7 +395,9 @@ def flipped_observations(sighting: Sighting, ends_mm: float, width: int) -> Sigh
     board = _counted_backwards(sighting, ends_mm)
     assert board.motion is not None
     across = np.array([-1.0, 1.0, 1.0])
-    motion = Motion(across[:, None] * board.motion.rotation * [1.0, 1.0, -1.0], across * board.motion.shift_mm)
+    motion = Motion(
+        across[:, None] * board.motion.rotation * [1.0, 1.0, -1.0], across * board.motion.shift_mm
+    )
     return replace(board, pixels=board.pixels * across[:2] + [width - 1.0, 0.0], motion=motion)
 
 
@@ -389,7 +416,9 @@ def _counted_backwards(sighting: Sighting, ends_mm: float) -> Sighting:
     rotation, shift = sighting.motion
     points = sighting.points * [-1.0, 1.0, 1.0] + [ends_mm, 0.0, 0.0]
     return replace(
-        sighting, points=points, motion=Motion(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm)
+        sighting,
+        points=points,
+        motion=Motion(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm),
     )
 
 
@@ -431,7 +460,9 @@ class _Row(NamedTuple):
 
 
 @checked
-def read_surveys(points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()) -> Surveys:
+def read_surveys(
+    points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()
+) -> Surveys:
     """Read surveyed points and directions with their pixels from CSV tables with a header line.
 
     Lines with the same image name, in all files, belong to one camera pose: a camera that did not
@@ -470,12 +501,17 @@ def read_surveys(points: Sequence[str | Path] = (), directions: Sequence[str | P
     """
     rows = [row for path in points for row in _rows(Path(path), (POINT_COLUMNS,), is_distant=False)]
     rows += [
-        row for path in directions for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)
+        row
+        for path in directions
+        for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)
     ]
     sightings, places = [], {}
     for name in dict.fromkeys(row.picture for row in rows):
         own = [row for row in rows if row.picture == name]
-        pixels, targets = np.array([row.pixel for row in own]), np.array([row.target for row in own])
+        pixels, targets = (
+            np.array([row.pixel for row in own]),
+            np.array([row.target for row in own]),
+        )
         distant = np.array([row.is_distant for row in own])
         sightings.append(Sighting(name, pixels, targets, is_distant=distant, is_surveyed=True))
         places[name] = tuple(row.place for row in own)
@@ -485,14 +521,19 @@ def read_surveys(points: Sequence[str | Path] = (), directions: Sequence[str | P
 def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
     """Return the lines of a file with pixel columns and one of several sets of target columns."""
     text = read_text(path, "points and directions", InvalidParameter, f"there is no file {path}")
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    lines = [
+        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    ]
     if len(lines) < 2:
         raise InvalidParameter(
             f"{path} holds no points; its first line should be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
         )
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
-    target = next((names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}), None)
+    target = next(
+        (names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}),
+        None,
+    )
     if target is None or len(set(columns)) < len(columns):
         ways = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
         raise InvalidParameter(
@@ -501,23 +542,31 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
 
-def _row(place: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool) -> _Row:
+def _row(
+    place: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool
+) -> _Row:
     cells = csv_cells(line, place)
     if len(cells) != len(columns):
-        raise InvalidParameter(f"{place} has {len(cells)} values, and the first line names {len(columns)}")
+        raise InvalidParameter(
+            f"{place} has {len(cells)} values, and the first line names {len(columns)}"
+        )
     entries = dict(zip(columns, cells, strict=True))
     u, v = (csv_number(entries, name, place) for name in PIXEL_COLUMNS)
     numbers = [csv_number(entries, name, place) for name in target]
     if target == ANGLE_COLUMNS:
         azimuth, elevation = np.radians(numbers)
         if abs(elevation) > np.pi / 2:
-            raise InvalidParameter(f"{place}: elevation_deg = {numbers[1]:g} is not within -90 to 90")
+            raise InvalidParameter(
+                f"{place}: elevation_deg = {numbers[1]:g} is not within -90 to 90"
+            )
         level = np.cos(elevation)
         numbers = [level * np.cos(azimuth), -level * np.sin(azimuth), np.sin(elevation)]
     if is_distant and not np.linalg.norm(numbers) > 0:
         raise InvalidParameter(f"{place}: 0, 0, 0 is no direction")
     x, y, z = numbers
-    return _Row(place, entries.get(IMAGE_COLUMN) or ONLY, (u, v), (float(x), float(y), float(z)), is_distant)
+    return _Row(
+        place, entries.get(IMAGE_COLUMN) or ONLY, (u, v), (float(x), float(y), float(z)), is_distant
+    )
 
 
 # -- Simulated board corners without rendering, to test a calibration against a known camera -------
@@ -584,7 +633,9 @@ def simulate_detections(
             if seen.valid.mean() >= MIN_VISIBLE:
                 break
         else:
-            raise InvalidParameter(f"the camera sees no board of {board} with squares of {board.square_mm:g} mm")
+            raise InvalidParameter(
+                f"the camera sees no board of {board} with squares of {board.square_mm:g} mm"
+            )
         ids = np.flatnonzero(seen.valid)
         corners = seen.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))
         detections.append(Detection(f"picture {i + 1}", camera.image_size, ids, corners))

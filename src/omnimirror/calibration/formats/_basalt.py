@@ -50,7 +50,14 @@ def _camera(entry: Node, size: tuple[int, int], reading: Reading) -> Any:
     fx, fy, cx, cy = (table[name].number() for name in MATRIX)
     values = {name: table[name].number() for name in names}
     try:
-        return model(focal_px=(fx, fy), centre_px=(cx, cy), image_size=size, **values, **fixed, **reading.told)
+        return model(
+            focal_px=(fx, fy),
+            centre_px=(cx, cy),
+            image_size=size,
+            **values,
+            **fixed,
+            **reading.told,
+        )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {entry.name}: {problem}") from None
 
@@ -60,7 +67,9 @@ def _layout(name: str) -> Layout:
 
     def write(camera: Any, title: str = "") -> str:
         matrix = dict(zip(MATRIX, (*camera.focal_px, *camera.centre_px), strict=True))
-        numbers = {k: float(v) for k, v in (matrix | {n: getattr(camera, n) for n in names}).items()}
+        numbers = {
+            k: float(v) for k, v in (matrix | {n: getattr(camera, n) for n in names}).items()
+        }
         pose = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
         table = {
             "T_imu_cam": [pose],
@@ -80,5 +89,8 @@ def recognises(file: CameraFile) -> bool:
 
 
 FORMAT = CameraFormat(
-    "Basalt calibration JSON", recognises, read, {f"basalt-{name}": _layout(name) for name in ("ds", "eucm", "kb4")}
+    "Basalt calibration JSON",
+    recognises,
+    read,
+    {f"basalt-{name}": _layout(name) for name in ("ds", "eucm", "kb4")},
 )

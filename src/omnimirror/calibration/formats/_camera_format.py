@@ -80,7 +80,9 @@ class Node:
         """Return a finite number."""
         value = self.value
         try:
-            number = np.nan if isinstance(value, bool | dict | list | None) else float_of(str(value))
+            number = (
+                np.nan if isinstance(value, bool | dict | list | None) else float_of(str(value))
+            )
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
@@ -127,10 +129,14 @@ class Node:
             flat = self["data"].numbers(rows * columns)
             for name, valid in (("rows", rows), ("cols", columns)):
                 if name in self and self[name].whole() != valid:
-                    self[name].refuse(f"= {self[name].whole()} is not valid; it is valid as {valid}")
+                    self[name].refuse(
+                        f"= {self[name].whole()} is not valid; it is valid as {valid}"
+                    )
             return np.array(flat).reshape(rows, columns)
         if len(self.entries()) != rows:
-            self.refuse(f"has {len(self.entries())} rows; it is valid with {rows} of {columns} numbers")
+            self.refuse(
+                f"has {len(self.entries())} rows; it is valid with {rows} of {columns} numbers"
+            )
         return np.array([row.numbers(columns) for row in self.entries()])
 
     def row(self, *counts: int) -> tuple[float, ...]:
@@ -196,7 +202,9 @@ def _entry(tree: Any, source: str, name: str) -> Node:
         table: dict[str, Node] = {}
         for key, key_node, value in pairs:
             if key in table:
-                raise SpecError(f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time")
+                raise SpecError(
+                    f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time"
+                )
             table[key] = _entry(value, source, f"{name}.{key}" if name else key)
         return Node(table, source, name, line)
     if tree.id == "sequence":
@@ -222,9 +230,15 @@ def read_json(text: str, source: str) -> Node:
     try:
         return _plain(parse_json(text), source, "")
     except json.JSONDecodeError as problem:
-        raise SpecError(f"{source} line {problem.lineno} is not valid JSON: {problem.msg}") from None
+        raise SpecError(
+            f"{source} line {problem.lineno} is not valid JSON: {problem.msg}"
+        ) from None
     except ValueError as problem:
-        reason = f": {problem}" if str(problem) == TOO_DEEP else " holds a whole number of thousands of digits"
+        reason = (
+            f": {problem}"
+            if str(problem) == TOO_DEEP
+            else " holds a whole number of thousands of digits"
+        )
         raise SpecError(f"{source}{reason}") from None
 
 
@@ -260,12 +274,16 @@ def _element(element: Any, source: str, name: str) -> Node:
     """Convert an element of an XML tree."""
     children = list(element)
     if children and all(child.tag == "_" for child in children):
-        return Node([_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name)
+        return Node(
+            [_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name
+        )
     if children:
         table: dict[str, Node] = {}
         for child in children:
             if child.tag in table:
-                raise SpecError(f"{source}: {child.tag} stands in {name or 'the file'} a second time")
+                raise SpecError(
+                    f"{source}: {child.tag} stands in {name or 'the file'} a second time"
+                )
             table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
         return Node(table, source, name)
     words = (element.text or "").split()
@@ -464,7 +482,9 @@ class CameraFile:
                 has_begun = False
                 continue
             documents[-1].append(line)
-            has_begun = has_begun or bool(line.split("#")[0].strip("- ") and not line.startswith("%"))
+            has_begun = has_begun or bool(
+                line.split("#")[0].strip("- ") and not line.startswith("%")
+            )
         if len(documents) == 1:
             return [self.text]
         texts = ["\n".join(document) + "\n" for document in documents]
@@ -496,13 +516,19 @@ class CameraFile:
     @property
     def problem(self) -> SpecError | None:
         """Parsing error of a file that is JSON, XML or YAML according to its start or its name."""
-        claims = self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz")) or self.data.lstrip()[:1] in b"{<%"
+        claims = (
+            self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz"))
+            or self.data.lstrip()[:1] in b"{<%"
+        )
         return self._parsed if isinstance(self._parsed, SpecError) and claims else None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on ignored content."""
-        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in ("{", "<")
+        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in (
+            "{",
+            "<",
+        )
         count = len(self._documents) if several else 1
         return (f"the file holds {count} YAML documents; the first is read",) if count > 1 else ()
 

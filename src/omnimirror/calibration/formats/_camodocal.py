@@ -41,8 +41,15 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 def _sphere(table: Node, model: str, size: tuple[int, int], reading: Reading) -> Any:
     projection = table["projection_parameters"]
-    fu, fv, u, v = (projection[name].number() for name in FOCAL.get(model, ("fx", "fy", "cx", "cy")))
-    common: dict[str, Any] = {"focal_px": (fu, fv), "centre_px": (u, v), "image_size": size, **reading.told}
+    fu, fv, u, v = (
+        projection[name].number() for name in FOCAL.get(model, ("fx", "fy", "cx", "cy"))
+    )
+    common: dict[str, Any] = {
+        "focal_px": (fu, fv),
+        "centre_px": (u, v),
+        "image_size": size,
+        **reading.told,
+    }
     if model == "KANNALA_BRANDT":
         law = {f"k{i}": projection[k].number() for i, k in enumerate(KS, 1)}
         return KannalaBrandt(**common | law)
@@ -66,11 +73,18 @@ def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: Reading)
 def _written(camera: Any, name: str, model: str, tables: dict[str, dict[str, float]]) -> str:
     width, height = camera.image_size
     lines = [
-        "%YAML:1.0", "---", f"model_type: {model}", f"camera_name: {yaml_string(name or 'camera')}",
-        f"image_width: {width}", f"image_height: {height}",
-    ]  # fmt: skip
+        "%YAML:1.0",
+        "---",
+        f"model_type: {model}",
+        f"camera_name: {yaml_string(name or 'camera')}",
+        f"image_width: {width}",
+        f"image_height: {height}",
+    ]
     for title, numbers in tables.items():
-        lines += [f"{title}:", *(f"   {key}: {number_row([value])}" for key, value in numbers.items())]
+        lines += [
+            f"{title}:",
+            *(f"   {key}: {number_row([value])}" for key, value in numbers.items()),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -92,13 +106,19 @@ def write_kannala_brandt(camera: KannalaBrandt, name: str = "") -> str:
     """Return the text of a camera KANNALA_BRANDT."""
     ks = {k: getattr(camera, f"k{i}") for i, k in enumerate(KS, 1)}
     return _written(
-        camera, name, "KANNALA_BRANDT", {"projection_parameters": ks | _projection(camera, "KANNALA_BRANDT")}
+        camera,
+        name,
+        "KANNALA_BRANDT",
+        {"projection_parameters": ks | _projection(camera, "KANNALA_BRANDT")},
     )
 
 
 FORMAT = CameraFormat(
     "camodocal YAML",
-    lambda file: file.has("model_type") and (file.has("projection_parameters") or file.has("poly_parameters")),
+    lambda file: (
+        file.has("model_type")
+        and (file.has("projection_parameters") or file.has("poly_parameters"))
+    ),
     read,
     {
         "camodocal-mei": Layout(Unified, write_mei, "MEI", MATRIX | {*RADTAN, "xi"}),

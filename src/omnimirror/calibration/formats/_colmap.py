@@ -9,9 +9,24 @@ from typing import Any, NamedTuple
 
 from ...base.arguments import float_of
 from ...base.errors import OmnimirrorError, SpecError
-from ...cameras.models import EnhancedUnified, KannalaBrandt, RationalPinhole, ThinPrismFisheye, Unified
+from ...cameras.models import (
+    EnhancedUnified,
+    KannalaBrandt,
+    RationalPinhole,
+    ThinPrismFisheye,
+    Unified,
+)
 from ...dewarp.views import sphere
-from ._camera_format import CameraFile, CameraFormat, Content, Layout, Reading, Stored, named_numbers, number_row
+from ._camera_format import (
+    CameraFile,
+    CameraFormat,
+    Content,
+    Layout,
+    Reading,
+    Stored,
+    named_numbers,
+    number_row,
+)
 
 HALF = 0.5  # px; offset of COLMAP's pixel centres
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
@@ -44,7 +59,9 @@ KINDS = {
     "SIMPLE_RADIAL_FISHEYE": Model(8, "f cx cy k1", KannalaBrandt),
     "RADIAL_FISHEYE": Model(9, "f cx cy k1 k2", KannalaBrandt),
     "THIN_PRISM_FISHEYE": Model(10, "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1"),
-    "RAD_TAN_THIN_PRISM_FISHEYE": Model(11, "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", ThinPrismFisheye),
+    "RAD_TAN_THIN_PRISM_FISHEYE": Model(
+        11, "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", ThinPrismFisheye
+    ),
     "SIMPLE_DIVISION": Model(12, "f cx cy k"),
     "DIVISION": Model(13, "fx fy cx cy k"),
     "SIMPLE_FISHEYE": Model(14, "f cx cy", KannalaBrandt),
@@ -63,7 +80,9 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
     cameras = _binary(file.data, file.source) if file.is_binary else _lines(file.text, reading)
     found = [Stored(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
     if not found:
-        raise SpecError(f"{reading.source} has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT and parameters")
+        raise SpecError(
+            f"{reading.source} has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT and parameters"
+        )
     return found
 
 
@@ -87,16 +106,24 @@ def _lines(text: str, reading: Reading) -> list[Line]:
             identity = int(words[0])
             width, height, *parameters = (float_of(word) for word in numbers)
         except ValueError:
-            raise SpecError(f"{where}: a camera's id and what follows its model are numbers") from None
+            raise SpecError(
+                f"{where}: a camera's id and what follows its model are numbers"
+            ) from None
         if name not in KINDS:
-            raise SpecError(f"{where}: there is no model {name[:40]!r}; valid are {', '.join(KINDS)}")
+            raise SpecError(
+                f"{where}: there is no model {name[:40]!r}; valid are {', '.join(KINDS)}"
+            )
         rows.append((identity, name, _size(width, height, where), tuple(parameters), where))
     return rows
 
 
 def _size(width: float, height: float, where: str) -> tuple[int, int]:
-    if not (0 < width < 2**31 and 0 < height < 2**31 and width == int(width) and height == int(height)):
-        raise SpecError(f"{where}: {width:g} x {height:g} is no size of a picture; it is valid in whole pixels above 0")
+    if not (
+        0 < width < 2**31 and 0 < height < 2**31 and width == int(width) and height == int(height)
+    ):
+        raise SpecError(
+            f"{where}: {width:g} x {height:g} is no size of a picture; it is valid in whole pixels above 0"
+        )
     return int(width), int(height)
 
 
@@ -119,7 +146,9 @@ def _binary(data: bytes, source: str) -> list[Line]:
     return rows
 
 
-def _camera(name: str, size: tuple[int, int], numbers: Numbers, where: str, reading: Reading) -> Any:
+def _camera(
+    name: str, size: tuple[int, int], numbers: Numbers, where: str, reading: Reading
+) -> Any:
     kind = KINDS[name]
     names = kind.parameters.split()
     if len(numbers) != len(names):
@@ -138,7 +167,9 @@ def _camera(name: str, size: tuple[int, int], numbers: Numbers, where: str, read
     focal = (values.pop("fx"), values.pop("fy")) if f is None else (f, f)
     centre = (values.pop("cx") - HALF, values.pop("cy") - HALF)
     try:
-        return kind.model(focal_px=focal, centre_px=centre, image_size=size, **values, **reading.told)
+        return kind.model(
+            focal_px=focal, centre_px=centre, image_size=size, **values, **reading.told
+        )
     except OmnimirrorError as problem:
         raise SpecError(f"{where}: {problem}") from None
 
@@ -150,7 +181,10 @@ def values_of(camera: Any, name: str) -> Numbers:
     """Return the parameters of a camera in the order of one of COLMAP's models."""
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
     places = {"fx": fx, "fy": fy, "cx": cx + HALF, "cy": cy + HALF}
-    return tuple(float(places[p] if p in places else getattr(camera, p)) for p in KINDS[name].parameters.split())
+    return tuple(
+        float(places[p] if p in places else getattr(camera, p))
+        for p in KINDS[name].parameters.split()
+    )
 
 
 def text_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> str:
@@ -185,7 +219,8 @@ def recognises(file: CameraFile) -> bool:
         return file.name.endswith(".bin") or 0 < count < len(data) / 32
     return (
         file.table is None
-        and re.search(rb"^\s*\d+\s+(" + "|".join(KINDS).encode() + rb")\s+\d", data, re.M) is not None
+        and re.search(rb"^\s*\d+\s+(" + "|".join(KINDS).encode() + rb")\s+\d", data, re.M)
+        is not None
     )
 
 
@@ -220,6 +255,9 @@ FORMAT = CameraFormat(
         for is_binary in (False, True)
         for short, (kind, model, extra) in LAYOUTS.items()
     }
-    | {f"colmap{'-bin' * is_binary}-equirectangular": _panorama(is_binary) for is_binary in (False, True)},
+    | {
+        f"colmap{'-bin' * is_binary}-equirectangular": _panorama(is_binary)
+        for is_binary in (False, True)
+    },
     ("cameras.txt", "cameras.bin"),
 )

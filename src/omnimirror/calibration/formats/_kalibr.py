@@ -7,7 +7,16 @@ from typing import Any
 
 from ...base.errors import OmnimirrorError, SpecError
 from ...cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, Unified
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, named_numbers, number_row
+from ._camera_format import (
+    CameraFile,
+    CameraFormat,
+    Layout,
+    Node,
+    Reading,
+    Stored,
+    named_numbers,
+    number_row,
+)
 
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
 RADTAN = frozenset({"k1", "k2", "p1", "p2"})
@@ -27,7 +36,10 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
     names = [name for name in chain.names() if re.fullmatch(r"cam\d+", name)]
     if not names:
         chain.refuse("it has no camera cam0")
-    return [Stored(name, _camera(chain[name], reading)) for name in sorted(names, key=lambda n: int(n[3:]))]
+    return [
+        Stored(name, _camera(chain[name], reading))
+        for name in sorted(names, key=lambda n: int(n[3:]))
+    ]
 
 
 def _camera(table: Node, reading: Reading) -> Any:
@@ -39,8 +51,11 @@ def _camera(table: Node, reading: Reading) -> Any:
     numbers = table["intrinsics"].numbers({"omni": 5, "pinhole": 4}.get(model, 6))
     *law, fu, fv, pu, pv = numbers
     common: dict[str, Any] = {
-        "focal_px": (fu, fv), "centre_px": (pu, pv), "image_size": size, **reading.told,
-    }  # fmt: skip
+        "focal_px": (fu, fv),
+        "centre_px": (pu, pv),
+        "image_size": size,
+        **reading.told,
+    }
     coefficients = () if distortion == "none" else table["distortion_coeffs"].numbers(4)
     try:
         if model == "eucm":
@@ -58,7 +73,13 @@ def _camera(table: Node, reading: Reading) -> Any:
 # -- writing ----------------------------------------------------------------------------------
 
 
-def _written(camera: Any, model: str, law: tuple[float, ...], distortion: str, coefficients: tuple[float, ...]) -> str:
+def _written(
+    camera: Any,
+    model: str,
+    law: tuple[float, ...],
+    distortion: str,
+    coefficients: tuple[float, ...],
+) -> str:
     width, height = camera.image_size
     numbers = (*law, *camera.focal_px, *camera.centre_px)
     return (
@@ -75,7 +96,9 @@ def _written(camera: Any, model: str, law: tuple[float, ...], distortion: str, c
 
 def write_omni(camera: Unified, name: str = "") -> str:
     """Return a chain of one camera ``omni`` with ``radtan`` distortion."""
-    return _written(camera, "omni", (camera.xi,), "radtan", (camera.k1, camera.k2, camera.p1, camera.p2))
+    return _written(
+        camera, "omni", (camera.xi,), "radtan", (camera.k1, camera.k2, camera.p1, camera.p2)
+    )
 
 
 def write_eucm(camera: EnhancedUnified, name: str = "") -> str:
@@ -90,7 +113,9 @@ def write_ds(camera: DoubleSphere, name: str = "") -> str:
 
 def write_equi(camera: KannalaBrandt, name: str = "") -> str:
     """Return a chain of one camera ``pinhole`` with ``equidistant`` distortion."""
-    return _written(camera, "pinhole", (), "equidistant", (camera.k1, camera.k2, camera.k3, camera.k4))
+    return _written(
+        camera, "pinhole", (), "equidistant", (camera.k1, camera.k2, camera.k3, camera.k4)
+    )
 
 
 def recognises(file: CameraFile) -> bool:
@@ -98,7 +123,9 @@ def recognises(file: CameraFile) -> bool:
     if file.table is None:
         return False
     cameras = (entry for name, entry in file.table.value.items() if re.fullmatch(r"cam\d+", name))
-    return any("camera_model" in camera for camera in cameras) or file.has("camera_model", "intrinsics")
+    return any("camera_model" in camera for camera in cameras) or file.has(
+        "camera_model", "intrinsics"
+    )
 
 
 FORMAT = CameraFormat(
@@ -110,7 +137,11 @@ FORMAT = CameraFormat(
         "kalibr-eucm": Layout(EnhancedUnified, write_eucm, "eucm", MATRIX | {"alpha", "beta"}),
         "kalibr-ds": Layout(DoubleSphere, write_ds, "ds", MATRIX | {"xi", "alpha"}),
         "kalibr-equi": Layout(
-            KannalaBrandt, write_equi, "pinhole with equidistant", MATRIX | {"k1", "k2", "k3", "k4"}, 90.0
+            KannalaBrandt,
+            write_equi,
+            "pinhole with equidistant",
+            MATRIX | {"k1", "k2", "k3", "k4"},
+            90.0,
         ),
     },
     ("*camchain*.yaml", "*camchain*.yml"),

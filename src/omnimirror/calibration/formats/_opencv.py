@@ -6,7 +6,16 @@ from typing import Any
 
 from ...base.errors import OmnimirrorError, SpecError
 from ...cameras.models import KannalaBrandt, RationalPinhole, Unified
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, named_numbers, number_row
+from ._camera_format import (
+    CameraFile,
+    CameraFormat,
+    Layout,
+    Node,
+    Reading,
+    Stored,
+    named_numbers,
+    number_row,
+)
 
 # -- OpenCV omnidir YAML: Mei's unified sphere, as in the sample ``omni_calibration`` --------------
 #
@@ -21,7 +30,11 @@ def read_omnidir(file: CameraFile, reading: Reading) -> list[Stored]:
     table = file.entries
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     k1, k2, p1, p2 = table["distortion_coefficients"].row(4)
-    xi = table["xi"].row(1)[0] if isinstance(table["xi"].value, dict | list) else table["xi"].number()
+    xi = (
+        table["xi"].row(1)[0]
+        if isinstance(table["xi"].value, dict | list)
+        else table["xi"].number()
+    )
     size = image_size(table, reading)
     try:
         camera = Unified(xi, focal, centre, size, skew, k1=k1, k2=k2, p1=p1, p2=p2, **reading.told)
@@ -48,7 +61,8 @@ def image_size(table: Node, reading: Reading) -> tuple[int, int]:
 def opencv_matrix(name: str, rows: int, columns: int, numbers: list[float]) -> str:
     """Return a matrix in the format of OpenCV's FileStorage."""
     return (
-        f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {number_row(numbers)} ]\n"
+        f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n"
+        f"   data: [ {number_row(numbers)} ]\n"
     )
 
 
@@ -59,7 +73,9 @@ def write_omnidir(camera: Unified, name: str = "") -> str:
         "%YAML:1.0\n---\n"
         f"image_width: {width}\nimage_height: {height}\n"
         + opencv_matrix("camera_matrix", 3, 3, [fx, camera.skew_px, cx, 0, fy, cy, 0, 0, 1])
-        + opencv_matrix("distortion_coefficients", 1, 4, [camera.k1, camera.k2, camera.p1, camera.p2])
+        + opencv_matrix(
+            "distortion_coefficients", 1, 4, [camera.k1, camera.k2, camera.p1, camera.p2]
+        )
         + f"xi: {number_row([camera.xi])}\n"
     )
 
@@ -92,14 +108,20 @@ def read_fisheye(file: CameraFile, reading: Reading) -> list[Stored]:
     if "xi" in table:
         table["xi"].refuse("belongs to a camera of omnidir, and this is read as one of fisheye")
     if fisheye_model(table) is False:
-        table["fisheye_model"].refuse("= 0 is that of a pinhole camera, and this is read as a fisheye")
+        table["fisheye_model"].refuse(
+            "= 0 is that of a pinhole camera, and this is read as a fisheye"
+        )
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     distortion = table["distortion_coefficients"]
     if len(distortion.flat().entries()) > 4:
-        distortion.refuse("has more than 4 numbers, as of a pinhole camera; of a fisheye it is valid with 4, k1 to k4")
+        distortion.refuse(
+            "has more than 4 numbers, as of a pinhole camera; of a fisheye it is valid with 4, k1 to k4"
+        )
     ks = named_numbers(("k1", "k2", "k3", "k4"), distortion.row(4))
     try:
-        camera = KannalaBrandt(focal, centre, image_size(table, reading), skew_px=skew, **ks, **reading.told)
+        camera = KannalaBrandt(
+            focal, centre, image_size(table, reading), skew_px=skew, **ks, **reading.told
+        )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
     return [Stored("", camera)]
@@ -112,7 +134,9 @@ def write_fisheye(camera: KannalaBrandt, name: str = "") -> str:
         "%YAML:1.0\n---\n"
         f"image_width: {width}\nimage_height: {height}\nfisheye_model: 1\n"
         + opencv_matrix("camera_matrix", 3, 3, [fx, camera.skew_px, cx, 0, fy, cy, 0, 0, 1])
-        + opencv_matrix("distortion_coefficients", 4, 1, [camera.k1, camera.k2, camera.k3, camera.k4])
+        + opencv_matrix(
+            "distortion_coefficients", 4, 1, [camera.k1, camera.k2, camera.k3, camera.k4]
+        )
     )
 
 
@@ -149,7 +173,11 @@ FISHEYE = CameraFormat(
     read_fisheye,
     {
         "opencv-fisheye": Layout(
-            KannalaBrandt, write_fisheye, "Kannala and Brandt's polynomial", FISHEYE_PARAMETERS, BEHIND_DEG
+            KannalaBrandt,
+            write_fisheye,
+            "Kannala and Brandt's polynomial",
+            FISHEYE_PARAMETERS,
+            BEHIND_DEG,
         )
     },
 )
@@ -170,9 +198,13 @@ def read_pinhole(file: CameraFile, reading: Reading) -> list[Stored]:
     table = file.entries
     for name in ("xi", "distortion_model"):
         if name in table:
-            table[name].refuse("does not belong to a pinhole camera of OpenCV, as which this is read")
+            table[name].refuse(
+                "does not belong to a pinhole camera of OpenCV, as which this is read"
+            )
     if fisheye_model(table):
-        table["fisheye_model"].refuse("= 1 is that of a fisheye, and this is read as a pinhole camera")
+        table["fisheye_model"].refuse(
+            "= 1 is that of a fisheye, and this is read as a pinhole camera"
+        )
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     k = table["distortion_coefficients"].row(*DISTORTION_COUNTS)
     if any(k[8:]):
@@ -181,10 +213,17 @@ def read_pinhole(file: CameraFile, reading: Reading) -> list[Stored]:
         )
     model: Any = RationalPinhole if any(k[5:]) else Unified
     law = {} if model is RationalPinhole else {"xi": 0.0}
-    numbers = named_numbers(DISTORTION_NAMES if model is RationalPinhole else DISTORTION_NAMES[:5], k)
+    numbers = named_numbers(
+        DISTORTION_NAMES if model is RationalPinhole else DISTORTION_NAMES[:5], k
+    )
     try:
         camera = model(
-            focal_px=focal, centre_px=centre, image_size=image_size(table, reading), **law, **numbers, **reading.told
+            focal_px=focal,
+            centre_px=centre,
+            image_size=image_size(table, reading),
+            **law,
+            **numbers,
+            **reading.told,
         )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
@@ -195,7 +234,10 @@ def read_pinhole(file: CameraFile, reading: Reading) -> list[Stored]:
 def write_pinhole(camera: Any, name: str = "") -> str:
     """Return the text of the file, with five coefficients, or eight for the rational model."""
     (fx, fy), (cx, cy), (width, height) = camera.focal_px, camera.centre_px, camera.image_size
-    k = [getattr(camera, n) for n in DISTORTION_NAMES[: 8 if isinstance(camera, RationalPinhole) else 5]]
+    k = [
+        getattr(camera, n)
+        for n in DISTORTION_NAMES[: 8 if isinstance(camera, RationalPinhole) else 5]
+    ]
     return (
         "%YAML:1.0\n---\n"
         f"image_width: {width}\nimage_height: {height}\nfisheye_model: 0\n"
@@ -218,10 +260,18 @@ PINHOLE = CameraFormat(
     read_pinhole,
     {
         "opencv-pinhole": Layout(
-            Unified, write_pinhole, "a pinhole camera", PINHOLE_MATRIX | {*DISTORTION_NAMES[:5]}, 90.0
+            Unified,
+            write_pinhole,
+            "a pinhole camera",
+            PINHOLE_MATRIX | {*DISTORTION_NAMES[:5]},
+            90.0,
         ),
         "opencv-rational": Layout(
-            RationalPinhole, write_pinhole, "a rational pinhole camera", PINHOLE_MATRIX | {*DISTORTION_NAMES}, 90.0
+            RationalPinhole,
+            write_pinhole,
+            "a rational pinhole camera",
+            PINHOLE_MATRIX | {*DISTORTION_NAMES},
+            90.0,
         ),
     },
 )

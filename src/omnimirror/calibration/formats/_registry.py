@@ -74,7 +74,9 @@ BUILT_IN_FORMATS = {
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, CameraFormat):
         raise WrongKind(f"{shown(kind)} is no omnimirror.calibration.formats.CameraFormat")
-    taken = [layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts]
+    taken = [
+        layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts
+    ]
     if taken:
         raise InvalidParameter(f"{taken[0]} is written by another format; choose another name")
 
@@ -119,7 +121,9 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read_cameras(path: str | Path, reading: Reading, name: str | None = None) -> tuple[str, list[Stored]]:
+def read_cameras(
+    path: str | Path, reading: Reading, name: str | None = None
+) -> tuple[str, list[Stored]]:
     """Read the cameras of a file; return the name of its format and the cameras.
 
     Parameters
@@ -153,7 +157,10 @@ def read_cameras(path: str | Path, reading: Reading, name: str | None = None) ->
     file = CameraFile.of(str(path), data)
     name = _recognised(file) if name is None else name
     stored = FORMATS[name].read(file, reading)
-    return name, [one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading))) for one in stored]
+    return name, [
+        one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading)))
+        for one in stored
+    ]
 
 
 def _recognised(file: CameraFile) -> str:
@@ -180,7 +187,9 @@ def _recognised(file: CameraFile) -> str:
     if file.problem:
         raise file.problem
     known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
-    raise SpecError(f"{file.source} is not recognised as a camera file; say which it is, of {known}")
+    raise SpecError(
+        f"{file.source} is not recognised as a camera file; say which it is, of {known}"
+    )
 
 
 def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
@@ -188,7 +197,11 @@ def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
     if name == "omnimirror" or not isinstance(camera, RadialModel):
         return []
     (width, height), given = camera.image_size, reading.image_size
-    unused = [] if given in (None, (width, height)) else [f"the image size of the file is used, {width}x{height}"]
+    unused = (
+        []
+        if given in (None, (width, height))
+        else [f"the image size of the file is used, {width}x{height}"]
+    )
     return [*unused, *plausibility_warnings(camera)]
 
 
@@ -232,7 +245,9 @@ def targets_of(path: str | Path, to: str | None) -> list[Target]:
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _of_path(kind, path)
-    raise InvalidParameter(f"{Path(path).name} does not say which format is wanted; give to, one of {known}")
+    raise InvalidParameter(
+        f"{Path(path).name} does not say which format is wanted; give to, one of {known}"
+    )
 
 
 def _all_targets() -> Iterator[Target]:
@@ -244,6 +259,10 @@ def _all_targets() -> Iterator[Target]:
 def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
     """Return all layouts of a format, or only those for the suffix of the file."""
     suffix = Path(path).suffix.lower()
-    all_of_it = [Target(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
+    all_of_it = [
+        Target(name, kind, layout)
+        for name, layout in kind.layouts.items()
+        if not layout.is_panorama
+    ]
     fitting = [t for t in all_of_it if suffix in t.layout.suffixes]
     return fitting or [t for t in all_of_it if not t.layout.suffixes] or all_of_it

@@ -8,7 +8,16 @@ from typing import Any, TypeAlias
 from ...base.errors import OmnimirrorError, SpecError
 from ...base.escaping import yaml_string
 from ...cameras.models import KannalaBrandt, RationalPinhole, Unified
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, named_numbers, number_row
+from ._camera_format import (
+    CameraFile,
+    CameraFormat,
+    Layout,
+    Node,
+    Reading,
+    Stored,
+    named_numbers,
+    number_row,
+)
 from ._opencv import camera_matrix
 
 Matrix: TypeAlias = tuple[tuple[float, float], tuple[float, float], float]
@@ -44,18 +53,26 @@ def _cropped(table: Node) -> Iterator[str]:
     roi = table["roi"] if "roi" in table else Node({}, "")
     place = [roi[n].whole() if n in roi else 0 for n in ("x_offset", "y_offset", "width", "height")]
     if any(place):
-        yield "the camera sends the part {2}x{3} at ({0}, {1}) alone; what is read is of the whole image".format(*place)
+        yield "the camera sends the part {2}x{3} at ({0}, {1}) alone; what is read is of the whole image".format(
+            *place
+        )
 
 
-def _camera(table: Node, coefficients: str, matrix: Matrix, size: tuple[int, int], reading: Reading) -> Any:
+def _camera(
+    table: Node, coefficients: str, matrix: Matrix, size: tuple[int, int], reading: Reading
+) -> Any:
     """Create the camera of a distortion model and its coefficients."""
     model = table["distortion_model"].choice(*COUNTS, "fisheye")
     model = "equidistant" if model == "fisheye" else model  # as some drivers call it
     k = table[coefficients].row(*COUNTS[model])
     focal, centre, skew = matrix
     common: dict[str, Any] = {
-        "focal_px": focal, "centre_px": centre, "image_size": size, "skew_px": skew, **reading.told,
-    }  # fmt: skip
+        "focal_px": focal,
+        "centre_px": centre,
+        "image_size": size,
+        "skew_px": skew,
+        **reading.told,
+    }
     try:
         if model == "equidistant":
             return KannalaBrandt(**common, **named_numbers(("k1", "k2", "k3", "k4"), k))
@@ -91,17 +108,23 @@ def write_equidistant(camera: KannalaBrandt, name: str = "") -> str:
 
 def write_plumb_bob(camera: Unified, name: str = "") -> str:
     """Return the text of a ``plumb_bob`` camera."""
-    return _written(camera, name, "plumb_bob", (camera.k1, camera.k2, camera.p1, camera.p2, camera.k3))
+    return _written(
+        camera, name, "plumb_bob", (camera.k1, camera.k2, camera.p1, camera.p2, camera.k3)
+    )
 
 
 def write_rational(camera: RationalPinhole, name: str = "") -> str:
     """Return the text of a ``rational_polynomial`` camera."""
-    return _written(camera, name, "rational_polynomial", tuple(getattr(camera, k) for k in RATIONAL))
+    return _written(
+        camera, name, "rational_polynomial", tuple(getattr(camera, k) for k in RATIONAL)
+    )
 
 
 def recognises(file: CameraFile) -> bool:
     """Check for a distortion model with a camera matrix, or with the K of a message."""
-    return file.has("distortion_model") and (file.has("camera_matrix") or file.has("K", "D") or file.has("k", "d"))
+    return file.has("distortion_model") and (
+        file.has("camera_matrix") or file.has("K", "D") or file.has("k", "d")
+    )
 
 
 FORMAT = CameraFormat(
@@ -112,8 +135,12 @@ FORMAT = CameraFormat(
         "ros-equidistant": Layout(
             KannalaBrandt, write_equidistant, "equidistant", MATRIX | {"k1", "k2", "k3", "k4"}, 90.0
         ),
-        "ros-plumb-bob": Layout(Unified, write_plumb_bob, "plumb_bob", MATRIX | {"k1", "k2", "p1", "p2", "k3"}, 90.0),
-        "ros-rational": Layout(RationalPinhole, write_rational, "rational_polynomial", MATRIX | {*RATIONAL}, 90.0),
+        "ros-plumb-bob": Layout(
+            Unified, write_plumb_bob, "plumb_bob", MATRIX | {"k1", "k2", "p1", "p2", "k3"}, 90.0
+        ),
+        "ros-rational": Layout(
+            RationalPinhole, write_rational, "rational_polynomial", MATRIX | {*RATIONAL}, 90.0
+        ),
     },
     ("*camera_info*.yaml", "*camera_info*.yml"),
 )

@@ -149,14 +149,18 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
     """
     c, d, e = camera.affine
     powers = c ** (1.0 - np.arange(len(camera.polynomial)))
-    return MatlabPolynomial(-np.array(camera.polynomial) * powers, camera.centre_px, np.array([[1.0, e], [d, c]]) / c)
+    return MatlabPolynomial(
+        -np.array(camera.polynomial) * powers, camera.centre_px, np.array([[1.0, e], [d, c]]) / c
+    )
 
 
 def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Reading) -> OCam:
     """Convert to an OCamCalib camera, the inverse of `taylor_of`."""
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
-        raise SpecError(f"{reading.source}: the stretch matrix begins with {first:g}; it is valid near 1")
+        raise SpecError(
+            f"{reading.source}: the stretch matrix begins with {first:g}; it is valid near 1"
+        )
     if not np.abs(taylor.coefficients).max(initial=0.0) < MATLAB_MAX:
         raise SpecError(
             f"{reading.source}: a coefficient of the polynomial is {MATLAB_MAX:g} or more, which is no camera's"
@@ -195,7 +199,9 @@ def _arguments(text: str, source: str) -> Node:
     if not call:
         raise SpecError(f"{source} does not call fisheyeIntrinsics with its numbers in brackets")
     line = code[: call.start()].count("\n") + 1
-    variables = dict(re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()]))
+    variables = dict(
+        re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()])
+    )
     arguments = re.sub(r"[A-Za-z]\w*", lambda word: variables.get(word[0], word[0]), call[1])
     outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
     if unknown := re.search(r"[A-Za-z]\w*", outside):
@@ -211,7 +217,10 @@ def _arguments(text: str, source: str) -> Node:
         )
     table = {}
     for name, part in zip(MATLAB_NAMES, parts, strict=False):
-        rows = [[_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w] for r in part.split(";")]
+        rows = [
+            [_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w]
+            for r in part.split(";")
+        ]
         entries = [Node(r, source, name, line) for r in rows]
         table[name] = Node(entries if len(entries) > 1 else rows[0], source, name, line)
     return Node(table, source, "", line)
@@ -228,7 +237,9 @@ def _word(word: str, source: str, name: str, line: int) -> Node:
 
 def is_matlab(file: CameraFile) -> bool:
     """Check for a call of ``fisheyeIntrinsics``, or for its arguments."""
-    return file.has(MATLAB_NAMES[0]) or (file.table is None and MATLAB_SCRIPT.search(file.data) is not None)
+    return file.has(MATLAB_NAMES[0]) or (
+        file.table is None and MATLAB_SCRIPT.search(file.data) is not None
+    )
 
 
 # -- writing ----------------------------------------------------------------------------------
@@ -260,7 +271,12 @@ def _numbers(camera: OCam) -> tuple[Array, tuple[int, int], tuple[float, float],
     a = np.zeros(5)
     a[: min(5, len(taylor.coefficients))] = taylor.coefficients[:5]
     width, height = camera.image_size
-    return a[[0, 2, 3, 4]], (height, width), (taylor.centre_px[0] + 1, taylor.centre_px[1] + 1), taylor.stretch
+    return (
+        a[[0, 2, 3, 4]],
+        (height, width),
+        (taylor.centre_px[0] + 1, taylor.centre_px[1] + 1),
+        taylor.stretch,
+    )
 
 
 def _refuses(camera: OCam) -> str:
@@ -275,10 +291,20 @@ MATLAB = CameraFormat(
     read_matlab,
     {
         "matlab-script": Layout(
-            OCam, write_matlab_script, MATLAB_WORDS, MATLAB_TERMS, suffixes=(".m", ".txt"), refuses=_refuses
+            OCam,
+            write_matlab_script,
+            MATLAB_WORDS,
+            MATLAB_TERMS,
+            suffixes=(".m", ".txt"),
+            refuses=_refuses,
         ),
         "matlab-json": Layout(
-            OCam, write_matlab_json, MATLAB_WORDS, MATLAB_TERMS, suffixes=(".json",), refuses=_refuses
+            OCam,
+            write_matlab_json,
+            MATLAB_WORDS,
+            MATLAB_TERMS,
+            suffixes=(".json",),
+            refuses=_refuses,
         ),
     },
     ("*.m",),
@@ -309,7 +335,13 @@ def read_py_ocamcalib(file: CameraFile, reading: Reading) -> list[Stored]:
     camera = ocam_of(MatlabPolynomial(coefficients, (u, v), stretch), (width, height), reading)
     inverse = table["inverse_poly"].numbers() if "inverse_poly" in table else ()
     return [
-        Stored(name, camera, tuple(inverse_polynomial_warnings(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)))
+        Stored(
+            name,
+            camera,
+            tuple(
+                inverse_polynomial_warnings(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)
+            ),
+        )
     ]
 
 
@@ -352,7 +384,11 @@ def read_py_omnicalib(file: CameraFile, reading: Reading) -> list[Stored]:
     table = file.entries
     coefficients = np.array(table["poly_radius_to_z"].numbers())
     u, v = table["principal_point"].numbers(2)
-    camera = ocam_of(MatlabPolynomial(coefficients, (u, v), np.eye(2)), reading.size_in(table, "image_size"), reading)
+    camera = ocam_of(
+        MatlabPolynomial(coefficients, (u, v), np.eye(2)),
+        reading.size_in(table, "image_size"),
+        reading,
+    )
     inverse = table[INVERSE_TERMS].numbers() if INVERSE_TERMS in table else ()
     return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, inverse, 0.0)))]
 
@@ -377,7 +413,10 @@ PY_OMNICALIB = CameraFormat(
     read_py_omnicalib,
     {
         "py-omnicalib": Layout(
-            OCam, write_py_omnicalib, "Scaramuzza's polynomial of a round picture", PY_OMNICALIB_PARAMETERS
+            OCam,
+            write_py_omnicalib,
+            "Scaramuzza's polynomial of a round picture",
+            PY_OMNICALIB_PARAMETERS,
         )
     },
 )
@@ -393,11 +432,17 @@ def read_multicol(file: CameraFile, reading: Reading) -> list[Stored]:
     """Read the camera of the file."""
     table = file.entries
     c, d, e, u, v = (table[f"Camera.{name}"].number() for name in ("c", "d", "e", "u0", "v0"))
-    size = reading.size() if "Camera.Iw" not in table else (table["Camera.Iw"].whole(), table["Camera.Ih"].whole())
+    size = (
+        reading.size()
+        if "Camera.Iw" not in table
+        else (table["Camera.Iw"].whole(), table["Camera.Ih"].whole())
+    )
     direct = -np.array(table.polynomial("Camera.a"))
     camera = ocam_of(MatlabPolynomial(direct, (u, v), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table.polynomial("Camera.pol") if "Camera.pol0" in table else ()
     return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))]
 
 
-MULTICOL = CameraFormat("MultiCol-SLAM YAML", lambda file: file.has("Camera.a0", "Camera.c"), read_multicol, {})
+MULTICOL = CameraFormat(
+    "MultiCol-SLAM YAML", lambda file: file.has("Camera.a0", "Camera.c"), read_multicol, {}
+)

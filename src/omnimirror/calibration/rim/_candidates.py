@@ -50,7 +50,9 @@ def hough_circles_between(
             yield circle
 
 
-def _peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
+def _peaks(
+    edges: EdgePoints, size: tuple[int, int], radius: float
+) -> list[tuple[float, float, float, float]]:
     """Return votes, centre and radius of the best circles with one radius."""
     import cv2
 
@@ -63,14 +65,20 @@ def _peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tupl
         votes += np.bincount((v * columns + u)[inside], edges.weights[inside], rows * columns)
     blur = (BLUR_PX + BLUR_SHARE * radius) / CELL_PX
     spread = cv2.GaussianBlur(
-        votes.reshape(rows, columns).astype(np.float32), (0, 0), blur, borderType=cv2.BORDER_CONSTANT
+        votes.reshape(rows, columns).astype(np.float32),
+        (0, 0),
+        blur,
+        borderType=cv2.BORDER_CONSTANT,
     )
     seen = np.maximum(visible_fraction((columns, rows), radius / CELL_PX), MIN_VISIBLE_FRACTION)
     score = spread * (blur**2 / radius) / seen
     top = (score >= cv2.dilate(score, np.ones((7, 7), np.uint8))) & (score > 0)
     v, u = np.nonzero(top)
     best = np.argsort(score[v, u])[::-1][:PEAKS_A_RADIUS]
-    return [(float(score[v[i], u[i]]), float(u[i]) * CELL_PX, float(v[i]) * CELL_PX, radius) for i in best]
+    return [
+        (float(score[v[i], u[i]]), float(u[i]) * CELL_PX, float(v[i]) * CELL_PX, radius)
+        for i in best
+    ]
 
 
 def visible_fraction(size: tuple[int, int], radius: float) -> NDArray[np.float32]:
@@ -134,7 +142,9 @@ def working_rings(working: WorkingImage, edges: EdgePoints) -> list[Ring]:
 
 
 def add_finer(
-    found: list[Ring], coarse: tuple[WorkingImage, EdgePoints], fine: tuple[WorkingImage, EdgePoints]
+    found: list[Ring],
+    coarse: tuple[WorkingImage, EdgePoints],
+    fine: tuple[WorkingImage, EdgePoints],
 ) -> None:
     """Add rings around the clearest ones that only a finer image resolves."""
     working, edges = coarse
@@ -142,7 +152,14 @@ def add_finer(
     for ring in _clearest(found, FINER_FAMILIES, FAMILY_OFFSET):
         for ellipse in concentric_rings(fine[1], ring.ellipse.scaled(scale), FINER):
             placed = laid_through(fine[1], ellipse, AGAIN_PX)
-            _add(found, working, edges, placed.scaled(1 / scale), SAME_FINER, Finer(fine[1], fine[0].size, scale))
+            _add(
+                found,
+                working,
+                edges,
+                placed.scaled(1 / scale),
+                SAME_FINER,
+                Finer(fine[1], fine[0].size, scale),
+            )
 
 
 def _clearest(found: list[Ring], count: int, apart: float) -> list[Ring]:
@@ -157,20 +174,29 @@ def _clearest(found: list[Ring], count: int, apart: float) -> list[Ring]:
 
 
 def _add(
-    found: list[Ring], working: WorkingImage, edges: EdgePoints, ellipse: Ellipse, same: float = SAME_RING,
+    found: list[Ring],
+    working: WorkingImage,
+    edges: EdgePoints,
+    ellipse: Ellipse,
+    same: float = SAME_RING,
     finer: Finer | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Add a ring unless it is known with equal clarity, or implausible for a mirror."""
     short = min(working.size)
     u, v = ellipse.centre
-    if not (0 <= u < working.size[0] and 0 <= v < working.size[1]) or ellipse.radius < 0.9 * LEAST_RADIUS * short:
+    if (
+        not (0 <= u < working.size[0] and 0 <= v < working.size[1])
+        or ellipse.radius < 0.9 * LEAST_RADIUS * short
+    ):
         return
     if np.hypot(*ellipse.stretch) > FLATTEST:
         return
     twins = _twins(found, ellipse, same)
     if len(_twins([found[i] for i in twins], ellipse, SAME_FIT)):
         return
-    ring = ring_of(working, edges, ellipse, max((found[i].close for i in twins), default=-1.0), finer)
+    ring = ring_of(
+        working, edges, ellipse, max((found[i].close for i in twins), default=-1.0), finer
+    )
     if ring is None:
         return
     if len(twins):
@@ -197,7 +223,9 @@ def _twins(found: list[Ring], ellipse: Ellipse, same: float) -> NDArray[np.intp]
     """Return the rings equal to an ellipse within a fraction of the radius and two pixels."""
     if not found:
         return np.empty(0, np.intp)
-    others = np.array([(*ring.ellipse.centre, ring.ellipse.radius, *ring.ellipse.stretch) for ring in found])
+    others = np.array(
+        [(*ring.ellipse.centre, ring.ellipse.radius, *ring.ellipse.stretch) for ring in found]
+    )
     u, v, radius, p, q = others.T
     share = np.minimum(same, 2.0 / radius)
     away = np.hypot(u - ellipse.centre[0], v - ellipse.centre[1]) / ellipse.radius
@@ -206,7 +234,9 @@ def _twins(found: list[Ring], ellipse: Ellipse, same: float) -> NDArray[np.intp]
     return np.nonzero(is_same)[0]
 
 
-def concentric_rings(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BESIDE) -> list[Ellipse]:
+def concentric_rings(
+    edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BESIDE
+) -> list[Ellipse]:
     """Return ellipses of the same shape and centre that edges with matching direction support."""
     low, high = within
     away = ellipse.away(edges.points) / ellipse.radius + 1
@@ -214,7 +244,9 @@ def concentric_rings(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, f
     circle, share = ellipse.on_circle(edges.points[near]), away[near]
     angle = np.arctan2(circle[:, 1], circle[:, 0])
     out, normals = ellipse.outward(angle), edges.normals[near]
-    aligned = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1]) > np.cos(NORMAL_SLACK / 1.5)
+    aligned = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1]) > np.cos(
+        NORMAL_SLACK / 1.5
+    )
     share, angle = share[aligned], angle[aligned]
     sector = np.minimum((angle % (2 * np.pi)) * (SECTORS / (2 * np.pi)), SECTORS - 1).astype(int)
     width = PROFILE_PX / ellipse.radius
@@ -225,7 +257,10 @@ def concentric_rings(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, f
         there[np.minimum(ring + shift, count - 1), sector] = True
     profile = there.mean(axis=1)
     peaks = [
-        k for k in range(2, count - 2)
-        if profile[k] >= MIN_EDGE_FRACTION and profile[k] == profile[k - 2 : k + 3].max() and profile[k] > profile[k - 1]
-    ]  # fmt: skip
+        k
+        for k in range(2, count - 2)
+        if profile[k] >= MIN_EDGE_FRACTION
+        and profile[k] == profile[k - 2 : k + 3].max()
+        and profile[k] > profile[k - 1]
+    ]
     return [ellipse.grown(low + (k - 0.5) * width) for k in peaks]

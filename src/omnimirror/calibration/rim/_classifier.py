@@ -44,7 +44,11 @@ class LogisticMember:
 
     def odds(self, numbers: Array) -> Array:
         """Return log odds (n,) for features (n, count)."""
-        found: Array = numbers @ self.linear + self.bias + np.tanh(numbers @ self.hidden + self.shift) @ self.out
+        found: Array = (
+            numbers @ self.linear
+            + self.bias
+            + np.tanh(numbers @ self.hidden + self.shift) @ self.out
+        )
         return found
 
 
@@ -67,11 +71,15 @@ class RimClassifier:
     def from_json(cls, told: dict[str, Any]) -> RimClassifier:
         """Create from the contents of the weights file."""
         members = [
-            LogisticMember(*(np.array(one[name]) for name in ("linear", "bias", "hidden", "shift", "out")))  # type: ignore[arg-type]
+            LogisticMember(
+                *(np.array(one[name]) for name in ("linear", "bias", "hidden", "shift", "out"))
+            )  # type: ignore[arg-type]
             for one in told["members"]
         ]
         trust, first_share = float(told["trust"]), float(told["first_share"])
-        return cls(np.array(told["middle"]), np.array(told["spread"]), tuple(members), trust, first_share)
+        return cls(
+            np.array(told["middle"]), np.array(told["spread"]), tuple(members), trust, first_share
+        )
 
     def scaled(self, rows: Array) -> Array:
         """Return features (n, count) as standard scores; 0 for unknown values."""
@@ -88,7 +96,9 @@ class RimClassifier:
 
         The result of the first classifier is included.
         """
-        return self.trust * self.judged(rows) + self.first_share * np.maximum(rows[:, FIRST], UNLISTED)
+        return self.trust * self.judged(rows) + self.first_share * np.maximum(
+            rows[:, FIRST], UNLISTED
+        )
 
 
 @cache
@@ -125,15 +135,37 @@ def listed_rows(rings: list[Ring], working: WorkingImage) -> tuple[NDArray[np.in
 def terms(cues: RingFeatures) -> Array:
     """Return the features (22,) of the first classifier: clipped cues and nonlinear terms."""
     ends, near = np.clip([cues.ends, cues.ends_near], -3.0, 3.0)
-    return np.array([
-        cues.support, cues.support**2, cues.close, cues.close**2, cues.chance, np.clip(cues.step, -2.5, 1.0),
-        np.clip(cues.differs, -2.0, 2.0), max(cues.continues, 0.0), cues.seen, cues.radius, cues.radius**2,
-        cues.texture, min(cues.texture - FLAT, 0.0), ends, min(ends, 0.0), near, cues.calm_inside, cues.calm_outside,
-        cues.framed, cues.frames, cues.within, cues.about,
-    ])  # fmt: skip
+    return np.array(
+        [
+            cues.support,
+            cues.support**2,
+            cues.close,
+            cues.close**2,
+            cues.chance,
+            np.clip(cues.step, -2.5, 1.0),
+            np.clip(cues.differs, -2.0, 2.0),
+            max(cues.continues, 0.0),
+            cues.seen,
+            cues.radius,
+            cues.radius**2,
+            cues.texture,
+            min(cues.texture - FLAT, 0.0),
+            ends,
+            min(ends, 0.0),
+            near,
+            cues.calm_inside,
+            cues.calm_outside,
+            cues.framed,
+            cues.frames,
+            cues.within,
+            cues.about,
+        ]
+    )
 
 
-def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
+def confidence(
+    odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0
+) -> float:
     """Return the confidence that a ring is the mirror's outline.
 
     It is based on the agreement between working resolutions.

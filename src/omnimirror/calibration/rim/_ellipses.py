@@ -58,12 +58,17 @@ class Ellipse:
     def points(self, turn: Array, share: Array | float = 1.0) -> Array:
         """Return points (n, 2) on the (enlarged) ellipse for angles (n,) on the original circle."""
         unit = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), self.stretch)
-        points: Array = unit * (self.radius * np.asarray(share)[..., None]) + np.asarray(self.centre)
+        points: Array = unit * (self.radius * np.asarray(share)[..., None]) + np.asarray(
+            self.centre
+        )
         return points
 
     def on_circle(self, points: Array) -> Array:
         """Return points (n, 2) mapped to the original unit circle about the origin."""
-        return _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1])) / self.radius
+        return (
+            _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1]))
+            / self.radius
+        )
 
     def away(self, points: Array) -> Array:
         """Return approximate distances (n,) of points (n, 2) outside the ellipse."""
@@ -79,11 +84,15 @@ class Ellipse:
         away = points - np.asarray(self.centre)
         square = np.einsum("ij,ij->i", away, away)
         longer, shorter = self.semi_axes
-        return np.nonzero((square < (longer + reach) ** 2) & (square > max(0.0, shorter - reach) ** 2))[0]
+        return np.nonzero(
+            (square < (longer + reach) ** 2) & (square > max(0.0, shorter - reach) ** 2)
+        )[0]
 
     def outward(self, turn: Array) -> Array:
         """Return unit normals (n, 2) for angles (n,) on the original circle."""
-        normals = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), (-self.stretch[0], -self.stretch[1]))
+        normals = _stretched(
+            np.stack([np.cos(turn), np.sin(turn)], axis=-1), (-self.stretch[0], -self.stretch[1])
+        )
         return normals / np.hypot(normals[..., 0], normals[..., 1])[..., None]
 
     def offset_share(self, other: Ellipse) -> float:
@@ -147,7 +156,9 @@ def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) 
     at = np.clip(np.round(away / shift.cell_px).astype(int) + shift.half, 0, 2 * shift.half)
     sector = (turn * (shift.turns / (2 * np.pi))).astype(int) % shift.turns
     np.maximum.at(there, (sector, at), edges.weights)
-    there = np.maximum(there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1)))
+    there = np.maximum(
+        there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1))
+    )
     known = max(int(np.count_nonzero(there.any(axis=1))), 1)
     moves, cost, wanted = _moves(shift, ring.stretch)
     share = there.astype(np.float32).ravel()[wanted].sum(axis=0) / known
@@ -166,10 +177,14 @@ def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, ND
     """
     steps = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
     bends = np.arange(-shift.stretch_px, shift.stretch_px + 0.01, shift.step_px)
-    moves = np.stack([a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1)
+    moves = np.stack(
+        [a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1
+    )
     turn = turns(shift.turns) + np.pi / shift.turns
     out = Ellipse((0.0, 0.0), 1.0, stretch).outward(turn)
-    outwards = np.stack([out[:, 0], out[:, 1], np.ones_like(turn), np.cos(2 * turn), np.sin(2 * turn)])
+    outwards = np.stack(
+        [out[:, 0], out[:, 1], np.ones_like(turn), np.cos(2 * turn), np.sin(2 * turn)]
+    )
     cells = np.round(outwards.T @ moves.T / shift.cell_px).astype(np.int32) + shift.half
     cells += np.arange(shift.turns, dtype=np.int32)[:, None] * (2 * shift.half + 1)
     return moves, SHIFT_COST * np.linalg.norm(moves, axis=1), cells
@@ -207,13 +222,18 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) 
     ellipse = first
     near = edges.among(_along(edges, first, CUT * reaches[0] + 3))
     circle = first.on_circle(near.points)
-    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(
+        int
+    ) % SECTORS
     for reach in (reaches[0], *reaches, reaches[-1]):
         step = _step(near, sector, ellipse, reach)
         if step is None:
             return ellipse
         u, v = ellipse.centre
-        p, q = (min(max(s + float(d), -FLATTEST), FLATTEST) for s, d in zip(ellipse.stretch, step[3:], strict=True))
+        p, q = (
+            min(max(s + float(d), -FLATTEST), FLATTEST)
+            for s, d in zip(ellipse.stretch, step[3:], strict=True)
+        )
         radius = ellipse.radius * math.exp(min(max(float(step[2]), -0.1), 0.1))
         ellipse = Ellipse((u + float(step[0]), v + float(step[1])), radius, (p, q))
     return ellipse
@@ -222,14 +242,20 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) 
 def _along(edges: EdgePoints, ellipse: Ellipse, reach: float) -> NDArray[np.intp]:
     """Return the indices of edges near an ellipse that may belong to it during the fit."""
     near = ellipse.near(edges.points, reach)
-    out = _stretched(ellipse.on_circle(edges.points[near]), (-ellipse.stretch[0], -ellipse.stretch[1]))
+    out = _stretched(
+        ellipse.on_circle(edges.points[near]), (-ellipse.stretch[0], -ellipse.stretch[1])
+    )
     normals = edges.normals[near]
     across = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1])
-    chosen: NDArray[np.intp] = near[across > np.cos(NORMAL_SLACK + TURNED) * np.hypot(out[:, 0], out[:, 1])]
+    chosen: NDArray[np.intp] = near[
+        across > np.cos(NORMAL_SLACK + TURNED) * np.hypot(out[:, 0], out[:, 1])
+    ]
     return chosen
 
 
-def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: float) -> Array | None:
+def _step(
+    edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: float
+) -> Array | None:
     """Return a Gauss-Newton step (5,) of centre, log radius and stretch; None for too few edges."""
     circle = ellipse.on_circle(edges.points)
     length = np.hypot(circle[:, 0], circle[:, 1])
@@ -244,7 +270,9 @@ def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: 
     total = np.bincount(sector, weight, SECTORS)  # equal weight of all directions
     weight = weight / np.maximum(total, 0.5)[sector]
     c, s = circle[:, 0] / length, circle[:, 1] / length
-    columns = np.stack([out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1)
+    columns = np.stack(
+        [out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1
+    )
     normal = (columns * weight[:, None]).T @ columns
     right = (columns * weight[:, None]).T @ residual
     pull = (reach / USUAL_STRETCH) ** 2 * 0.5
@@ -322,23 +350,36 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     points = (on[:, None, :] + away[None, :, None] * out[:, None, :]).astype(np.float32)
     height, width = levels.shape[:2]
     margin = EDGE_PX * scale
-    inside = np.asarray(((on > margin) & (on < np.array([width - 1, height - 1]) - margin)).all(axis=1))
+    inside = np.asarray(
+        ((on > margin) & (on < np.array([width - 1, height - 1]) - margin)).all(axis=1)
+    )
     top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
-    crop = np.ascontiguousarray(levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2])
+    crop = np.ascontiguousarray(
+        levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2]
+    )
     if not inside.any() or not crop.size:
         return EdgePoints(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
     seen = cv2.remap(
-        crop, points[..., 0] - left, points[..., 1] - top, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        crop,
+        points[..., 0] - left,
+        points[..., 1] - top,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
     )
     seen = seen.reshape(PROFILES, len(away), -1).astype(np.float32)
     smooth = cv2.GaussianBlur(
-        seen.reshape(PROFILES, -1, seen.shape[2]), (0, 0), sigmaX=0.8 * scale / step if scale > 1 else 1.6, sigmaY=0.8
+        seen.reshape(PROFILES, -1, seen.shape[2]),
+        (0, 0),
+        sigmaX=0.8 * scale / step if scale > 1 else 1.6,
+        sigmaY=0.8,
     )
     smooth = smooth.reshape(seen.shape)
     across = np.gradient(smooth, step / scale, axis=1)
     which = np.abs(across).argmax(axis=2)[..., None]
     across = np.take_along_axis(across, which, axis=2)[..., 0]
-    along = (np.roll(smooth, -1, axis=0) - np.roll(smooth, 1, axis=0)) / (4 * np.pi * ring.radius / PROFILES / scale)
+    along = (np.roll(smooth, -1, axis=0) - np.roll(smooth, 1, axis=0)) / (
+        4 * np.pi * ring.radius / PROFILES / scale
+    )
     lean = np.take_along_axis(along, which, axis=2)[..., 0] / (np.abs(across) + 1e-6)
     slope = np.abs(across)
     here, before, after = slope[:, 1:-1], slope[:, :-2], slope[:, 2:]
@@ -352,7 +393,9 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     most = np.zeros(PROFILES)
     np.maximum.at(most, which, clear)
     weights = (
-        (clear / most[which]) ** 2 * np.minimum(b / FULL_WEIGHT_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
+        (clear / most[which]) ** 2
+        * np.minimum(b / FULL_WEIGHT_STEP, 1.0)
+        / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
     )
     return EdgePoints(edge, out[which], b.astype(float), weights)
 
@@ -361,7 +404,9 @@ def _close(edges: EdgePoints, ellipse: Ellipse, close: float) -> float:
     """Return the fraction of the profiles with an edge close to the ellipse."""
     circle = ellipse.on_circle(edges.points)
     away = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius
-    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * PROFILES).astype(int) % PROFILES
+    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * PROFILES).astype(
+        int
+    ) % PROFILES
     there, near = np.zeros((2, PROFILES))
     np.maximum.at(there, sector, edges.weights)
     np.maximum.at(near, sector, edges.weights * np.exp(-((away / close) ** 2) / 2))

@@ -23,7 +23,9 @@ SECTORS = 72
 CLOSE_PX, NEAR_PX = 0.7, 1.6  # maximum distance from the ring for its own edges
 TURNS, PARTS = 216, 36  # samples around the ring, and parts for the count of texture
 RADIUS_FRACTION_STEP = 0.0125
-RADIUS_FRACTIONS = np.round(np.arange(0.05, 1.44, RADIUS_FRACTION_STEP), 4)  # sampled fractions of the radius
+RADIUS_FRACTIONS = np.round(
+    np.arange(0.05, 1.44, RADIUS_FRACTION_STEP), 4
+)  # sampled fractions of the radius
 MIN_SUPPORT = 0.35
 SAME_RING = 0.012  # relative; closer rings are merged
 FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # maximum differences of centre and shape in a frame
@@ -119,7 +121,11 @@ class Finer:
 
 
 def ring_of(
-    working: WorkingImage, edges: EdgePoints, ellipse: Ellipse, least_close: float = -1.0, finer: Finer | None = None
+    working: WorkingImage,
+    edges: EdgePoints,
+    ellipse: Ellipse,
+    least_close: float = -1.0,
+    finer: Finer | None = None,
 ) -> Ring | None:
     """Return the statistics on and around an ellipse; None for too few edges.
 
@@ -127,7 +133,9 @@ def ring_of(
     """
     support, close, chance, seen = _support(edges, working.size, ellipse)
     if support < MIN_SUPPORT and finer is not None:
-        support, close, chance, seen = _support(finer.edges, finer.size, ellipse.scaled(finer.scale))
+        support, close, chance, seen = _support(
+            finer.edges, finer.size, ellipse.scaled(finer.scale)
+        )
     if support < MIN_SUPPORT or close <= least_close:
         return None
     polar, inside = unrolled(working, ellipse)
@@ -138,7 +146,10 @@ def ring_of(
 
 def ring_features(rings: list[Ring], short_side: float) -> list[RingFeatures]:
     """Return the features of the rings of an image."""
-    return [_features_of_ring(ring, among, short_side) for ring, among in zip(rings, _frames(rings), strict=True)]
+    return [
+        _features_of_ring(ring, among, short_side)
+        for ring, among in zip(rings, _frames(rings), strict=True)
+    ]
 
 
 def _features_of_ring(ring: Ring, among: Array, short_side: float) -> RingFeatures:
@@ -146,13 +157,24 @@ def _features_of_ring(ring: Ring, among: Array, short_side: float) -> RingFeatur
     inner, near = ring.band(0.6, 0.97), ring.band(0.9, 0.97)
     outer, beyond = ring.band(1.03, 1.4), ring.band(1.03, 1.1)
     return RingFeatures(
-        support=ring.support, close=ring.close, chance=ring.chance, step=float(np.log(ring.step / FULL_WEIGHT_STEP + 0.1)),
-        differs=ring.differs, continues=ring.continues, seen=ring.seen,
-        radius=float(np.log(ring.ellipse.radius / short_side)), texture=_log(inner),
-        ends=_log(inner) - _log(outer), ends_near=_log(near) - _log(beyond),
-        calm_inside=ring.calm(0.8, 0.97), calm_outside=ring.calm(1.03, 1.2), framed=framed, frames=frames,
-        within=within, about=about,
-    )  # fmt: skip
+        support=ring.support,
+        close=ring.close,
+        chance=ring.chance,
+        step=float(np.log(ring.step / FULL_WEIGHT_STEP + 0.1)),
+        differs=ring.differs,
+        continues=ring.continues,
+        seen=ring.seen,
+        radius=float(np.log(ring.ellipse.radius / short_side)),
+        texture=_log(inner),
+        ends=_log(inner) - _log(outer),
+        ends_near=_log(near) - _log(beyond),
+        calm_inside=ring.calm(0.8, 0.97),
+        calm_outside=ring.calm(1.03, 1.2),
+        framed=framed,
+        frames=frames,
+        within=within,
+        about=about,
+    )
 
 
 def _log(texture: float) -> float:
@@ -179,7 +201,12 @@ def _frames(rings: list[Ring]) -> Array:
     offset = np.hypot(*(centre[:, None] - centre).transpose(2, 0, 1)) / radius[:, None]
     bent = np.hypot(*(shape[:, None] - shape).transpose(2, 0, 1))
     clear = np.minimum(close[:, None], close)
-    pairs = (share > 0.5) & (share < 1 - SAME_RING) & (offset <= FAMILY_OFFSET) & (bent <= FAMILY_STRETCH)
+    pairs = (
+        (share > 0.5)
+        & (share < 1 - SAME_RING)
+        & (offset <= FAMILY_OFFSET)
+        & (bent <= FAMILY_STRETCH)
+    )
     found = np.zeros((len(rings), 4))
     for i, j in zip(*np.nonzero(pairs & (clear > 0.5)), strict=True):
         grown = 1 / float(share[i, j])
@@ -191,7 +218,9 @@ def _frames(rings: list[Ring]) -> Array:
     return found
 
 
-def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
+def _support(
+    edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse
+) -> tuple[float, float, float, float]:
     """Return fractions of the circumference with edges, and its visible fraction.
 
     Edges are counted on, close to, and next to the ring.
@@ -202,7 +231,11 @@ def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tupl
     if not seen.any():
         return 0.0, 0.0, 0.0, 0.0
     near = ellipse.near(edges.points, 12 * NEAR_PX)
-    circle, normals, weights = ellipse.on_circle(edges.points[near]), edges.normals[near], edges.weights[near]
+    circle, normals, weights = (
+        ellipse.on_circle(edges.points[near]),
+        edges.normals[near],
+        edges.weights[near],
+    )
     away = (np.hypot(circle[:, 0], circle[:, 1]) - 1) * ellipse.radius
     angle = np.arctan2(circle[:, 1], circle[:, 0])
     aligned = np.abs(np.einsum("ij,ij->i", ellipse.outward(angle), normals)) > np.cos(NORMAL_SLACK)
@@ -215,12 +248,16 @@ def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tupl
 
     beside = [share(aligned & (np.abs(away - k * NEAR_PX) < NEAR_PX)) for k in (-9, -6, 6, 9)]
     return (
-        share(aligned & (np.abs(away) < NEAR_PX)), share(aligned & (np.abs(away) < CLOSE_PX)),
-        float(np.mean(beside)), float(seen.mean()),
-    )  # fmt: skip
+        share(aligned & (np.abs(away) < NEAR_PX)),
+        share(aligned & (np.abs(away) < CLOSE_PX)),
+        float(np.mean(beside)),
+        float(seen.mean()),
+    )
 
 
-def unrolled(working: WorkingImage, ellipse: Ellipse) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def unrolled(
+    working: WorkingImage, ellipse: Ellipse
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return the image (turns, shares, channels) around an ellipse, and its visibility."""
     import cv2
 
@@ -233,9 +270,13 @@ def unrolled(working: WorkingImage, ellipse: Ellipse) -> tuple[NDArray[np.float3
     return polar.reshape(*u.shape, -1), inside
 
 
-def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float) -> Array:
+def _texture(
+    polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float
+) -> Array:
     """Return the texture around a ring for each part and fraction of the radius."""
-    apart = RADIUS_FRACTIONS32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px, previous to next sample
+    apart = RADIUS_FRACTIONS32 * np.float32(
+        ellipse.radius * (2 * np.pi / TURNS) * 2
+    )  # px, previous to next sample
     steps = strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / apart
     least = max(MIN_STEP / 2, 2.5 * noise)
     counted = np.clip((steps - least) / max(FULL_WEIGHT_STEP - least, least), 0, 1) * inside
@@ -262,7 +303,10 @@ def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[floa
 
 
 def _sides(
-    polar: NDArray[np.float32], inside: NDArray[np.bool_], within: tuple[float, float], beyond: tuple[float, float]
+    polar: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    within: tuple[float, float],
+    beyond: tuple[float, float],
 ) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
     """Return means (turns, channels) of an inner and an outer band, and their visibility."""
     bands = [between(*within), between(*beyond)]
@@ -318,20 +362,33 @@ def numbers_round(working: WorkingImage, ellipse: Ellipse) -> Array:
     least = max(MIN_STEP / 2, 2.5 * working.noise)
     along, across = (_counted(steps, least) for steps in _steps(polar, ellipse.radius))
     count = seen.sum(axis=0)
-    turning, crossing = _mean(along[..., None], seen, count)[:, 0], _mean(across[..., None], seen, count)[:, 0]
+    turning, crossing = (
+        _mean(along[..., None], seen, count)[:, 0],
+        _mean(across[..., None], seen, count)[:, 0],
+    )
     level = _mean(half, seen, count)
     spread = np.sqrt(np.maximum(_mean(half * half, seen, count) - level**2, 0.0)).max(axis=1)
     turn, cross, spreads, colours = (_banded(x) for x in (turning, crossing, spread, level))
     texture = np.log(turn + FAINT_BAND_TEXTURE)
     clear = [_above(crossing[between(*ring)]) for ring in RINGS]
-    differences = [float(np.log(np.abs(colours[a] - colours[b]).max() + FAINT_LEVELS)) for a, b in CONTRASTS]
+    differences = [
+        float(np.log(np.abs(colours[a] - colours[b]).max() + FAINT_LEVELS)) for a, b in CONTRASTS
+    ]
     grey = colours.mean(axis=1)
-    return np.concatenate([
-        texture, np.log(cross + FAINT_BAND_TEXTURE) - texture, np.log(spreads + FAINT_LEVELS),
-        clear, [_most(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])], differences,
-        [(grey[INNER] - grey[OUTER]) / 64, (grey[WITHIN_RIM] - grey[FAR]) / 64], grey[[INNER, OUTER, FAR, CAMERA]] / 128,
-        np.array(_going_on(polar, inside)), np.array(_calm(along, seen)),
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            texture,
+            np.log(cross + FAINT_BAND_TEXTURE) - texture,
+            np.log(spreads + FAINT_LEVELS),
+            clear,
+            [_most(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])],
+            differences,
+            [(grey[INNER] - grey[OUTER]) / 64, (grey[WITHIN_RIM] - grey[FAR]) / 64],
+            grey[[INNER, OUTER, FAR, CAMERA]] / 128,
+            np.array(_going_on(polar, inside)),
+            np.array(_calm(along, seen)),
+        ]
+    )
 
 
 def _steps(polar: Image, radius: float) -> tuple[Image, Image]:
@@ -340,15 +397,21 @@ def _steps(polar: Image, radius: float) -> tuple[Image, Image]:
     Only every other sample along the ring is used.
     """
     length = RADIUS_FRACTIONS.astype(np.float32) * np.float32(radius * (2 * np.pi / TURNS) * 2)
-    along = strongest(np.abs(np.roll(polar, -1, axis=0)[::2] - np.roll(polar, 1, axis=0)[::2])) / length
+    along = (
+        strongest(np.abs(np.roll(polar, -1, axis=0)[::2] - np.roll(polar, 1, axis=0)[::2])) / length
+    )
     half = polar[::2]
     across = np.zeros_like(along)
-    across[:, 1:-1] = strongest(np.abs(half[:, 2:] - half[:, :-2])) / np.float32(radius * 2 * RADIUS_FRACTION_STEP)
+    across[:, 1:-1] = strongest(np.abs(half[:, 2:] - half[:, :-2])) / np.float32(
+        radius * 2 * RADIUS_FRACTION_STEP
+    )
     return along, across
 
 
 def _counted(steps: Image, least: float) -> Image:
-    counted: Image = np.clip((steps - np.float32(least)) / np.float32(max(FULL_WEIGHT_STEP - least, least)), 0, 1)
+    counted: Image = np.clip(
+        (steps - np.float32(least)) / np.float32(max(FULL_WEIGHT_STEP - least, least)), 0, 1
+    )
     return counted
 
 
@@ -413,16 +476,31 @@ def _calm(along: Image, seen: Mask) -> list[float]:
         known = seen[:, cells].reshape(PARTS, -1)
         sums = (along[:, cells].reshape(PARTS, -1) * known).sum(axis=1)
         count = known.sum(axis=1)
-        shares.append(float(np.mean(sums[count > 0] < CALM_BAND_TEXTURE * count[count > 0])) if count.any() else np.nan)
+        shares.append(
+            float(np.mean(sums[count > 0] < CALM_BAND_TEXTURE * count[count > 0]))
+            if count.any()
+            else np.nan
+        )
     return shares
 
 
 # -- Features of a ring relative to its concentric rings: number, clarity and bands between them
 
 MAX_STRETCH = 0.04  # maximum difference of the shapes of rings in a family
-NEIGHBOUR_INTERVALS = ((0.2, 0.5), (0.5, 0.8), (0.8, 0.93), (0.93, 0.988), (1.012, 1.06), (1.06, 1.2), (1.2, 1.6))
+NEIGHBOUR_INTERVALS = (
+    (0.2, 0.5),
+    (0.5, 0.8),
+    (0.8, 0.93),
+    (0.93, 0.988),
+    (1.012, 1.06),
+    (1.06, 1.2),
+    (1.2, 1.6),
+)
 """Fractions of the ring's radius between which the clearest other ring is searched."""
-INNER_NEIGHBOURS, OUTER_NEIGHBOURS = (0.6, 0.988), (1.012, 1.5)  # fractions of the radius for the next ring
+INNER_NEIGHBOURS, OUTER_NEIGHBOURS = (
+    (0.6, 0.988),
+    (1.012, 1.5),
+)  # fractions of the radius for the next ring
 LEAST, CLEAR, NEXT = 0.4, 0.7, 0.55  # fraction of the circumference with a close edge
 
 
@@ -439,16 +517,26 @@ def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
             np.hypot(*(shapes - shapes[i]).T) < MAX_STRETCH
         )
         shares = np.where(family, radii / radii[i], np.nan)
-        clearest = [max(0.0, float(close[_in(shares, part)].max(initial=0.0)) - LEAST) for part in NEIGHBOUR_INTERVALS]
+        clearest = [
+            max(0.0, float(close[_in(shares, part)].max(initial=0.0)) - LEAST)
+            for part in NEIGHBOUR_INTERVALS
+        ]
         clear = close > CLEAR
         outside, inside = np.log1p(
-            [(clear & (shares > OUTER_NEIGHBOURS[0])).sum(), (clear & (shares < INNER_NEIGHBOURS[1])).sum()]
+            [
+                (clear & (shares > OUTER_NEIGHBOURS[0])).sum(),
+                (clear & (shares < INNER_NEIGHBOURS[1])).sum(),
+            ]
         )
         rank = [
-            close[i] - close.max(), found[i] - found.max(), close[i] - close[family].max(),
+            close[i] - close.max(),
+            found[i] - found.max(),
+            close[i] - close[family].max(),
             np.log1p((close > close[i]).sum()),
-        ]  # fmt: skip
-        near = [_next(rings, i, shares, close, part) for part in (INNER_NEIGHBOURS, OUTER_NEIGHBOURS)]
+        ]
+        near = [
+            _next(rings, i, shares, close, part) for part in (INNER_NEIGHBOURS, OUTER_NEIGHBOURS)
+        ]
         rows.append([*clearest, outside, inside, *rank, *near[0], *near[1]])
     return np.array(rows)
 
@@ -457,7 +545,9 @@ def _in(shares: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
     return (shares > part[0]) & (shares < part[1])
 
 
-def _next(rings: Sequence[Ring], i: int, shares: Array, close: Array, part: tuple[float, float]) -> list[float]:
+def _next(
+    rings: Sequence[Ring], i: int, shares: Array, close: Array, part: tuple[float, float]
+) -> list[float]:
     """Return features of the next clear ring on one side.
 
     They are its clarity, distance, band texture, calmness and relative clarity.
@@ -471,6 +561,9 @@ def _next(rings: Sequence[Ring], i: int, shares: Array, close: Array, part: tupl
     gap = min(0.02, (share - 1) / 3)
     texture = inner.band(1 + gap, share - gap)
     return [
-        close[j], float(np.log(np.log(share))), inner.calm(1 + gap, share - gap),
-        float(np.log(FAINT_BAND_TEXTURE + np.nan_to_num(texture))), close[j] - close[i],
-    ]  # fmt: skip
+        close[j],
+        float(np.log(np.log(share))),
+        inner.calm(1 + gap, share - gap),
+        float(np.log(FAINT_BAND_TEXTURE + np.nan_to_num(texture))),
+        close[j] - close[i],
+    ]

@@ -40,12 +40,24 @@ class CommonMirror:
 
 
 PRESETS = {
-    "one-shot": CommonMirror("radius proportional to the field angle, to 135 deg", "exact-equidistant"),
-    "ball": CommonMirror("a whole mirror ball, seen from some diameters away", field_deg=340.0, camera_looks="forward"),
+    "one-shot": CommonMirror(
+        "radius proportional to the field angle, to 135 deg", "exact-equidistant"
+    ),
+    "ball": CommonMirror(
+        "a whole mirror ball, seen from some diameters away",
+        field_deg=340.0,
+        camera_looks="forward",
+    ),
     "dome": CommonMirror("the larger part of a ball, as under a shop's ceiling", field_deg=260.0),
-    "convex": CommonMirror("the cap of a ball, as at street corners", field_deg=160.0, camera_looks="forward"),
-    "paraboloid": CommonMirror("a paraboloid under a telecentric lens, to 105 deg", "paraboloid-telecentric"),
-    "hyperboloid": CommonMirror("a hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"),
+    "convex": CommonMirror(
+        "the cap of a ball, as at street corners", field_deg=160.0, camera_looks="forward"
+    ),
+    "paraboloid": CommonMirror(
+        "a paraboloid under a telecentric lens, to 105 deg", "paraboloid-telecentric"
+    ),
+    "hyperboloid": CommonMirror(
+        "a hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"
+    ),
     "sphere": CommonMirror("a spherical mirror near its lens, to 135 deg", "paper-spherical"),
 }
 """Common types of mirrors by name."""
@@ -57,7 +69,9 @@ Its radii are between those of a sphere and a hyperboloid, which limits the erro
 
 
 @checked
-def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mount: Mount | None = None) -> FirstCamera:
+def camera_from_rim(
+    rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mount: Mount | None = None
+) -> FirstCamera:
     """Create a camera for dewarping from a detected rim and a type of mirror.
 
     Parameters
@@ -95,7 +109,11 @@ def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mou
         return sensor_from_rim(rim, known if mount is None else replace(known, mount=mount))
     if known.sensor is None:
         return MirrorBall(
-            rim.centre_px, rim.radius_px, known.field_deg, rim.image_size, mount or Mount(known.camera_looks)
+            rim.centre_px,
+            rim.radius_px,
+            known.field_deg,
+            rim.image_size,
+            mount or Mount(known.camera_looks),
         )
     sensor = load_sensor(known.sensor)
     return _centred(rim, sensor if mount is None else replace(sensor, mount=mount))
@@ -236,20 +254,34 @@ def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
     if abs(aspect - 1) > SAME_ASPECT or beside > MAX_AXIS_OFFSET or sensor.secondary is not None:
         return (_centred(rim, sensor),)
     pitch_um = sensor.aligned().rim_radius_px * imager.pixel_pitch_um / rim.semi_axes_px[0]
-    own = replace(imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=(u, v))
+    own = replace(
+        imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=(u, v)
+    )
     sized = replace(sensor, imager=own)
     is_tilted = rim.semi_axes_px[0] - rim.semi_axes_px[1] > MIN_DIFFERENCE_PX
     found = [_posed(sized, rim, side) for side in ((1, -1) if is_tilted else (0,))]
-    return _told_apart(sorted(found, key=lambda one: float(np.hypot(*one.mirror_pose.shift[:2]))), rim)
+    return _told_apart(
+        sorted(found, key=lambda one: float(np.hypot(*one.mirror_pose.shift[:2]))), rim
+    )
 
 
 def _told_apart(found: list[Sensor], rim: FoundRim) -> tuple[Sensor, ...]:
     """Return the sensors that agree with the detected image of the camera; both if ambiguous."""
     if len(found) < 2 or rim.inner is None:
         return tuple(found)
-    seen = [sensor.image_plane.flat_mm(np.array(rim.inner.centre_px))[0] / sensor.imager.pitch_mm for sensor in found]
-    away = [float(np.linalg.norm(place - _own_image(sensor))) for sensor, place in zip(found, seen, strict=True)]
-    fits = [k for k in (0, 1) if away[k] < OWN_IMAGE * rim.radius_px < 2 * OWN_IMAGE * rim.radius_px < away[1 - k]]
+    seen = [
+        sensor.image_plane.flat_mm(np.array(rim.inner.centre_px))[0] / sensor.imager.pitch_mm
+        for sensor in found
+    ]
+    away = [
+        float(np.linalg.norm(place - _own_image(sensor)))
+        for sensor, place in zip(found, seen, strict=True)
+    ]
+    fits = [
+        k
+        for k in (0, 1)
+        if away[k] < OWN_IMAGE * rim.radius_px < 2 * OWN_IMAGE * rim.radius_px < away[1 - k]
+    ]
     return tuple(found[k] for k in fits) or tuple(found)
 
 
@@ -265,7 +297,10 @@ def _own_image(sensor: Sensor) -> Array:
     def seen(place: Array) -> tuple[Array, Array]:
         """Return a mirror point (1, 3) relative to the lens, and the direction to the lens."""
         height = mirror.sag(np.array([np.hypot(*place)]))
-        point = pose.to_camera(np.array([[*place, float(height[0])]])) - sensor.optical_train.lens_offset
+        point = (
+            pose.to_camera(np.array([[*place, float(height[0])]]))
+            - sensor.optical_train.lens_offset
+        )
         towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
         return point, towards / np.linalg.norm(towards)
 
@@ -293,7 +328,9 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
     a, b = rim.semi_axes_px
     turn = np.radians(rim.angle_deg + 90)
     turn = np.pi - turn if sensor.mount.image_flipped else turn
-    tilt_deg = side * np.degrees(np.arccos(min(b / a, 1.0))) * np.array([-np.sin(turn), np.cos(turn)])
+    tilt_deg = (
+        side * np.degrees(np.arccos(min(b / a, 1.0))) * np.array([-np.sin(turn), np.cos(turn)])
+    )
     sag_mm = float(mirror.sag(np.array([mirror.rim_radius_mm]))[0])
     around = np.arange(RIM_POINTS) * (2 * np.pi / RIM_POINTS)
     circle = mirror.rim_radius_mm * np.stack([np.cos(around), np.sin(around)], axis=1)
@@ -307,7 +344,9 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
     def miss(numbers: Array) -> Array:
         """Return offsets (n, 2) of the scaled image points of the rim from the ellipse centre."""
         points = pose_of(numbers).to_camera(circle) - sensor.optical_train.lens_offset
-        towards = np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
+        towards = (
+            np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
+        )
         offsets: Array = numbers[0] * sensor.lens.image_of(points, towards) - middle
         return offsets
 
@@ -318,7 +357,9 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
     moments = (image_mm - middle).T @ (image_mm - middle) * (2 / RIM_POINTS)
     shape = np.linalg.cholesky(moments)
     start = np.array([1.0, *(middle / per_mm), *tilt_deg])[: 5 if side else 3]
-    found = least_squares(distances, start, x_scale=np.array([0.01, 1.0, 1.0, 1.0, 1.0])[: len(start)]).x
+    found = least_squares(
+        distances, start, x_scale=np.array([0.01, 1.0, 1.0, 1.0, 1.0])[: len(start)]
+    ).x
     imager = replace(sensor.imager, pixel_pitch_um=sensor.imager.pixel_pitch_um / float(found[0]))
     return replace(sensor, imager=imager, mirror_pose=pose_of(found))
 
@@ -332,5 +373,5 @@ def _centred(rim: FoundRim, sensor: Sensor) -> Sensor:
     centre = (width - 1 - u, v) if sensor.mount.image_flipped else (u, v)
     imager = replace(
         aligned.imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=centre
-    )  # fmt: skip
+    )
     return replace(aligned, imager=imager)

@@ -14,7 +14,14 @@ from ...base.arguments import check_fields, checked
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ..edge_detection import SHORT_SIDE_PX, EdgePoints, WorkingImage, at_working_size, edges_of, levels_of
+from ..edge_detection import (
+    SHORT_SIDE_PX,
+    EdgePoints,
+    WorkingImage,
+    at_working_size,
+    edges_of,
+    levels_of,
+)
 from ._candidates import candidate_rings, hough_circles_between, working_rings
 from ._classifier import UNLISTED, confidence, odds
 from ._ellipses import Ellipse, clearness, laid_through, refine_ring
@@ -42,7 +49,9 @@ def find_camera_image(working: WorkingImage, edges: EdgePoints, rim: Ellipse) ->
     radii = max(LEAST * rim.radius, MIN_RADIUS_PX), LARGEST * rim.radius
     voted = hough_circles_between(inner, working.size, radii, RADIUS_STEP)
     best, most = None, SUPPORT
-    for circle in islice((one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES):
+    for circle in islice(
+        (one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES
+    ):
         disc = laid_through(inner, circle, REACHES_PX)
         if rim.offset_share(disc) < OFFSET and (clear := _clear(working, inner, disc)) > most:
             best, most = disc, clear
@@ -57,7 +66,9 @@ def _clear(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
     inside, outside = ring.band(0.2, 0.9), ring.band(1.06, 1.4)
     if not inside < CALM * outside:
         return 0.0
-    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(np.hypot(*disc.stretch))
+    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(
+        np.hypot(*disc.stretch)
+    )
     return edge * min(1.0, outside / SCENE_TEXTURE)
 
 
@@ -68,7 +79,10 @@ Picture = NDArray[Any]
 SURE = 0.6
 """Minimum confidence of an accepted rim."""
 OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions
-SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # tolerance between them: fraction of the radius, working px
+SAME_SCALES, SAME_SCALES_PX = (
+    0.02,
+    2.0,
+)  # tolerance between them: fraction of the radius, working px
 SAME_CENTRE, RING_RADII = 0.03, (0.55, 0.93)  # fractions of the radius, for a mirror in its housing
 MAX_CANDIDATES = 3
 SAME_RIM = 0.015  # fraction of the radius; rings within it are the same rim
@@ -174,17 +188,28 @@ class FoundRim:
             Numbers, lists and None.
         """
         inner = self.inner
-        camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
+        camera = (
+            None
+            if inner is None
+            else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
+        )
         found = {
-            "centre_px": list(self.centre_px), "semi_axes_px": list(self.semi_axes_px), "angle_deg": self.angle_deg,
-            "confidence": self.confidence, "accepted": self.is_sure, "camera_image": camera,
-            "annulus_px": list(self.annulus_px), "image_size": list(self.image_size),
-        }  # fmt: skip
+            "centre_px": list(self.centre_px),
+            "semi_axes_px": list(self.semi_axes_px),
+            "angle_deg": self.angle_deg,
+            "confidence": self.confidence,
+            "accepted": self.is_sure,
+            "camera_image": camera,
+            "annulus_px": list(self.annulus_px),
+            "image_size": list(self.image_size),
+        }
         found["candidates"] = [
             {name: value for name, value in one.to_json().items() if name in CANDIDATE_ENTRIES}
             for one in self.candidates
         ]
-        return found | ({"pictures": [rim.to_json() for rim in self.pictures]} if self.pictures else {})
+        return found | (
+            {"pictures": [rim.to_json() for rim in self.pictures]} if self.pictures else {}
+        )
 
 
 @dataclass(frozen=True)
@@ -208,7 +233,9 @@ class _AnalysedImage:
     @cached_property
     def places(self) -> Array:
         """Centres and radii (n, 3) of the rings."""
-        return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
+        return np.array(
+            [(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]
+        ).reshape(-1, 3)
 
     def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
         """Return the mask (n,) of rings equal to an ellipse, except for shape.
@@ -239,7 +266,11 @@ class _AnalysedImage:
 
     def chance(self, ellipse: Ellipse) -> float:
         """Return the fraction of the circumference with parallel edges next to an ellipse."""
-        near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
+        near = [
+            ring.chance
+            for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True)
+            if is_near
+        ]
         return float(np.median(near)) if near else 0.0
 
     def within(self, ellipse: Ellipse) -> float:
@@ -268,7 +299,9 @@ class _AnalysedImage:
         found: list[Ellipse] = []
         for i in np.argsort(-self.mean):
             one = self.rings[i].ellipse
-            if self.mean[i] > UNLISTED and not any(other.is_near(one, SAME_SENSOR) for other in (ellipse, *found)):
+            if self.mean[i] > UNLISTED and not any(
+                other.is_near(one, SAME_SENSOR) for other in (ellipse, *found)
+            ):
                 found.append(one)
             if len(found) == count:
                 break
@@ -332,15 +365,24 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     for one in seen:
         k = one.like(ellipse)
         starts = [ellipse] if k is None else [one.rings[i].ellipse for i in one.alike(k)]
-        alone = together if len(seen) == 1 else 0.0 if k is None else one.confidence(one.rings[k].ellipse)
+        alone = (
+            together
+            if len(seen) == 1
+            else 0.0
+            if k is None
+            else one.confidence(one.rings[k].ellipse)
+        )
         singles.append((_rim(one, starts, alone, size), k is not None))
     if len(singles) == 1:
         rim = singles[0][0]
         others = [
-            _candidate(seen[0], other, rim.confidence, size) for other in seen[0].distinct(ellipse, MAX_CANDIDATES)
+            _candidate(seen[0], other, rim.confidence, size)
+            for other in seen[0].distinct(ellipse, MAX_CANDIDATES)
         ]
         return replace(rim, candidates=(*(() if rim.is_sure else (rim,)), *others))
-    pooled = _pooled([rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together)
+    pooled = _pooled(
+        [rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together
+    )
     return pooled if pooled.is_sure else replace(pooled, candidates=(pooled,))
 
 
@@ -370,10 +412,15 @@ def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
     """
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     usual = max(sizes, key=sizes.count, default=(0, 0))
-    odd = [f"{name} is {width} x {height}" for name, (width, height) in zip(names, sizes, strict=True)
-           if (width, height) != usual]  # fmt: skip
+    odd = [
+        f"{name} is {width} x {height}"
+        for name, (width, height) in zip(names, sizes, strict=True)
+        if (width, height) != usual
+    ]
     if odd:
-        told = ", ".join(odd[:MAX_NAMED]) + (f" and {len(odd) - MAX_NAMED} more" if len(odd) > MAX_NAMED else "")
+        told = ", ".join(odd[:MAX_NAMED]) + (
+            f" and {len(odd) - MAX_NAMED} more" if len(odd) > MAX_NAMED else ""
+        )
         raise InvalidParameter(
             f"pictures of one sensor have one size: {names[sizes.index(usual)]} is {usual[0]} x {usual[1]} px, and "
             f"{told} px; look at those apart"
@@ -388,7 +435,10 @@ def _analysed(picture: Picture) -> _AnalysedImage:
     working = at_working_size(picture)
     edges = edges_of(working)
     found = candidate_rings(picture, working, edges)
-    sides = {min(side, *picture.shape[:2]) for side in OTHER_SIDES_PX} - {min(working.size), SHORT_SIDE_PX}
+    sides = {min(side, *picture.shape[:2]) for side in OTHER_SIDES_PX} - {
+        min(working.size),
+        SHORT_SIDE_PX,
+    }
     others = tuple(_at_resolution(picture, side) for side in sorted(sides))
     return _AnalysedImage(picture, working, edges, found, odds(found, working), others)
 
@@ -412,7 +462,9 @@ def _agreed(seen: list[_AnalysedImage]) -> tuple[Ellipse, float]:
         listed = np.nonzero(one.mean >= min(UNLISTED + 1, one.mean.max()))[0]
         ellipse = max((one.rings[i].ellipse for i in listed), key=one.pooled)
         return ellipse, one.confidence(ellipse)
-    every = [ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED]
+    every = [
+        ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED
+    ]
     sums = np.zeros((len(seen[0].odds), len(every)))
     for one in seen:
         for i, ellipse in enumerate(every):
@@ -421,14 +473,20 @@ def _agreed(seen: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     sums /= np.sqrt(len(seen))
     mean = sums.mean(axis=0)
     best = int(np.argmax(mean))
-    pairs = [one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None]
+    pairs = [
+        one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None
+    ]
     odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
     chance = float(np.median([one.chance(every[best]) for one in seen]))
     within = float(np.median([one.within(every[best]) for one in seen]))
-    return every[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
+    return every[best], confidence(
+        odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs)))
+    )
 
 
-def _rim(one: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:
+def _rim(
+    one: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]
+) -> FoundRim:
     """Return the clearest of several rings after refinement in the full-size image."""
     levels = levels_of(one.picture)
     levels = levels.reshape(*levels.shape[:2], -1)
@@ -448,16 +506,27 @@ def _pooled(good: list[FoundRim], every: list[FoundRim], confidence: float) -> F
     u, v = np.median([rim.centre_px for rim in good], axis=0)
     stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in good]
     angles = 2 * np.radians([rim.angle_deg for rim in good])
-    stretch = float(np.median(stretches * np.cos(angles))), float(np.median(stretches * np.sin(angles)))
-    middle = Ellipse((float(u), float(v)), float(np.median([rim.radius_px for rim in good])), stretch)
+    stretch = (
+        float(np.median(stretches * np.cos(angles))),
+        float(np.median(stretches * np.sin(angles))),
+    )
+    middle = Ellipse(
+        (float(u), float(v)), float(np.median([rim.radius_px for rim in good])), stretch
+    )
     discs = [rim.inner for rim in good if rim.inner is not None]
     inner = None
     if len(discs) > len(good) / 2:
         x, y, radius = np.median([(*disc.centre_px, disc.radius_px) for disc in discs], axis=0)
         inner = CameraImage((float(x), float(y)), float(radius))
     return FoundRim(
-        middle.centre, middle.semi_axes, middle.angle_deg, confidence, every[0].image_size, inner, tuple(every)
-    )  # fmt: skip
+        middle.centre,
+        middle.semi_axes,
+        middle.angle_deg,
+        confidence,
+        every[0].image_size,
+        inner,
+        tuple(every),
+    )
 
 
 def _nothing(size: tuple[int, int]) -> FoundRim:

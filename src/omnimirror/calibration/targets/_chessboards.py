@@ -12,7 +12,16 @@ from ...base.linear_algebra import matrix_product
 from ...base.typing import Array
 from ._corner_refinement import fit_saddles, maps_about
 from ._image_preparation import bytes_of, scaled, scales, unscaled_px, upwards
-from ._lattice_growth import CHECKER, LatticePart, coloured, from_grid, goes_on, grown, is_bounded, trimmed
+from ._lattice_growth import (
+    CHECKER,
+    LatticePart,
+    coloured,
+    from_grid,
+    goes_on,
+    grown,
+    is_bounded,
+    trimmed,
+)
 from .boards import Board
 
 # -- Seeds of the board search: corners of four squares, and sets of nine that form a grid ---------
@@ -71,7 +80,9 @@ def _ring(picture: Grey, pixels: Array) -> tuple[Array, Array]:
     at = ring.astype(np.float32)
     values = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR).astype(float)
     values -= values.mean(axis=1, keepdims=True)
-    even, odd = matrix_product(values, np.stack([np.cos(2 * turn), -np.sin(2 * turn)], axis=1)).T / len(turn)
+    even, odd = matrix_product(
+        values, np.stack([np.cos(2 * turn), -np.sin(2 * turn)], axis=1)
+    ).T / len(turn)
     power = 2 * (even * even + odd * odd)
     # for sharp edges the second harmonic holds 8 / pi^2 of the power
     return -np.arctan2(odd, even) / 2, power / np.maximum(np.mean(values**2, axis=1), 1e-9)
@@ -86,7 +97,11 @@ def find_seeds(picture: Grey) -> list[LatticePart]:
 
     tree = cKDTree(found.pixels)
     nearest = tree.query(found.pixels, k=min(14, len(found.pixels)))[1]
-    nines = [nine for i in range(len(found.pixels)) if (nine := _nine(found, tree, nearest[i])) is not None]
+    nines = [
+        nine
+        for i in range(len(found.pixels))
+        if (nine := _nine(found, tree, nearest[i])) is not None
+    ]
     chosen: list[LatticePart] = []
     taken: set[int] = set()
     for _, indices in sorted(nines, key=lambda nine: nine[0]):
@@ -102,7 +117,9 @@ def find_seeds(picture: Grey) -> list[LatticePart]:
     return chosen
 
 
-def _nine(found: Crossings, tree: Any, near: NDArray[np.int_]) -> tuple[float, NDArray[np.int_]] | None:
+def _nine(
+    found: Crossings, tree: Any, near: NDArray[np.int_]
+) -> tuple[float, NDArray[np.int_]] | None:
     """Return a crossing and its eight neighbours in board order, and their irregularity."""
     middle, others = near[0], near[1:]
     ways = found.pixels[others] - found.pixels[middle]
@@ -124,7 +141,9 @@ def _nine(found: Crossings, tree: Any, near: NDArray[np.int_]) -> tuple[float, N
         return None
     right, down, left, up = (found.pixels[i] for i in cross)
     centre = found.pixels[middle]
-    wanted = np.array([left + up - centre, right + up - centre, left + down - centre, right + down - centre])
+    wanted = np.array(
+        [left + up - centre, right + up - centre, left + down - centre, right + down - centre]
+    )
     size = min(np.linalg.norm(right - left), np.linalg.norm(down - up)) / 2
     off, diagonal = tree.query(wanted)
     bent = max(np.linalg.norm(right + left - 2 * centre), np.linalg.norm(up + down - 2 * centre))
@@ -222,7 +241,10 @@ def is_whole(part: LatticePart, board: Board) -> bool:
     >>> is_whole(LatticePart(nine, 10.0 * nine, -1), Board("chessboard", 3, 3))
     True
     """
-    return sorted(part.size) == sorted(board.lattice_size) and len(part.places) >= WHOLE * board.corner_count
+    return (
+        sorted(part.size) == sorted(board.lattice_size)
+        and len(part.places) >= WHOLE * board.corner_count
+    )
 
 
 def is_larger(part: LatticePart, board: Board) -> bool:
@@ -267,7 +289,11 @@ def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
 
 
 def _grown_parts(
-    picture: Grey, seeds: Sequence[LatticePart], *, most: int = MAX_SEEDS_ONE_BOARD, taken: Array | None = None
+    picture: Grey,
+    seeds: Sequence[LatticePart],
+    *,
+    most: int = MAX_SEEDS_ONE_BOARD,
+    taken: Array | None = None,
 ) -> Iterator[LatticePart]:
     """Yield the lattices grown from seeds outside earlier lattices, up to a maximum number."""
     taken = np.empty((0, 2)) if taken is None else taken
@@ -312,7 +338,9 @@ def _opencv_grids(picture: NDArray[np.uint8], board: Board) -> Iterator[Array]:
     found, corners = cv2.findChessboardCornersSB(picture, size, flags=sectors)
     if found:
         yield corners.reshape(size[1], size[0], 2).astype(float)
-    found, corners, cells = cv2.findChessboardCornersSBWithMeta(picture, (3, 3), sectors | cv2.CALIB_CB_LARGER)
+    found, corners, cells = cv2.findChessboardCornersSBWithMeta(
+        picture, (3, 3), sectors | cv2.CALIB_CB_LARGER
+    )
     if found and len(corners) == cells.size:
         yield corners.reshape(*cells.shape, 2).astype(float)
 
@@ -330,7 +358,9 @@ def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, b
     options = []
     for turn in range(4):
         x, y = places[:, 0], places[:, 1]
-        turned = [(x, y), (y, extent[0] - x), (extent[0] - x, extent[1] - y), (extent[1] - y, x)][turn]
+        turned = [(x, y), (y, extent[0] - x), (extent[0] - x, extent[1] - y), (extent[1] - y, x)][
+            turn
+        ]
         if turned[0].max() + 1 != columns or turned[1].max() + 1 != rows:
             continue
         ids = turned[1] * columns + turned[0]

@@ -49,9 +49,16 @@ class LocalMaps(NamedTuple):
 
         Points have the shape (n, 2) or (m, n, 2).
         """
-        bend = np.einsum("maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna",
-                         self.second, offsets, offsets, optimize=True)  # fmt: skip
-        straight = np.einsum("mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets)
+        bend = np.einsum(
+            "maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna",
+            self.second,
+            offsets,
+            offsets,
+            optimize=True,
+        )
+        straight = np.einsum(
+            "mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets
+        )
         return np.asarray(self.pixels[:, None] + straight + bend / 2)
 
     def spacing(self) -> Array:
@@ -59,7 +66,9 @@ class LocalMaps(NamedTuple):
         return np.asarray(np.linalg.norm(self.first, axis=1).min(axis=1))
 
 
-def maps_about(places: Array, pixels: Array, at: Array, *, leave_out: bool = False, reach: float = REACH) -> LocalMaps:
+def maps_about(
+    places: Array, pixels: Array, at: Array, *, leave_out: bool = False, reach: float = REACH
+) -> LocalMaps:
     """Fit local maps around points of the board by weighted least squares.
 
     Parameters
@@ -88,7 +97,9 @@ def maps_about(places: Array, pixels: Array, at: Array, *, leave_out: bool = Fal
     support = weights.sum(axis=1)
     normal += (support[:, None, None] + 1e-12) * np.diag(STIFFNESS + 1e-9)
     middle = pixels.mean(axis=0)
-    terms = np.linalg.solve(normal, np.einsum("mki,ka->mia", weighted, pixels - middle, optimize=True))
+    terms = np.linalg.solve(
+        normal, np.einsum("mki,ka->mia", weighted, pixels - middle, optimize=True)
+    )
     second = terms[:, [3, 4, 4, 5]].reshape(-1, 2, 2, 2).transpose(0, 3, 1, 2)
     return LocalMaps(terms[:, 0] + middle, terms[:, 1:3].transpose(0, 2, 1), second, support)
 
@@ -161,7 +172,11 @@ class Saddles(NamedTuple):
 
 
 def fit_saddles(
-    picture: NDArray[np.float32], maps: LocalMaps, surroundings: CornerWindow, *, is_quick: bool = False
+    picture: NDArray[np.float32],
+    maps: LocalMaps,
+    surroundings: CornerWindow,
+    *,
+    is_quick: bool = False,
 ) -> Saddles:
     """Fit the corners at the centres of the maps.
 
@@ -180,7 +195,9 @@ def fit_saddles(
     count = len(maps.pixels)
     found = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
     for group, reach in _alike(maps, surroundings.half):
-        part = _fit(picture, LocalMaps(*(field[group] for field in maps)), surroundings, reach, is_quick)
+        part = _fit(
+            picture, LocalMaps(*(field[group] for field in maps)), surroundings, reach, is_quick
+        )
         for values, piece in zip(found, part, strict=True):
             values[group] = piece
     return found
@@ -198,7 +215,11 @@ def _alike(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int
 
 
 def _fit(
-    picture: NDArray[np.float32], maps: LocalMaps, surroundings: CornerWindow, reach: int, is_quick: bool
+    picture: NDArray[np.float32],
+    maps: LocalMaps,
+    surroundings: CornerWindow,
+    reach: int,
+    is_quick: bool,
 ) -> Saddles:
     height, width = picture.shape
     steps = np.arange(-reach, reach + 1)
@@ -221,7 +242,9 @@ def _fit(
     return Saddles(pixels, sigma, blur, contrast, rms / np.where(size > 0, size, 1.0))
 
 
-def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacing: Array) -> NDArray[np.bool_]:
+def _in_window(
+    places: Array, offsets: Array, surroundings: CornerWindow, spacing: Array
+) -> NDArray[np.bool_]:
     """Return the mask of pixels within the square of the board and a distance limit.
 
     For tiny squares, a minimum number of pixels is included.
@@ -230,7 +253,9 @@ def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacin
     x, y = np.abs(places)
     near = (np.maximum(x, y) < surroundings.half) & (far < LARGEST_WINDOW_PX**2)
     if np.isfinite(surroundings.arm):
-        near &= np.minimum(x, y) < np.maximum(surroundings.arm - MARGIN_PX / spacing, surroundings.arm / 3)
+        near &= np.minimum(x, y) < np.maximum(
+            surroundings.arm - MARGIN_PX / spacing, surroundings.arm / 3
+        )
     return np.asarray(near | (far < SMALLEST_WINDOW_PX**2))
 
 
@@ -247,7 +272,9 @@ class _Fit:
     Terms are background (3), contrast, shift (2), logarithm of blur, angles (2).
     """
 
-    def __init__(self, places: Array, back: Array, offsets: Array, values: Array, weights: Array) -> None:
+    def __init__(
+        self, places: Array, back: Array, offsets: Array, values: Array, weights: Array
+    ) -> None:
         lengths = np.hypot(back[:, 0], back[:, 1])
         self.distances = places / lengths  # (2, m, n): from both edges, px
         self.normals = back / lengths[:, None]  # (2, 2, m, n)
@@ -275,7 +302,10 @@ class _Fit:
             whole = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
             step = np.linalg.solve(whole, right[..., None])[..., 0]
             terms = terms + np.clip(step, -limits, limits)
-            if np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX and np.median(np.abs(step[:, 6])) < CLOSE_BLUR:
+            if (
+                np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX
+                and np.median(np.abs(step[:, 6])) < CLOSE_BLUR
+            ):
                 break
         variance = np.sum(residual**2, axis=1) / np.maximum(self.count - 9, 1)
         noise = np.linalg.inv(whole)[:, 4:6, 4:6]
@@ -414,7 +444,10 @@ def _polynomials(points: Array, degree: int) -> Array:
     low, high = points.min(axis=0), points.max(axis=0)
     x, y = (2 * (points - low) / np.where(high > low, high - low, 1.0) - 1).T
     across, down = chebvander(x, degree), chebvander(y, degree)
-    return np.stack([across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+    return np.stack(
+        [across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)],
+        axis=1,
+    )
 
 
 # -- Corner refinement: a saddle model fitted in the distorted image, accurate to a few 0.01 px ----
@@ -514,7 +547,12 @@ def refine_corners(
         good &= np.all((fit.pixels > 1) & (fit.pixels < np.array([width, height]) - 2), axis=1)
         ids, pixels = ids[good], fit.pixels[good]
         if len(ids) < 4:
-            return replace(detection, ids=ids[:0], corners_px=pixels[:0], reason="its corners are too faint to measure")
+            return replace(
+                detection,
+                ids=ids[:0],
+                corners_px=pixels[:0],
+                reason="its corners are too faint to measure",
+            )
     sigma, blur = np.hypot(fit.sigma_px[good], MODEL_PX), float(np.median(fit.blur_px[good]))
     sigma = sigma * lattice_scale(places[ids], pixels, sigma)
     side = maps.spacing()[good]  # large blur shifts neighbouring corners equally

@@ -48,7 +48,11 @@ def grey(picture: NDArray[Any]) -> Grey:
     full = 1.0 if picture.dtype.kind == "f" else float(np.iinfo(picture.dtype).max)
     values = picture.astype(np.float32)
     if values.ndim == 3:
-        weights = np.array([0.299, 0.587, 0.114], np.float32) if values.shape[2] >= 3 else np.ones(1, np.float32)
+        weights = (
+            np.array([0.299, 0.587, 0.114], np.float32)
+            if values.shape[2] >= 3
+            else np.ones(1, np.float32)
+        )
         values = values[..., : len(weights)] @ weights
     if picture.dtype.kind == "f":  # high dynamic range: clip values above white
         values = np.clip(np.nan_to_num(values), 0, max(1.0, float(np.percentile(values, 99.5))))
@@ -120,7 +124,9 @@ def edge_blur_px(picture: Grey) -> float:
     energies = []
     for blur in (1.0, float(np.hypot(1.0, more))):
         smooth = cv2.GaussianBlur(picture, (0, 0), blur)
-        energies.append(cv2.Sobel(smooth, cv2.CV_32F, 1, 0) ** 2 + cv2.Sobel(smooth, cv2.CV_32F, 0, 1) ** 2)
+        energies.append(
+            cv2.Sobel(smooth, cv2.CV_32F, 1, 0) ** 2 + cv2.Sobel(smooth, cv2.CV_32F, 0, 1) ** 2
+        )
     strong = cv2.blur(energies[1], (15, 15))
     used = strong > np.percentile(strong, 90)
     ratio = float(energies[0][used].sum() / max(energies[1][used].sum(), 1e-6))
@@ -160,14 +166,20 @@ def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
         half = int(focal * np.tan(np.radians(FIELD_DEG / 2)))
         axes = _axes(direction)
 
-        def back(pixels: Array, focal: float = focal, half: int = half, axes: Array = axes) -> Array:
+        def back(
+            pixels: Array, focal: float = focal, half: int = half, axes: Array = axes
+        ) -> Array:
             flat = (pixels - half) / focal
             ways = axes[2] + flat[:, :1] * axes[0] + flat[:, 1:] * axes[1]
             return np.asarray(camera.project_directions(ways).pixels)
 
         steps = np.arange(2 * half + 1)
         pixels = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2).astype(float)
-        source = np.nan_to_num(back(pixels), nan=-10.0).astype(np.float32).reshape(len(steps), len(steps), 2)
+        source = (
+            np.nan_to_num(back(pixels), nan=-10.0)
+            .astype(np.float32)
+            .reshape(len(steps), len(steps), 2)
+        )
         seen = cv2.remap(picture, source[..., 0], source[..., 1], cv2.INTER_LINEAR)
         yield LocalView(np.asarray(seen, np.float32), back)
 
@@ -175,10 +187,15 @@ def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
 def _directions(camera: Camera) -> Iterator[tuple[Array, float]]:
     """Yield separate directions (3,) with the image resolution there, pixels per radian."""
     width, height = camera.image_size
-    grid = np.stack(np.meshgrid(np.linspace(0, width - 2, 25), np.linspace(0, height - 2, 25)), axis=-1).reshape(-1, 2)
+    grid = np.stack(
+        np.meshgrid(np.linspace(0, width - 2, 25), np.linspace(0, height - 2, 25)), axis=-1
+    ).reshape(-1, 2)
     here, beside, below = (camera.backproject(grid + step) for step in ([0, 0], [1, 0], [0, 1]))
     valid = here.valid & beside.valid & below.valid
-    here_, steps = here.directions[valid], [r.directions[valid] - here.directions[valid] for r in (beside, below)]
+    here_, steps = (
+        here.directions[valid],
+        [r.directions[valid] - here.directions[valid] for r in (beside, below)],
+    )
     density = 1 / np.maximum(np.linalg.norm(np.stack(steps), axis=2).min(axis=0), 1e-6)
     taken: list[Array] = []
     for direction, dense in zip(here_, density, strict=True):

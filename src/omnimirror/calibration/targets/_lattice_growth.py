@@ -87,7 +87,11 @@ class Likeness(NamedTuple):
 
 
 def likeness(
-    picture: Grey, maps: LocalMaps, polarity: Array, search: int = SEARCH, surroundings: CornerWindow = CHECKER
+    picture: Grey,
+    maps: LocalMaps,
+    polarity: Array,
+    search: int = SEARCH,
+    surroundings: CornerWindow = CHECKER,
 ) -> Likeness:
     """Compare the image, rectified by the maps, with four squares.
 
@@ -111,21 +115,27 @@ def likeness(
     steps = spacing * np.arange(-reach, reach + 1)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     seen = maps.at(grid).astype(np.float32)
-    sampled = cv2.remap(picture, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    sampled = cv2.remap(
+        picture, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     values = np.asarray(sampled, np.float32)
     side = len(steps)
     windows = np.lib.stride_tricks.sliding_window_view(
         values.reshape(-1, side, side), (2 * HALF + 1, 2 * HALF + 1), axis=(1, 2)
     )
     correlation = _correlation(windows, surroundings.arm / spacing)
-    signed = np.where(polarity[:, None, None] == 0, np.abs(correlation), correlation * polarity[:, None, None])
+    signed = np.where(
+        polarity[:, None, None] == 0, np.abs(correlation), correlation * polarity[:, None, None]
+    )
     flat = signed.reshape(len(signed), -1)
     best = flat.argmax(axis=1)
     row, column = np.unravel_index(best, signed.shape[1:])
     chosen = windows[np.arange(len(best)), row, column]
     sign = np.sign(correlation.reshape(len(flat), -1)[np.arange(len(best)), best])
     shift = spacing * (np.stack([column, row], axis=1) - search)
-    return Likeness(flat[np.arange(len(best)), best], _clearance(chosen, sign), maps.at(shift[:, None])[:, 0])
+    return Likeness(
+        flat[np.arange(len(best)), best], _clearance(chosen, sign), maps.at(shift[:, None])[:, 0]
+    )
 
 
 def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32]:
@@ -148,7 +158,9 @@ def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32
 def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
     """Return the relative difference of the darker white and the lighter black square."""
     low, high = slice(0, HALF - 1), slice(HALF + 2, None)
-    quarters = np.stack([windows[:, i, j].mean(axis=(1, 2)) for i in (low, high) for j in (low, high)], axis=1)
+    quarters = np.stack(
+        [windows[:, i, j].mean(axis=(1, 2)) for i in (low, high) for j in (low, high)], axis=1
+    )
     quarters = quarters * sign[:, None]
     white, black = quarters[:, [0, 3]], quarters[:, [1, 2]]
     between = white.mean(axis=1) - black.mean(axis=1)
@@ -156,7 +168,11 @@ def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
 
 
 def grown(
-    picture: Grey, part: LatticePart, *, largest: tuple[int, int] = (200, 200), rings: int = MAX_RINGS
+    picture: Grey,
+    part: LatticePart,
+    *,
+    largest: tuple[int, int] = (200, 200),
+    rings: int = MAX_RINGS,
 ) -> LatticePart:
     """Grow a lattice by all adjacent corners.
 
@@ -182,11 +198,15 @@ def grown(
         if not found.any():
             break
         places = np.concatenate([part.places, candidates[found]])
-        part = _without_strays(LatticePart(places, np.concatenate([part.pixels, pixels[found]]), part.polarity))
+        part = _without_strays(
+            LatticePart(places, np.concatenate([part.pixels, pixels[found]]), part.polarity)
+        )
     return part
 
 
-def _neighbours(part: LatticePart, largest: tuple[int, int], refused: dict[tuple[int, int], int]) -> Places:
+def _neighbours(
+    part: LatticePart, largest: tuple[int, int], refused: dict[tuple[int, int], int]
+) -> Places:
     """Return places adjacent to known corners, except those recently rejected."""
     known = set(map(tuple, part.places))
     low, high = part.places.min(axis=0), part.places.max(axis=0)
@@ -196,24 +216,38 @@ def _neighbours(part: LatticePart, largest: tuple[int, int], refused: dict[tuple
         for place in map(tuple, part.places + step):
             if place in known or len(known) < 1.15 * refused.get(place, 0):
                 continue
-            grows = [max(last, p) - min(first, p) + 1 for p, first, last in zip(place, low, high, strict=True)]
+            grows = [
+                max(last, p) - min(first, p) + 1
+                for p, first, last in zip(place, low, high, strict=True)
+            ]
             if sorted(grows) == sides or (max(grows) <= largest[0] and min(grows) <= largest[1]):
                 found.add(place)
     return np.array(sorted(found), dtype=int).reshape(-1, 2)
 
 
-def _verified_neighbours(picture: Grey, part: LatticePart, candidates: Places) -> tuple[NDArray[np.bool_], Array]:
+def _verified_neighbours(
+    picture: Grey, part: LatticePart, candidates: Places
+) -> tuple[NDArray[np.bool_], Array]:
     """Return which candidates the image confirms, and their pixels."""
     maps = maps_about(part.places.astype(float), part.pixels, candidates.astype(float))
     height, width = picture.shape
     spacing = maps.spacing()
     reach = 0.3 * spacing[:, None]
-    within = np.all((maps.pixels > reach) & (maps.pixels < np.array([width, height]) - 1 - reach), axis=1)
+    within = np.all(
+        (maps.pixels > reach) & (maps.pixels < np.array([width, height]) - 1 - reach), axis=1
+    )
     # neighbours that are far away or coincide result from a poorly supported map
     usual = np.median(
-        np.linalg.norm(maps_about(part.places.astype(float), part.pixels, part.places.astype(float)).first, axis=1)
+        np.linalg.norm(
+            maps_about(part.places.astype(float), part.pixels, part.places.astype(float)).first,
+            axis=1,
+        )
     )
-    sane = within & (spacing > max(2.0, 0.2 * usual)) & (np.linalg.norm(maps.first, axis=1).max(axis=1) < 5 * usual)
+    sane = (
+        within
+        & (spacing > max(2.0, 0.2 * usual))
+        & (np.linalg.norm(maps.first, axis=1).max(axis=1) < 5 * usual)
+    )
     found = np.zeros(len(candidates), dtype=bool)
     pixels = np.full((len(candidates), 2), np.nan)
     if not sane.any():
@@ -224,7 +258,9 @@ def _verified_neighbours(picture: Grey, part: LatticePart, candidates: Places) -
     fit = fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True)
     away = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / maps.spacing()
     moved = np.linalg.norm(fit.pixels - like.pixels, axis=1) / maps.spacing()
-    good = (like.correlation > LIKENESS) & (like.clearance > CLEARANCE) & (fit.contrast * polarity > 0)
+    good = (
+        (like.correlation > LIKENESS) & (like.clearance > CLEARANCE) & (fit.contrast * polarity > 0)
+    )
     good &= (away < AWAY * 1.5) & (moved < AWAY / 2) & (fit.misfit < MISFIT)
     found[sane], pixels[sane] = good, fit.pixels
     return found, pixels
@@ -248,9 +284,13 @@ class BoardSurroundings(NamedTuple):
     @property
     def outlined(self) -> Array:
         """Fraction (4,) of the places on each side that show an outline; NaN if outside the image."""
-        is_outline = (self.contrast > CONTRAST_OF_OUTLINE[0]) & (self.contrast < CONTRAST_OF_OUTLINE[1])
+        is_outline = (self.contrast > CONTRAST_OF_OUTLINE[0]) & (
+            self.contrast < CONTRAST_OF_OUTLINE[1]
+        )
         count = self.sides.sum(axis=1)
-        return np.where(count > 0, (self.sides & is_outline).sum(axis=1) / np.maximum(count, 1), np.nan)
+        return np.where(
+            count > 0, (self.sides & is_outline).sum(axis=1) / np.maximum(count, 1), np.nan
+        )
 
     @property
     def has_corners(self) -> bool:
@@ -293,17 +333,26 @@ def surroundings(picture: Grey, part: LatticePart) -> BoardSurroundings:
     maps = maps_about(part.places.astype(float), part.pixels, past.astype(float))
     spacing = maps.spacing()
     reach = 0.3 * spacing[:, None]
-    within = np.all((maps.pixels > reach) & (maps.pixels < np.array(picture.shape[::-1]) - 1 - reach), axis=1)
+    within = np.all(
+        (maps.pixels > reach) & (maps.pixels < np.array(picture.shape[::-1]) - 1 - reach), axis=1
+    )
     within &= spacing > 2.0
     past, maps = past[within], LocalMaps(*(field[within] for field in maps))
-    sides = np.array([past[:, 0] < low[0], past[:, 0] > high[0], past[:, 1] < low[1], past[:, 1] > high[1]])
+    sides = np.array(
+        [past[:, 0] < low[0], past[:, 0] > high[0], past[:, 1] < low[1], past[:, 1] > high[1]]
+    )
     if not within.any():
         return BoardSurroundings(np.zeros(0, bool), np.zeros(0), sides)
     polarity = part.polarity * (1 - 2 * (past.sum(axis=1) % 2))
     like = likeness(picture, maps, polarity)
-    contrast = polarity * fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True).contrast
+    contrast = (
+        polarity
+        * fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True).contrast
+    )
     resembles = (like.correlation > LIKENESS) & (like.clearance > CLEARANCE)
-    return BoardSurroundings(resembles, contrast / _contrast_inside(picture, part, np.clip(past, low, high)), sides)
+    return BoardSurroundings(
+        resembles, contrast / _contrast_inside(picture, part, np.clip(past, low, high)), sides
+    )
 
 
 def _contrast_inside(picture: Grey, part: LatticePart, places: Places) -> Array:
@@ -311,7 +360,9 @@ def _contrast_inside(picture: Grey, part: LatticePart, places: Places) -> Array:
     nearest = np.abs(places[:, None] - part.places).sum(axis=2).argmin(axis=1)
     known = part.places.astype(float)
     maps = maps_about(known, part.pixels, known[nearest])._replace(pixels=part.pixels[nearest])
-    return np.asarray(np.maximum(np.abs(fit_saddles(picture, maps, CHECKER, is_quick=True).contrast), 1e-6))
+    return np.asarray(
+        np.maximum(np.abs(fit_saddles(picture, maps, CHECKER, is_quick=True).contrast), 1e-6)
+    )
 
 
 def _without_strays(part: LatticePart) -> LatticePart:
@@ -369,7 +420,9 @@ def coloured(picture: Grey, places: Places, pixels: Array) -> LatticePart:
     against = likeness(picture, maps, -parity, search=1)
     polarity = 1 if like.correlation.sum() >= against.correlation.sum() else -1
     like = like if polarity > 0 else against
-    return LatticePart(places, pixels, polarity).only((like.correlation > SEEN) & (like.clearance > CLEARANCE))
+    return LatticePart(places, pixels, polarity).only(
+        (like.correlation > SEEN) & (like.clearance > CLEARANCE)
+    )
 
 
 # -- Completion of a partially identified board: predicted corners, verified in the image ----------
@@ -404,7 +457,9 @@ def completed(picture: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids
         if not near.any():
             break
         missing = missing[near]
-        found, seen = _verified_corners(picture, board, missing, LocalMaps(*(field[near] for field in maps)))
+        found, seen = _verified_corners(
+            picture, board, missing, LocalMaps(*(field[near] for field in maps))
+        )
         asked |= set(missing[~found].tolist())
         if not found.any():
             break
@@ -430,15 +485,21 @@ def predicted(picture: Grey, board: Board, known_mm: Array, known_px: Array) -> 
     places = board.points_mm[:, :2] / board.square_mm
     maps = maps_about(known_mm / board.square_mm, known_px, places)
     near = np.flatnonzero(maps.support > SUPPORT)
-    found, pixels = _verified_corners(picture, board, near, LocalMaps(*(field[near] for field in maps)))
+    found, pixels = _verified_corners(
+        picture, board, near, LocalMaps(*(field[near] for field in maps))
+    )
     return near[found], pixels[found]
 
 
-def _verified_corners(picture: Grey, board: Board, ids: Ids, maps: LocalMaps) -> tuple[NDArray[np.bool_], Array]:
+def _verified_corners(
+    picture: Grey, board: Board, ids: Ids, maps: LocalMaps
+) -> tuple[NDArray[np.bool_], Array]:
     height, width = picture.shape
     spacing = maps.spacing()
     margin = board.surroundings.half / 2 * spacing[:, None]
-    inside = np.all((maps.pixels > margin) & (maps.pixels < np.array([width, height]) - 1 - margin), axis=1)
+    inside = np.all(
+        (maps.pixels > margin) & (maps.pixels < np.array([width, height]) - 1 - margin), axis=1
+    )
     # in a mirrored image the board's axes run anticlockwise, but colours do not change
     polarity = board.polarity[ids].astype(float)
     like = likeness(picture, maps, polarity, surroundings=board.surroundings)
@@ -459,7 +520,9 @@ def without_strays(board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
     while len(ids) > 8:
         maps = maps_about(places[ids], pixels, places[ids], leave_out=True)
         off = np.linalg.norm(maps.pixels - pixels, axis=1)
-        allowed = (MAX_STRAY[0] * maps.spacing() + MAX_STRAY[1]) * np.where(maps.support > 4.5, 1.0, 3.0)
+        allowed = (MAX_STRAY[0] * maps.spacing() + MAX_STRAY[1]) * np.where(
+            maps.support > 4.5, 1.0, 3.0
+        )
         worst = int(np.argmax(off / allowed))
         if off[worst] < allowed[worst]:
             break

@@ -71,7 +71,9 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
     for scale in [1.0] if is_quick else scales(picture.shape)[:3]:
         values = bytes_of(scaled(picture, scale))
         for is_reversed, found in enumerate(both):
-            corners, ids, _ = detector.detectMarkers(np.ascontiguousarray(values[:, ::-1]) if is_reversed else values)
+            corners, ids, _ = detector.detectMarkers(
+                np.ascontiguousarray(values[:, ::-1]) if is_reversed else values
+            )
             for number, quad in zip([] if ids is None else ids.ravel(), corners, strict=True):
                 pixels = quad.reshape(4, 2).astype(float)
                 if is_reversed:
@@ -114,7 +116,9 @@ def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids,
     return ids, pixels
 
 
-def laid_otherwise(picture: Grey, board: Board, markers: Markers, *, is_quick: bool = False) -> str | None:
+def laid_otherwise(
+    picture: Grey, board: Board, markers: Markers, *, is_quick: bool = False
+) -> str | None:
     """Return a description of the layout of an April grid if it differs from Kalibr's of this size.
 
     Parameters
@@ -131,7 +135,10 @@ def laid_otherwise(picture: Grey, board: Board, markers: Markers, *, is_quick: b
     if len(markers.ids) <= LEAST_MARKERS:
         if is_quick:
             return None
-        count = max(len(_detector(board, 1).detectMarkers(bytes_of(p))[0]) for p in (picture, picture[:, ::-1]))
+        count = max(
+            len(_detector(board, 1).detectMarkers(bytes_of(p))[0])
+            for p in (picture, picture[:, ::-1])
+        )
         return FRAME.format(count) if count > 2 * LEAST_MARKERS else None
     first, second, third, fourth = markers.corners_px.transpose(1, 0, 2)
     axes = np.stack([second - first + third - fourth, fourth - first + third - second], axis=2) / 2
@@ -172,7 +179,10 @@ def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[i
 def marker_corners_mm(board: Board, ids: Ids) -> Array:
     """Return the corners (4 k, 2) of a ChArUco board's markers, mm, as in OpenCV."""
     drawn = opencv_board(board)
-    corners = {int(i): np.array(quad)[:, :2] for i, quad in zip(drawn.getIds(), drawn.getObjPoints(), strict=True)}
+    corners = {
+        int(i): np.array(quad)[:, :2]
+        for i, quad in zip(drawn.getIds(), drawn.getObjPoints(), strict=True)
+    }
     return np.concatenate([corners[int(i)] for i in ids]) - board.square_mm
 
 
@@ -188,7 +198,9 @@ def opencv_board(board: Board) -> Any:
 
 def _tag_corners(board: Board, markers: Markers) -> tuple[Ids, Array]:
     column, row = markers.ids % board.columns, markers.ids // board.columns
-    ids = np.stack([(2 * row + y) * 2 * board.columns + 2 * column + x for x, y in KALIBR_CORNERS], axis=1)
+    ids = np.stack(
+        [(2 * row + y) * 2 * board.columns + 2 * column + x for x, y in KALIBR_CORNERS], axis=1
+    )
     return ids.ravel(), markers.corners_px.reshape(-1, 2)
 
 

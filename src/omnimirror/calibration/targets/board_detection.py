@@ -42,7 +42,12 @@ STOPPED = "the search was stopped before this picture"
 
 @checked
 def find_board(
-    picture: Picture, board: Board, *, name: str = "", camera: Camera | None = None, quick: bool = False
+    picture: Picture,
+    board: Board,
+    *,
+    name: str = "",
+    camera: Camera | None = None,
+    quick: bool = False,
 ) -> Detection:
     """Detect the corners of a board in an image distorted by a mirror or a fisheye.
 
@@ -98,13 +103,18 @@ def find_board(
     if camera is not None and not found.used:
         for view in local_views(values, camera):
             seen = look(view.picture, board, "", is_quick=True)
-            if seen.used and (again := _back_in_picture(values, seen, view, board, name)) is not None:
+            if (
+                seen.used
+                and (again := _back_in_picture(values, seen, view, board, name)) is not None
+            ):
                 found = again
                 break
     return _measured(values, found, board)
 
 
-def _back_in_picture(values: Grey, seen: Detection, view: LocalView, board: Board, name: str) -> Detection | None:
+def _back_in_picture(
+    values: Grey, seen: Detection, view: LocalView, board: Board, name: str
+) -> Detection | None:
     """Return a detection in a dewarped view as a detection in the image, which may be mirrored."""
     size = (values.shape[1], values.shape[0])
     pixels = view.back(seen.corners_px)
@@ -174,9 +184,12 @@ def find_boards(
         raise InvalidParameter("there are no pictures; at least one is needed")
     names = _names(given) if names is None else list(names)
     if len(names) != len(given):
-        raise InvalidParameter(f"there are {len(names)} names for {len(given)} pictures; each needs one")
+        raise InvalidParameter(
+            f"there are {len(names)} names for {len(given)} pictures; each needs one"
+        )
     jobs = [
-        (picture, board, name, camera, several, stored_orientation) for name, picture in zip(names, given, strict=True)
+        (picture, board, name, camera, several, stored_orientation)
+        for name, picture in zip(names, given, strict=True)
     ]
     found = {number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)}
     try:
@@ -215,7 +228,9 @@ def _boards_in(
 
     try:
         pixels = (
-            read_image(picture, stored_orientation=stored_orientation) if isinstance(picture, str | Path) else picture
+            read_image(picture, stored_orientation=stored_orientation)
+            if isinstance(picture, str | Path)
+            else picture
         )
         boards = _several(pixels, board, name) if several and not board.has_markers else []
         return boards or [find_board(pixels, board, name=name, camera=camera)]
@@ -226,26 +241,46 @@ def _boards_in(
 def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
     """Return detections of one sensor with reasons against inconsistent ones."""
     judged = list(found)
-    sizes = Counter(d.image_size for d in judged if d.used) or Counter(d.image_size for d in judged if d.found)
+    sizes = Counter(d.image_size for d in judged if d.used) or Counter(
+        d.image_size for d in judged if d.found
+    )
     usual = sizes.most_common(1)[0][0] if sizes else (0, 0)
-    hands = Counter(d.is_reversed for d in judged if d.used and d.image_size == usual and d.is_reversed is not None)
+    hands = Counter(
+        d.is_reversed
+        for d in judged
+        if d.used and d.image_size == usual and d.is_reversed is not None
+    )
     usual_hand = hands.most_common(1)[0][0] if hands else None
     shows_hand = board.is_symmetric and board.columns != board.rows
-    colours = Counter(d.begins_white for d in judged if d.used and d.image_size == usual and d.begins_white is not None)
+    colours = Counter(
+        d.begins_white
+        for d in judged
+        if d.used and d.image_size == usual and d.begins_white is not None
+    )
     usual_colour = colours.most_common(1)[0][0] if colours and shows_hand else None
     is_right_board = any(d.used and not d.is_part for d in judged)
     for i, detection in enumerate(judged):
         if detection.found and detection.image_size != usual:
-            reason = "its size of {} x {} px is not the {} x {} px of the others".format(*detection.image_size, *usual)
+            reason = "its size of {} x {} px is not the {} x {} px of the others".format(
+                *detection.image_size, *usual
+            )
             judged[i] = replace(detection, reason=reason)
-        elif detection.used and usual_hand is not None and detection.is_reversed not in (None, usual_hand):
+        elif (
+            detection.used
+            and usual_hand is not None
+            and detection.is_reversed not in (None, usual_hand)
+        ):
             what = (
                 "is a mirror image, and the others are not"
                 if detection.is_reversed
                 else "is no mirror image as the others are"
             )
             judged[i] = replace(detection, reason=f"it {what}: it was flipped")
-        elif detection.used and usual_colour is not None and detection.begins_white not in (None, usual_colour):
+        elif (
+            detection.used
+            and usual_colour is not None
+            and detection.begins_white not in (None, usual_colour)
+        ):
             reason = "it shows the mirror image of the board that the others show: it was flipped"
             judged[i] = replace(detection, reason=reason)
         elif detection.found and detection.is_part and is_right_board:
@@ -254,9 +289,15 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
 
 
 def _names(pictures: Sequence[Any]) -> list[str]:
-    names = [Path(p).name if isinstance(p, str | Path) else f"picture {i}" for i, p in enumerate(pictures, 1)]
+    names = [
+        Path(p).name if isinstance(p, str | Path) else f"picture {i}"
+        for i, p in enumerate(pictures, 1)
+    ]
     if len(set(names)) < len(names):  # files with the same name in several folders
-        names = [str(p) if isinstance(p, str | Path) else name for p, name in zip(pictures, names, strict=True)]
+        names = [
+            str(p) if isinstance(p, str | Path) else name
+            for p, name in zip(pictures, names, strict=True)
+        ]
     return names
 
 
@@ -274,12 +315,16 @@ def _whole(part: LatticePart, board: Board, name: str, size: tuple[int, int]) ->
     return Detection(name, size, ids, pixels, begins_white=begins_white)
 
 
-def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
+def _look_for_squares(
+    values: Grey, board: Board, name: str, *, is_quick: bool = False
+) -> Detection:
     size = (values.shape[1], values.shape[0])
     part = find_chessboard(values, board, is_quick=is_quick)
     if part is not None and is_whole(part, board):
         if goes_on(values, part):
-            return Detection(name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values))
+            return Detection(
+                name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values)
+            )
         return _whole(part, board, name, size)
     if part is None or len(part.places) < MIN_PART:
         return Detection(name, size, reason=_why_nothing(values), blur_px=edge_blur_px(values))
@@ -289,10 +334,15 @@ def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool =
     return Detection(name, size, *inside, reason=reason, is_part=True)
 
 
-def _look_for_markers(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
+def _look_for_markers(
+    values: Grey, board: Board, name: str, *, is_quick: bool = False
+) -> Detection:
     size = (values.shape[1], values.shape[0])
     markers = read_markers(values, board, is_quick=is_quick)
-    if board.kind == "aprilgrid" and (other := laid_otherwise(values, board, markers, is_quick=is_quick)) is not None:
+    if (
+        board.kind == "aprilgrid"
+        and (other := laid_otherwise(values, board, markers, is_quick=is_quick)) is not None
+    ):
         return Detection(name, size, reason=other, blur_px=edge_blur_px(values))
     ids, pixels = find_by_markers(values, board, markers)
     if len(ids) >= LEAST_OF_MARKED:
@@ -312,17 +362,25 @@ def _why_nothing(values: Grey) -> str:
         return "the picture is blank"
     blur = edge_blur_px(values)
     if blur > BLURRED_PX:
-        return f"no board was found; the picture is blurred: its edges are spread over {blur:.1f} px"
+        return (
+            f"no board was found; the picture is blurred: its edges are spread over {blur:.1f} px"
+        )
     return NO_BOARD
 
 
 def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
     blur = edge_blur_px(values)
-    blurred = f"; the picture is blurred: its edges are spread over {blur:.1f} px" if blur > BLURRED_PX else ""
+    blurred = (
+        f"; the picture is blurred: its edges are spread over {blur:.1f} px"
+        if blur > BLURRED_PX
+        else ""
+    )
     columns, rows = sorted(part.size, reverse=True)
     wanted = sorted(board.lattice_size, reverse=True)
     if [columns, rows] == wanted:
-        return f"only {len(part.places)} of the board's {board.corner_count} corners can be made out"
+        return (
+            f"only {len(part.places)} of the board's {board.corner_count} corners can be made out"
+        )
     if [columns + 1, rows + 1] == wanted:
         return (
             f"a board of {columns} x {rows} corners was found, and one of {board} was looked for; "
@@ -336,17 +394,27 @@ def _measured(values: Grey, found: Detection, board: Board) -> Detection:
     if not found.found:
         return found
     refined = refine_corners(values / np.float32(255), found, board)
-    least = WHOLE_SHARE * board.corner_count if not (board.has_markers or found.is_part) else LEAST_OF_MARKED
+    least = (
+        WHOLE_SHARE * board.corner_count
+        if not (board.has_markers or found.is_part)
+        else LEAST_OF_MARKED
+    )
     if refined.used and len(refined.ids) < least:
-        reason = f"only {len(refined.ids)} of the board's {board.corner_count} corners can be measured"
+        reason = (
+            f"only {len(refined.ids)} of the board's {board.corner_count} corners can be measured"
+        )
         if refined.blur_px > BLURRED_PX:
-            reason += f"; the picture is blurred: its edges are spread over {refined.blur_px:.1f} px"
+            reason += (
+                f"; the picture is blurred: its edges are spread over {refined.blur_px:.1f} px"
+            )
         refined = replace(refined, reason=reason)
     if refined.used:
         places = board.points_mm[refined.ids, :2] / board.square_mm
         side = float(np.median(maps_about(places, refined.corners_px, places).spacing()))
         if side < TINY_PX:
-            refined = replace(refined, reason=f"the board is too small in it: its squares are {side:.1f} px wide")
+            refined = replace(
+                refined, reason=f"the board is too small in it: its squares are {side:.1f} px wide"
+            )
     return refined
 
 
@@ -354,5 +422,7 @@ def _runs_backwards(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.floa
     """Return whether a board is mirrored in an image."""
     places = board.points_mm[ids, :2] / board.square_mm
     known = np.isfinite(pixels).all(axis=1)
-    turn = float(np.median(np.linalg.det(maps_about(places[known], pixels[known], places[known]).first)))
+    turn = float(
+        np.median(np.linalg.det(maps_about(places[known], pixels[known], places[known]).first))
+    )
     return (turn < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up

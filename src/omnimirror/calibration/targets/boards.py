@@ -108,9 +108,13 @@ class Board:
                 )
         if self.kind == "chessboard":
             if self.family is not None:
-                raise InvalidParameter("family belongs to boards with markers, and a chessboard has none")
+                raise InvalidParameter(
+                    "family belongs to boards with markers, and a chessboard has none"
+                )
             if max(self.columns, self.rows) < 3:
-                raise InvalidParameter("a chessboard of 2 x 2 corners has no order; it is valid from 3 x 2 on")
+                raise InvalidParameter(
+                    "a chessboard of 2 x 2 corners has no order; it is valid from 3 x 2 on"
+                )
         elif self.family is not None:
             choice("family", self.family.upper(), families())
             if self.marker_count > (most := capacity(self.family)):
@@ -184,7 +188,10 @@ class Board:
         if self.kind == "charuco":
             return CornerWindow(arm=(1 - self.marker_side_mm / self.square_mm) / 2)
         if self.kind == "aprilgrid":
-            return CornerWindow(min(0.7 * self.spacing, 0.45), self.border_bits / (APRIL_BITS + 2 * self.border_bits))
+            return CornerWindow(
+                min(0.7 * self.spacing, 0.45),
+                self.border_bits / (APRIL_BITS + 2 * self.border_bits),
+            )
         return CornerWindow()
 
     @property
@@ -206,7 +213,9 @@ class Board:
     def _along_mm(self, places: NDArray[Any]) -> Array:
         """Return positions of columns or rows along their side."""
         if self.kind == "aprilgrid":
-            return np.asarray(self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float)
+            return np.asarray(
+                self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float
+            )
         return self.square_mm * np.asarray(places, dtype=float)
 
 
@@ -218,7 +227,9 @@ def families() -> list[str]:
     """
     import cv2
 
-    return sorted({name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")})
+    return sorted(
+        {name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")}
+    )
 
 
 def capacity(family: str) -> int:

@@ -99,13 +99,24 @@ def choose_frames(
     whole("count", count, 1)
     number("every_s", every_s, above=0, unit="s")
     found: list[Detection] = []
-    with VideoReader(path, start_s, duration_s, with_sound=False, stored_orientation=stored_orientation) as reader:
+    with VideoReader(
+        path, start_s, duration_s, with_sound=False, stored_orientation=stored_orientation
+    ) as reader:
         expected = reader.expected_frames
-        total = None if expected is None else max(1, round(expected / float(reader.frame_rate) / every_s))
+        total = (
+            None
+            if expected is None
+            else max(1, round(expected / float(reader.frame_rate) / every_s))
+        )
         try:
             for time_s, picture in _sharpest(reader, every_s):
                 name = f"{path.name} at {start_s + time_s:.2f} s"
-                found.append(replace(find_board(picture, board, name=name, camera=camera), time_s=start_s + time_s))
+                found.append(
+                    replace(
+                        find_board(picture, board, name=name, camera=camera),
+                        time_s=start_s + time_s,
+                    )
+                )
                 if progress is not None:
                     progress(len(found), total)
         except KeyboardInterrupt:
@@ -117,7 +128,9 @@ def choose_frames(
     return selected_frames(compared(found, board), board, count=count)
 
 
-def selected_frames(detections: Sequence[Detection], board: Board, *, count: int = 30) -> list[Detection]:
+def selected_frames(
+    detections: Sequence[Detection], board: Board, *, count: int = 30
+) -> list[Detection]:
     """Return the detections, with a reason against the use of those that add no new view.
 
     Parameters
@@ -145,7 +158,8 @@ def selected_frames(detections: Sequence[Detection], board: Board, *, count: int
     for i in [i for i in usable if judged[i].blur_px > BLURRED * usual]:
         blur = judged[i].blur_px
         judged[i] = replace(
-            judged[i], reason=f"it is blurred: its edges are spread over {blur:.1f} px, and usually over {usual:.1f} px"
+            judged[i],
+            reason=f"it is blurred: its edges are spread over {blur:.1f} px, and usually over {usual:.1f} px",
         )
     usable = [i for i in usable if judged[i].used]
     views = np.array([_view(judged[i], board) for i in usable])
@@ -165,7 +179,9 @@ def selected_frames(detections: Sequence[Detection], board: Board, *, count: int
     for k, i in enumerate(usable):
         if k not in taken:
             like = usable[taken[int(np.argmin(np.linalg.norm(views[taken] - views[k], axis=1)))]]
-            judged[i] = replace(judged[i], reason=f"it shows the board much as {judged[like].name} does")
+            judged[i] = replace(
+                judged[i], reason=f"it shows the board much as {judged[like].name} does"
+            )
     return judged
 
 
@@ -227,7 +243,9 @@ def _view(detection: Detection, board: Board) -> Array:
     """Return position, size, tilt and rotation of the board in units of the scales of a new view."""
     places = board.points_mm[detection.ids, :2] / board.square_mm
     middle = places.mean(axis=0, keepdims=True)
-    shape = maps_about(places, detection.corners_px, middle, reach=float(np.ptp(places, axis=0).max()))
+    shape = maps_about(
+        places, detection.corners_px, middle, reach=float(np.ptp(places, axis=0).max())
+    )
     size = np.sqrt(np.abs(np.linalg.det(shape.first[0]))) + 1e-6
     where = shape.pixels[0] / max(detection.image_size)
     turned = (shape.first[0] / size).ravel()

@@ -102,7 +102,9 @@ class Distortion(NamedTuple):
 
     def end(self) -> float:
         """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
-        return float(np.sqrt(first_root(np.array([1 - MIN_RATE, 3 * self.k1, 5 * self.k2, 7 * self.k3]))))
+        return float(
+            np.sqrt(first_root(np.array([1 - MIN_RATE, 3 * self.k1, 5 * self.k2, 7 * self.k3])))
+        )
 
     def applied(self, x: Array, y: Array) -> DistortedPoints:
         """Distort points of the circular image."""
@@ -159,7 +161,10 @@ class Rational(NamedTuple):
         """Return the radius of a vanishing or diverging rate; else infinity."""
         over, under = np.array([1.0, *self[:3]]), np.array([1.0, *self[3:6]])
         cross = polysub(polymul(polyder(over), under), polymul(over, polyder(under)))
-        rate = polysub(polyadd(polymul(over, under), polymul([0.0, 2.0], cross)), MIN_RATE * polymul(under, under))
+        rate = polysub(
+            polyadd(polymul(over, under), polymul([0.0, 2.0], cross)),
+            MIN_RATE * polymul(under, under),
+        )
         return float(np.sqrt(min(first_root(rate), first_root(under))))
 
     def applied(self, x: Array, y: Array) -> DistortedPoints:
@@ -180,9 +185,11 @@ class Rational(NamedTuple):
         """Return numerator and denominator, and their derivatives by r^2."""
         k1, k2, k3, k4, k5, k6, *_ = self
         return (
-            1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6)),
-            k1 + s * (2 * k2 + 3 * k3 * s), k4 + s * (2 * k5 + 3 * k6 * s),
-        )  # fmt: skip
+            1 + s * (k1 + s * (k2 + s * k3)),
+            1 + s * (k4 + s * (k5 + s * k6)),
+            k1 + s * (2 * k2 + 3 * k3 * s),
+            k4 + s * (2 * k5 + 3 * k6 * s),
+        )
 
 
 class ThinPrism(NamedTuple):
@@ -226,9 +233,13 @@ class ThinPrism(NamedTuple):
         at = _moved(x, y, np.ones_like(s), np.zeros_like(s), self.p1, self.p2)
         right, down = 2 * self.s1 + 4 * self.s2 * s, 2 * self.s3 + 4 * self.s4 * s
         return DistortedPoints(
-            at.x + s * (self.s1 + self.s2 * s), at.y + s * (self.s3 + self.s4 * s),
-            at.d_xx + right * x, at.d_xy + right * y, at.d_yx + down * x, at.d_yy + down * y,
-        )  # fmt: skip
+            at.x + s * (self.s1 + self.s2 * s),
+            at.y + s * (self.s3 + self.s4 * s),
+            at.d_xx + right * x,
+            at.d_xy + right * y,
+            at.d_yx + down * x,
+            at.d_yy + down * y,
+        )
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
         """Return derivatives of the distorted point by p1, p2 and s1 to s4."""
@@ -237,7 +248,9 @@ class ThinPrism(NamedTuple):
         return (*_tangential_terms(x, y, s), (s, zero), (s * s, zero), (zero, s), (zero, s * s))
 
 
-def _moved(x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: float) -> DistortedPoints:
+def _moved(
+    x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: float
+) -> DistortedPoints:
     """Apply a radial factor, whose derivative by x is ``growth x``, and tangential distortion."""
     s, xy = x * x + y * y, x * y
     across = growth * xy + 2 * (p1 * x + p2 * y)
@@ -272,11 +285,17 @@ def undistorted_radius(distortion: DistortionModel, radius: Array, end: float) -
     cell = np.clip(np.searchsorted(values, inside) - 1, 0, INVERSION_NODES - 2)
     start = np.interp(inside, values, nodes)
     return increasing_root(
-        lambda r: (distortion.radius(r) - inside, distortion.rate(r)), nodes[cell], nodes[cell + 1], start, high
+        lambda r: (distortion.radius(r) - inside, distortion.rate(r)),
+        nodes[cell],
+        nodes[cell + 1],
+        start,
+        high,
     )
 
 
-def undistorted(distortion: DistortionModel, x: Array, y: Array, end: float) -> tuple[Array, Array, Mask]:
+def undistorted(
+    distortion: DistortionModel, x: Array, y: Array, end: float
+) -> tuple[Array, Array, Mask]:
     """Remove distortion from points of the circular image, within a radius."""
     r = np.hypot(x, y)
     if not (distortion.is_radial or distortion.is_tangential):
@@ -293,7 +312,9 @@ def undistorted(distortion: DistortionModel, x: Array, y: Array, end: float) -> 
     return px, py, solved & inside
 
 
-def _refined(distortion: DistortionModel, x: Array, y: Array, px: Array, py: Array) -> tuple[Array, Array, Mask]:
+def _refined(
+    distortion: DistortionModel, x: Array, y: Array, px: Array, py: Array
+) -> tuple[Array, Array, Mask]:
     """Refine undistorted points from the radial solution by Newton's method in two dimensions."""
     with np.errstate(all="ignore"):
         for _ in range(MAX_STEPS):
@@ -321,4 +342,6 @@ def first_root(coefficients: Array) -> float:
     """Return the smallest positive root of a polynomial, infinity if there is none."""
     known = np.flatnonzero(np.abs(coefficients) > MIN_COEFFICIENT)
     roots = polyroots(coefficients[: known[-1] + 1])
-    return float(roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf))
+    return float(
+        roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf)
+    )

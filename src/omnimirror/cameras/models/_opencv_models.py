@@ -90,7 +90,10 @@ class KannalaBrandt(FocalModel):
 
     @property
     def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        law = tuple(ParameterSlot(name, name, None, "", 0.1**i) for i, name in enumerate(self.COEFFICIENTS, start=1))
+        law = tuple(
+            ParameterSlot(name, name, None, "", 0.1**i)
+            for i, name in enumerate(self.COEFFICIENTS, start=1)
+        )
         return law, self._affine_places
 
     @property
@@ -105,7 +108,12 @@ class KannalaBrandt(FocalModel):
     @cached_property
     def _law_end(self) -> float:
         return float(
-            min(np.sqrt(first_root(np.asarray(polysub(self._rate_polynomial, [MIN_RATE]), dtype=float))), np.pi)
+            min(
+                np.sqrt(
+                    first_root(np.asarray(polysub(self._rate_polynomial, [MIN_RATE]), dtype=float))
+                ),
+                np.pi,
+            )
         )
 
     def _law_radius(self, omega: Array) -> Array:

@@ -156,13 +156,17 @@ class CameraModel(ABC):
     @property
     def _signs(self) -> Array:
         """Signs of image right, image down and axis, relative to camera X, Y, Z."""
-        return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
+        return np.array(
+            [-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0]
+        )
 
     # -- validation in the constructors of all models --------------------------------------------
 
     def _check_camera(self) -> None:
         if finite("image_size", self.image_size).shape != (2,):
-            raise InvalidParameter(f"image_size = {shown(self.image_size)} is no pair of numbers, (width, height)")
+            raise InvalidParameter(
+                f"image_size = {shown(self.image_size)} is no pair of numbers, (width, height)"
+            )
         for name, length in zip(("width", "height"), self.image_size, strict=True):
             if not (1 <= length <= MAX_IMAGE_PX and int(length) == length):
                 raise InvalidParameter(
@@ -198,7 +202,11 @@ def direction_covariance_at(
     asked = np.flatnonzero(np.isfinite(targets).all(axis=1))
     image = model.image(targets[asked], distant=distant)
     moves = image.d_points @ axes[asked]
-    kept = image.valid & np.isfinite(moves).all(axis=(1, 2)) & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    kept = (
+        image.valid
+        & np.isfinite(moves).all(axis=(1, 2))
+        & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    )
     kept[kept] = np.abs(np.linalg.det(moves[kept])) > 0
     change = -np.linalg.solve(moves[kept], image.d_parameters[kept])
     spread[asked[kept]] = change @ covariance @ change.transpose(0, 2, 1)
@@ -208,10 +216,14 @@ def direction_covariance_at(
 def field_angles(model: CameraModel, directions: Array) -> Array:
     """Return angles (n,), deg, of directions (n, 3) from the image centre."""
     forward = -1.0 if model.looks_back else 1.0
-    return np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2]))
+    return np.degrees(
+        np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2])
+    )
 
 
-def within_field(model: CameraModel, directions: Array, field_deg: float | None) -> NDArray[np.bool_]:
+def within_field(
+    model: CameraModel, directions: Array, field_deg: float | None
+) -> NDArray[np.bool_]:
     """Return which directions (n, 3) are in a calibrated field; all if it is None."""
     if field_deg is None:
         return np.ones(len(directions), dtype=bool)
@@ -274,10 +286,14 @@ def camera_card(camera: CameraModel) -> str:
     """Return an HTML card: rings of constant field angle, and parameters with deviations."""
     width, height = camera.image_size
     symmetry = camera.symmetry
-    field = {} if symmetry is None else {"Field": field_range(symmetry.omega_min, symmetry.omega_max)}
+    field = (
+        {} if symmetry is None else {"Field": field_range(symmetry.omega_min, symmetry.omega_max)}
+    )
     sigmas = camera.uncertainty.sigmas if camera.uncertainty else {}
     displayed = camera.parameters[:MAX_PARAMETERS]
-    parameters = {p.name: f"{p.value:.6g}{_deviation(sigmas.get(p.name))} {p.unit}" for p in displayed}
+    parameters = {
+        p.name: f"{p.value:.6g}{_deviation(sigmas.get(p.name))} {p.unit}" for p in displayed
+    }
     omitted = len(camera.parameters) - len(displayed)
     more = {f"{omitted} more parameters": ""} if omitted else {}
     head = {
@@ -287,7 +303,8 @@ def camera_card(camera: CameraModel) -> str:
         "Camera looks": camera.mount.camera_looks,
     }
     drawing = line_drawing(
-        list(_field_rings(camera)), f"Rings of the field every {RING_STEP_DEG:g} degrees in the image"
+        list(_field_rings(camera)),
+        f"Rings of the field every {RING_STEP_DEG:g} degrees in the image",
     )
     return card(
         camera.KIND,
@@ -305,14 +322,20 @@ def _deviation(sigma: float | None) -> str:
 def _field_rings(camera: CameraModel) -> Iterator[Line]:
     """Yield the frame of the image and the images of rings about the axis."""
     width, height = camera.image_size
-    yield Line(np.array([0, width, width, 0, 0.0]) - 0.5, 0.5 - np.array([0, 0, height, height, 0.0]), "plain")
+    yield Line(
+        np.array([0, width, width, 0, 0.0]) - 0.5,
+        0.5 - np.array([0, 0, height, height, 0.0]),
+        "plain",
+    )
     turn = np.linspace(0, 2 * np.pi, RING_POINTS)
     right, down = camera.mount.rotation()[:, 0], camera.mount.rotation()[:, 1]
     end = 180.0 if camera.symmetry is None else float(np.degrees(camera.symmetry.omega_max))
     rings = [*np.arange(RING_STEP_DEG, end - 1e-9, RING_STEP_DEG), end]
     for omega in np.radians(rings):
         around = np.outer(np.cos(turn), right) + np.outer(np.sin(turn), down)
-        pixels, valid = camera.project_directions(np.cos(omega) * camera.axis + np.sin(omega) * around)
+        pixels, valid = camera.project_directions(
+            np.cos(omega) * camera.axis + np.sin(omega) * around
+        )
         if valid.any():
             yield Line(
                 np.where(valid, pixels[:, 0], np.nan),

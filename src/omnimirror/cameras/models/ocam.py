@@ -21,7 +21,13 @@ from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, po
 
 from ...base.arguments import file_name, finite, float_of, shown
 from ...base.caching import cached_property
-from ...base.errors import InvalidParameter, OmnimirrorError, OmnimirrorWarning, SpecError, shortened
+from ...base.errors import (
+    InvalidParameter,
+    OmnimirrorError,
+    OmnimirrorWarning,
+    SpecError,
+    shortened,
+)
 from ...base.files import read_text
 from ...base.parameters import Uncertainty
 from ...base.root_finding import increasing_root
@@ -93,10 +99,16 @@ class OCam(RadialModel):
     def __post_init__(self) -> None:
         self._check_radial()
         if finite("polynomial", self.polynomial).ndim != 1:
-            raise InvalidParameter(f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)")
+            raise InvalidParameter(
+                f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)"
+            )
         if finite("affine", self.affine).shape != (3,):
-            raise InvalidParameter(f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0")
-        if not (len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0):
+            raise InvalidParameter(
+                f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0"
+            )
+        if not (
+            len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0
+        ):
             raise InvalidParameter(
                 f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
                 "polynomial does (f(0) < 0)"
@@ -107,7 +119,9 @@ class OCam(RadialModel):
                 f"camera; they are valid below {MAX_OCAM_COEFFICIENT:g}"
             )
         if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.matrix)) < 1e-3:
-            raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
+            raise InvalidParameter(
+                f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0"
+            )
 
     @property
     def matrix(self) -> Array:
@@ -119,8 +133,14 @@ class OCam(RadialModel):
     def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         """All parameters except a1 (0) and e (equivalent to a rotation)."""
         half = min(self.image_size) / 2
-        law = tuple(ParameterSlot(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
-        return law, (ParameterSlot("c", "affine", 0, "", 0.01), ParameterSlot("d", "affine", 1, "", 0.01))
+        law = tuple(
+            ParameterSlot(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100)
+            for i in self._powers
+        )
+        return law, (
+            ParameterSlot("c", "affine", 0, "", 0.01),
+            ParameterSlot("d", "affine", 1, "", 0.01),
+        )
 
     @property
     def _powers(self) -> list[int]:
@@ -181,7 +201,11 @@ def _end_of_use(a: Array) -> float:
 
 
 def load_ocam(
-    path: str | Path, optics: Optics = "mirror", *, mount: Mount | None = None, rim_radius_px: float | None = None
+    path: str | Path,
+    optics: Optics = "mirror",
+    *,
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
 ) -> OCam:
     """Read OCamCalib's ``calib_results.txt``.
 
@@ -250,7 +274,9 @@ def parse_ocam(
 
 
 def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: float | None) -> OCam:
-    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
+    return replace(
+        model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px
+    )
 
 
 def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
@@ -276,7 +302,9 @@ class _Lines:
     def __init__(self, text: str, source: str) -> None:
         self.source = shortened(source)
         self.number = 0
-        stripped = ((i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1))
+        stripped = (
+            (i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1)
+        )
         self.lines = [(i, words) for i, words in stripped if words]
 
     def error(self, message: str) -> SpecError:

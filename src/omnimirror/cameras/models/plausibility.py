@@ -84,7 +84,10 @@ def inverse_polynomial_warnings(
     # An inverse with many terms deviates in unfitted regions, such as the centre of annular images.
     omega = np.linspace(EXCLUDED_FRACTION * end, end, SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
-        difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))
+        difference = np.abs(
+            polyval(omega - start, np.asarray(inverse, dtype=float))
+            - camera.radius_from_omega(omega)
+        )
     worst = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0
     if difference[worst] <= MAX_DIFFERENCE_PX:
         return []

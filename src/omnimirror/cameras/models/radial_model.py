@@ -17,7 +17,13 @@ from ...base.parameters import Uncertainty
 from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Projection, Rays, inside_image
 from ..frames import Mount, turned
-from ._distortion import DistortedPoints, Distortion, DistortionModel, undistorted, undistorted_radius
+from ._distortion import (
+    DistortedPoints,
+    Distortion,
+    DistortionModel,
+    undistorted,
+    undistorted_radius,
+)
 from .camera_model import CameraModel, Image, ModelParameter
 
 if TYPE_CHECKING:
@@ -141,7 +147,9 @@ class RadialModel(CameraModel):
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """Adjustable parameters of projection function, matrix, centre and distortion."""
-        return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
+        return tuple(
+            ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places
+        )
 
     def with_parameters(self, values: Sequence[float] | Array) -> Self:
         """Return the model with other parameter values, without uncertainty.
@@ -164,13 +172,17 @@ class RadialModel(CameraModel):
         places = self._all_places
         found = finite("values", values)
         if found.shape != (len(places),):
-            raise InvalidParameter(f"values has shape {found.shape}; {self.KIND} has {len(places)} parameters")
+            raise InvalidParameter(
+                f"values has shape {found.shape}; {self.KIND} has {len(places)} parameters"
+            )
         changes: dict[str, Any] = {}
         for place, value in zip(places, found.tolist(), strict=True):
             if place.item is None:
                 changes[place.field] = value
             else:
-                changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = value
+                changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = (
+                    value
+                )
         model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
         changed = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
         return replace(model, **changed, uncertainty=None)  # type: ignore[return-value]
@@ -178,8 +190,13 @@ class RadialModel(CameraModel):
     @cached_property
     def _all_places(self) -> tuple[ParameterSlot, ...]:
         law, affine = self._places
-        centre = tuple(ParameterSlot(name, "centre_px", i, "px", 1.0) for i, name in enumerate(("cx", "cy")))
-        lens = tuple(ParameterSlot(name, name, None, unit, scale) for name, (unit, scale) in self.LENS.items())
+        centre = tuple(
+            ParameterSlot(name, "centre_px", i, "px", 1.0) for i, name in enumerate(("cx", "cy"))
+        )
+        lens = tuple(
+            ParameterSlot(name, name, None, unit, scale)
+            for name, (unit, scale) in self.LENS.items()
+        )
         return (*law, *affine, *centre, *lens)
 
     def _at(self, place: ParameterSlot) -> float:
@@ -213,11 +230,15 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the points do not have the shape (n, 3).
         """
-        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False)
+        return self._image(
+            vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False
+        )
 
     def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
         # Continuous to first order: the projection function ends at a stationary radius.
-        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True)
+        return self._image(
+            vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True
+        )
 
     def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
         """Project points (n, 3), with optional clamping to the end of the field."""
@@ -244,7 +265,9 @@ class RadialModel(CameraModel):
             step.put(d_points, 1, extra * ux * uy, across + extra * uy * uy)
             along = signs[2] * law.rate * angle.z
             step.put(d_points, 2, along * ux, along * uy)
-            d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
+            d_parameters = self._parameter_derivatives(
+                step, (rx, ry), (at.x, at.y), (ux, uy), law, angle
+            )
             pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
         valid = valid & np.isfinite(pixels).all(axis=-1)  # excludes poles of rational models
         if not valid.all():
@@ -260,7 +283,11 @@ class RadialModel(CameraModel):
         law: RadialProjection,
         angle: AngleRates,
     ) -> Array:
-        terms = law.terms if angle.terms is None else np.hstack([law.terms, law.rate[:, None] * angle.terms])
+        terms = (
+            law.terms
+            if angle.terms is None
+            else np.hstack([law.terms, law.rate[:, None] * angle.terms])
+        )
         q = terms.shape[1]
         result = np.zeros((len(terms), 2, len(self._all_places)))
         moved = step.of(side[0], side[1])
@@ -268,11 +295,15 @@ class RadialModel(CameraModel):
             result[:, row, :q] = moved[row][:, None] * terms
         for i, direction in enumerate(self.AFFINE, start=q):
             for row in (0, 1):
-                result[:, row, i] = direction[row][0] * distorted[0] + direction[row][1] * distorted[1]
+                result[:, row, i] = (
+                    direction[row][0] * distorted[0] + direction[row][1] * distorted[1]
+                )
         first = q + len(self.AFFINE)
         result[:, 0, first] = result[:, 1, first + 1] = 1.0
         if names := self.LENS:
-            derivatives = dict(zip(self.distortion._fields, self.distortion.terms(*flat), strict=True))
+            derivatives = dict(
+                zip(self.distortion._fields, self.distortion.terms(*flat), strict=True)
+            )
             for i, name in enumerate(names, start=first + 2):
                 dx, dy = derivatives[name]
                 for row in (0, 1):
@@ -300,7 +331,11 @@ class RadialModel(CameraModel):
         radii = [float(np.hypot(x, y).max()) if found.all() else end]
         if self.rim_radius_px is not None:
             radii.append(
-                float(undistorted_radius(self.distortion, np.array([self.rim_radius_px / self.scale_px]), end)[0])
+                float(
+                    undistorted_radius(
+                        self.distortion, np.array([self.rim_radius_px / self.scale_px]), end
+                    )[0]
+                )
             )
         radius = min(radii)
         return self.model_end if radius >= end else float(self._law_inverse(np.array([radius]))[0])
@@ -342,7 +377,9 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the angles are not one-dimensional.
         """
-        return self.scale_px * self.distortion.radius(self._law_radius(places("omega", omega, is_row=True)))
+        return self.scale_px * self.distortion.radius(
+            self._law_radius(places("omega", omega, is_row=True))
+        )
 
     def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
         """Compute radius, its rate and the viewpoint at field angles.
@@ -366,7 +403,11 @@ class RadialModel(CameraModel):
         omega = places("omega", omega, is_row=True)
         law = self._law(omega)
         rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
-        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # avoids -0
+        return (
+            self.radius_from_omega(omega),
+            rate,
+            self._signs[2] * self._viewpoint_mm(omega) + 0.0,
+        )  # avoids -0
 
     def omega_from_radius(self, radius_px: ArrayLike) -> Array:
         """Compute field angles (n,), radians, of radii (n,), px, up to :attr:`field_radius_px`.
@@ -405,7 +446,14 @@ class RadialModel(CameraModel):
         right, down = self._signs[0] * x, self._signs[1] * y
         starts = None if self.is_central else self._ray_starts
         return AxialSymmetry(
-            self.centre_px, self.axis, right, down, 0.0, self.omega_max, self.radius_from_omega, starts
+            self.centre_px,
+            self.axis,
+            right,
+            down,
+            0.0,
+            self.omega_max,
+            self.radius_from_omega,
+            starts,
         )
 
     def backproject(self, pixels: ArrayLike) -> Rays:
@@ -509,7 +557,9 @@ class RadialModel(CameraModel):
     def _check_radial(self) -> None:
         self._check_camera()
         if finite("centre_px", self.centre_px, -MAX_PX, MAX_PX, unit="px").shape != (2,):
-            raise InvalidParameter(f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)")
+            raise InvalidParameter(
+                f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)"
+            )
         optional_number("rim_radius_px", self.rim_radius_px, above=0.0, high=MAX_PX, unit="px")
         instance("mount", self.mount, Mount, "a Mount")
         if self.uncertainty is not None:

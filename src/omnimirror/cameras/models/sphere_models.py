@@ -109,7 +109,9 @@ class Unified(FocalModel):
 
     def _law(self, omega: Array) -> RadialProjection:
         sin, cos, depth = np.sin(omega), np.cos(omega), self._depth(omega)
-        return RadialProjection(sin / depth, (1 + self.xi * cos) / depth**2, (-sin / depth**2)[:, None])
+        return RadialProjection(
+            sin / depth, (1 + self.xi * cos) / depth**2, (-sin / depth**2)[:, None]
+        )
 
     def _depth(self, omega: Array) -> Array:
         """Compute ``cos(Omega) + xi`` without cancellation for xi = 1 at the end of the field."""
@@ -200,7 +202,9 @@ class EnhancedUnified(FocalModel):
 
     def _law_radius(self, omega: Array) -> Array:
         sin, cos = np.sin(omega), np.cos(omega)
-        radius: Array = sin / (self.alpha * np.sqrt(self.beta * sin**2 + cos**2) + (1 - self.alpha) * cos)
+        radius: Array = sin / (
+            self.alpha * np.sqrt(self.beta * sin**2 + cos**2) + (1 - self.alpha) * cos
+        )
         return radius
 
     def _law(self, omega: Array) -> RadialProjection:
@@ -310,7 +314,9 @@ class DoubleSphere(FocalModel):
         xi, a, square = self.xi, self.alpha, radius * radius
         root = np.sqrt(np.maximum(1 - (2 * a - 1) * square, 0.0))
         z = (1 - a * a * square) / (a * root + 1 - a)
-        length = (z * xi + np.sqrt(np.maximum(z * z + (1 - xi * xi) * square, 0.0))) / (z * z + square)
+        length = (z * xi + np.sqrt(np.maximum(z * z + (1 - xi * xi) * square, 0.0))) / (
+            z * z + square
+        )
         return np.arctan2(length * radius, length * z - xi)
 
 
@@ -391,7 +397,9 @@ class MirrorBall(RadialModel):
     def _law(self, omega: Array) -> RadialProjection:
         radius = self._law_radius(omega)
         return RadialProjection(
-            radius, self._ball_radius_px / 2 * np.cos(omega / 2), (radius / self.rim_radius_px)[:, None]
+            radius,
+            self._ball_radius_px / 2 * np.cos(omega / 2),
+            (radius / self.rim_radius_px)[:, None],
         )
 
     def _law_inverse(self, radius: Array) -> Array:

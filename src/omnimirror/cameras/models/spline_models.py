@@ -139,7 +139,12 @@ def _solved(count: int, end: float, at_zero: Array) -> SplineBasis:
     matrix[-1, 2 * n - 1 :] = 1.0, -2.0, 1.0  # continuous f''' at knot n - 1
     y, m = np.split(np.linalg.solve(matrix, given), 2)
     cells = np.stack(
-        [y[:-1], np.diff(y, axis=0) / h - h * (2 * m[:-1] + m[1:]) / 6, m[:-1] / 2, np.diff(m, axis=0) / (6 * h)],
+        [
+            y[:-1],
+            np.diff(y, axis=0) / h - h * (2 * m[:-1] + m[1:]) / 6,
+            m[:-1] / 2,
+            np.diff(m, axis=0) / (6 * h),
+        ],
         axis=1,
     )
     return SplineBasis(h, cells)
@@ -179,7 +184,9 @@ class SplineModel(RadialModel):
         for name in ("stretch_x", "shear"):
             number(name, getattr(self, name), low=-0.5, high=0.5)
         for name in self.LENS:
-            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT, unit="1/px")
+            number(
+                name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT, unit="1/px"
+            )
 
     @property
     def matrix(self) -> Array:
@@ -189,7 +196,10 @@ class SplineModel(RadialModel):
 
     @property
     def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        law = tuple(ParameterSlot(f"r{i}", "radii_px", i - 1, "px", 1.0) for i in range(1, len(self.radii_px) + 1))
+        law = tuple(
+            ParameterSlot(f"r{i}", "radii_px", i - 1, "px", 1.0)
+            for i in range(1, len(self.radii_px) + 1)
+        )
         return law, (
             ParameterSlot("stretch_x", "stretch_x", None, "", 0.01),
             ParameterSlot("shear", "shear", None, "", 0.01),
@@ -232,7 +242,9 @@ class SplineModel(RadialModel):
         return omegas, self._spline(omegas)
 
 
-def _initial_table(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
+def _initial_table(
+    camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None
+) -> dict[str, object]:
     """Return radii, centre, stretch and orientation of another model for a spline."""
     widest = float(np.degrees(2 * camera.model_end))
     if field_deg is None:  # radii of some models are unbounded; the image limits them
@@ -240,9 +252,13 @@ def _initial_table(camera: RadialModel, knots: int | None, fewest: int, field_de
         field_deg = float(np.degrees(2 * camera.omega_max)) if is_endless else widest
     field = number("field_deg", field_deg, low=MIN_FIELD_DEG, high=360.0, unit="deg")
     if field > widest * (1 + 1e-9):
-        raise InvalidParameter(f"field_deg = {field:g} is wider than the model's own, {widest:g} deg")
+        raise InvalidParameter(
+            f"field_deg = {field:g} is wider than the model's own, {widest:g} deg"
+        )
     end = float(np.radians(field / 2))
-    count = _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, MIN_KNOTS)
+    count = (
+        _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, MIN_KNOTS)
+    )
     omega = np.minimum(np.arange(1, count + 1) / count * end, camera.model_end)
     half = (camera.stretch + camera.stretch.T) / 2
     mean = half.trace() / 2
@@ -268,7 +284,9 @@ def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
     omega = np.linspace(0.0, end, PROBES)
     radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
     for count in range(fewest, MOST_KNOTS):
-        spline = odd_basis(count, end).of(np.interp(np.arange(1, count + 1) / count * end, omega, radii))
+        spline = odd_basis(count, end).of(
+            np.interp(np.arange(1, count + 1) / count * end, omega, radii)
+        )
         if np.abs(spline(omega) - radii).max() <= FOLLOWED_PX:
             return count
     return MOST_KNOTS
@@ -335,7 +353,9 @@ class RadialSpline(SplineModel):
         self._check_splines()
 
     @classmethod
-    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
+    def like(
+        cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None
+    ) -> Self:
         """Fit a spline to another model's radii, without tangential distortion.
 
         Parameters
@@ -435,7 +455,9 @@ class ViewpointSpline(SplineModel):
             )
 
     @classmethod
-    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
+    def like(
+        cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None
+    ) -> Self:
         """Fit a spline to another model's radii and viewpoints, as an initial value.
 
         Parameters
@@ -462,14 +484,18 @@ class ViewpointSpline(SplineModel):
         count = len(start["radii_px"])  # type: ignore[arg-type]
         omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]
         inside = np.minimum(omega, camera.model_end)
-        heights = camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(count)
+        heights = (
+            camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(count)
+        )
         start["viewpoints_mm"] = tuple(heights.tolist())
         return cls(**start)  # type: ignore[arg-type]
 
     @property
     def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         law, affine = super()._places
-        heights = (ParameterSlot(f"z{i + 1}", "viewpoints_mm", i, "mm", 1.0) for i in self._free_heights)
+        heights = (
+            ParameterSlot(f"z{i + 1}", "viewpoints_mm", i, "mm", 1.0) for i in self._free_heights
+        )
         return (*law, *heights), affine
 
     @property
@@ -500,7 +526,9 @@ class ViewpointSpline(SplineModel):
 
     def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
         """Return ray origins beyond all ray intersections, on a shell about the viewpoints."""
-        return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(omega)
+        return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(
+            omega
+        )
 
     def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
         """Solve ``(z - z(Omega)) sin(Omega) = rho cos(Omega)`` for the ray through a point.
@@ -522,7 +550,9 @@ class ViewpointSpline(SplineModel):
 
         first = np.minimum(np.arctan2(rho, z), end)
         start = np.arctan2(rho, z - self._heights(first))
-        omega = increasing_root(difference, np.zeros_like(rho), np.full_like(rho, np.pi), start, np.pi)
+        omega = increasing_root(
+            difference, np.zeros_like(rho), np.full_like(rho, np.pi), start, np.pi
+        )
         distance = (z - self._heights(np.minimum(omega, end))) * np.cos(omega) + rho * np.sin(omega)
         return np.where(known & (distance > self.nearest_mm), omega, np.nan)
 
@@ -534,4 +564,6 @@ class ViewpointSpline(SplineModel):
         sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, self.model_end)
         shares = self._height_basis.at(inside)
         rate = (z - self._heights(inside)) * cos + (rho - self._heights.rate(inside)) * sin
-        return AngleRates(cos / rate, -sin / rate, (sin / rate)[:, None] * shares[:, self._free_heights])
+        return AngleRates(
+            cos / rate, -sin / rate, (sin / rate)[:, None] * shares[:, self._free_heights]
+        )

@@ -36,7 +36,9 @@ SHARP_PX = 0.25  # pixels with less blur are unchanged, those with twice as much
 # An image blurred in one direction is aliased in the other; aliased components need the finer grid
 FINENESS = 2
 TEXTURE_PX = 9  # window in which the residual is compared with the noise
-MEAN_OF_LOG = np.float32(np.exp(0.37))  # mean of three squares over the geometric mean of such means
+MEAN_OF_LOG = np.float32(
+    np.exp(0.37)
+)  # mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # smoothing width of pixels mirrored beyond the rim, which must not add texture
 CURED = 0.35  # removable fraction of the coding-error power; lost texture is in neither image
 ERROR, ERROR_PX = 0.01, 0.5  # error of large blur (square root of light), widening at half of it
@@ -52,7 +54,9 @@ class BlurProblem:
         self.known = known
         self.sizes: BlurSize = known.by_pixel
         self.widening: Values = self.sizes.widening.astype(np.float32)
-        self.error: Values = np.float32(ERROR) * self.widening / (np.float32(ERROR_PX) + self.widening)
+        self.error: Values = (
+            np.float32(ERROR) * self.widening / (np.float32(ERROR_PX) + self.widening)
+        )
 
     @cached_property
     def blur(self) -> Blur:
@@ -75,7 +79,9 @@ class BlurProblem:
         return deblurring_of(self._blur(1))
 
     def _blur(self, fineness: int) -> Blur:
-        return blur_kernels(self.known.offsets, self.known.whole_radius_px, self.known.sizes, fineness)
+        return blur_kernels(
+            self.known.offsets, self.known.whole_radius_px, self.known.sizes, fineness
+        )
 
     @property
     def effort(self) -> Effort:
@@ -106,7 +112,9 @@ class BlurProblem:
         left = self.left_over(roots, found)
         share = self._texture(left, noise) / (1 + self.widening)
         restored = np.maximum(sharp + share[..., None] * left, 0)
-        counts = (1 - _saturated(roots)) * (1 - self._given_share(found, sharp - roots + left, left, noise))
+        counts = (1 - _saturated(roots)) * (
+            1 - self._given_share(found, sharp - roots + left, left, noise)
+        )
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
     def solved(self, roots: Values, noise: Noise, effort: Effort) -> SharpImage:
@@ -147,7 +155,9 @@ class BlurProblem:
         found[beyond] = smooth.reshape(found.shape)[beyond]
         return found.reshape(roots.shape)
 
-    def _given_share(self, sharp: SharpImage, removed: Values, left: Values, noise: Noise) -> Values:
+    def _given_share(
+        self, sharp: SharpImage, removed: Values, left: Values, noise: Noise
+    ) -> Values:
         """Return the weight (h, w) of the input in the minimum-error mean of both images, with
         independent errors.
 
@@ -173,7 +183,9 @@ class BlurProblem:
         known = self.known_pixels.astype(np.float32)
         window = (TEXTURE_PX, TEXTURE_PX)
         logarithm = cv2.blur(np.log(_mean_squares(left) + np.float32(1e-8)) * known, window)
-        power = MEAN_OF_LOG * np.exp(logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3)))
+        power = MEAN_OF_LOG * np.exp(
+            logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3))
+        )
         expected = noise.visible_share * noise.by_pixel
         return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
 
@@ -184,7 +196,9 @@ class BlurProblem:
         height, width = radius.shape
         beyond = np.flatnonzero(radius > rim)
         radius = radius.ravel()[beyond]
-        target = np.clip(2 * rim - radius, 0, rim - 1)  # offset by one pixel: the nearest one is inside
+        target = np.clip(
+            2 * rim - radius, 0, rim - 1
+        )  # offset by one pixel: the nearest one is inside
         inwards = target / np.maximum(radius, 1) - 1
         right, down = self.known.offsets.reshape(-1, 2)[beyond].T
         row = np.clip(np.rint(beyond // width + inwards * down), 0, height - 1).astype(int)
@@ -229,7 +243,10 @@ def _mean_squares(values: Values) -> Values:
 LIMIT_FRACTIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 TOP = 0.8  # fraction from which the residual up to the full blur is compared first
 EFFORT = Effort(coarse_rounds=3, rounds=0, steps=6)
-MARGIN, MARGIN_OF_CODED = 1.3, 2.0  # relative to the expected growth; the noise of coded images is less certain
+MARGIN, MARGIN_OF_CODED = (
+    1.3,
+    2.0,
+)  # relative to the expected growth; the noise of coded images is less certain
 SLACK = 0.004  # tolerance of the log residual between consecutive fractions
 STEEPER = 0.015  # excess growth of real textures over that of noise, near the full blur
 STEEPEST = 1.6  # growth of real textures relative to the simulated one, for small fractions
@@ -250,7 +267,9 @@ SATURATED_PX = 15  # side of the squares around saturated pixels that are exclud
 class BlurLimit:
     """Limit of the blur in images of one camera; the growth is simulated once."""
 
-    def __init__(self, known: RadialBlur, strips: list[tuple[slice, slice]], edges: list[NDArray[np.bool_]]) -> None:
+    def __init__(
+        self, known: RadialBlur, strips: list[tuple[slice, slice]], edges: list[NDArray[np.bool_]]
+    ) -> None:
         self._known, self._strips, self._counted = known, strips, edges
         self._problems: dict[float, list[BlurProblem]] = {}
 
@@ -277,9 +296,9 @@ class BlurLimit:
         textured = 1.0 if is_coded else float(np.clip(1 - (of_noise[-1] / most) ** 2, 0, 1))
         by_noise, by_texture = (float(np.log(of[-1] / of[-1 - steps])) for of in self._simulated)
         expected = by_noise + textured * (max(by_texture - by_noise, 0.0) + STEEPER * steps)
-        if np.log(most / least) <= (MARGIN_OF_CODED if is_coded else MARGIN) * expected + SLACK * steps and (
-            most <= MAX_RESIDUAL_OF_ALL * of_noise[-1]
-        ):
+        if np.log(most / least) <= (
+            MARGIN_OF_CODED if is_coded else MARGIN
+        ) * expected + SLACK * steps and (most <= MAX_RESIDUAL_OF_ALL * of_noise[-1]):
             return 1.0
         residuals = np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS])
         if residuals[0] > MAX_RESIDUAL * of_noise[0]:
@@ -287,8 +306,13 @@ class BlurLimit:
         textured = 1.0 if is_coded else (of_noise[0] - residuals[0]) / (of_noise[0] - of_texture[0])
         textured = np.clip((textured - PLAIN) / (TEXTURED - PLAIN), 0, 1)
         noise_growth, texture_growth = (np.diff(np.log(of)) for of in self._simulated)
-        limits = MARGIN * (noise_growth + textured * (STEEPEST * texture_growth - noise_growth)) + SLACK
-        share = CAUTION * LIMIT_FRACTIONS[int(np.argmax([*(np.diff(np.log(residuals)) > limits), True]))]
+        limits = (
+            MARGIN * (noise_growth + textured * (STEEPEST * texture_growth - noise_growth)) + SLACK
+        )
+        share = (
+            CAUTION
+            * LIMIT_FRACTIONS[int(np.argmax([*(np.diff(np.log(residuals)) > limits), True]))]
+        )
         return share if share >= MIN_SHARE else 0.0
 
     @cached_property
@@ -297,7 +321,9 @@ class BlurLimit:
         residual is aliasing.
         """
         for problem in self._problems_of(1.0):
-            smaller = np.minimum(problem.sizes.tangential, problem.sizes.sagittal)[problem.known_pixels]
+            smaller = np.minimum(problem.sizes.tangential, problem.sizes.sagittal)[
+                problem.known_pixels
+            ]
             if smaller.max(initial=0) >= MIN_BLUR_PX:
                 return True
         return False
@@ -313,20 +339,33 @@ class BlurLimit:
                 shape = problem.known_pixels.shape
                 texture = np.stack([_texture(shape, rng)] * 3, axis=-1)
                 sharp = np.clip(LEVEL + np.float32(contrast) * texture, 0.05, 0.97)
-                light = problem.deblurring.start(sharp, sharp).blurred() if problem.known_pixels.any() else sharp**2
-                noisy = np.sqrt(light) + np.float32(NOISE) * rng.standard_normal(sharp.shape).astype(np.float32)
-                parts.append((np.clip(noisy, 0, 0.99).astype(np.float32), specified_noise(NOISE, shape)))
+                light = (
+                    problem.deblurring.start(sharp, sharp).blurred()
+                    if problem.known_pixels.any()
+                    else sharp**2
+                )
+                noisy = np.sqrt(light) + np.float32(NOISE) * rng.standard_normal(
+                    sharp.shape
+                ).astype(np.float32)
+                parts.append(
+                    (np.clip(noisy, 0, 0.99).astype(np.float32), specified_noise(NOISE, shape))
+                )
             found.append(np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS]))
         return found[0], found[1]
 
     def _residual(self, share: float, parts: list[tuple[Values, Noise]]) -> float:
         """Return the RMS residual relative to the noise; 0 without valid pixels."""
         squares, count = 0.0, 0
-        for (roots, noise), problem, counted in zip(parts, self._problems_of(share), self._counted, strict=True):
+        for (roots, noise), problem, counted in zip(
+            parts, self._problems_of(share), self._counted, strict=True
+        ):
             if not problem.known_pixels.any():
                 continue
             here = problem.within(roots)
-            left = problem.left_over(here, problem.fitted(here, noise, EFFORT)) / noise.by_pixel[..., None]
+            left = (
+                problem.left_over(here, problem.fitted(here, noise, EFFORT))
+                / noise.by_pixel[..., None]
+            )
             saturated = np.asarray((here >= SATURATED).any(axis=2), np.uint8)
             near = cv2.dilate(saturated, np.ones((SATURATED_PX, SATURATED_PX), np.uint8)) > 0
             whole = problem.known_pixels & counted & ~near
@@ -382,9 +421,15 @@ MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4
 GROWTH, UNSEEN_SHARE = 0.075, 0.85
 EXPLAINED = 1.0  # residual of the smallest fraction in units of the noise: no undetected texture
 TEST_EFFORT = Effort(coarse_rounds=0, rounds=2, steps=4)
-MIN_ASSUMED_NOISE = np.float32(0.007)  # the error of the known blur; lower noise would expose this error instead
+MIN_ASSUMED_NOISE = np.float32(
+    0.007
+)  # the error of the known blur; lower noise would expose this error instead
 BANDS = 5  # radial bands
-STRIP, MIN_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half width, relative to the image; edge region that is excluded
+STRIP, MIN_STRIP_PX, EDGE_PX = (
+    1 / 32,
+    28,
+    9,
+)  # half width, relative to the image; edge region that is excluded
 
 
 class BlurScale:
@@ -396,7 +441,10 @@ class BlurScale:
         self._known = known
         self._half = max(MIN_STRIP_PX, round(STRIP * max(known.offsets.shape[:2])))
         self._strips = _strips(known, self._half)
-        edges = [np.abs(known.offsets[strip]).min(axis=2) < self._half - EDGE_PX for strip in self._strips]
+        edges = [
+            np.abs(known.offsets[strip]).min(axis=2) < self._half - EDGE_PX
+            for strip in self._strips
+        ]
         self._limit = BlurLimit(known, self._strips, edges)
         self._prepared: dict[float, list[BlurProblem]] = {}
 
@@ -425,7 +473,9 @@ class BlurScale:
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
         share = 1.0
         while share > MIN_FRACTION:
-            left = np.array([self._left_over(share * part, roots, noise) for part in TESTED_FRACTIONS])
+            left = np.array(
+                [self._left_over(share * part, roots, noise) for part in TESTED_FRACTIONS]
+            )
             seen = (left > 0).all(axis=0)
             if not seen.any():
                 return share
@@ -434,7 +484,9 @@ class BlurScale:
             much = MUCH_OF_EXPLAINED if is_explained else MUCH
             bend = self._bend(grown, limit, much, is_lowered=share < 1)
             if bend is None:
-                is_unseen = grown[-1].mean() < 1 + GROWTH and (noise.kind == "JPEG" or not is_explained)
+                is_unseen = grown[-1].mean() < 1 + GROWTH and (
+                    noise.kind == "JPEG" or not is_explained
+                )
                 return UNSEEN_SHARE if share == 1 and is_unseen else share
             share *= TESTED_FRACTIONS[1 + bend]
             limit = max(limit, BEND_AGAIN)
@@ -471,9 +523,16 @@ class BlurScale:
                 continue
             here = problem.within(roots[strip])
             of_strip = noise.window(*strip)
-            left = problem.left_over(here, problem.solved(here, of_strip, TEST_EFFORT)) / of_strip.by_pixel[..., None]
-            whole = problem.known_pixels & (np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX)
-            band = np.minimum(BANDS * problem.known.radius / self._known.whole_radius_px, BANDS - 1).astype(int)[whole]
+            left = (
+                problem.left_over(here, problem.solved(here, of_strip, TEST_EFFORT))
+                / of_strip.by_pixel[..., None]
+            )
+            whole = problem.known_pixels & (
+                np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX
+            )
+            band = np.minimum(
+                BANDS * problem.known.radius / self._known.whole_radius_px, BANDS - 1
+            ).astype(int)[whole]
             squares += np.bincount(band, (left**2).mean(axis=2)[whole], BANDS)
             counts += np.bincount(band, minlength=BANDS)
         return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
@@ -482,7 +541,9 @@ class BlurScale:
         """Return one problem per strip; those used for every image are cached."""
         found = self._prepared.get(share)
         if found is None:
-            found = [BlurProblem(self._known.window(*strip).scaled(share)) for strip in self._strips]
+            found = [
+                BlurProblem(self._known.window(*strip).scaled(share)) for strip in self._strips
+            ]
             if share in TESTED_FRACTIONS:
                 self._prepared[share] = found
         return found

@@ -18,7 +18,9 @@ from .blur_kernels import Blur, IndexArray, whole_groups
 
 Values = NDArray[np.float32]
 
-EDGE = np.float32(0.005)  # smaller differences of roots have a quadratic cost, which avoids staircasing
+EDGE = np.float32(
+    0.005
+)  # smaller differences of roots have a quadratic cost, which avoids staircasing
 DARK = np.float32(1e-4)  # lower bound of light for the weights
 # Square root of light relative to white: brighter points would explain white surfaces with black
 # gaps
@@ -158,7 +160,9 @@ def _tile(blur: Blur, matrix: Any, kept: IndexArray, explained: IndexArray) -> T
         _slices(reached, 1),
         _slices(reached, f),
         _slices(inner, f),
-        _slices([(b - first, e - first) for (b, e), (first, _) in zip(inner, reached, strict=True)], f),
+        _slices(
+            [(b - first, e - first) for (b, e), (first, _) in zip(inner, reached, strict=True)], f
+        ),
         seen,
         part,
         part.T.tocsr(),
@@ -186,9 +190,20 @@ class SparseImage:
     """Single-threaded implementation with SciPy sparse matrices and NumPy."""
 
     def __init__(
-        self, blur: Blur, matrix: Any, concentration: Values, tiles: Sequence[Tile], roots: Values, guess: Values
+        self,
+        blur: Blur,
+        matrix: Any,
+        concentration: Values,
+        tiles: Sequence[Tile],
+        roots: Values,
+        guess: Values,
     ) -> None:
-        self._blur, self._matrix, self._concentration, self._tiles = blur, matrix, concentration, tiles
+        self._blur, self._matrix, self._concentration, self._tiles = (
+            blur,
+            matrix,
+            concentration,
+            tiles,
+        )
         self._shape = roots.shape
         self._seen = roots.reshape(-1, roots.shape[2])[blur.pixels]
         self._fine = _refined(guess, blur.fineness)
@@ -200,12 +215,16 @@ class SparseImage:
                 continue
             fine, seen = self._fine[tile.values], self._seen[tile.seen]
             of_pixels = costs[tile.pixels], self._concentration[tile.pixels]
-            own = _Quadratic(tile, fine, seen, *(_repeated(values, self._blur.fineness) for values in of_pixels))
+            own = _Quadratic(
+                tile, fine, seen, *(_repeated(values, self._blur.fineness) for values in of_pixels)
+            )
             improved[tile.kept] = own.improved(own_steps)[tile.kept_of_values]
         self._fine = improved
 
     def log_steepness(self) -> Values:
-        return _binned(_log_steepness(np.minimum(self._fine, 1))[..., None], self._blur.fineness)[..., 0]
+        return _binned(_log_steepness(np.minimum(self._fine, 1))[..., None], self._blur.fineness)[
+            ..., 0
+        ]
 
     def blurred(self) -> Values:
         light = np.zeros((self._shape[0] * self._shape[1], self._shape[2]), np.float32)
@@ -219,7 +238,9 @@ class SparseImage:
 class _Quadratic:
     """Quadratic approximation of both terms for the values of a tile."""
 
-    def __init__(self, tile: Tile, fine: Values, seen: Values, costs: Values, concentration: Values) -> None:
+    def __init__(
+        self, tile: Tile, fine: Values, seen: Values, costs: Values, concentration: Values
+    ) -> None:
         self._tile, self._fine = tile, fine
         steepness = np.exp(_log_steepness(fine))
         self._stiffness = np.asarray(costs / steepness, np.float32)
@@ -227,10 +248,14 @@ class _Quadratic:
         # variation term; the Gauss-Newton second derivative is u A^T(s^-2 A (u d)) plus its smoothness
         level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
         counted = (seen < SATURATED) | (level < seen)
-        slope = (counted / level).astype(np.float32)  # derivative of sqrt(A u^2), without the factors A and u
+        slope = (counted / level).astype(
+            np.float32
+        )  # derivative of sqrt(A u^2), without the factors A and u
         self._slope2 = slope**2
         self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
-        self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]  # see Blur.concentration
+        self._scale = np.reciprocal(4 * self._stiffness + concentration)[
+            ..., None
+        ]  # see Blur.concentration
 
     def improved(self, steps: int) -> Values:
         """Return the values after a number of conjugate gradient steps towards zero gradient."""
@@ -251,7 +276,9 @@ class _Quadratic:
 
     def _times(self, d: Values) -> Values:
         """Return the product of the second derivative with d."""
-        return self._fine * self._spread(self._slope2 * self._blurred(self._fine * d)) + smoothness(d, self._stiffness)
+        return self._fine * self._spread(self._slope2 * self._blurred(self._fine * d)) + smoothness(
+            d, self._stiffness
+        )
 
     def _blurred(self, fine: Values) -> Values:
         return np.asarray(self._tile.matrix @ fine.reshape(-1, fine.shape[2]))
@@ -304,7 +331,9 @@ def _repeated(values: Values, fineness: int) -> Values:
 def _binned(fine: Values, fineness: int) -> Values:
     """Return means (h, w, channels) of the fine values in each pixel."""
     rows, columns, channels = fine.shape
-    means: Values = fine.reshape(rows // fineness, fineness, columns // fineness, fineness, channels).mean(axis=(1, 3))
+    means: Values = fine.reshape(
+        rows // fineness, fineness, columns // fineness, fineness, channels
+    ).mean(axis=(1, 3))
     return means
 
 
@@ -385,7 +414,11 @@ def solve(
     """
     costs = (REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32)
     coarse, fine = deblurrings
-    guess = roots if coarse is None else _initial_estimate(coarse, np.float32(COARSE) * costs, roots, visible, effort)
+    guess = (
+        roots
+        if coarse is None
+        else _initial_estimate(coarse, np.float32(COARSE) * costs, roots, visible, effort)
+    )
     sharp = fine.start(roots, guess)
     steps = np.full(len(fine.tiles), effort.steps, np.int32)
     for n in range(effort.rounds):
@@ -398,17 +431,24 @@ def solve(
 
 def _least(tiles: IndexArray, values: Values) -> Values:
     """Return the minima (n,) of values (h, w) over the kept pixels of each tile."""
-    return np.array([values[top:bottom, left:right].min() for top, bottom, left, right in tiles[:, 0]], np.float32)
+    return np.array(
+        [values[top:bottom, left:right].min() for top, bottom, left, right in tiles[:, 0]],
+        np.float32,
+    )
 
 
-def _initial_estimate(coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort) -> Values:
+def _initial_estimate(
+    coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort
+) -> Values:
     """Return the square roots (h, w, channels) of the light of the sharp image at the resolution of
     the pixel grid.
     """
     return np.sqrt(_improved(coarse, costs, roots, visible, effort).light())
 
 
-def _improved(coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort) -> SharpImage:
+def _improved(
+    coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort
+) -> SharpImage:
     sharp = coarse.start(roots, roots)
     steps = np.full(len(coarse.tiles), effort.steps, np.int32)
     for n in range(effort.coarse_rounds):
@@ -417,7 +457,12 @@ def _improved(coarse: Deblurring, costs: Values, roots: Values, visible: Values,
 
 
 def fit(
-    coarse: Deblurring, widening_px: Values, roots: Values, noise: Values, visible: Values, effort: Effort
+    coarse: Deblurring,
+    widening_px: Values,
+    roots: Values,
+    noise: Values,
+    visible: Values,
+    effort: Effort,
 ) -> SharpImage:
     """Return a weakly regularised sharp image on the pixel grid that explains as much as the blur
     permits.

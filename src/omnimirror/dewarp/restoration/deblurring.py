@@ -60,7 +60,11 @@ def overshoot(image: Values, inside: NDArray[np.bool_], noise: float = 0.0) -> f
     >>> overshoot(sharpened, everywhere) > MAX_OVERSHOOT
     True
     """
-    found = [part for turned in ((image, inside), (image.T, inside.T)) for part in _overshoots(*turned, noise)]
+    found = [
+        part
+        for turned in ((image, inside), (image.T, inside.T))
+        for part in _overshoots(*turned, noise)
+    ]
     values = np.concatenate(found)
     return float(np.median(values)) if len(values) >= MIN_EDGES else float("nan")
 
@@ -77,11 +81,15 @@ def _overshoots(image: Values, inside: NDArray[np.bool_], noise: float) -> list[
     is_edge[:, :reach] = is_edge[:, -reach:] = False
     row, column = np.nonzero(is_edge)
     sign = np.sign(rise[row, column])
-    profile = sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
+    profile = (
+        sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
+    )
     before, beyond = profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]  # outwards from the edge
     step = np.maximum(beyond[:, 2] - before[:, 2], 1e-3)
     far = slice(NEAREST - 1, FARTHEST)
-    isolated = np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step
+    isolated = (
+        np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step
+    )
     top = np.maximum(beyond[:, 1], beyond[:, 2]) - beyond[:, FARTHEST - 2 :].mean(axis=1)
     bottom = before[:, FARTHEST - 2 :].mean(axis=1) - np.minimum(before[:, 1], before[:, 2])
     return [(values / step)[isolated].astype(np.float32) for values in (top, bottom)]
@@ -194,7 +202,9 @@ class Restorer:
     used.
     """
 
-    def __call__(self, image: Picture, noise: float | Noise | None = None, share: float | None = None) -> Picture:
+    def __call__(
+        self, image: Picture, noise: float | Noise | None = None, share: float | None = None
+    ) -> Picture:
         """Restore an image as :func:`restore`, removing ``share`` of the blur; by default that of
         :meth:`decide`.
         """
@@ -213,7 +223,9 @@ class Restorer:
             mixed = light + mixing * (sharp - light)
         else:
             given = (colours / np.float32(full)).astype(np.float32)
-            mixed = np.rint(full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1))
+            mixed = np.rint(
+                full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1)
+            )
         restored = image.copy()
         restored.reshape(*image.shape[:2], -1)[..., : mixed.shape[2]] = mixed
         return restored
@@ -249,7 +261,10 @@ class Restorer:
 
     @cached_property
     def _is_small(self) -> bool:
-        return bool(self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0) < SMALL_PX)
+        return bool(
+            self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0)
+            < SMALL_PX
+        )
 
     def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
         """Return the fraction of the known blur that is removed from an image."""
@@ -259,7 +274,11 @@ class Restorer:
     def known(self) -> RadialBlur:
         """Known blur."""
         return radial_blur_of(
-            self.camera, self.object_distance_mm, self.told, f_number=self.f_number, focus_mm=self.focus_distance_mm
+            self.camera,
+            self.object_distance_mm,
+            self.told,
+            f_number=self.f_number,
+            focus_mm=self.focus_distance_mm,
         )
 
     @cached_property
@@ -314,7 +333,10 @@ def _light(colours: Picture) -> Light:
 # -- Deblurring of images before dewarping ---------------------------------------------------------
 
 NO_EXPOSURE = Exposure()
-F_TOLERANCE, FOCUS_TOLERANCE = 0.05, 0.1  # EXIF rounds F-numbers to two digits, and distances more coarsely
+F_TOLERANCE, FOCUS_TOLERANCE = (
+    0.05,
+    0.1,
+)  # EXIF rounds F-numbers to two digits, and distances more coarsely
 MAX_FOCUS_MM = 1e7
 
 
@@ -368,14 +390,26 @@ class Restoration:
             If the blur of the camera is unknown, or specified twice.
         """
         if self.blur_px is None and not isinstance(camera, Sensor):
-            raise InvalidParameter("to restore, the lens and the mirror must be known (a sensor), or the blur told")
+            raise InvalidParameter(
+                "to restore, the lens and the mirror must be known (a sensor), or the blur told"
+            )
         if self.blur_px is not None and self.object_distance_mm is not None:
-            raise InvalidParameter("the blur that is told holds at any distance; leave out the object's distance")
-        blur = load_blur(self.blur_px, camera) if isinstance(self.blur_px, str | Path) else self.blur_px
+            raise InvalidParameter(
+                "the blur that is told holds at any distance; leave out the object's distance"
+            )
+        blur = (
+            load_blur(self.blur_px, camera)
+            if isinstance(self.blur_px, str | Path)
+            else self.blur_px
+        )
         distance = np.inf if self.object_distance_mm is None else self.object_distance_mm
         if blur is not None or not isinstance(camera, Sensor):
             return Restorer(camera, distance, blur)
-        f_number = exposure.f_number if _differs(exposure.f_number, camera.lens.stop_number, F_TOLERANCE) else None
+        f_number = (
+            exposure.f_number
+            if _differs(exposure.f_number, camera.lens.stop_number, F_TOLERANCE)
+            else None
+        )
         focus = _focus(camera, exposure)
         return Restorer(camera, distance, f_number=f_number, focus_distance_mm=focus)
 
@@ -397,7 +431,11 @@ class Restoration:
             Deblurred image; description of the noise and of the removed fraction of the blur.
         """
         told = self.noise
-        noise = restorer.estimate_noise(picture, source) if told is None else specified_noise(told, picture.shape)
+        noise = (
+            restorer.estimate_noise(picture, source)
+            if told is None
+            else specified_noise(told, picture.shape)
+        )
         decision = restorer.decide(picture, noise)
         described = _exposure_words(restorer)
         if decision.share == 0:
@@ -431,7 +469,11 @@ def _exposure_words(restorer: Restorer) -> str:
         assert isinstance(restorer.camera, Sensor)
         known = restorer.camera.lens.stop_number
         share = known / restorer.f_number
-        effect = f"{100 * share:.0f} % of its blur is assumed" if share < 1 else "no more than its blur is assumed"
+        effect = (
+            f"{100 * share:.0f} % of its blur is assumed"
+            if share < 1
+            else "no more than its blur is assumed"
+        )
         words += f"; EXIF has F/{restorer.f_number:.3g}, the sensor F/{known:.3g}: {effect}"
     if restorer.focus_distance_mm is not None:
         assert isinstance(restorer.camera, Sensor)

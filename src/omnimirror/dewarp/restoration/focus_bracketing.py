@@ -61,7 +61,9 @@ class Bracket:
         return SLACK * self.least_px > self.limit_px
 
 
-def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf) -> Bracket:
+def plan_bracket(
+    sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf
+) -> Bracket:
     """Return the minimum number of focus distances that keep the maximum blur below a limit.
 
     If astigmatism does not permit this with a margin of 25 %, the blur is kept within 25 % of its
@@ -115,7 +117,9 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: f
 def _distance(object_distance_mm: float) -> float:
     distance = distances("object_distance_mm", object_distance_mm)
     if distance.ndim:
-        raise InvalidParameter(f"object_distance_mm has shape {distance.shape}; it is valid as one number")
+        raise InvalidParameter(
+            f"object_distance_mm has shape {distance.shape}; it is valid as one number"
+        )
     return float(distance)
 
 
@@ -137,7 +141,9 @@ def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
     if sensor.lens.TELECENTRIC:
         return np.linspace(low, high, FOCUSES)
     if not (np.isfinite(L).all() and low > sensor.lens.PARAMETERS["focus_distance_mm"].low):
-        raise InvalidParameter(f"the virtual images of {sensor.name!r} lie where its lens cannot be focused")
+        raise InvalidParameter(
+            f"the virtual images of {sensor.name!r} lie where its lens cannot be focused"
+        )
     spaced: Array = 1 / np.linspace(1 / low, 1 / high, FOCUSES)
     return spaced
 
@@ -234,7 +240,9 @@ def merge_bracket(
     return result
 
 
-def picture_weights(sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf) -> Array:
+def picture_weights(
+    sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf
+) -> Array:
     """Return weights (k, ...) of images at distances (...) px from the optical axis, with sum 1."""
     h = np.linspace(0, sensor.rim_radius_px * ROUNDED, ANGLES)
     rays = sensor.meridian.trace(sensor.x_from_height_px(h))
@@ -258,4 +266,6 @@ def _check(sensor: Sensor, pictures: Sequence[NDArray[Any]], focuses: Array) -> 
                 f"{width} x {height}"
             )
         if picture.shape != pictures[0].shape or picture.dtype != pictures[0].dtype:
-            raise InvalidParameter("the pictures differ in depth or channels; give pictures of one kind")
+            raise InvalidParameter(
+                "the pictures differ in depth or channels; give pictures of one kind"
+            )

@@ -196,12 +196,19 @@ class LittlePlanet(PolarScreen):
         # Stereographic projection: radius proportional to tan(omega / 2), and with t = tan(omega / 2)
         # sin(omega) = 2 t / (1 + t^2), cos(omega) = (1 - t^2) / (1 + t^2)
         half_tangent = radius * per_pixel  # tan(omega / 2)
-        return self._vectors(x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2))
+        return self._vectors(
+            x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2)
+        )
 
     def zoomed(self, factor: float) -> Self:
         """Return the screen magnified by a factor."""
         check_zoom(factor)
-        return replace(self, hfov_deg=float(4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))))
+        return replace(
+            self,
+            hfov_deg=float(
+                4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))
+            ),
+        )
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:

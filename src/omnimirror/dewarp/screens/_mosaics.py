@@ -12,7 +12,16 @@ import numpy as np
 from ...base.arguments import check_fields, checked
 from ...base.errors import InvalidParameter
 from ._planes import Plane
-from ._screen import NOT_MOVED, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_words
+from ._screen import (
+    NOT_MOVED,
+    Offset,
+    ScreenPart,
+    View,
+    check_angle,
+    check_choice,
+    check_size,
+    offset_words,
+)
 
 Layout = Literal["cross", "strip", "3x2"]
 
@@ -110,23 +119,36 @@ class CubeMap:
         """Faces and their positions."""
         n = self.face_px
         rows = enumerate(LAYOUTS[self.layout])
-        return tuple(ScreenPart(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
+        return tuple(
+            ScreenPart(i * n, j * n, self.face(name))
+            for j, row in rows
+            for i, name in enumerate(row)
+            if name
+        )
 
     @checked
     def zoomed(self, factor: float) -> Self:
         """Raise an error: a cube covers all directions and cannot be zoomed."""
-        raise InvalidParameter(f"a cube map shows everything around and cannot be zoomed by {factor:g}")
+        raise InvalidParameter(
+            f"a cube map shows everything around and cannot be zoomed by {factor:g}"
+        )
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the cube rotated with its front farther to the right."""
         if tilt_deg:
-            raise InvalidParameter(f"a cube map stands upright and cannot be tilted by {tilt_deg:g} deg")
+            raise InvalidParameter(
+                f"a cube map stands upright and cannot be tilted by {tilt_deg:g} deg"
+            )
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
         turned = f"pan {self.pan_deg:g} deg, " if self.pan_deg else ""
-        place = "" if math.isinf(self.distance_mm) else f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+        place = (
+            ""
+            if math.isinf(self.distance_mm)
+            else f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+        )
         return f"cube map ({turned}{self.layout} of {self.face_px} px faces{place})"
 
 
@@ -167,7 +189,9 @@ class Mosaic:
         for left, top, view in self.parts:
             right, bottom = left + view.size[0], top + view.size[1]
             if not (0 <= left == int(left) and 0 <= top == int(top)):
-                raise InvalidParameter(f"a view of the mosaic begins at ({left}, {top}), which is no pixel of it")
+                raise InvalidParameter(
+                    f"a view of the mosaic begins at ({left}, {top}), which is no pixel of it"
+                )
             if right > self.size[0] or bottom > self.size[1]:
                 raise InvalidParameter(
                     f"a view of the mosaic at ({left}, {top}) reaches to ({right}, {bottom}), beyond its "
@@ -207,7 +231,9 @@ class Mosaic:
         for part in self.parts:
             if not hasattr(part.view, method):
                 raise InvalidParameter(f"the {part.view} in the mosaic cannot be {method}")
-        return replace(self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts))
+        return replace(
+            self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts)
+        )
 
     def __str__(self) -> str:
         return f"mosaic of {len(self.parts)} views"

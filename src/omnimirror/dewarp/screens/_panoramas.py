@@ -13,7 +13,15 @@ from ...base.arguments import checked, number, numbers, places
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
-from ._screen import NOT_MOVED, CentredScreen, Offset, check_angle, check_choice, check_range, check_zoom
+from ._screen import (
+    NOT_MOVED,
+    CentredScreen,
+    Offset,
+    check_angle,
+    check_choice,
+    check_range,
+    check_zoom,
+)
 
 Rows = Literal["tilt", "height"]
 NARROWEST_DEG = 1e-6
@@ -39,7 +47,9 @@ class Panorama(CentredScreen):
 
     def pans_at(self, u: ArrayLike) -> Array:
         """Return the pan of columns (...), radians."""
-        return np.radians(self.pan_deg + ((places("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg)
+        return np.radians(
+            self.pan_deg + ((places("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg
+        )
 
     @abstractmethod
     def tilts_at(self, v: ArrayLike) -> Array:
@@ -52,13 +62,22 @@ class Panorama(CentredScreen):
         return highest - (places("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
     def _words(self, name: str) -> str:
-        around = "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
+        around = (
+            "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
+        )
         elevations = f"elevation {self.tilt_min_deg:.6g} to {self.tilt_max_deg:.6g} deg"
         return f"{name} ({around}{elevations}{self._place})"
 
     def _check(self) -> None:
         self._check_place()
-        if numbers("tilt_min_deg and tilt_max_deg", (self.tilt_min_deg, self.tilt_max_deg), "(one each)").ndim != 1:
+        if (
+            numbers(
+                "tilt_min_deg and tilt_max_deg",
+                (self.tilt_min_deg, self.tilt_max_deg),
+                "(one each)",
+            ).ndim
+            != 1
+        ):
             raise InvalidParameter("tilt_min_deg and tilt_max_deg are one number each")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
             raise InvalidParameter(
@@ -150,7 +169,9 @@ class Cylinder(Panorama):
         low, high = height_mm
         number("distance_mm", distance_mm, above=0.0)
         if not low < high:
-            raise InvalidParameter(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
+            raise InvalidParameter(
+                f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first"
+            )
         low, high = (float(np.degrees(np.arctan2(z, distance_mm))) for z in (low, high))
         return cls(size, low, high, pan_deg, span_deg, "height", distance_mm, offset_mm)
 
@@ -172,7 +193,9 @@ class Cylinder(Panorama):
         """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = self._rows_changed(1 / factor, 0.0)
-        return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
+        return replace(
+            self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
+        )
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -187,7 +210,9 @@ class Cylinder(Panorama):
         if self.rows == "tilt":
             return _stretched(self.tilt_min_deg, self.tilt_max_deg, stretch, tilt_deg)
         check_range("tilt_deg", tilt_deg, -90, 90, upper_included=False)
-        low, high, shift = (float(np.tan(np.radians(a))) for a in (self.tilt_min_deg, self.tilt_max_deg, tilt_deg))
+        low, high, shift = (
+            float(np.tan(np.radians(a))) for a in (self.tilt_min_deg, self.tilt_max_deg, tilt_deg)
+        )
         low, high = _stretched(low, high, stretch, shift, limit=np.inf)
         return float(np.degrees(np.arctan(low))), float(np.degrees(np.arctan(high)))
 
@@ -248,7 +273,9 @@ class Sphere(Panorama):
         """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1 / factor)
-        return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
+        return replace(
+            self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
+        )
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -260,7 +287,9 @@ class Sphere(Panorama):
         return self._words("sphere")
 
 
-def _stretched(low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0) -> tuple[float, float]:
+def _stretched(
+    low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0
+) -> tuple[float, float]:
     """Return a range scaled about its middle, clipped to the limits, and shifted."""
     middle, half = (low + high) / 2, (high - low) / 2 * stretch
     return max(middle - half, -limit) + shift, min(middle + half, limit) + shift

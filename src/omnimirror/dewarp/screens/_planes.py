@@ -95,7 +95,12 @@ class Plane(CentredScreen):
     def zoomed(self, factor: float) -> Self:
         """Return the view with its focal length multiplied by a factor."""
         check_zoom(factor)
-        return replace(self, hfov_deg=float(2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))))
+        return replace(
+            self,
+            hfov_deg=float(
+                2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))
+            ),
+        )
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -154,7 +159,9 @@ class Ground:
         if not np.isfinite(self.height_mm):
             raise InvalidParameter(f"height_mm = {self.height_mm:g} is not a height in mm")
         if not (np.isfinite(self.mm_per_px) and self.mm_per_px > 0):
-            raise InvalidParameter(f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0")
+            raise InvalidParameter(
+                f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0"
+            )
 
     @checked
     def targets(self, first_row: int, last_row: int) -> Array:

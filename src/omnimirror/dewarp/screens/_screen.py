@@ -106,7 +106,9 @@ def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...
     [(0, 0), (4, 0), (8, 0), (0, 4), (4, 4), (8, 4)]
     """
     if isinstance(view, Composite):
-        return tuple(s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top))
+        return tuple(
+            s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top)
+        )
     return (PlacedScreen(left, top, view),)
 
 
@@ -156,7 +158,10 @@ class CentredScreen(ABC):
 
     def _check_place(self) -> None:
         check_size(self.size)
-        if numbers("distance_mm", self.distance_mm, "(it takes one)").ndim or not self.distance_mm > 0:
+        if (
+            numbers("distance_mm", self.distance_mm, "(it takes one)").ndim
+            or not self.distance_mm > 0
+        ):
             raise InvalidParameter(
                 f"distance_mm = {shown(self.distance_mm)} is no distance; it is valid above 0, and inf"
             )
@@ -193,7 +198,9 @@ def check_size(size: tuple[int, int]) -> None:
     if numbers("size", size, "(width, height)").shape != (2,) or not all(
         1 <= n <= LARGEST_PX and int(n) == n for n in size
     ):
-        raise InvalidParameter(f"size = {shown(size)} is not a width and a height from 1 to {LARGEST_PX} px")
+        raise InvalidParameter(
+            f"size = {shown(size)} is not a width and a height from 1 to {LARGEST_PX} px"
+        )
 
 
 def check_offset(offset_mm: Offset) -> None:
@@ -229,10 +236,14 @@ def check_zoom(factor: float) -> None:
     """Raise an error unless the zoom is a positive finite factor."""
     found = numbers("zoom", factor, "(it takes one)")
     if found.ndim or not (np.isfinite(found) and found > 0):
-        raise InvalidParameter(f"zoom = {shown(factor)} is no factor; it is valid above 0 and finite")
+        raise InvalidParameter(
+            f"zoom = {shown(factor)} is no factor; it is valid above 0 and finite"
+        )
 
 
 def refuse_tilt(screen: object, tilt_deg: float) -> None:
     """Raise an error for tilting a screen without an up direction."""
     if tilt_deg:
-        raise InvalidParameter(f"the {screen} cannot be tilted by {tilt_deg:g} deg; only its pan can change")
+        raise InvalidParameter(
+            f"the {screen} cannot be tilted by {tilt_deg:g} deg; only its pan can change"
+        )

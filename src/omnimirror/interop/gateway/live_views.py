@@ -127,7 +127,9 @@ class LiveView:
         view, initial = self._dewarper.view, self.initial_view
         is_plane = isinstance(view, Plane) and isinstance(initial, Plane)
         if not (self.named.steerable and is_plane):
-            raise InvalidParameter(f"the view {self.named.name!r} must be steerable; add steerable = true to its table")
+            raise InvalidParameter(
+                f"the view {self.named.name!r} must be steerable; add steerable = true to its table"
+            )
         assert isinstance(view, Plane)
         assert isinstance(initial, Plane)
         if "zoom" in changes and "hfov_deg" in changes:
@@ -248,7 +250,9 @@ class Gateway:
         workers: int | None = None,
     ) -> None:
         self.source, self._is_live, self._on_status = source, is_live, on_status
-        self.views = {name: LiveView(view, camera, interpolation, self.wake) for name, view in views.items()}
+        self.views = {
+            name: LiveView(view, camera, interpolation, self.wake) for name, view in views.items()
+        }
         self.state = f"{named(source)} is idle, no clients"
         self.frames_received = 0
         self._pool = ThreadPoolExecutor(workers or usable_cores(), "dewarping")
@@ -283,7 +287,9 @@ class Gateway:
         self.state = f"waiting for {named(self.source)}"
         self._playing = Playback(self.source, self._is_live, self._report)
         self._opened = time.monotonic()
-        thread = threading.Thread(target=self._read, args=(self._playing,), name="gateway", daemon=True)
+        thread = threading.Thread(
+            target=self._read, args=(self._playing,), name="gateway", daemon=True
+        )
         thread.start()
 
     def _check(self) -> None:

@@ -30,7 +30,9 @@ MODULE = "omnimirror.interop.gateway.publishing"
 SCHEME_OPTIONS = {"rtsp": {"rtsp_transport": "tcp"}}
 
 
-async def publish_stream(output: TransportOutput, url: str, on_status: Callable[[str], None]) -> None:
+async def publish_stream(
+    output: TransportOutput, url: str, on_status: Callable[[str], None]
+) -> None:
     """Push a transport stream to a URL until cancelled, and reconnect after failures.
 
     The publisher is a client of the output like any other, but always connected, because viewers

@@ -79,7 +79,9 @@ def create_app(gateway: Gateway, token: str | None, publish_to: str | None = Non
     return AccessGuard(app, (), token, "default-src 'none'", accept_passwords=True)
 
 
-def create_routes(gateway: Gateway, token: str | None = None, publish_to: str | None = None) -> FastAPI:
+def create_routes(
+    gateway: Gateway, token: str | None = None, publish_to: str | None = None
+) -> FastAPI:
     """Return the routes; URLs in playlists contain the token."""
     peers = PeerConnections()
     slots = ClientSlots(peers)
@@ -173,7 +175,9 @@ class SlotResponse(StreamingResponse):
             await super().__call__(scope, receive, send)
 
 
-def _add_stream_routes(app: FastAPI, gateway: Gateway, token: str | None, slots: ClientSlots) -> None:
+def _add_stream_routes(
+    app: FastAPI, gateway: Gateway, token: str | None, slots: ClientSlots
+) -> None:
     # VLC sends no password with the requests for segments, so their URLs contain the token.
     query = "" if token is None else f"?token={quote(token, safe='')}"
 
@@ -221,7 +225,9 @@ async def _timeout(gateway: Gateway) -> AsyncIterator[None]:
         raise HTTPException(503, gateway.state) from None
 
 
-def _add_webrtc_routes(app: FastAPI, peers: PeerConnections, gateway: Gateway, slots: ClientSlots) -> None:
+def _add_webrtc_routes(
+    app: FastAPI, peers: PeerConnections, gateway: Gateway, slots: ClientSlots
+) -> None:
     """Add the WHEP protocol: an SDP offer by POST, its answer, and DELETE to disconnect."""
 
     @app.post("/{name}/whep")
@@ -318,7 +324,10 @@ def _index_page(gateway: Gateway) -> str:
     """Return an HTML page with links to all streams."""
     items = []
     for name, view in gateway.views.items():
-        links = ", ".join(f'<a href="{html_text(name)}.{suffix}">{label}</a>' for suffix, label in STREAM_TYPES.items())
+        links = ", ".join(
+            f'<a href="{html_text(name)}.{suffix}">{label}</a>'
+            for suffix, label in STREAM_TYPES.items()
+        )
         items.append(f"<li>{html_text(name)}: {html_text(str(view.view))}: {links}")
     title = f"<!doctype html><title>omnimirror</title><h1>{html_text(gateway.state)}</h1>"
     return f"{title}<ul>{''.join(items)}</ul>"

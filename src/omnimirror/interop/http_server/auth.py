@@ -140,7 +140,10 @@ def content_security_policy(page: str) -> str:
     "default-src 'none'"
     """
     scripts, styles = (
-        " ".join(f"'sha256-{_digest(text)}'" for text in re.findall(rf"<{tag}\b[^>]*>(.*?)</{tag}>", page, re.S))
+        " ".join(
+            f"'sha256-{_digest(text)}'"
+            for text in re.findall(rf"<{tag}\b[^>]*>(.*?)</{tag}>", page, re.S)
+        )
         for tag in ("script", "style")
     )
     return "; ".join(

@@ -90,9 +90,13 @@ def _check_values(value: Any) -> None:
             if isinstance(item, float) and not math.isfinite(item):
                 raise InvalidMessage(f"the body must hold finite numbers; got {item}")
             if isinstance(item, int) and not -(2**63) <= item < 2**63:
-                raise InvalidMessage(f"the body must hold integers of at most 64 bits; got {shown(item)}")
+                raise InvalidMessage(
+                    f"the body must hold integers of at most 64 bits; got {shown(item)}"
+                )
             if isinstance(item, str) and not _is_encodable(item):
-                raise InvalidMessage(f"the body must hold whole characters; got the surrogate in {shown(item)}")
+                raise InvalidMessage(
+                    f"the body must hold whole characters; got the surrogate in {shown(item)}"
+                )
         level = [part for item in level for part in _items(item)]
         if not level:
             return
@@ -203,7 +207,9 @@ class _StrictRoute(APIRoute):
 
 def reject_invalid_bodies(
     app: FastAPI,
-    message: Callable[[RequestValidationError], str] = lambda error: validation_message(error.errors()),
+    message: Callable[[RequestValidationError], str] = lambda error: validation_message(
+        error.errors()
+    ),
 ) -> None:
     """Answer invalid bodies and parameters with status 422 and a sentence.
 

@@ -102,7 +102,9 @@ def _decode_raw(message: Any, topic: str) -> MessageImage:
     name, width, height, step = message.encoding, message.width, message.height, message.step
     encoding = ENCODINGS.get(name)
     if encoding is None:
-        raise MediaError(f"the encoding of {topic} must be one of {', '.join(ENCODINGS)}; got {name!r}")
+        raise MediaError(
+            f"the encoding of {topic} must be one of {', '.join(ENCODINGS)}; got {name!r}"
+        )
     dtype = np.dtype(encoding.depth).newbyteorder(">" if message.is_bigendian else "<")
     row_bytes = width * encoding.channels * dtype.itemsize
     if not width or not height or step < row_bytes or len(message.data) != height * step:
@@ -216,9 +218,13 @@ class MessageFactory:
 
     def compressed_image(self, header: Any, label: str, data: bytes) -> Any:
         """Return a CompressedImage."""
-        return self.types[COMPRESSED_IMAGE](header=header, format=label, data=np.frombuffer(data, np.uint8))
+        return self.types[COMPRESSED_IMAGE](
+            header=header, format=label, data=np.frombuffer(data, np.uint8)
+        )
 
-    def transform(self, stamp: Any, parent: str, child: str, rotation: Array, position_mm: Array) -> Any:
+    def transform(
+        self, stamp: Any, parent: str, child: str, rotation: Array, position_mm: Array
+    ) -> Any:
         """Return a TransformStamped; the columns of ``rotation`` are the child axes."""
         x, y, z = (float(value) / 1000.0 for value in position_mm)
         qx, qy, qz, qw = (float(value) for value in Rotation.from_matrix(rotation).as_quat())

@@ -71,7 +71,9 @@ def open_bag(source: Path) -> Iterator[Any]:
     if not source.exists():
         raise MediaError(f"cannot read {source}: no such file or folder")
     if not is_bag(source):
-        raise MediaError(f"a ROS bag must be a file {', '.join(READABLE)} or a rosbag2 folder; got {source}")
+        raise MediaError(
+            f"a ROS bag must be a file {', '.join(READABLE)} or a rosbag2 folder; got {source}"
+        )
     _check_files(source)
     stores = library.typesys
     default = stores.get_typestore(stores.Stores.ROS2_HUMBLE)  # SQLite bags can lack definitions
@@ -107,7 +109,9 @@ def read_errors(source: Path) -> Iterator[None]:
         remedy = ""
         if source.suffix.lower() == ".mcap":
             remedy = "; 'mcap recover' of the MCAP tools restores the intact part"
-        raise MediaError(f"cannot read {source}: it is damaged or truncated ({reason}){remedy}") from None
+        raise MediaError(
+            f"cannot read {source}: it is damaged or truncated ({reason}){remedy}"
+        ) from None
 
 
 def is_sqlite(source: Path) -> bool:
@@ -144,7 +148,9 @@ def create_bag(output: Path, source: Path) -> Iterator[Any]:
             else:
                 name = storage or ("SQLITE3" if is_sqlite(source) else "MCAP")
                 plugin = library.rosbag2.StoragePlugin[name]
-                with library.rosbag2.Writer(temporary, version=ROSBAG2_VERSION, storage_plugin=plugin) as writer:
+                with library.rosbag2.Writer(
+                    temporary, version=ROSBAG2_VERSION, storage_plugin=plugin
+                ) as writer:
                     yield writer
             file = temporary / f"{temporary.name}{target.suffix.lower()}"
             os.replace(file if storage else temporary, target)

@@ -157,7 +157,9 @@ def dewarp_bag(
     omnimirror.base.errors.MediaError: cannot read missing.mcap: no such file or folder
     """
     colour = None if border is None else BorderColour.of(border)
-    dewarping = DewarpRequest(camera, interpolation=interpolation, border=colour, keep_lean=keep_lean)
+    dewarping = DewarpRequest(
+        camera, interpolation=interpolation, border=colour, keep_lean=keep_lean
+    )
     selection = BagSelection(views, topic, tuple(keep_topics), mirror_frame)
     source, output = file_name("source", source), file_name("output", output)
     return run_bag_dewarping(source, output, dewarping, selection, on_progress)
@@ -194,21 +196,27 @@ def _image_connection(reader: Any, topic: str | None, source: Path) -> Any:
     known = f"image topics: {available}" if candidates else "it has no image topics"
     if topic is not None:
         if topic not in candidates:
-            raise InvalidParameter(f"topic must be an image topic of {source} ({known}); got {topic}")
+            raise InvalidParameter(
+                f"topic must be an image topic of {source} ({known}); got {topic}"
+            )
         return candidates[topic]
     if len(candidates) != 1:
         raise InvalidParameter(f"topic must be given for {source} ({known})")
     return next(iter(candidates.values()))
 
 
-def _copied_connections(reader: Any, patterns: Iterable[str], source: Path, output: Path) -> list[Any]:
+def _copied_connections(
+    reader: Any, patterns: Iterable[str], source: Path, output: Path
+) -> list[Any]:
     """Return the connections to copy; messages are not converted between ROS 1 and ROS 2."""
     selected: dict[tuple[str, str], Any] = {}
     for pattern in patterns:
         matches = [c for c in reader.connections if fnmatchcase(c.topic, pattern)]
         if not matches:
             available = ", ".join(sorted({c.topic for c in reader.connections}))
-            raise InvalidParameter(f"keep_topics must match a topic of {source} ({available}); got {pattern}")
+            raise InvalidParameter(
+                f"keep_topics must match a topic of {source} ({available}); got {pattern}"
+            )
         selected |= {_key(c): c for c in matches}
     if selected and reader.is2 == is_ros1(output):
         written, kept, suffix = "ROS 2", "ROS 1", ".bag"
@@ -223,7 +231,12 @@ def _copied_connections(reader: Any, patterns: Iterable[str], source: Path, outp
 
 
 def _process_messages(
-    reader: Any, images: Any, others: list[Any], rig: _VirtualRig, meter: ProgressMeter, source: Path
+    reader: Any,
+    images: Any,
+    others: list[Any],
+    rig: _VirtualRig,
+    meter: ProgressMeter,
+    source: Path,
 ) -> int:
     """Dewarp all images and copy other messages; return the number of copied messages."""
     keys, image_key, copied = set(map(_key, others)), _key(images), 0
@@ -384,7 +397,9 @@ class _VirtualRig:
                 info = factory.camera_info(header, camera.pinhole)
                 self.recorder.write(f"{namespace}/camera_info", info, timestamp)
 
-    def _create_cameras(self, source: MessageImage, stamp: Any, optical_frame: str, timestamp: int) -> None:
+    def _create_cameras(
+        self, source: MessageImage, stamp: Any, optical_frame: str, timestamp: int
+    ) -> None:
         """Create the views for the size of the first image and write their frames."""
         height, width = source.image.shape[:2]
         camera = self.dewarping.drawing(self.dewarping.camera_of((width, height)))
@@ -403,11 +418,15 @@ class _VirtualRig:
                 pinhole = equivalent_pinhole(camera, screen, self.dewarping.viewpoint)
             self._cameras.append(_VirtualCamera(name, dewarper, pinhole))
             if pinhole is None:
-                self.notes.append(f"{name}: no camera_info, because the {screen} is no pinhole image")
+                self.notes.append(
+                    f"{name}: no camera_info, because the {screen} is no pinhole image"
+                )
                 continue
             self.notes.append(_accuracy_note(name, screen, pinhole))
             child = _optical_frame(optical_frame, name)
-            transforms.append(factory.transform(stamp, mirror_frame, child, pinhole.rotation, pinhole.position_mm))
+            transforms.append(
+                factory.transform(stamp, mirror_frame, child, pinhole.rotation, pinhole.position_mm)
+            )
         if any(camera.pinhole for camera in self._cameras):
             message = factory.tf_message(transforms)
             self.recorder.write(TF_STATIC, message, timestamp, latched=True)

@@ -92,7 +92,9 @@ class TorchCamera(ABC):
         return self._backproject_rows(self._rows("pixels", pixels, 2), pixels.shape[:-1])
 
     @abstractmethod
-    def _project_rows(self, targets: Tensor, shape: Sequence[int], distant: bool) -> TorchProjection:
+    def _project_rows(
+        self, targets: Tensor, shape: Sequence[int], distant: bool
+    ) -> TorchProjection:
         """Project points or directions (n, 3) and reshape the result."""
 
     @abstractmethod
@@ -214,7 +216,9 @@ class TorchCamera(ABC):
                 f"got {tuple(images.shape)} and {tuple(pixels.shape)}"
             )
         grid = self.grid(pixels).reshape(len(pixels), 1, -1, 2).to(images.dtype)
-        samples = torch.nn.functional.grid_sample(images, grid, mode=mode, padding_mode="border", align_corners=False)
+        samples = torch.nn.functional.grid_sample(
+            images, grid, mode=mode, padding_mode="border", align_corners=False
+        )
         inside = (grid.abs() <= 1 + GRID_TOLERANCE).all(dim=-1)
         samples = torch.where(inside[:, None], samples, 0.0)
         return samples.reshape(*images.shape[:2], *pixels.shape[1:-1])
@@ -247,7 +251,9 @@ def check_tensor(name: str, value: Any, shape: str) -> None:
     if has_dtype and (not last.isdigit() or value.shape[-1:] == (int(last),)):
         return
     actual = f"{value.dtype} {tuple(value.shape)}" if is_tensor else shown(value)
-    raise InvalidParameter(f"{name} must be a tensor {shape} of torch.float64 or torch.float32; got {actual}")
+    raise InvalidParameter(
+        f"{name} must be a tensor {shape} of torch.float64 or torch.float32; got {actual}"
+    )
 
 
 def chunk_slices(count: int, device: str) -> Iterator[slice]:

@@ -86,7 +86,8 @@ def differentiable(
     dtype = _checked_dtype(dtype)
     device = _available_device(device, dtype)
     parameters = {
-        name: torch.tensor(value, dtype=dtype, device=device, requires_grad=True) for name, value in values.items()
+        name: torch.tensor(value, dtype=dtype, device=device, requires_grad=True)
+        for name, value in values.items()
     }
     if sensor is not None and _is_traceable(sensor):
         return MirrorCamera(sensor, parameters, dtype, device)

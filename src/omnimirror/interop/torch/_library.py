@@ -15,7 +15,9 @@ class _LazyTorch:
         try:
             value = getattr(import_module("torch"), name)
         except ImportError:
-            raise OmnimirrorError("differentiable cameras require PyTorch: pip install 'omnimirror[torch]'") from None
+            raise OmnimirrorError(
+                "differentiable cameras require PyTorch: pip install 'omnimirror[torch]'"
+            ) from None
         self.__dict__[name] = value
         return value
 

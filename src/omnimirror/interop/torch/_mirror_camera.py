@@ -21,7 +21,9 @@ HALF_PIXEL = 0.5 + 1e-9
 class MirrorCamera(TorchCamera):
     """Sensor with one mirror in any pose; see :func:`omnimirror.interop.torch.differentiable`."""
 
-    def __init__(self, sensor: Sensor, free: dict[str, Tensor], dtype: object, device: object) -> None:
+    def __init__(
+        self, sensor: Sensor, free: dict[str, Tensor], dtype: object, device: object
+    ) -> None:
         self.values, self.parameters = SensorParameters(sensor, free), free
         self.image_size, self.dtype, self.device = sensor.image_size, dtype, device
         self.axes: list[list[float]] = sensor._axes.tolist()
@@ -37,9 +39,13 @@ class MirrorCamera(TorchCamera):
         slices = chunk_slices(len(pixels), pixels.device.type)
         chunks = [self._backproject(surface, pixels[chunk]) for chunk in slices]
         origins, directions, valid = (torch.cat(part, dim=-1) for part in zip(*chunks, strict=True))
-        return TorchRays(origins.T.reshape(*shape, 3), directions.T.reshape(*shape, 3), valid.reshape(shape))
+        return TorchRays(
+            origins.T.reshape(*shape, 3), directions.T.reshape(*shape, 3), valid.reshape(shape)
+        )
 
-    def _project_rows(self, targets: Tensor, shape: Sequence[int], distant: bool) -> TorchProjection:
+    def _project_rows(
+        self, targets: Tensor, shape: Sequence[int], distant: bool
+    ) -> TorchProjection:
         surface = self._current_surface()
         slices = chunk_slices(len(targets), targets.device.type)
         chunks = [self._project(surface, targets[chunk], distant) for chunk in slices]
@@ -114,7 +120,9 @@ class MirrorCamera(TorchCamera):
 
     # -- projection ------------------------------------------------------------------------------
 
-    def _project(self, surface: SurfaceTable, targets: Tensor, distant: bool) -> tuple[Tensor, Tensor]:
+    def _project(
+        self, surface: SurfaceTable, targets: Tensor, distant: bool
+    ) -> tuple[Tensor, Tensor]:
         """Return pixels (2, n) and validity (n,) of targets (n, 3)."""
         valid = torch.isfinite(targets.detach().sum(dim=1))
         if distant:

@@ -31,11 +31,15 @@ RELATIVE_STEP = 1e-5
 class NumericalCamera(TorchCamera):
     """Any camera; see :func:`omnimirror.interop.torch.differentiable`."""
 
-    def __init__(self, camera: Camera, free: dict[str, Tensor], dtype: object, device: object) -> None:
+    def __init__(
+        self, camera: Camera, free: dict[str, Tensor], dtype: object, device: object
+    ) -> None:
         self.camera, self.parameters = camera, free
         self.image_size, self.dtype, self.device = camera.image_size, dtype, device
 
-    def _project_rows(self, targets: Tensor, shape: Sequence[int], distant: bool) -> TorchProjection:
+    def _project_rows(
+        self, targets: Tensor, shape: Sequence[int], distant: bool
+    ) -> TorchProjection:
         pixels, valid = self._apply(_project_directions if distant else _project, targets)
         return TorchProjection(pixels.reshape(*shape, 2), valid.reshape(shape))
 

@@ -83,7 +83,9 @@ class SurfaceTable:
     free: tuple[FreeShapeParameter, ...] = ()
 
     @classmethod
-    def of(cls, mirror: Mirror, pupil_distance_mm: float, dtype: object, device: object) -> SurfaceTable:
+    def of(
+        cls, mirror: Mirror, pupil_distance_mm: float, dtype: object, device: object
+    ) -> SurfaceTable:
         """Return the tables of a mirror for the distance of the entrance pupil from its vertex.
 
         The distance is infinite for telecentric lenses.
@@ -164,12 +166,16 @@ def _radius(x: Tensor, y: Tensor) -> Tensor:
 # -- intersection of rays from the lens ----------------------------------------------------------
 
 
-def intersect_rays(surface: SurfaceTable, start: Components, direction: Components) -> SurfacePoints:
+def intersect_rays(
+    surface: SurfaceTable, start: Components, direction: Components
+) -> SurfacePoints:
     """Intersect rays from the lens with the mirror, in the mirror frame."""
     rim = surface.mirror.rim_radius_mm
     has_pupil = surface.depth is not None
     if has_pupil and has_kernels(direction[0]) and not surface.needs_gradient(*start, *direction):
-        return SurfacePoints(*compiled_intersections(surface.tables, SEARCH, start, direction, TOLERANCE))
+        return SurfacePoints(
+            *compiled_intersections(surface.tables, SEARCH, start, direction, TOLERANCE)
+        )
     with torch.no_grad():
         # Newton's method for z(t) - sag(x(t), y(t)) = 0 along the ray.
         t = _initial_distance(surface, start, direction)
@@ -257,7 +263,9 @@ def reflect_targets(
     return SurfacePoints((x, y, sag), (sx, sy), valid)
 
 
-def _unit_vectors(point: Components, end: Components, distant: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _unit_vectors(
+    point: Components, end: Components, distant: bool
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return unit vectors from an end to points and the inverse distances."""
     if distant:
         zero = 0 * point[0]
@@ -267,18 +275,24 @@ def _unit_vectors(point: Components, end: Components, distant: bool) -> tuple[Te
     return dx * inverse, dy * inverse, dz * inverse, inverse
 
 
-def _path_gradient(x: Tensor, y: Tensor, surface: Components, ends: Endpoints) -> tuple[Tensor, Tensor]:
+def _path_gradient(
+    x: Tensor, y: Tensor, surface: Components, ends: Endpoints
+) -> tuple[Tensor, Tensor]:
     """Return the gradient of the optical path length by x and y on the surface.
 
     For the sum u of both unit vectors, it is (ux + sx uz, uy + sy uz).
     """
     sag, sx, sy = surface
-    (ax, ay, az, _), (bx, by, bz, _) = (_unit_vectors((x, y, sag), end, distant) for end, distant in ends)
+    (ax, ay, az, _), (bx, by, bz, _) = (
+        _unit_vectors((x, y, sag), end, distant) for end, distant in ends
+    )
     uz = az + bz
     return ax + bx + sx * uz, ay + by + sy * uz
 
 
-def _newton_terms(surface: SurfaceTable, x: Tensor, y: Tensor, ends: Endpoints) -> tuple[Tensor, ...]:
+def _newton_terms(
+    surface: SurfaceTable, x: Tensor, y: Tensor, ends: Endpoints
+) -> tuple[Tensor, ...]:
     """Return the path gradient and the inverse (xx, xy, yy) of its Hessian.
 
     With the tangent vectors t = (1, 0, sx) and (0, 1, sy), the Hessian is the sum over both ends
@@ -377,11 +391,14 @@ def _meridional_step(surface: SurfaceTable, r: Tensor, ends: Endpoints) -> Tenso
     return gradient / (hessian + gz * rate / surface.cell_mm)
 
 
-def _solve_by_numpy(surface: SurfaceTable, x: Tensor, y: Tensor, ends: Endpoints, is_open: Tensor) -> None:
+def _solve_by_numpy(
+    surface: SurfaceTable, x: Tensor, y: Tensor, ends: Endpoints, is_open: Tensor
+) -> None:
     """Replace open solutions in place by those of the verified NumPy search."""
     which = torch.nonzero(is_open)[:, 0]
     pupil, target = (
-        RayEndpoints.of(np.stack([_array(part, which) for part in end], axis=-1), distant) for end, distant in ends
+        RayEndpoints.of(np.stack([_array(part, which) for part in end], axis=-1), distant)
+        for end, distant in ends
     )
     solution = specular_points(surface.mirror, pupil, target)
     for coordinate, column in ((x, 0), (y, 1)):

@@ -11,7 +11,16 @@ from ...base.typing import Array
 from ...calibration.projection_derivatives import profile_derivatives
 from ...calibration.sensor_parameters import ParameterLocation
 from ...optics.mirrors import Mirror
-from ...optics.tracing.reflection import CELLS, NOT_SETTLED, SEEN, SETTLED, MirrorTables, Search, cubic_pieces, radii
+from ...optics.tracing.reflection import (
+    CELLS,
+    NOT_SETTLED,
+    SEEN,
+    SETTLED,
+    MirrorTables,
+    Search,
+    cubic_pieces,
+    radii,
+)
 from ._library import Tensor, torch
 
 Vector = tuple[Tensor, Tensor, Tensor]
@@ -56,7 +65,9 @@ class PiecewiseCubic:
         a, b, c, d = self._coefficients(location[0], function)
         return a + t * (b + t * (c + t * d))
 
-    def value_and_derivative(self, location: tuple[Tensor, Tensor], function: int = 0) -> tuple[Tensor, Tensor]:
+    def value_and_derivative(
+        self, location: tuple[Tensor, Tensor], function: int = 0
+    ) -> tuple[Tensor, Tensor]:
         """Return the values (n,) of a function and its derivatives per cell."""
         t = location[1]
         a, b, c, d = self._coefficients(location[0], function)
@@ -147,7 +158,9 @@ def compiled_intersections(
     rows, states = np.empty((6, inputs.shape[1])), np.empty(inputs.shape[1], np.uint8)
     x, y, z = (_as_float(part) for part in pupil)
     surface, until = tables.surface((x, y, z), False), search.until(tolerance)
-    backend.kernels.meet_mirror(surface, until, tables.depth, tables.most_tangent, inputs, rows, states)
+    backend.kernels.meet_mirror(
+        surface, until, tables.depth, tables.most_tangent, inputs, rows, states
+    )
     x, y, z, sx, sy, _ = _tensors(rows, direction[0])
     return CompiledIntersections((x, y, z), (sx, sy), torch.from_numpy(states) == SEEN)
 

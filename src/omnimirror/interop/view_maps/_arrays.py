@@ -77,7 +77,9 @@ STMAP: ExportFormat[ViewMap] = ExportFormat(
 
 FIXED_POINT_PX = float(np.hypot(1, 1)) / 64
 """Rounding of both coordinates to 1/32 px."""
-OPENCV_DEVIATION = Deviation(FIXED_POINT_PX, "px", "fixed_map1 and fixed_map2; map_x and map_y are exact")
+OPENCV_DEVIATION = Deviation(
+    FIXED_POINT_PX, "px", "fixed_map1 and fixed_map2; map_x and map_y are exact"
+)
 
 
 def _opencv_maps(view: ViewMap) -> dict[str, Any]:
@@ -104,7 +106,9 @@ def _write_yml(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
 
 
 OPENCV: ExportFormat[ViewMap] = ExportFormat(_write_npz, (".npz",), "OpenCV in Python")
-OPENCV_YML: ExportFormat[ViewMap] = ExportFormat(_write_yml, (".yml",), "OpenCV in C++ (cv::FileStorage)")
+OPENCV_YML: ExportFormat[ViewMap] = ExportFormat(
+    _write_yml, (".yml",), "OpenCV in C++ (cv::FileStorage)"
+)
 
 # -- NVIDIA VPI ----------------------------------------------------------------------------------
 
@@ -142,7 +146,9 @@ def _write_ffmpeg(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviatio
     return description, Deviation(float(error.max()), "px", "nearest-neighbour sampling")
 
 
-FFMPEG: ExportFormat[ViewMap] = ExportFormat(_write_ffmpeg, ("-x.pgm", "-y.pgm"), "FFmpeg (filter remap)")
+FFMPEG: ExportFormat[ViewMap] = ExportFormat(
+    _write_ffmpeg, ("-x.pgm", "-y.pgm"), "FFmpeg (filter remap)"
+)
 
 # -- DepthAI -------------------------------------------------------------------------------------
 
@@ -193,4 +199,6 @@ def interpolate_mesh(mesh: Array) -> Array:
     return mesh
 
 
-DEPTHAI: ExportFormat[ViewMap] = ExportFormat(_write_depthai, (".json",), "DepthAI (node Warp) on Luxonis cameras")
+DEPTHAI: ExportFormat[ViewMap] = ExportFormat(
+    _write_depthai, (".json",), "DepthAI (node Warp) on Luxonis cameras"
+)

@@ -165,7 +165,9 @@ def _braced(values: Array) -> SourceCode:
     return SourceCode(",\n    ".join(rows))
 
 
-C99: ExportFormat[ViewMap] = ExportFormat(_write_c99, (".c", ".h"), "C99: ESP32, OpenMV and other microcontrollers")
+C99: ExportFormat[ViewMap] = ExportFormat(
+    _write_c99, (".c", ".h"), "C99: ESP32, OpenMV and other microcontrollers"
+)
 
 # -- MicroPython ---------------------------------------------------------------------------------
 
@@ -207,4 +209,6 @@ def _run_mask(runs: Runs, width: int) -> NDArray[np.bool_]:
     return mask
 
 
-OPENMV: ExportFormat[ViewMap] = ExportFormat(_write_openmv, (".py", ".bin"), "MicroPython: OpenMV, ESP32")
+OPENMV: ExportFormat[ViewMap] = ExportFormat(
+    _write_openmv, (".py", ".bin"), "MicroPython: OpenMV, ESP32"
+)

@@ -51,7 +51,9 @@ def view_pixels(camera: Camera, view: View, viewpoint: Viewpoint) -> Array:
             if centre is not None:
                 origins = np.broadcast_to(centre, origins.shape)
             hits = np.full((len(rays.valid), 2), np.nan)
-            hits[rays.valid] = intersect_screen(screen, origins[rays.valid], rays.directions[rays.valid])
+            hits[rays.valid] = intersect_screen(
+                screen, origins[rays.valid], rays.directions[rays.valid]
+            )
             inside = np.isfinite(hits[:, 0])
             mapped[chunk][inside] = hits[inside] + (left, top)
     return mapped.reshape(height, width, 2)
@@ -80,7 +82,9 @@ def intersect_screen(screen: Screen, origins: Array, directions: Array) -> Array
         return np.empty((0, 2))
     initial, candidate = _nearest_nodes(screen, origins, directions)
     pixels = np.full_like(initial, np.nan)
-    pixels[candidate] = _newton(screen, initial[candidate], origins[candidate], directions[candidate])
+    pixels[candidate] = _newton(
+        screen, initial[candidate], origins[candidate], directions[candidate]
+    )
     for axis, side in enumerate((width, height)):
         column = pixels[:, axis]
         beyond = np.isfinite(column) & ((column < -0.5) | (column > side - 0.5))
@@ -93,7 +97,9 @@ def intersect_screen(screen: Screen, origins: Array, directions: Array) -> Array
     return pixels
 
 
-def _nearest_nodes(screen: Screen, origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _nearest_nodes(
+    screen: Screen, origins: Array, directions: Array
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return the grid nodes (n, 2) nearest to rays in direction, and which rays are candidates.
 
     Nodes are seen from the mean of the ray origins. A ray is a candidate if the angle to its
@@ -101,7 +107,9 @@ def _nearest_nodes(screen: Screen, origins: Array, directions: Array) -> tuple[A
     """
     width, height = screen.size
     step = max(width, height) / GRID_NODES
-    sides = (np.linspace(0, side - 1, int(np.ceil((side - 1) / step)) + 1) for side in (width, height))
+    sides = (
+        np.linspace(0, side - 1, int(np.ceil((side - 1) / step)) + 1) for side in (width, height)
+    )
     u, v = np.meshgrid(*sides)
     nodes = np.stack([u.ravel(), v.ravel()], axis=-1)
     targets, centre = _targets(screen, nodes), origins.mean(axis=0)
@@ -164,6 +172,9 @@ def _newton_step(
 
     # Jacobian [[a, b], [c, d]] by forward differences, inverted by Cramer's rule.
     value, ahead = residual(pixels)
-    (a, c), (b, d) = (((residual(pixels + shift)[0] - value) / DIFFERENCE_PX).T for shift in DIFFERENCE_PX * np.eye(2))
+    (a, c), (b, d) = (
+        ((residual(pixels + shift)[0] - value) / DIFFERENCE_PX).T
+        for shift in DIFFERENCE_PX * np.eye(2)
+    )
     step = np.stack([d * value[:, 0] - b * value[:, 1], a * value[:, 1] - c * value[:, 0]], axis=-1)
     return step / (a * d - b * c)[:, None], np.asarray(ahead > 0)

@@ -89,7 +89,9 @@ def _write_obs(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     return f"{view.sizes} and an image of the map", deviation
 
 
-OBS: ExportFormat[ViewMap] = ExportFormat(_write_obs, (".effect", "-map.png"), "OBS Studio (plug-in obs-shaderfilter)")
+OBS: ExportFormat[ViewMap] = ExportFormat(
+    _write_obs, (".effect", "-map.png"), "OBS Studio (plug-in obs-shaderfilter)"
+)
 
 # -- GStreamer -----------------------------------------------------------------------------------
 
@@ -138,4 +140,6 @@ def _glsl_constants(grid: SplineGrid) -> dict[str, object]:
     }
 
 
-GSTREAMER: ExportFormat[ViewMap] = ExportFormat(_write_gstreamer, (".sh", ".frag"), "GStreamer (element glshader)")
+GSTREAMER: ExportFormat[ViewMap] = ExportFormat(
+    _write_gstreamer, (".sh", ".frag"), "GStreamer (element glshader)"
+)

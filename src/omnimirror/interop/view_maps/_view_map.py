@@ -103,7 +103,9 @@ class ViewMap:
 def check_16_bit_size(size: tuple[int, int], name: str) -> None:
     """Raise InvalidParameter if 16-bit coordinates cannot represent all pixels of an image."""
     if max(size) > MAX_SIDE_PX:
-        raise InvalidParameter(f"the sides of the {name} must be at most {MAX_SIDE_PX} px; got {max(size)} px")
+        raise InvalidParameter(
+            f"the sides of the {name} must be at most {MAX_SIDE_PX} px; got {max(size)} px"
+        )
 
 
 def view_map(camera: Camera, view: View, viewpoint: Viewpoint = "exact") -> ViewMap:

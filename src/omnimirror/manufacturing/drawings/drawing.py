@@ -60,13 +60,24 @@ class SheetLayout:
 SENSOR_LAYOUTS = {
     "A3": SheetLayout(
         Region(24.0, 129.0, 408.0, 284.0),
-        (Region(24, 13, 117, 126), Region(124, 13, 223, 126), Region(231, 53, 318, 126), Region(324, 53, 408, 126)),
+        (
+            Region(24, 13, 117, 126),
+            Region(124, 13, 223, 126),
+            Region(231, 53, 318, 126),
+            Region(324, 53, 408, 126),
+        ),
     ),
-    "A4": SheetLayout(Region(23.0, 175.0, 198.0, 284.0), (Region(23, 53, 107, 172), Region(113, 53, 198, 172))),
+    "A4": SheetLayout(
+        Region(23.0, 175.0, 198.0, 284.0), (Region(23, 53, 107, 172), Region(113, 53, 198, 172))
+    ),
 }
 MIRROR_LAYOUTS = {
-    "A3": SheetLayout(Region(24.0, 60.0, 218.0, 284.0), (Region(226, 53, 314, 282), Region(320, 53, 408, 282))),
-    "A4": SheetLayout(Region(23.0, 168.0, 198.0, 284.0), (Region(23, 53, 107, 166), Region(113, 53, 198, 166))),
+    "A3": SheetLayout(
+        Region(24.0, 60.0, 218.0, 284.0), (Region(226, 53, 314, 282), Region(320, 53, 408, 282))
+    ),
+    "A4": SheetLayout(
+        Region(23.0, 168.0, 198.0, 284.0), (Region(23, 53, 107, 166), Region(113, 53, 198, 166))
+    ),
 }
 
 
@@ -156,7 +167,9 @@ def draw_sheets(
     (('sensor', 'mirror'), (1.0, 1.0))
     """
     if scale is not None and not MIN_SCALE <= scale <= MAX_SCALE:
-        raise InvalidParameter(f"scale must be between {MIN_SCALE:g} and {MAX_SCALE:g}; got {scale:g}")
+        raise InvalidParameter(
+            f"scale must be between {MIN_SCALE:g} and {MAX_SCALE:g}; got {scale:g}"
+        )
     parts = parts_of(sensor, body, secondary_body)
     sensor, workshop = with_housing(parts, housing), workshop or Workshop()
     files: Sequence[DataFile | None] = data_files or [None] * len(parts)
@@ -182,7 +195,9 @@ def _draw_sensor_sheet(
     paper: Sheet, sensor: Sensor, parts: list[Part], workshop: Workshop, scale: float | None
 ) -> float:
     layout, stated = SENSOR_LAYOUTS[paper.size], workshop.tolerances
-    scale = draw_sensor(paper, Assembly.of(sensor, *(part.body for part in parts)), layout.view, scale, stated)
+    scale = draw_sensor(
+        paper, Assembly.of(sensor, *(part.body for part in parts)), layout.view, scale, stated
+    )
     paper.interrupt_lines()
     draw_frame(paper)
     flow = Flow(paper, layout.columns)
@@ -195,7 +210,9 @@ def _draw_sensor_sheet(
         flow.table(tolerance_rows(sensor), "IMAGE SHIFT OF 0.5 px")
         flow.lines(NOTES if sensor.secondary is None else NOTES_OF_TWO)
     draw_title(
-        paper, workshop.title, SheetFacts(sensor.name, "assembly drawing", scale_words(scale), (1, 1 + len(parts)))
+        paper,
+        workshop.title,
+        SheetFacts(sensor.name, "assembly drawing", scale_words(scale), (1, 1 + len(parts))),
     )
     return scale
 
@@ -211,7 +228,10 @@ def draw_part_sheet(
     scale = draw_mirror(paper, part.mirror, part.body, layout.view, making, making.form_um, word)
     paper.interrupt_lines()
     draw_frame(paper)
-    mass, indications = mass_words(part, making), indication_rows(part, making, stated, workshop.title)
+    mass, indications = (
+        mass_words(part, making),
+        indication_rows(part, making, stated, workshop.title),
+    )
     flow = Flow(paper, layout.columns)
     flow.table(mirror_rows(part.mirror, stated, has_data_file=file is not None), "MIRROR SURFACE")
     if file is not None:
@@ -256,8 +276,15 @@ class Flow:
         if len(rows) > self.rows_left:
             self.next_column()
         column = self.columns[self.at]
-        retained = rows if len(rows) <= self.rows_left else [*rows[: self.rows_left - 1], (f"and {len(rows)} more", "")]
-        self.y = self.paper.table(column.left, self.y, column.right - column.left, retained, title, note) - GAP
+        retained = (
+            rows
+            if len(rows) <= self.rows_left
+            else [*rows[: self.rows_left - 1], (f"and {len(rows)} more", "")]
+        )
+        self.y = (
+            self.paper.table(column.left, self.y, column.right - column.left, retained, title, note)
+            - GAP
+        )
 
     def lines(self, words: Sequence[str]) -> None:
         for line in words:

@@ -69,7 +69,9 @@ def write_dxf(
     curve = profile_curve(mirror, body.start_mm())
     doc = ezdxf.filemanagement.new("R2010", setup=["linetypes", "styles"], units=MM)
     for layer in LAYERS:
-        doc.layers.add(layer.name, color=layer.colour, linetype=layer.linetype, lineweight=layer.width)
+        doc.layers.add(
+            layer.name, color=layer.colour, linetype=layer.linetype, lineweight=layer.width
+        )
     size = _text_size(mirror)
     doc.header["$LTSCALE"] = size / TEXT_MM / 2
     doc.header["$LWDISPLAY"] = 1
@@ -144,7 +146,9 @@ def _draw_curve(page: Any, curve: ProfileCurve, side: float) -> None:
         page.add_arc((R, 0.0), R, *map(float, angles), dxfattribs=_on(MIRROR))
     else:
         poles = [(z, side * x) for x, z in curve.poles]
-        spline = page.add_open_spline(poles, degree=curve.degree, knots=curve.knots, dxfattribs=_on(MIRROR))
+        spline = page.add_open_spline(
+            poles, degree=curve.degree, knots=curve.knots, dxfattribs=_on(MIRROR)
+        )
         if curve.weights:
             spline.weights = list(curve.weights)
 
@@ -164,7 +168,9 @@ def _draw_axis(page: Any, mirror: Mirror, body: Body, size: float) -> None:
 # -- dimensions and notes --------------------------------------------------------------------------
 
 
-def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, specification: PartSpecification) -> None:
+def _draw_dimensions(
+    page: Any, mirror: Mirror, body: Body, size: float, specification: PartSpecification
+) -> None:
     rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
     edge, outer = float(mirror.sag(rim)), body.outer_radius_mm(mirror)
     row = 2.6 * size
@@ -178,7 +184,14 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, specifi
     def diameter(x: float, z: float, at: float, **override: Any) -> None:
         _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"} | override)
 
-    along(edge, back, -rim, -outer, -outer - 1.5 * row, **_allowed(specification.thickness_tolerance_mm))
+    along(
+        edge,
+        back,
+        -rim,
+        -outer,
+        -outer - 1.5 * row,
+        **_allowed(specification.thickness_tolerance_mm),
+    )
     if edge:  # constant thickness of a plane mirror
         along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
         along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
@@ -209,16 +222,33 @@ def _allowed(tolerance: float | None) -> dict[str, Any]:
 
 def _linear(page: Any, base: Any, p1: Any, p2: Any, angle: float, override: dict[str, Any]) -> None:
     page.add_linear_dim(
-        base=base, p1=p1, p2=p2, angle=angle, dimstyle=STYLE, override=override, dxfattribs=_on(DIMENSIONS)
+        base=base,
+        p1=p1,
+        p2=p2,
+        angle=angle,
+        dimstyle=STYLE,
+        override=override,
+        dxfattribs=_on(DIMENSIONS),
     ).render()
 
 
-def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name: str, size: float) -> None:
-    deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
-    lines = [name, *surface_words(mirror), f"Mirror surface: {curve.words}, {deviation}", f"Body: {body.words()}"]
+def _draw_notes(
+    page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name: str, size: float
+) -> None:
+    deviation = (
+        f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
+    )
+    lines = [
+        name,
+        *surface_words(mirror),
+        f"Mirror surface: {curve.words}, {deviation}",
+        f"Body: {body.words()}",
+    ]
     top = -body.outer_radius_mm(mirror) - 10 * size
     words = "\n".join(map(dxf_mtext, lines))
-    text = page.add_mtext(words, dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
+    text = page.add_mtext(
+        words, dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)}
+    )
     text.set_location((0.0, top))
 
 
@@ -291,7 +321,10 @@ def _add_text(layout: Any, text: Text) -> None:
     across: str = text.get_horizontalalignment()
     along: str = text.get_verticalalignment()
     if text.get_rotation():  # Matplotlib aligns rotated text, DXF aligns before rotation
-        across, along = UPRIGHT[along], {"right": "bottom", "center": "center", "left": "top"}[across]
+        across, along = (
+            UPRIGHT[along],
+            {"right": "bottom", "center": "center", "left": "top"}[across],
+        )
     level = {"baseline": "", "center": "MIDDLE", "bottom": "BOTTOM", "top": "TOP"}[along]
     side = ALIGNMENTS[across]
     name = f"{level}_{side or 'LEFT'}" if level else side or "LEFT"

@@ -78,18 +78,25 @@ def image_shifts(sensor: Sensor) -> list[ImageShift]:
 
     def form(x: Array, z: Array, slope: Array, a: float) -> Moved:
         a *= 1e-3  # um
-        return Moved(x, z + a * (1 - np.cos(period * x)) / 2, slope + a * period * np.sin(period * x) / 2)
+        return Moved(
+            x, z + a * (1 - np.cos(period * x)) / 2, slope + a * period * np.sin(period * x) / 2
+        )
 
     def tilted(x: Array, z: Array, slope: Array, degrees: float) -> Moved:
         angle = np.radians(degrees)
         turned = np.tan(np.arctan(slope) + angle)
-        return Moved(x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle), turned)
+        return Moved(
+            x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle), turned
+        )
 
     errors: dict[tuple[str, str], tuple[float, Callable[[Array, Array, Array, float], Moved]]] = {
         ("mirror distance", "mm"): (1e-4 * M, lambda x, z, slope, e: Moved(x, z + e, slope)),
         ("mirror decentre", "mm"): (1e-4 * M, lambda x, z, slope, e: Moved(x + e, z, slope)),
         ("mirror tilt", "deg"): (1e-3, tilted),
-        ("surface slope", "mrad"): (1e-2, lambda x, z, slope, e: Moved(x, z, np.tan(np.arctan(slope) + 1e-3 * e))),
+        ("surface slope", "mrad"): (
+            1e-2,
+            lambda x, z, slope, e: Moved(x, z, np.tan(np.arctan(slope) + 1e-3 * e)),
+        ),
         ("surface form", "um"): (1e-3 * M, form),
     }
     if sensor.lens.TELECENTRIC:
@@ -103,15 +110,23 @@ def _along_the_axis(sensor: Sensor) -> list[ImageShift]:
     assert second is not None
     m, s, step = sensor.mirror_distance_mm, second.distance_mm, 1e-4 * sensor.mirror.rim_radius_mm
     # m is the path length from the lens via the secondary to the primary mirror
-    moves = {"mirror distance": (1.0, 1.0), "secondary distance": (2.0, 1.0), "lens distance": (1.0, 0.0)}
+    moves = {
+        "mirror distance": (1.0, 1.0),
+        "secondary distance": (2.0, 1.0),
+        "lens distance": (1.0, 0.0),
+    }
     if sensor.lens.TELECENTRIC:
         moves = {"distance between mirrors": (0.0, 1.0)}
     low, high = np.radians(sensor.field_deg)
     omega = np.linspace(low + 2 * EDGE * (high - low), high - EDGE * (high - low), 201)
 
     def height(dm: float, ds: float) -> Array:
-        displaced = replace(sensor, mirror_distance_mm=m + dm, secondary=replace(second, distance_mm=s + ds))
-        return displaced.image_height_px(displaced.meridian.trace(displaced.meridian.x_from_omega(omega)))
+        displaced = replace(
+            sensor, mirror_distance_mm=m + dm, secondary=replace(second, distance_mm=s + ds)
+        )
+        return displaced.image_height_px(
+            displaced.meridian.trace(displaced.meridian.x_from_omega(omega))
+        )
 
     result = []
     for name, (dm, ds) in moves.items():
@@ -122,15 +137,25 @@ def _along_the_axis(sensor: Sensor) -> list[ImageShift]:
 
 
 def _image_shift(
-    sensor: Sensor, name: str, unit: str, step: float, displaced: Callable[[Array, Array, Array, float], Moved]
+    sensor: Sensor,
+    name: str,
+    unit: str,
+    step: float,
+    displaced: Callable[[Array, Array, Array, float], Moved],
 ) -> ImageShift:
     """Compute the central difference of the image height at constant field angles."""
     mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
-    start = sensor.meridian.x_min  # no rays at smaller radii: they end at the base of a tube in water
+    start = (
+        sensor.meridian.x_min
+    )  # no rays at smaller radii: they end at the base of a tube in water
     x = np.linspace(start if not mirror.is_pointed else max(start, EDGE * M), M, POINTS)
     z, slope, _ = mirror.profile(x)
-    omega = sensor.meridian.trace(np.linspace(start + 2 * EDGE * (M - start), M - EDGE * (M - start), 501)).omega
-    ahead, behind = (_image_height_px(sensor, displaced(x, z, slope, e), omega) for e in (step, -step))
+    omega = sensor.meridian.trace(
+        np.linspace(start + 2 * EDGE * (M - start), M - EDGE * (M - start), 501)
+    ).omega
+    ahead, behind = (
+        _image_height_px(sensor, displaced(x, z, slope, e), omega) for e in (step, -step)
+    )
     motion = np.abs(ahead - behind) / (2 * step)
     worst = int(np.argmax(motion))
     rate = float(motion[worst]) if motion[worst] * step > ROUNDING_PX else 0.0
@@ -143,12 +168,27 @@ def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
 
     w = sensor.lens.pupil.aim(meridian.x, sensor.meridian.m + meridian.z).distance
     beta, theta = np.arctan(meridian.slope), np.arctan2(meridian.x, w)
-    result, height = 2 * beta + theta, sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
-    if (cover := sensor.meridian.cover) is not None:  # the cover is not displaced; only directions matter
+    result, height = (
+        2 * beta + theta,
+        sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm,
+    )
+    if (
+        cover := sensor.meridian.cover
+    ) is not None:  # the cover is not displaced; only directions matter
         unknown = np.zeros_like(w)
         gamma, path = beta + theta, np.hypot(meridian.x, w)
         rays = ChiefRays(
-            meridian.x, meridian.z, meridian.slope, unknown, sensor.meridian.m, w, beta, theta, gamma, result, path
+            meridian.x,
+            meridian.z,
+            meridian.slope,
+            unknown,
+            sensor.meridian.m,
+            w,
+            beta,
+            theta,
+            gamma,
+            result,
+            path,
         )
         result = cover.left_by(rays).omega
         visible = np.isfinite(result)

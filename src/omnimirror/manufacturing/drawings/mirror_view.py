@@ -114,11 +114,17 @@ def _draw_surface(sheet: Sheet, view: View, mirror: Mirror, form_um: float | Non
     if form_um is not None:
         cells = [f"{form_um / 1000:.3g}"]  # form only; code 4/ specifies the position
         tolerance_frame(
-            sheet, bend[0] - frame_width(sheet, cells), bend[1] - FRAME_HEIGHT - 1, "surface profile", cells
+            sheet,
+            bend[0] - frame_width(sheet, cells),
+            bend[1] - FRAME_HEIGHT - 1,
+            "surface profile",
+            cells,
         )
 
 
-def _draw_datums(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: PartSpecification) -> None:
+def _draw_datums(
+    sheet: Sheet, view: View, mirror: Mirror, body: Body, making: PartSpecification
+) -> None:
     """Draw datum A and the flatness of the back."""
     back, outer = body.back_mm(mirror), body.outer_radius_mm(mirror)
     low = view.at(back, -0.72 * outer)
@@ -127,7 +133,9 @@ def _draw_datums(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: P
         foot = view.at(back, 0.8 * outer)
         x, y = foot[0] + 8.0, _flatness_y(view, mirror, body)
         sheet.line([tuple(foot), (x, y)], THIN)
-        tolerance_frame(sheet, x, y - FRAME_HEIGHT / 2, "flatness", [f"{making.back_flatness_mm:.3g}"])
+        tolerance_frame(
+            sheet, x, y - FRAME_HEIGHT / 2, "flatness", [f"{making.back_flatness_mm:.3g}"]
+        )
 
 
 def _flatness_y(view: View, mirror: Mirror, body: Body) -> float:
@@ -136,13 +144,19 @@ def _flatness_y(view: View, mirror: Mirror, body: Body) -> float:
     beside = float(view.at(back, 0.8 * outer)[1])
     if not body.bore_mm:
         return beside
-    return max(beside, float(view.at(back, (body.counterbore_diameter_mm or body.bore_mm) / 2)[1]) + 24)
+    return max(
+        beside, float(view.at(back, (body.counterbore_diameter_mm or body.bore_mm) / 2)[1]) + 24
+    )
 
 
 def _draw_textures(sheet: Sheet, region: Region, making: PartSpecification) -> None:
     """Draw the general surface texture and, in brackets, that of the mirror."""
     special = making.surface_roughness_nm
-    words, x, y = f"Ra {making.roughness_um:g}", region.right - (62 if special is not None else 24), region.top - 10
+    words, x, y = (
+        f"Ra {making.roughness_um:g}",
+        region.right - (62 if special is not None else 24),
+        region.top - 10,
+    )
     end = surface_sign(sheet, x, y, words)
     if special is not None:
         sheet.text(end + 2, y + 2, "(", height=2 * LETTERS)
@@ -167,7 +181,9 @@ def _draw_outside(sheet: Sheet, view: View, mirror: Mirror, body: Body) -> None:
         sheet.line(view.at([z, z], [-reach, 0.0]), THIN)
 
 
-def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: PartSpecification) -> None:
+def _dimension_mirror(
+    sheet: Sheet, view: View, mirror: Mirror, body: Body, making: PartSpecification
+) -> None:
     rim, back, outer = mirror.rim_radius_mm, body.back_mm(mirror), body.outer_radius_mm(mirror)
     edge, low, left = float(mirror.sag(rim)), view.at(0.0, -outer)[1], view.x - 46
     wide = plus_minus(f"Ø{length_words(2 * rim)}", making.diameter_tolerance_mm)
@@ -178,7 +194,9 @@ def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, maki
     if edge:
         sag = f"({length_words(abs(edge))})"  # auxiliary dimension, from surface and rim
         sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW, sag, before=True)
-        sheet.dimension(view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW, f"({length_words(back)})")
+        sheet.dimension(
+            view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW, f"({length_words(back)})"
+        )
     if body.bore_mm:
         wide_bore = body.counterbore_diameter_mm or body.bore_mm
         tip = view.at(back, wide_bore / 2)
@@ -196,7 +214,10 @@ def _bore_words(body: Body) -> list[str]:
         return [f"{body.thread}, {depth}", f"drill Ø{length_words(body.bore_mm)}"]
     bore = [f"Ø{length_words(body.bore_mm)} {depth}"]
     if body.counterbore_diameter_mm:
-        wide, deep = length_words(body.counterbore_diameter_mm), length_words(body.counterbore_depth_mm)
+        wide, deep = (
+            length_words(body.counterbore_diameter_mm),
+            length_words(body.counterbore_depth_mm),
+        )
         return [*bore, "counterbore", f"Ø{wide}, {deep} deep"]
     return [f"Ø{length_words(body.bore_mm)}", depth]
 
@@ -207,6 +228,9 @@ def surface_lines(mirror: Mirror) -> list[str]:
     if is_straight(mirror) and not mirror.is_pointed:
         return ["mirror surface", "flat"]
     if mirror.is_pointed:
-        return ["mirror surface", f"{np.degrees(np.arctan(float(mirror.slope(0.0)))):.4f}° at the tip"]
+        return [
+            "mirror surface",
+            f"{np.degrees(np.arctan(float(mirror.slope(0.0)))):.4f}° at the tip",
+        ]
     lines = ["mirror surface", f"R = {float(mirror.radius_t(0.0)):.7g}"]
     return [*lines, f"k = {conic[1]:.6g}"] if conic else [*lines, "at the vertex"]

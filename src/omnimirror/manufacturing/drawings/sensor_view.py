@@ -66,26 +66,56 @@ class Assembly(NamedTuple):
     @classmethod
     def of(cls, sensor: Sensor, body: Body, secondary_body: Body | None = None) -> Assembly:
         standing, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
-        housing, lens, base = standing.housing, standing.envelope.lens_mm - shift, standing.envelope.base_mm - shift
+        housing, lens, base = (
+            standing.housing,
+            standing.envelope.lens_mm - shift,
+            standing.envelope.base_mm - shift,
+        )
         away = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).imager_mm
         if sensor.secondary is not None:  # opposite viewing direction of the camera
             away = -away
-            lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
+            lens = (
+                -lens
+                if sensor.lens.TELECENTRIC
+                else sensor.secondary.lens_height(sensor.mirror_distance_mm)
+            )
         if isinstance(housing.shell, Dome):
-            housing = replace(housing, shell=replace(housing.shell, centre_mm=housing.shell.centres_mm[1] - shift))
+            housing = replace(
+                housing, shell=replace(housing.shell, centre_mm=housing.shell.centres_mm[1] - shift)
+            )
         if isinstance(housing.shell, FlatWindow):
-            housing = replace(housing, shell=replace(housing.shell, height_mm=housing.shell.heights_mm[0] - shift))
+            housing = replace(
+                housing, shell=replace(housing.shell, height_mm=housing.shell.heights_mm[0] - shift)
+            )
         back = body.back_mm(sensor.mirror)
-        radii = [body.outer_radius_mm(sensor.mirror), housing.camera.diameter_mm / 2 if housing.camera else 0.0]
+        radii = [
+            body.outer_radius_mm(sensor.mirror),
+            housing.camera.diameter_mm / 2 if housing.camera else 0.0,
+        ]
         wall = housing.shell if isinstance(housing.shell, Tube | Dome) else None
         radii += [] if wall is None else [wall.radii_mm[1]]
         if isinstance(housing.shell, FlatWindow):
             base = min(base, housing.shell.heights_mm[1])
-            passing = float(sensor.meridian.trace(np.array([sensor.mirror.rim_radius_mm])).last[0][0])
-            width = (housing.shell.diameter_mm or 0.0) / 2 or min(passing, MAX_WINDOW_RADIUS * max(radii))
+            passing = float(
+                sensor.meridian.trace(np.array([sensor.mirror.rim_radius_mm])).last[0][0]
+            )
+            width = (housing.shell.diameter_mm or 0.0) / 2 or min(
+                passing, MAX_WINDOW_RADIUS * max(radii)
+            )
             radii += [width]
         end = back if wall is None else shell_end_mm(sensor, wall, back)
-        return cls(sensor, body, housing, lens, lens - away, back, base, end, max(radii), secondary_body or Body())
+        return cls(
+            sensor,
+            body,
+            housing,
+            lens,
+            lens - away,
+            back,
+            base,
+            end,
+            max(radii),
+            secondary_body or Body(),
+        )
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -123,7 +153,11 @@ def draw_sensor(
     x = region.left + left + max(room[0] - scale * length, 0.0) / 2 - scale * low
     view = View(x, region.bottom + below + room[1] / 2, scale)
     sheet.text(region.left, region.top - 4, f"SENSOR  {scale_words(scale)}", height=3.5)
-    sheet.line(view.at([low - 8 / scale, max(assembly.back, assembly.imager) + 8 / scale], 0.0), THIN, CHAIN)
+    sheet.line(
+        view.at([low - 8 / scale, max(assembly.back, assembly.imager) + 8 / scale], 0.0),
+        THIN,
+        CHAIN,
+    )
     _draw_rays(sheet, view, assembly, region)
     _draw_housing(sheet, view, assembly, region)
     for outline, body in _sections(assembly):
@@ -168,7 +202,9 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
     rays = sensor.meridian.trace(x)
     heights = sensor.lens.image_height(rays.first.x, rays.first.w)
     tangent = np.tan(rays.first.theta)
-    at_lens = -tangent * sensor.lens.pupil.place(tangent)  # intersections of rays with it on both paths
+    at_lens = -tangent * sensor.lens.pupil.place(
+        tangent
+    )  # intersections of rays with it on both paths
     labels: list[tuple[float, float, str]] = []
     for i, omega in enumerate(angles):
         met, seen_at = [(float(rays.z[i]), x[i])], rays.first.x[i]
@@ -187,7 +223,11 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             points = view.at(inner[:, 0], side * inner[:, 1])
             away = np.array([-np.cos(outwards), side * np.sin(outwards)])
             outermost = float(inner[0, 1])
-            top = (region.top - 8 - points[0, 1]) if side > 0 else view.scale * (assembly.outer - outermost) + 5
+            top = (
+                (region.top - 8 - points[0, 1])
+                if side > 0
+                else view.scale * (assembly.outer - outermost) + 5
+            )
             reach = max(top, 0.0) / max(abs(away[1]), 1e-9)
             if away[0]:
                 edge = region.right if away[0] > 0 else region.left + HEADING
@@ -199,7 +239,9 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             if side > 0:
                 labels.append((*(start + away), f"{omega:.4g}°"))
     free = np.inf
-    for x_text, y_text, words in reversed(labels):  # of overlapping labels, keep the one closer to the rim
+    for x_text, y_text, words in reversed(
+        labels
+    ):  # of overlapping labels, keep the one closer to the rim
         half = sheet.text_width(words) / 2 + 0.5
         if x_text + half < free:
             sheet.text(x_text, y_text, words, color=RAY, ha="center", va="bottom")
@@ -286,7 +328,8 @@ def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None
     arcs = [np.linspace(0, end, 181) for end in foot]
     for side in (1, -1):
         inner, outer = (
-            view.at(c + r * np.cos(arc), side * r * np.sin(arc)) for c, r, arc in zip(centres, radii, arcs, strict=True)
+            view.at(c + r * np.cos(arc), side * r * np.sin(arc))
+            for c, r, arc in zip(centres, radii, arcs, strict=True)
         )
         wall = np.concatenate([inner, outer[::-1]])
         sheet.hatch(wall, spacing=1.6, rising=side < 0)
@@ -302,7 +345,9 @@ def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None
 def _draw_window(sheet: Sheet, view: View, assembly: Assembly, window: FlatWindow) -> None:
     inner, outer = window.heights_mm
     half = assembly.outer if window.diameter_mm is None else window.diameter_mm / 2
-    pane = view.at(np.array([inner, inner, outer, outer, inner]), np.array([-half, half, half, -half, -half]))
+    pane = view.at(
+        np.array([inner, inner, outer, outer, inner]), np.array([-half, half, half, -half, -half])
+    )
     sheet.hatch(pane, spacing=1.6)
     sheet.line(pane, THIN)
     size = "" if window.diameter_mm is None else f" Ø{window.diameter_mm:g} ×"
@@ -315,7 +360,9 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
     """Draw lens and imager with labels."""
     sensor = assembly.sensor
     rim, imager = sensor.mirror.rim_radius_mm, sensor.imager
-    half = rim if sensor.lens.TELECENTRIC else max(imager.height_px * imager.pitch_mm, 8 / view.scale)
+    half = (
+        rim if sensor.lens.TELECENTRIC else max(imager.height_px * imager.pitch_mm, 8 / view.scale)
+    )
     if sensor.secondary is not None and assembly.lens < assembly.back:
         half = min(half, 0.9 * max(sensor.secondary.bore_radius_mm, 1.0))  # in the bore
     top, bottom = view.at(assembly.lens, half), view.at(assembly.lens, -half)
@@ -325,7 +372,10 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
     if sensor.lens.TELECENTRIC:
         words = ["telecentric lens,", "at any distance"]
         sheet.leader(
-            view.at(assembly.lens, 0.5 * half), view.at(assembly.lens, 0.5 * half) + np.array([-6, 8]), words, False
+            view.at(assembly.lens, 0.5 * half),
+            view.at(assembly.lens, 0.5 * half) + np.array([-6, 8]),
+            words,
+            False,
         )
         return
     lens = cast(GaussianLens, sensor.lens)
@@ -344,18 +394,27 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
         sheet.leader(tip, tip + np.array([-7, 12]), about, rightwards=False)
         return
     sheet.leader(bottom, [bottom[0] + 7, _lens_words_y(sheet, view, assembly)], words)
-    sheet.leader(view.at(assembly.imager, -size), tip + np.array([-7, -20]), about, rightwards=False)
+    sheet.leader(
+        view.at(assembly.imager, -size), tip + np.array([-7, -20]), about, rightwards=False
+    )
 
 
 def lens_words(lens: GaussianLens) -> list[str]:
     """Return the label of the lens."""
-    return [f"lens f = {lens.focal_length_mm:g}, F/{lens.f_number:g}", f"focused at {lens.focus_distance_mm:g}"]
+    return [
+        f"lens f = {lens.focal_length_mm:g}, F/{lens.f_number:g}",
+        f"focused at {lens.focus_distance_mm:g}",
+    ]
 
 
 def _below_rays(view: View, assembly: Assembly, x: float) -> float:
     """Return the height on the sheet of the rim ray between mirror and lens, at x."""
     theta = assembly.sensor.meridian.theta_max
-    reach = (x - view.at(assembly.lens, 0.0)[0]) * np.tan(theta) if theta else view.scale * assembly.outer
+    reach = (
+        (x - view.at(assembly.lens, 0.0)[0]) * np.tan(theta)
+        if theta
+        else view.scale * assembly.outer
+    )
     return float(view.y - reach)
 
 
@@ -365,7 +424,9 @@ def _lens_words_y(sheet: Sheet, view: View, assembly: Assembly) -> float:
     end = view.at(assembly.lens, 0.0)[0] + 9 + width
     beside = _below_rays(view, assembly, end) - 10
     vertex = view.at(0.0, -assembly.outer)
-    return float(beside if end < vertex[0] - 2 else min(beside, vertex[1] - 11))  # or below the mirror
+    return float(
+        beside if end < vertex[0] - 2 else min(beside, vertex[1] - 11)
+    )  # or below the mirror
 
 
 def _words_floor(sheet: Sheet, view: View, assembly: Assembly) -> float:
@@ -375,7 +436,9 @@ def _words_floor(sheet: Sheet, view: View, assembly: Assembly) -> float:
     return _lens_words_y(sheet, view, assembly) - (6 if assembly.housing.rod else 0)
 
 
-def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly, allocated: Mapping[str, float]) -> None:
+def _dimension_sensor(
+    sheet: Sheet, view: View, assembly: Assembly, allocated: Mapping[str, float]
+) -> None:
     sensor = assembly.sensor
     _place_mirror(sheet, view, assembly, allocated)
     if sensor.secondary is not None:
@@ -385,15 +448,23 @@ def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly, allocated: M
     vertex, back = view.at(0.0, 0.0), view.at(assembly.back, -assembly.outer)
     if not sensor.lens.TELECENTRIC:
         lens, imager = view.at(assembly.lens, 0.0), view.at(assembly.imager, 0.0)
-        edge = view.at(assembly.lens, -assembly.outer if isinstance(assembly.housing.shell, Tube) else 0.0)
+        edge = view.at(
+            assembly.lens, -assembly.outer if isinstance(assembly.housing.shell, Tube) else 0.0
+        )
         spacing = plus_minus(length_words(-assembly.lens), allocated.get("mirror.displacement_mm"))
         sheet.dimension(edge, vertex, lower - 10, spacing)
-        sheet.dimension(imager, lens, lower - 10, length_words(assembly.lens - assembly.imager), before=True)
-        sheet.dimension(imager, back, lower - 18, f"({length_words(assembly.back - assembly.imager)})")
+        sheet.dimension(
+            imager, lens, lower - 10, length_words(assembly.lens - assembly.imager), before=True
+        )
+        sheet.dimension(
+            imager, back, lower - 18, f"({length_words(assembly.back - assembly.imager)})"
+        )
     _dimension_width(sheet, view, assembly, view.at(assembly.end, 0.0)[0] + 16)
 
 
-def _place_mirror(sheet: Sheet, view: View, assembly: Assembly, allocated: Mapping[str, float]) -> None:
+def _place_mirror(
+    sheet: Sheet, view: View, assembly: Assembly, allocated: Mapping[str, float]
+) -> None:
     """Draw position tolerances of the mirror relative to the optical axis of the lens, datum C."""
     frames = place_frames(assembly.sensor, allocated)
     if not frames:
@@ -413,8 +484,16 @@ def _place_mirror(sheet: Sheet, view: View, assembly: Assembly, allocated: Mappi
 
 def place_frames(sensor: Sensor, allocated: Mapping[str, float]) -> list[tuple[str, list[str]]]:
     """Return tolerance frames of the mirror position (ISO 1101): coaxiality and perpendicularity."""
-    away = [allocated[name] for name in ("mirror.decentre_x_mm", "mirror.decentre_y_mm") if allocated.get(name)]
-    tilts = [allocated[name] for name in ("mirror.tilt_x_deg", "mirror.tilt_y_deg") if allocated.get(name)]
+    away = [
+        allocated[name]
+        for name in ("mirror.decentre_x_mm", "mirror.decentre_y_mm")
+        if allocated.get(name)
+    ]
+    tilts = [
+        allocated[name]
+        for name in ("mirror.tilt_x_deg", "mirror.tilt_y_deg")
+        if allocated.get(name)
+    ]
     frames = [("coaxiality", [f"Ø{2 * min(away):.3g}", "C"])] if away else []
     if tilts:
         zone = 2 * sensor.mirror.rim_radius_mm * float(np.tan(np.radians(min(tilts))))
@@ -434,7 +513,9 @@ def _dimension_two(sheet: Sheet, view: View, assembly: Assembly) -> None:
         if abs(assembly.lens) > 1e-3:
             sheet.dimension(vertex, lens, lower - 10, length_words(abs(assembly.lens)))
         sheet.dimension(lens, imager, lower - 18, length_words(assembly.imager - assembly.lens))
-        sheet.dimension(view.at(low, -assembly.outer), view.at(high, 0.0), lower - 26, length_words(high - low))
+        sheet.dimension(
+            view.at(low, -assembly.outer), view.at(high, 0.0), lower - 26, length_words(high - low)
+        )
     _dimension_width(sheet, view, assembly, view.at(low, 0.0)[0] - 8)
 
 

@@ -106,7 +106,9 @@ def hatching(outline: Array, spacing: float, rising: bool = True) -> list[Array]
     turn = np.array([[1.0, 1.0], [-1.0, 1.0]] if rising else [[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
     along, across = turn @ outline.T  # lines are parallel to the first row
     lines = []
-    for at in spacing * np.arange(np.ceil(across.min() / spacing), np.floor(across.max() / spacing) + 1):
+    for at in spacing * np.arange(
+        np.ceil(across.min() / spacing), np.floor(across.max() / spacing) + 1
+    ):
         above = across > at
         cut = np.flatnonzero(above != np.roll(above, -1))
         after = (cut + 1) % len(across)
@@ -141,7 +143,9 @@ def outside_of(points: Array, boxes: Sequence[Region]) -> list[Array] | None:
     whole = len(segments)
     for box in near:
         segments = [piece for segment in segments for piece in _cut(segment, box)]
-    if len(segments) == whole and all(np.array_equal(s, points[i : i + 2]) for i, s in enumerate(segments)):
+    if len(segments) == whole and all(
+        np.array_equal(s, points[i : i + 2]) for i, s in enumerate(segments)
+    ):
         return None
     joined: list[Array] = []
     for segment in segments:
@@ -185,7 +189,9 @@ class Sheet:
 
     # -- lines -----------------------------------------------------------------------------------
 
-    def line(self, points: ArrayLike, width: float = THIN, dashes: Sequence[float] = (), **look: Any) -> None:
+    def line(
+        self, points: ArrayLike, width: float = THIN, dashes: Sequence[float] = (), **look: Any
+    ) -> None:
         """Draw a polyline through points (n, 2)."""
         x, y = np.asarray(points, dtype=float).T
         look = {"color": INK, "solid_capstyle": "round", "dash_capstyle": "butt", **look}
@@ -209,14 +215,18 @@ class Sheet:
 
     def fill(self, corners: Sequence[ArrayLike], color: str = INK) -> None:
         """Fill a polygon."""
-        self.ax.add_artist(Polygon(np.asarray(corners), closed=True, facecolor=color, edgecolor="none", zorder=3))
+        self.ax.add_artist(
+            Polygon(np.asarray(corners), closed=True, facecolor=color, edgecolor="none", zorder=3)
+        )
 
     # -- text ------------------------------------------------------------------------------------
 
     def text(self, x: float, y: float, words: str, height: float = LETTERS, **look: Any) -> None:
         """Draw text with a given capital height in mm."""
         look = {"ha": "left", "va": "baseline", "color": INK, **look}
-        self.ax.text(x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **look)
+        self.ax.text(
+            x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **look
+        )
 
     def text_width(self, words: str, height: float = LETTERS, weight: Any = "normal") -> float:
         """Return the width of a text, mm."""
@@ -237,7 +247,10 @@ class Sheet:
 
     def interrupt_lines(self) -> None:
         """Interrupt thin lines behind text (ISO 129-1)."""
-        boxes = [Region(b.left - CLEAR, b.bottom - CLEAR, b.right + CLEAR, b.top + CLEAR) for b in self.words_boxes()]
+        boxes = [
+            Region(b.left - CLEAR, b.bottom - CLEAR, b.right + CLEAR, b.top + CLEAR)
+            for b in self.words_boxes()
+        ]
         for line in list(self.ax.lines):
             if line.get_linewidth() > 1.01 * THIN * POINT:
                 continue
@@ -253,7 +266,13 @@ class Sheet:
     # -- dimensions ------------------------------------------------------------------------------
 
     def dimension(
-        self, start: ArrayLike, end: ArrayLike, at: float, words: str, upright: bool = False, before: bool = False
+        self,
+        start: ArrayLike,
+        end: ArrayLike,
+        at: float,
+        words: str,
+        upright: bool = False,
+        before: bool = False,
     ) -> None:
         """Draw a linear dimension between two points, its line at height ``at``, or at x if ``upright``.
 
@@ -301,7 +320,9 @@ class Sheet:
             rotation=90 if upright else 0,
         )
 
-    def leader(self, tip: ArrayLike, bend: ArrayLike, words: Sequence[str], rightwards: bool = True) -> None:
+    def leader(
+        self, tip: ArrayLike, bend: ArrayLike, words: Sequence[str], rightwards: bool = True
+    ) -> None:
         """Draw a leader line with an arrow and text on its horizontal part."""
         tip, bend = np.asarray(tip, dtype=float), np.asarray(bend, dtype=float)
         width = max(self.text_width(w) for w in words) + 2
@@ -315,7 +336,13 @@ class Sheet:
     # -- tables ----------------------------------------------------------------------------------
 
     def table(
-        self, x: float, top: float, width: float, rows: Sequence[Sequence[str]], title: str, note: str = ""
+        self,
+        x: float,
+        top: float,
+        width: float,
+        rows: Sequence[Sequence[str]],
+        title: str,
+        note: str = "",
     ) -> float:
         """Draw a titled table and return its lower edge; all columns except the first are right-
         aligned.
@@ -350,14 +377,19 @@ def _circle(radius: float, start: float = 0.0, end: float = 360.0) -> Array:
 
 CHARACTERISTICS: dict[str, list[Array]] = {
     "flatness": [np.array([(-1.9, -0.9), (0.7, -0.9), (1.9, 0.9), (-0.7, 0.9), (-1.9, -0.9)])],
-    "perpendicularity": [np.array([(-1.5, -1.2), (1.5, -1.2)]), np.array([(0.0, -1.2), (0.0, 1.5)])],
+    "perpendicularity": [
+        np.array([(-1.5, -1.2), (1.5, -1.2)]),
+        np.array([(0.0, -1.2), (0.0, 1.5)]),
+    ],
     "coaxiality": [_circle(0.8), _circle(1.6)],
     "surface profile": [np.concatenate([_circle(1.6, 0.0, 180.0) - [0.0, 0.7], [(1.6, -0.7)]])],
 }
 """Lines of each geometric characteristic symbol, relative to its centre."""
 
 
-def tolerance_frame(sheet: Sheet, x: float, y: float, characteristic: str, cells: Sequence[str]) -> float:
+def tolerance_frame(
+    sheet: Sheet, x: float, y: float, characteristic: str, cells: Sequence[str]
+) -> float:
     """Draw a tolerance frame (symbol, zone, datums) and return its right edge."""
     for line in CHARACTERISTICS[characteristic]:
         sheet.line(np.add(line, [x + FRAME_HEIGHT / 2, y + FRAME_HEIGHT / 2]), THIN)
@@ -377,7 +409,9 @@ def frame_width(sheet: Sheet, cells: Sequence[str]) -> float:
     return FRAME_HEIGHT + sum(max(sheet.text_width(cell) + 2 * PAD, FRAME_HEIGHT) for cell in cells)
 
 
-def datum(sheet: Sheet, foot: ArrayLike, direction: ArrayLike, letter: str, reach: float = 6.0) -> None:
+def datum(
+    sheet: Sheet, foot: ArrayLike, direction: ArrayLike, letter: str, reach: float = 6.0
+) -> None:
     """Draw a datum: a filled triangle on an edge and its letter in a box at a given distance."""
     at, along = np.asarray(foot, dtype=float), np.asarray(direction, dtype=float)
     across = np.array([-along[1], along[0]])

@@ -41,7 +41,11 @@ FORMULAS = {
 }
 WITHOUT_N = (("N Σ", "Σ"), ("(x/N)^", "x^"))
 """Simplification of the formulas for a normalization radius N of 1 mm, which is not printed."""
-SYMBOLS = {"radius_mm": "radius R", "vertex_radius_mm": "vertex radius R", "conic": "conic constant k"}
+SYMBOLS = {
+    "radius_mm": "radius R",
+    "vertex_radius_mm": "vertex radius R",
+    "conic": "conic constant k",
+}
 """Labels of parameters that occur in the formulas."""
 
 
@@ -55,7 +59,12 @@ class DataFile:
 
     @classmethod
     def of(
-        cls, part: Part, name: str, step_mm: float | None = None, step_deg: float | None = None, digits: int = 6
+        cls,
+        part: Part,
+        name: str,
+        step_mm: float | None = None,
+        step_deg: float | None = None,
+        digits: int = 6,
     ) -> DataFile:
         """Create the reference to the sag table of a part."""
         text = sag_text(part, step_mm, step_deg, digits)
@@ -63,7 +72,9 @@ class DataFile:
 
     def rows(self) -> Rows:
         first, *others = (self.checksum[i : i + 16] for i in range(0, 64, 16))
-        name = self.name if len(self.name) <= MAX_LETTERS else f"{self.name[:12]}..{self.name[-20:]}"
+        name = (
+            self.name if len(self.name) <= MAX_LETTERS else f"{self.name[:12]}..{self.name[-20:]}"
+        )
         return [("file", name), ("SHA-256", first), *(("", digits) for digits in others)]
 
 
@@ -73,7 +84,9 @@ def sag_text(part: Part, step_mm: float | None, step_deg: float | None, digits: 
     return format_table(part.sensor, x, digits, part.is_secondary)
 
 
-def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, has_data_file: bool = True) -> Rows:
+def mirror_rows(
+    mirror: Mirror, tolerances: Mapping[str, float] | None = None, has_data_file: bool = True
+) -> Rows:
     """Return the formula of a mirror, its parameters with tolerances, and the best-fit sphere.
 
     Lists of more than :data:`MAX_VALUES` values refer to the data file, or to the sag table without one.
@@ -87,18 +100,35 @@ def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, h
         rows.append(("" if i else "form", formula))
     for f in fields(cast(Any, mirror)):
         value, p = getattr(mirror, f.name), mirror.PARAMETERS[f.name]
-        name = SYMBOLS.get(f.name) or f.name.removesuffix("_mm").removesuffix("_deg").replace("_", " ")
+        name = SYMBOLS.get(f.name) or f.name.removesuffix("_mm").removesuffix("_deg").replace(
+            "_", " "
+        )
         name = "N" if f.name == "normalization_radius_mm" else name
         if isinstance(value, tuple):
             rows += _listed(name, value, allocated, has_data_file)
         elif isinstance(value, str):
             rows.append((name, value))
         elif value is not None and not (name == "N" and value == 1.0):
-            rows.append((name, plus_minus(f"{value:.9g}", _tolerance_of(f.name, allocated)) + f" {p.unit}".rstrip()))
+            rows.append(
+                (
+                    name,
+                    plus_minus(f"{value:.9g}", _tolerance_of(f.name, allocated))
+                    + f" {p.unit}".rstrip(),
+                )
+            )
     radius = float(mirror.radius_t(0.0))
     if not mirror.is_pointed and np.isfinite(radius) and not _is_said(radius, mirror):
-        rows.append(("vertex radius R", plus_minus(f"{radius:.9g}", allocated.get("mirror.vertex_radius_mm")) + " mm"))
-    if "mirror.conic" in allocated and "conic" not in mirror.PARAMETERS and (conic := conic_parameters(mirror)):
+        rows.append(
+            (
+                "vertex radius R",
+                plus_minus(f"{radius:.9g}", allocated.get("mirror.vertex_radius_mm")) + " mm",
+            )
+        )
+    if (
+        "mirror.conic" in allocated
+        and "conic" not in mirror.PARAMETERS
+        and (conic := conic_parameters(mirror))
+    ):
         rows.append(("conic constant k", plus_minus(f"{conic[1]:.6g}", allocated["mirror.conic"])))
     sphere = best_fit_sphere(mirror)
     if sphere.peak_to_valley_um < 1e-3:
@@ -116,10 +146,16 @@ def _tolerance_of(name: str, allocated: Mapping[str, float]) -> float | None:
     return allocated.get("mirror.vertex_radius_mm" if name == "radius_mm" else f"mirror.{name}")
 
 
-def _listed(name: str, values: tuple[float, ...], allocated: Mapping[str, float], has_data_file: bool) -> Rows:
+def _listed(
+    name: str, values: tuple[float, ...], allocated: Mapping[str, float], has_data_file: bool
+) -> Rows:
     if len(values) > MAX_VALUES:
         return [
-            (name, f"{len(values)} values, " + ("in the data file" if has_data_file else "see the sag table (csv)"))
+            (
+                name,
+                f"{len(values)} values, "
+                + ("in the data file" if has_data_file else "see the sag table (csv)"),
+            )
         ]
     tolerances = (allocated.get(f"mirror.{name}[{i}]") for i in range(len(values)))
     label = "c" if name == "coefficients" else name
@@ -131,7 +167,11 @@ def _listed(name: str, values: tuple[float, ...], allocated: Mapping[str, float]
 
 def _is_said(radius_mm: float, mirror: Mirror) -> bool:
     """Return whether the vertex radius is a parameter of the mirror."""
-    own = (getattr(mirror, name) for name in ("radius_mm", "vertex_radius_mm") if name in mirror.PARAMETERS)
+    own = (
+        getattr(mirror, name)
+        for name in ("radius_mm", "vertex_radius_mm")
+        if name in mirror.PARAMETERS
+    )
     return any(abs(value - radius_mm) < 1e-9 * radius_mm for value in own)
 
 
@@ -144,7 +184,9 @@ def sag_rows(part: Part, count: int) -> Rows:
     rim = part.mirror.rim_radius_mm
     steps = (a * 10.0**n for n in range(-6, 6) for a in (1, 2, 5))
     step = next(s for s in steps if rim / s <= max(count - 1, 1))
-    x = np.append(step * np.arange(int(np.ceil(rim / step - 0.2))), rim)  # omit a point close to the rim
+    x = np.append(
+        step * np.arange(int(np.ceil(rim / step - 0.2))), rim
+    )  # omit a point close to the rim
     z, slope, _ = part.mirror.profile(x)
     omega = omega_of(part.sensor, x, part.is_secondary)
     rows = zip(x, z, np.degrees(np.arctan(slope)), np.degrees(omega), strict=True)
@@ -152,7 +194,12 @@ def sag_rows(part: Part, count: int) -> Rows:
     return [
         head,
         *(
-            (length_words(a), fixed_words(b, 4), fixed_words(c, 3), fixed_words(d, 2) if np.isfinite(d) else "hidden")
+            (
+                length_words(a),
+                fixed_words(b, 4),
+                fixed_words(c, 3),
+                fixed_words(d, 2) if np.isfinite(d) else "hidden",
+            )
             for a, b, c, d in rows
         ),
     ]
@@ -162,7 +209,10 @@ def sensor_rows(sensor: Sensor) -> Rows:
     low, high = sensor.field_deg
     if sensor.lens.TELECENTRIC:
         wide = cast(Orthographic, sensor.lens)
-        lens = [("lens", f"telecentric, {wide.magnification:g} ×"), ("working F-number", f"{wide.working_f_number:g}")]
+        lens = [
+            ("lens", f"telecentric, {wide.magnification:g} ×"),
+            ("working F-number", f"{wide.working_f_number:g}"),
+        ]
         lens.append(("focus distance from the vertex", f"{wide.focus_distance_mm:g} mm"))
     else:
         near = cast(GaussianLens, sensor.lens)
@@ -182,22 +232,38 @@ def sensor_rows(sensor: Sensor) -> Rows:
 def hidden_rows(sensor: Sensor) -> Rows:
     """Return the obscurations, and the lateral shift and the transmission of a tube or dome."""
     rows: Rows = [
-        (ring.part, f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°", f"{ring.picture_percent:.2f} %")
+        (
+            ring.part,
+            f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°",
+            f"{ring.picture_percent:.2f} %",
+        )
         for ring in sensor.obscurations
     ]
-    rows.append(("total, all azimuths", "", f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %"))
+    rows.append(
+        (
+            "total, all azimuths",
+            "",
+            f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %",
+        )
+    )
     shell = sensor.obstructions.housing.shell
     if isinstance(shell, Tube | Dome):
         shell = shell.centred()
         low, high = sensor.field_deg
         for omega in sorted({min(max(90.0, low), high), high}):
             rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega])))
-            points = np.stack([rays.x, 0 * rays.x, rays.z + sensor.mirror_pose.displacement_mm], axis=-1)
-            towards = np.stack([np.sin(rays.reflected), 0 * rays.x, -np.cos(rays.reflected)], axis=-1)
+            points = np.stack(
+                [rays.x, 0 * rays.x, rays.z + sensor.mirror_pose.displacement_mm], axis=-1
+            )
+            towards = np.stack(
+                [np.sin(rays.reflected), 0 * rays.x, -np.cos(rays.reflected)], axis=-1
+            )
             passed = 100 * float(passage(shell, points, towards).passed[0])
             x, z = rays.start
             shift = float(np.hypot(x - rays.x, z - rays.z)[0])
-            rows.append((f"{shell.KIND} at Ω = {omega:.4g}°", f"shift {shift:.2f} mm", f"{passed:.1f} %"))
+            rows.append(
+                (f"{shell.KIND} at Ω = {omega:.4g}°", f"shift {shift:.2f} mm", f"{passed:.1f} %")
+            )
     return rows
 
 
@@ -232,7 +298,9 @@ def allocated_rows(tolerances: Mapping[str, float]) -> Rows:
         if name.startswith(OF_PART) or not value:
             continue
         stem, _, unit = name.rpartition("_")
-        words = ERROR_WORDS.get(name) or (stem if unit in UNITS else name).replace(".", " ").replace("_", " ")
+        words = ERROR_WORDS.get(name) or (stem if unit in UNITS else name).replace(
+            ".", " "
+        ).replace("_", " ")
         rows.append((words, f"± {value:.3g} {UNITS.get(unit, '')}".rstrip()))
     return rows
 
@@ -259,7 +327,10 @@ def indication_rows(
         ("clear aperture", f"Øe {length_words(2 * part.mirror.rim_radius_mm)}"),
         ("form", form_code(specification, tolerances)),
         ("centring to A, B", centring_code(specification, tolerances)),
-        ("imperfections", f"5/{specification.imperfections}" if specification.imperfections else f"5/ {GENERAL}"),
+        (
+            "imperfections",
+            f"5/{specification.imperfections}" if specification.imperfections else f"5/ {GENERAL}",
+        ),
         ("texture", f"Rq {texture:g} nm" if texture is not None else AS_AGREED),
         ("coating", specification.coating or AS_AGREED),
         ("edges broken", f"{specification.chamfer_mm:g} × 45°"),
@@ -270,7 +341,11 @@ def indication_rows(
 def mass_words(part: Part, specification: PartSpecification) -> str:
     """Format the mass of a mirror; empty if its density is unknown."""
     density = specification.density
-    return "" if density is None else f"{_written(density * part.body.volume_mm3(part.mirror) / 1000)} g"
+    return (
+        ""
+        if density is None
+        else f"{_written(density * part.body.volume_mm3(part.mirror) / 1000)} g"
+    )
 
 
 def _written(value: float) -> str:
@@ -293,7 +368,9 @@ def centring_code(specification: PartSpecification, tolerances: Mapping[str, flo
     """
     tilt, away = specification.centring_deg, specification.centring_mm
     tilt = _half(tolerances, "mirror.tilt_x_deg", "mirror.tilt_y_deg") if tilt is None else tilt
-    away = _half(tolerances, "mirror.decentre_x_mm", "mirror.decentre_y_mm") if away is None else away
+    away = (
+        _half(tolerances, "mirror.decentre_x_mm", "mirror.decentre_y_mm") if away is None else away
+    )
     if tilt is None and away is None:
         return f"4/ {GENERAL}"
     angle = "-" if tilt is None else f"{60 * tilt:.3g}'"

@@ -60,7 +60,9 @@ def _segments(mirror: Mirror, tolerance_um: float) -> int:
     least = 64
     if reach <= 1e-3 * tolerance_um:
         return least
-    return max(least, 4 * int(np.ceil(np.pi / np.arccos(max(1 - 1e-3 * tolerance_um / reach, 0.0)) / 4)))
+    return max(
+        least, 4 * int(np.ceil(np.pi / np.arccos(max(1 - 1e-3 * tolerance_um / reach, 0.0)) / 4))
+    )
 
 
 def turned(profile: Array, segments: int, closed: bool = False) -> tuple[Array, Indices]:
@@ -82,11 +84,18 @@ def turned(profile: Array, segments: int, closed: bool = False) -> tuple[Array, 
     below = segments * np.arange(len(rings))[:, None]
     above = np.roll(below, -1, axis=0) if closed else below[1:]
     below = below if closed else below[:-1]
-    sides = [(below + here, below + there, above + there), (below + here, above + there, above + here)]
-    triangles = [np.stack(np.broadcast_arrays(*corners), axis=-1).reshape(-1, 3) for corners in sides]
+    sides = [
+        (below + here, below + there, above + there),
+        (below + here, above + there, above + here),
+    ]
+    triangles = [
+        np.stack(np.broadcast_arrays(*corners), axis=-1).reshape(-1, 3) for corners in sides
+    ]
     if not closed:
         first, last = len(vertices), len(vertices) + 1
-        vertices = np.concatenate([vertices, [[0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]]])
+        vertices = np.concatenate(
+            [vertices, [[0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]]]
+        )
         end = segments * (len(rings) - 1)
         triangles += [
             np.stack([np.full(segments, first), there, here], axis=-1),
@@ -109,9 +118,14 @@ def mesh_deviation_um(mirror: Mirror, vertices: Array, triangles: Indices, body:
     slot = (azimuth > -1e-6) & (azimuth < 1.001 * step)
     corners = vertices[triangles[(on_surface & (slot | (r == 0)))[triangles].all(axis=1)]]
     parts = 12
-    weights = np.array([(i, j, parts - i - j) for i in range(parts + 1) for j in range(parts + 1 - i)]) / parts
+    weights = (
+        np.array([(i, j, parts - i - j) for i in range(parts + 1) for j in range(parts + 1 - i)])
+        / parts
+    )
     points = np.einsum("wc,kcd->kwd", weights, corners)
-    return float(np.abs(deviation_um(mirror, np.hypot(points[..., 0], points[..., 1]), points[..., 2])).max())
+    return float(
+        np.abs(deviation_um(mirror, np.hypot(points[..., 0], points[..., 1]), points[..., 2])).max()
+    )
 
 
 def write_mesh(path: Path, mirror: Mirror, body: Body, tolerance_um: float) -> tuple[float, int]:

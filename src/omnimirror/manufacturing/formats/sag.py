@@ -41,7 +41,10 @@ CLOSE = 1e-9
 
 
 def table_points(
-    sensor: Sensor, step_mm: float | None = None, step_deg: float | None = None, secondary: bool = False
+    sensor: Sensor,
+    step_mm: float | None = None,
+    step_deg: float | None = None,
+    secondary: bool = False,
 ) -> Array:
     """Return radii (n,) in mm at steps of ``step_mm``, or at steps of ``step_deg`` in field angle.
 
@@ -64,7 +67,9 @@ def table_points(
         raise InvalidParameter("step_mm and step_deg must not be given together")
     if step_deg is not None:
         omega = np.append(_steps("step_deg", step_deg, low, high), high)
-        rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(np.minimum(omega, high))))
+        rays = sensor.meridian.trace(
+            sensor.meridian.x_from_omega(np.radians(np.minimum(omega, high)))
+        )
         x = rays.first.x if secondary else rays.x
         x = np.concatenate([[0.0], x[x > CLOSE * rim], [rim]])
     else:
@@ -78,7 +83,9 @@ def _steps(name: str, step: float, low: float, high: float) -> Array:
     if not (step > 0 and np.isfinite(step)):
         raise InvalidParameter(f"{name} must be positive; got {step:g}")
     if (high - low) / step > MAX_ROWS:
-        raise InvalidParameter(f"{name} must result in at most {MAX_ROWS} rows; got {step:g}; use a larger value")
+        raise InvalidParameter(
+            f"{name} must result in at most {MAX_ROWS} rows; got {step:g}; use a larger value"
+        )
     return low + step * np.arange(int((high - low) / step) + 1, dtype=float)
 
 
@@ -137,7 +144,10 @@ def format_table(sensor: Sensor, x_mm: ArrayLike, digits: int = 6, secondary: bo
     rows = zip(*(columns[name] for name in COLUMNS), strict=True)
     lines = [f"# {line}" for line in _head(sensor, len(columns["x_mm"]), secondary)]
     lines.append(",".join(COLUMNS))
-    lines += [",".join(f"{round(v, d) + 0.0:.{d}f}" for v, d in zip(row, decimals, strict=True)) for row in rows]
+    lines += [
+        ",".join(f"{round(v, d) + 0.0:.{d}f}" for v, d in zip(row, decimals, strict=True))
+        for row in rows
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -175,7 +185,10 @@ def _place_lines(sensor: Sensor, secondary: bool) -> list[str]:
     if sensor.secondary is None:
         return []
     role = "secondary" if secondary else "primary"
-    return [f'role = "{role}"', f"secondary_distance_mm = {sensor.secondary.distance_mm!r}  # between the vertices"]
+    return [
+        f'role = "{role}"',
+        f"secondary_distance_mm = {sensor.secondary.distance_mm!r}  # between the vertices",
+    ]
 
 
 def _vertex_lines(mirror: Mirror) -> list[str]:
@@ -201,7 +214,9 @@ def grid_axis(mirror: Mirror, points: int) -> Array:
         If the number of points is even or not between 9 and 2049; one point must be on the axis.
     """
     if not (points == int(points) and points % 2 and 9 <= points <= 2049):
-        raise InvalidParameter(f"grid_points must be an odd number between 9 and 2049; got {points}")
+        raise InvalidParameter(
+            f"grid_points must be an odd number between 9 and 2049; got {points}"
+        )
     half = points // 2
     return mirror.rim_radius_mm / (half - MARGIN) * np.arange(-half, half + 1, dtype=float)
 

@@ -24,7 +24,11 @@ def solid_of(mirror: Mirror, body: Body) -> tuple[Any, ProfileCurve]:
 
     The half-section in the plane y = 0 is revolved about z.
     """
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
+    from OCP.BRepBuilderAPI import (
+        BRepBuilderAPI_MakeEdge,
+        BRepBuilderAPI_MakeFace,
+        BRepBuilderAPI_MakeWire,
+    )
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
     from OCP.gp import gp
 
@@ -58,7 +62,9 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurv
         Interface_Static.SetCVal_s("write.step.unit", "MM")
         writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
         header = APIHeaderSection_MakeHeader(writer.Model())
-        header.SetDescriptionValue(1, TCollection_HAsciiString(step_string(_description(mirror, body, curve), 1000)))
+        header.SetDescriptionValue(
+            1, TCollection_HAsciiString(step_string(_description(mirror, body, curve), 1000))
+        )
         header.SetName(TCollection_HAsciiString(step_string(name)))
         header.SetAuthorValue(1, TCollection_HAsciiString(""))
         header.SetOrganizationValue(1, TCollection_HAsciiString(""))
@@ -70,7 +76,9 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurv
 
 
 def _description(mirror: Mirror, body: Body, curve: ProfileCurve) -> str:
-    deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
+    deviation = (
+        f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
+    )
     return f"{mirror.KIND} mirror, meridian: {curve.words}, {deviation}; {body.words()}; z from lens to mirror, mm"
 
 
@@ -90,7 +98,10 @@ def _edge(curve: ProfileCurve) -> Any:
         return BRepBuilderAPI_MakeEdge(*ends).Edge()
     if curve.kind == "arc":
         # angles from -z towards x
-        circle = gp_Circ(gp_Ax2(_point(0.0, curve.radius_mm), gp_Dir(0, -1, 0), gp_Dir(0, 0, -1)), curve.radius_mm)
+        circle = gp_Circ(
+            gp_Ax2(_point(0.0, curve.radius_mm), gp_Dir(0, -1, 0), gp_Dir(0, 0, -1)),
+            curve.radius_mm,
+        )
         angles = [float(np.arctan2(x, curve.radius_mm - z)) for x, z in curve.ends]
         return BRepBuilderAPI_MakeEdge(circle, *angles).Edge()
     return BRepBuilderAPI_MakeEdge(_spline(curve)).Edge()

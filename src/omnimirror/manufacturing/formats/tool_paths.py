@@ -212,7 +212,11 @@ def _contacts(tool: Tool, x: Array, slope: Array, curvature: Array) -> Array:
     A chord of length c deviates by c^2 / (8 R) from a curve of radius R. The offset curve has the
     radius R + r, and its arcs are longer by (R + r) / R. A pointed apex is an ordinary point.
     """
-    per_arc = np.sqrt(np.abs(curvature) * np.abs(1 + tool.radius_mm * curvature) / (8e-6 * SHARE * tool.tolerance_nm))
+    per_arc = np.sqrt(
+        np.abs(curvature)
+        * np.abs(1 + tool.radius_mm * curvature)
+        / (8e-6 * SHARE * tool.tolerance_nm)
+    )
     total, share = step_density(x, np.sqrt(1 + slope**2) * per_arc)
     steps: Array = np.interp(np.linspace(0.0, 1.0, max(total, MIN_STEPS) + 1), share, x)
     return steps
@@ -315,10 +319,15 @@ def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
         "\t".join(("contact_mm", "tool_x_mm", "tool_z_mm")),
     ]
     rows = zip(path.contact_mm, path.x_mm, path.z_mm, strict=True)
-    return "\n".join([*head, *("\t".join(f"{v + 0.0:.{digits}f}" for v in row) for row in rows)]) + "\n"
+    return (
+        "\n".join([*head, *("\t".join(f"{v + 0.0:.{digits}f}" for v in row) for row in rows)])
+        + "\n"
+    )
 
 
-def write_tool_path(path: Path, mirror: Mirror, tool: Tool, name: str, digits: int, listed: bool) -> ToolPath:
+def write_tool_path(
+    path: Path, mirror: Mirror, tool: Tool, name: str, digits: int, listed: bool
+) -> ToolPath:
     """Write G-code, or the list of points if ``listed``."""
     way = tool_path(mirror, tool, digits=digits)
     text = (format_points if listed else format_gcode)(way, name, digits)

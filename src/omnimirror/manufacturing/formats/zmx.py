@@ -86,7 +86,9 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
     ]
     way = "secondary, mirror" if two else "mirror"
     direction = (
-        "angle of the ray to +z, after surface 3" if two else "180 deg - angle of the ray to +z, after surface 2"
+        "angle of the ray to +z, after surface 3"
+        if two
+        else "180 deg - angle of the ray to +z, after surface 2"
     )
     rays = _field_rays(sensor)
     angles = _listed_deg(rays.reflected)
@@ -109,7 +111,9 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         *(
             []
             if sensor.lens.IS_THIN
-            else ["The lens is ideal, with the focal length, entrance pupil and focus of the sensor."]
+            else [
+                "The lens is ideal, with the focal length, entrance pupil and focus of the sensor."
+            ]
         ),
     ]
 
@@ -176,7 +180,9 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         stop.append(f"  PARM 1 {_number(focal)}")
     mirror, folds = aspheres[0], []
     if second is not None:
-        folds = [_mirror("secondary", aspheres[1], -second.distance_mm, second.mirror.rim_radius_mm)]
+        folds = [
+            _mirror("secondary", aspheres[1], -second.distance_mm, second.mirror.rim_radius_mm)
+        ]
         mirror = aspheres[0].reversed()
     last = _mirror("mirror", mirror, 0.0, sensor.mirror.rim_radius_mm)
     end = ["  COMM directions", *_shape(mirror), "  DISZ 0", _diameter(sensor.mirror.rim_radius_mm)]

@@ -76,7 +76,9 @@ class Alignment:
     is_centred_by_outline: bool = False
 
 
-def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radius_mm: float = 0.0) -> Alignment:
+def aligned(
+    mirror: Mirror, points: Array, source: str = "the cloud", probe_radius_mm: float = 0.0
+) -> Alignment:
     """Align points (n, 3) in mm with a mirror by robust least squares.
 
     For points in one plane through the axis (a profile), only motions in that plane are estimated.
@@ -108,7 +110,9 @@ def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radi
     vertex = start + middle * ([1.0, -1.0, -1.0] if is_inverted else 1.0)
     allowed = [0, 2, 4] if line is not None else [0, 1, 2, 3, 4]
     fit = _Sphere if _is_spherical(mirror) else _General
-    pose, result = fit.aligned(mirror, _Pose(upright - vertex, np.eye(3), vertex), allowed, source, probe_radius_mm)
+    pose, result = fit.aligned(
+        mirror, _Pose(upright - vertex, np.eye(3), vertex), allowed, source, probe_radius_mm
+    )
     for _ in range(CENTRINGS if probe_radius_mm else 0):
         centres = (upright - pose.vertex) @ pose.turn.T
         touched = fit.touched(mirror, centres, probe_radius_mm, result)
@@ -116,7 +120,9 @@ def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radi
     p = pose.points
     distance, _, visible = distances(mirror, p)
     _check_likeness(mirror, points, distance, visible, source, is_profile=line is not None)
-    if line is not None and not (p[:, 0].min() < -BOTH_SIDES * rim and p[:, 0].max() > BOTH_SIDES * rim):
+    if line is not None and not (
+        p[:, 0].min() < -BOTH_SIDES * rim and p[:, 0].max() > BOTH_SIDES * rim
+    ):
         raise OmnimirrorError(
             f"{source} must cover both sides of the axis; got a profile from {p[:, 0].min():.4g} to "
             f"{p[:, 0].max():.4g} mm"
@@ -240,7 +246,9 @@ class _General:
         _, slope, _ = mirror.profile(foot)
         up = 1 / np.sqrt(1 + slope**2)
         outwards = centres[:, :2] / np.maximum(r, 1e-300)[:, None]
-        return centres + radius * np.concatenate([-(slope * up)[:, None] * outwards, up[:, None]], axis=1)
+        return centres + radius * np.concatenate(
+            [-(slope * up)[:, None] * outwards, up[:, None]], axis=1
+        )
 
 
 class _Sphere:
@@ -253,7 +261,9 @@ class _Sphere:
         """Move the vertex of the best-fit sphere to the origin; keep the axes unless the outline is
         decentred.
         """
-        nominal = float(mirror.radius_t(0.0)) + probe_radius_mm  # radius of the sphere of probe centres
+        nominal = (
+            float(mirror.radius_t(0.0)) + probe_radius_mm
+        )  # radius of the sphere of probe centres
         centre, radius, sigma, near = _fitted_sphere(pose.points, nominal)
         if abs(radius / nominal - 1) > SAME_RADIUS and abs(radius - nominal) > CERTAIN * sigma:
             raise OmnimirrorError(
@@ -270,7 +280,9 @@ class _Sphere:
                 break
             by_outline, middle = True, np.array([0.0, 0.0, radius])
             pose = pose.shifted(-middle).turned(about).shifted(middle)
-        free = np.array([[-radius, 0, 0, 0, mirror.rim_radius_mm], [0, radius, 0, mirror.rim_radius_mm, 0]])
+        free = np.array(
+            [[-radius, 0, 0, 0, mirror.rim_radius_mm], [0, radius, 0, mirror.rim_radius_mm, 0]]
+        )
         free = free / np.linalg.norm(free, axis=1)[:, None]
         return pose, _Found(free, radius, sigma, by_outline)
 
@@ -306,7 +318,11 @@ def _fitted_sphere(points: Array, nominal: float) -> tuple[Array, float, float, 
     sign = np.sign(nominal)
     middle = np.median(points, axis=0)
     p = points - middle
-    centre = np.array([0.0, 0.0, abs(nominal)]) * sign + [0, 0, np.quantile(sign * p[:, 2], 0.02) * sign]
+    centre = np.array([0.0, 0.0, abs(nominal)]) * sign + [
+        0,
+        0,
+        np.quantile(sign * p[:, 2], 0.02) * sign,
+    ]
     radius, away, size = abs(nominal), np.zeros(len(p)), 1.0
     weight = np.ones(len(p))
     for _ in range(ROUNDS):
@@ -365,7 +381,13 @@ def _settled(mirror: Mirror, pose: _Pose, allowed: list[int]) -> tuple[_Pose, Ar
             break
         on_mirror = pose.points - (distance / normal[:, 2])[:, None] * [0.0, 0.0, 1.0]
         step, free, weight[visible] = _step(
-            on_mirror[visible], distance[visible], normal[visible], weight[visible], rim, allowed, mirror.is_pointed
+            on_mirror[visible],
+            distance[visible],
+            normal[visible],
+            weight[visible],
+            rim,
+            allowed,
+            mirror.is_pointed,
         )
         pose = pose.moved(step, rim)
         if np.abs(step).max() < DONE * rim:
@@ -377,13 +399,17 @@ def _inliers(mirror: Mirror, points: Array) -> Array:
     """Return points (m, 3) near the mirror, including points beyond its rim."""
     distance, _, visible = distances(mirror, points)
     away = np.abs(distance - np.median(distance[visible]))
-    return points[away < OUTLIER * max(_scatter(distance[visible]), 1e-9 * mirror.rim_radius_mm) + 1e-3]
+    return points[
+        away < OUTLIER * max(_scatter(distance[visible]), 1e-9 * mirror.rim_radius_mm) + 1e-3
+    ]
 
 
 def _centring(points: Array, free: Array, rim: float) -> Array:
     """Return the undetermined motion (6,) that centres the outline of the points about the axis."""
     z = float(points[_edge(points), 2].mean()) / rim
-    shifts = np.stack([free[:, 0] + z * free[:, 4], free[:, 1] - z * free[:, 3]])  # shifts of the edge by each motion
+    shifts = np.stack(
+        [free[:, 0] + z * free[:, 4], free[:, 1] - z * free[:, 3]]
+    )  # shifts of the edge by each motion
     step = np.zeros(6)
     step[:5] = -np.linalg.lstsq(shifts, outline_centre(points), rcond=None)[0] @ free
     return step
@@ -399,7 +425,9 @@ def outline_centre(points: Array) -> Array:
     a = np.column_stack([2 * edge, np.ones(len(edge))])
     weight = np.ones(len(edge))
     for _ in range(ROUNDS):
-        x, y, power = np.linalg.lstsq(weight[:, None] * a, weight * (edge**2).sum(axis=1), rcond=None)[0]
+        x, y, power = np.linalg.lstsq(
+            weight[:, None] * a, weight * (edge**2).sum(axis=1), rcond=None
+        )[0]
         outside = np.hypot(*(edge - [x, y]).T) > np.sqrt(max(power + x * x + y * y, 0.0))
         weight = np.where(outside, 1.0, INSIDE)
     return np.array([x, y])
@@ -433,7 +461,13 @@ def tangents(points: Array, normal: Array, rim: float) -> Array:
 
 
 def _step(
-    p: Array, distance: Array, normal: Array, weight: Array, rim: float, allowed: list[int], is_pointed: bool
+    p: Array,
+    distance: Array,
+    normal: Array,
+    weight: Array,
+    rim: float,
+    allowed: list[int],
+    is_pointed: bool,
 ) -> tuple[Array, Array, Array]:
     """Return the motion (x, y, z, rotations) in mm that reduces distances, undetermined motions, and weights.
 
@@ -451,7 +485,10 @@ def _step(
     def without(values: Array) -> Array:
         return values - symmetric @ (symmetric.T @ values)
 
-    left, basis = without(weight * distance), without(weight[:, None] * tangents(p, normal, rim)[:, allowed])
+    left, basis = (
+        without(weight * distance),
+        without(weight[:, None] * tangents(p, normal, rim)[:, allowed]),
+    )
     u, size, v = np.linalg.svd(basis, full_matrices=False)
     known = size > UNDETERMINED * size[0]
     amount = v[known].T @ ((u[:, known].T @ left) / size[known])
@@ -488,13 +525,17 @@ def _upright(mirror: Mirror, points: Array, source: str) -> tuple[Array, bool, A
     is_inverted = bool(bowl[3] * np.sign(deep) < 0)
     if is_inverted:
         points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
-    if not abs(bowl[3]) > 1e-9 * abs(deep) / rim**2 + 3 * _scatter(left) / (np.sqrt(len(points)) * rim**2):
+    if not abs(bowl[3]) > 1e-9 * abs(deep) / rim**2 + 3 * _scatter(left) / (
+        np.sqrt(len(points)) * rim**2
+    ):
         raise OmnimirrorError(
             f"{source} is flat, and the mirror is {abs(deep):.4g} mm deep; check the column of heights"
         )
     x, y = np.clip(-bowl[1:3] / (2 * bowl[3]), -rim, rim)
     away = np.hypot(points[:, 0] - x, points[:, 1] - y)
-    near = away < max(0.1 * rim, float(np.partition(away, min(9, len(away) - 1))[min(9, len(away) - 1)]))
+    near = away < max(
+        0.1 * rim, float(np.partition(away, min(9, len(away) - 1))[min(9, len(away) - 1)])
+    )
     return points, is_inverted, np.array([x, y, float(np.median(points[near, 2]))])
 
 
@@ -502,7 +543,9 @@ def _check_extent(mirror: Mirror, points: Array, source: str, is_profile: bool) 
     """Raise an error if the extent of the points suggests a wrong unit or insufficient coverage."""
     size = np.ptp(points[:, :2], axis=0)
     if not np.ptp(points, axis=0).any():
-        raise OmnimirrorError(f"{source} must contain points all over the mirror; got one single point")
+        raise OmnimirrorError(
+            f"{source} must contain points all over the mirror; got one single point"
+        )
     low, high = (np.quantile(points[:, :2], q, axis=0) for q in (0.01, 0.99))
     width, deepness = float((high - low).max()), float(abs(mirror.sag(mirror.rim_radius_mm)))
     sizes = (

@@ -51,7 +51,10 @@ class ForbesAsphere:
             If the radii are not numbers.
         """
         x = numbers("x_mm", x_mm)
-        return _sphere(x, self.radius_mm) + _terms(x, self.radius_mm, self.rim_radius_mm, len(self.um)) @ self.um / UM
+        return (
+            _sphere(x, self.radius_mm)
+            + _terms(x, self.radius_mm, self.rim_radius_mm, len(self.um)) @ self.um / UM
+        )
 
 
 def forbes_asphere(mirror: Mirror, rms_residual_um: float = LEFT_UM) -> ForbesAsphere:

@@ -150,7 +150,9 @@ class FormError:
         rim = self.mirror.rim_radius_mm
         x, y = (row(name, value) / rim for name, value in (("x_mm", x_mm), ("y_mm", y_mm)))
         if len(x) != len(y):
-            raise InvalidParameter(f"x_mm and y_mm must have equal lengths; got {len(x)} and {len(y)}")
+            raise InvalidParameter(
+                f"x_mm and y_mm must have equal lengths; got {len(x)} and {len(y)}"
+            )
         inside = np.hypot(x, y) <= 1 + 1e-9
         values = zernike_values(x[inside], y[inside], [term.noll for term in self.terms])
         form = np.full(len(x), np.nan)
@@ -164,7 +166,9 @@ class FormError:
         x, y = np.meshgrid(axis, axis)
         inside = x**2 + y**2 <= 1
         terms = [term.noll for term in self.terms]
-        values = zernike_values(x[inside], y[inside], terms) * np.array([term.um for term in self.terms])
+        values = zernike_values(x[inside], y[inside], terms) * np.array(
+            [term.um for term in self.terms]
+        )
         about = np.array([noll(j)[1] == 0 for j in terms])
         return values.sum(axis=1), values[:, about].sum(axis=1)
 
@@ -198,7 +202,9 @@ class FormError:
     def vertex_um(self) -> float:
         """Axial displacement of the vertex by the rotationally symmetric terms."""
         about = [term for term in self.terms if noll(term.noll)[1] == 0]
-        return float((zernike_values([0.0], [0.0], [t.noll for t in about]) @ [t.um for t in about])[0])
+        return float(
+            (zernike_values([0.0], [0.0], [t.noll for t in about]) @ [t.um for t in about])[0]
+        )
 
     def corrected(self) -> SampledProfile:
         """Return the as-built mirror with its rotationally symmetric terms.
@@ -212,10 +218,14 @@ class FormError:
         """
         mirror, about = self.mirror, [term for term in self.terms if noll(term.noll)[1] == 0]
         x = np.linspace(0.0, mirror.rim_radius_mm, PROFILE_POINTS)
-        values = zernike_values(x / mirror.rim_radius_mm, 0 * x, [t.noll for t in about]) @ [t.um for t in about]
+        values = zernike_values(x / mirror.rim_radius_mm, 0 * x, [t.noll for t in about]) @ [
+            t.um for t in about
+        ]
         z = mirror.sag(x) + (values - self.vertex_um) / UM
         apex = "pointed" if mirror.is_pointed else "smooth"
-        return SampledProfile(tuple(map(float, x)), tuple(map(float, z)), apex=apex, uncertainty_um=0.0)
+        return SampledProfile(
+            tuple(map(float, x)), tuple(map(float, z)), apex=apex, uncertainty_um=0.0
+        )
 
 
 @checked
@@ -281,7 +291,9 @@ def form_error(
         order = whole("order", order, 2, ORDERS[-1])
     if are_departures and (is_profile or probe_radius_mm):
         what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
-        raise InvalidParameter(f"are_departures needs departures (x, y, departure) of the surface itself; got {what}")
+        raise InvalidParameter(
+            f"are_departures needs departures (x, y, departure) of the surface itself; got {what}"
+        )
     if is_profile:
         points = np.insert(points, 1, 0.0, axis=1)
     if not is_profile:
@@ -307,13 +319,18 @@ def form_error(
     while True:
         fit = equations.of_profile() if place.is_profile else equations.chosen(order)
         left = part.distance - part.modelled(fit.terms, fit.values)
-        far = np.abs(left) > max(OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(left))), MIN_OUTLIER_MM)
+        far = np.abs(left) > max(
+            OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(left))), MIN_OUTLIER_MM
+        )
         if not far.any():
             break
         equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
     noise, shared = _noise(part, left, len(fit.terms))
     sigmas = _sigmas(part, fit, left, noise)
-    amounts = {j: (UM * v, UM * s) for j, v, s in zip(fit.terms, fit.values.tolist(), sigmas.tolist(), strict=True)}
+    amounts = {
+        j: (UM * v, UM * s)
+        for j, v, s in zip(fit.terms, fit.values.tolist(), sigmas.tolist(), strict=True)
+    }
     rim, heights = mirror.rim_radius_mm, UM * part.distance / part.up
     if sphere is not None:
         amounts = sphere.added_to(amounts)
@@ -368,7 +385,9 @@ class _Sphere(NamedTuple):
         """Return heights (n,) in mm above the nominal sphere at normalised radii (n,); ``more`` is
         added to R.
         """
-        return _sphere_sag(rho * self.rim, self.radius + more) - _sphere_sag(rho * self.rim, self.nominal)
+        return _sphere_sag(rho * self.rim, self.radius + more) - _sphere_sag(
+            rho * self.rim, self.nominal
+        )
 
     def less(self, heights: _Heights) -> _Heights:
         """Convert distances from the nominal sphere to distances from the best-fit sphere."""
@@ -384,9 +403,13 @@ class _Sphere(NamedTuple):
         terms = _terms(0, ABOUT_AXIS[-1])
         rho = np.sin(np.linspace(0.0, np.pi / 2, PROFILE_POINTS))
         values = zernike_values(rho, 0 * rho, terms)
-        right = np.stack([self.departure(rho), self.departure(rho, self.sigma) - self.departure(rho)], axis=1)
+        right = np.stack(
+            [self.departure(rho), self.departure(rho, self.sigma) - self.departure(rho)], axis=1
+        )
         result = UM * np.linalg.lstsq(values, right, rcond=None)[0]
-        result[0] -= result[:, 0] @ zernike_values(np.zeros(1), np.zeros(1), terms)[0] * np.array([1.0, 0.0])
+        result[0] -= (
+            result[:, 0] @ zernike_values(np.zeros(1), np.zeros(1), terms)[0] * np.array([1.0, 0.0])
+        )
         added = dict(amounts)
         for j, (um, sigma) in zip(terms, result.tolist(), strict=True):
             before, spread = added.get(j, (0.0, 0.0))
@@ -416,7 +439,9 @@ class _Heights(NamedTuple):
     def of(cls, mirror: Mirror, place: Alignment) -> _Heights:
         rim = mirror.rim_radius_mm
         _, normal, _ = distances(mirror, place.points)
-        return cls(place.points[:, 0] / rim, place.points[:, 1] / rim, place.distance_mm, normal[:, 2])
+        return cls(
+            place.points[:, 0] / rim, place.points[:, 1] / rim, place.distance_mm, normal[:, 2]
+        )
 
     def those(self, retained: NDArray[np.bool_]) -> _Heights:
         return _Heights(*(column[retained] for column in self))
@@ -481,7 +506,9 @@ class _Gram:
         if best is None:
             valid = [n for n in ORDERS if self._fit(n, n) is not None]
             words = f"; use order {valid[-1]}" if valid else ": gaps are too large"
-            raise OmnimirrorError(f"the points do not determine terms up to order {order or ORDERS[0]}{words}")
+            raise OmnimirrorError(
+                f"the points do not determine terms up to order {order or ORDERS[0]}{words}"
+            )
         again = self._best((best.order, n) for n in ABOUT_AXIS if n >= best.order)
         return again or best
 
@@ -525,7 +552,9 @@ class _Gram:
     def _price(self, fit: _Fit) -> float:
         """Return the Schwarz criterion (BIC) of a fit."""
         at = np.searchsorted(self.terms, fit.terms)
-        left = max(self.squares - float(fit.values @ self.right[at]), ROUNDING * self.squares, 1e-300)
+        left = max(
+            self.squares - float(fit.values @ self.right[at]), ROUNDING * self.squares, 1e-300
+        )
         return self.count * float(np.log(left)) + len(fit.terms) * float(np.log(self.count))
 
 
@@ -536,7 +565,10 @@ def _terms(order: int, about_axis: int) -> list[int]:
     [1, 2, 3, 4, 5, 6, 11]
     """
     return sorted(
-        {*range(1, zernike_terms(order) + 1), *(zernike_terms(n - 1) + 1 for n in range(2, about_axis + 1, 2))}
+        {
+            *range(1, zernike_terms(order) + 1),
+            *(zernike_terms(n - 1) + 1 for n in range(2, about_axis + 1, 2)),
+        }
     )
 
 
@@ -559,7 +591,9 @@ def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
     Residuals within one cell of the mirror may be correlated; those of different cells are
     independent. The uncertainty is at least that of uncorrelated noise.
     """
-    ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(int)  # rings of equal area
+    ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(
+        int
+    )  # rings of equal area
     sector = (np.floor((np.arctan2(part.y, part.x) / (2 * np.pi)) * CELLS) % CELLS).astype(int)
     cell = ring * CELLS + sector
     scores = np.zeros((CELLS * CELLS // 2, len(fit.terms)))

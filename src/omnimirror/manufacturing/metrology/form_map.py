@@ -38,7 +38,9 @@ def plot_form_error(form: FormError) -> Figure:
     height[inside] = form.at(x[inside], y[inside])
     height -= np.nanmean(height)
     extent = (axis[0], axis[-1], axis[0], axis[-1])
-    imaged = fitted.imshow(height, origin="lower", extent=extent, cmap="RdBu_r", **_limits(height[inside]))
+    imaged = fitted.imshow(
+        height, origin="lower", extent=extent, cmap="RdBu_r", **_limits(height[inside])
+    )
     figure.colorbar(imaged, ax=fitted, label="um")
     fitted.set_title(f"form: {form.peak_to_valley_um:.3g} um PV, {form.rms_um:.3g} um rms")
     some = slice(None, None, max(len(form.x_mm) // MAX_DOTS, 1))
@@ -54,7 +56,9 @@ def plot_form_error(form: FormError) -> Figure:
         **_limits(residual),
     )
     figure.colorbar(dots, ax=left, label="um")
-    left.set_title(f"residual: noise {form.noise_um:.2g} um, unexplained {form.unexplained_um:.2g} um")
+    left.set_title(
+        f"residual: noise {form.noise_um:.2g} um, unexplained {form.unexplained_um:.2g} um"
+    )
     for ax in (fitted, left):
         ax.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", xlim=extent[:2], ylim=extent[2:])
         ax.grid(visible=False)
@@ -71,9 +75,19 @@ def _limits(values: Array) -> dict[str, float]:
 def _draw_meridian(ax: Axes, form: FormError) -> None:
     r = np.linspace(0.0, form.mirror.rim_radius_mm, GRID)
     around = np.linspace(0.0, 2 * np.pi, 73)[:-1, None]
-    height = form.at((r * np.cos(around)).ravel(), (r * np.sin(around)).ravel()).reshape(len(around), -1)
+    height = form.at((r * np.cos(around)).ravel(), (r * np.sin(around)).ravel()).reshape(
+        len(around), -1
+    )
     height = height - height.mean()
-    ax.fill_between(r, height.min(axis=0), height.max(axis=0), color=GREY, alpha=0.3, linewidth=0, label="all azimuths")
+    ax.fill_between(
+        r,
+        height.min(axis=0),
+        height.max(axis=0),
+        color=GREY,
+        alpha=0.3,
+        linewidth=0,
+        label="all azimuths",
+    )
     ax.plot(r, height.mean(axis=0), color=INK, label="symmetric part")
     ax.set(xlabel="distance from the axis, mm", ylabel="form, um")
     ax.set_title("meridian")
@@ -81,10 +95,14 @@ def _draw_meridian(ax: Axes, form: FormError) -> None:
 
 
 def _draw_terms(ax: Axes, form: FormError) -> None:
-    ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))[:MAX_BARS]
+    ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))[
+        :MAX_BARS
+    ]
     places = np.arange(len(ranked))
     colours = [PALETTE[0] if noll(t.noll)[1] == 0 else PALETTE[1] for t in ranked]
-    ax.barh(places, [t.um for t in ranked], xerr=[t.sigma_um for t in ranked], color=colours, ecolor=INK)
+    ax.barh(
+        places, [t.um for t in ranked], xerr=[t.sigma_um for t in ranked], color=colours, ecolor=INK
+    )
     ax.set_yticks(places, [f"{t.noll} {t.name}" for t in ranked])
     ax.invert_yaxis()
     ax.set(xlabel="um rms")

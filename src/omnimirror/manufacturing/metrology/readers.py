@@ -21,7 +21,20 @@ Unit = Literal["mm", "um", "m", "inch"]
 MM: dict[str, float] = {"mm": 1.0, "um": 1e-3, "m": 1e3, "inch": 25.4}
 CLOUDS = (".csv", ".txt", ".xyz", ".asc", ".pts", ".tsv")
 """Suffixes of point lists x, y, z."""
-MACHINES = (".x3p", ".datx", ".dat", ".opd", ".opdx", ".sur", ".plu", ".plux", ".al3d", ".zmg", ".sdf", ".nms")
+MACHINES = (
+    ".x3p",
+    ".datx",
+    ".dat",
+    ".opd",
+    ".opdx",
+    ".sur",
+    ".plu",
+    ".plux",
+    ".al3d",
+    ".zmg",
+    ".sdf",
+    ".nms",
+)
 """Suffixes of instrument formats; .dat is Zygo MetroPro, or a grid sag file if it is text."""
 MAX_MACHINE_FILE_BYTES = 256 << 20
 """Maximum size of a file and of its decompressed content, bytes."""
@@ -108,5 +121,7 @@ def _of_machine(path: Path) -> Array:
             f"{path} cannot be read: {str(e).splitlines()[0] if str(e) else type(e).__name__}"
         ) from None
     z = np.ma.filled(np.ma.asarray(z, dtype=float), np.nan)
-    points = np.stack([np.broadcast_to(x, z.shape), np.broadcast_to(y, z.shape), z], axis=-1).reshape(-1, 3)
+    points = np.stack(
+        [np.broadcast_to(x, z.shape), np.broadcast_to(y, z.shape), z], axis=-1
+    ).reshape(-1, 3)
     return np.asarray(points[np.isfinite(points).all(axis=1)])

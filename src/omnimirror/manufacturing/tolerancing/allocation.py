@@ -110,7 +110,8 @@ def allocate(
     requested = np.array([tolerances.errors[name].value for name in names])
     most = np.array(
         [
-            (max_tolerances or {}).get(name) or default_max_tolerance(evaluator.field.sensor, name, a)
+            (max_tolerances or {}).get(name)
+            or default_max_tolerance(evaluator.field.sensor, name, a)
             for name, a in zip(names, requested, strict=True)
         ]
     )
@@ -131,16 +132,22 @@ def allocate(
         sizes = case.scaled(sizes, target_yield)
     if (cost * requested / sizes).sum() > (cost * requested / equal).sum():
         sizes = equal
-    sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(sizes, target_yield)  # independent trials
+    sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(
+        sizes, target_yield
+    )  # independent trials
     chosen = dict(zip(case.names, (float(v) for v in sizes), strict=True))
-    confirmed = simulate_trials(evaluator, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2)
+    confirmed = simulate_trials(
+        evaluator, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2
+    )
     return Allocation(
         chosen,
         float((cost * requested / sizes).sum()),
         float((cost * requested / equal).sum()),
         confirmed.yields,
         confirmed.trials,
-        tuple(name for name, size, end in zip(names, sizes, most, strict=True) if size >= NEAR * end),
+        tuple(
+            name for name, size, end in zip(names, sizes, most, strict=True) if size >= NEAR * end
+        ),
     )
 
 
@@ -180,7 +187,8 @@ class _Case:
     def with_sizes(self, sizes: Array) -> Tolerances:
         new = dict(zip(self.names, sizes, strict=True))
         errors = {
-            name: replace(bound, value=float(new.get(name, 0.0))) for name, bound in self.tolerances.errors.items()
+            name: replace(bound, value=float(new.get(name, 0.0)))
+            for name, bound in self.tolerances.errors.items()
         }
         return replace(self.tolerances, errors=errors)
 

@@ -44,12 +44,16 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
     ax = figure.subplots()
     places = np.arange(len(ranked))
     imaged = [("none", PALETTE[0], 0.8), ("affine", PALETTE[4], 0.5), ("pose", PALETTE[1], 0.22)]
-    max_tolerances = max((m for row in ranked if np.isfinite(m := row.merits["motion_px"])), default=0.0) or 1.0
+    max_tolerances = (
+        max((m for row in ranked if np.isfinite(m := row.merits["motion_px"])), default=0.0) or 1.0
+    )
     for depth, colour, height in imaged:
         name = after("motion_px", depth)  # type: ignore[arg-type]  # one of them
         sizes = [min(row.merits[name], 2 * max_tolerances) for row in ranked]
         words = "as built" if depth == "none" else f"after calibration: {depth}"
-        ax.barh(places, np.maximum(sizes, SMALLEST * max_tolerances), height, color=colour, label=words)
+        ax.barh(
+            places, np.maximum(sizes, SMALLEST * max_tolerances), height, color=colour, label=words
+        )
     ax.set_yticks(places, [f"{plot_text(row.name)}  ±{row.tolerance:.3g}" for row in ranked])
     ax.set(xscale="log", xlabel="maximum image motion, px")
     ax.set_xlim(SMALLEST * max_tolerances, 1.3 * max_tolerances)
@@ -72,7 +76,9 @@ def curves(statistics: YieldStatistics) -> Figure:
     Figure
         One plot for motions, one for blur, and one per other limit.
     """
-    others = [name for name in statistics.limits if not name.startswith("motion_px") and name != "blur_px"]
+    others = [
+        name for name in statistics.limits if not name.startswith("motion_px") and name != "blur_px"
+    ]
     rows = -(-len(others) // ACROSS)
     figure = new_figure(PAGE, HEIGHT * (1 + 0.8 * rows))
     grid = figure.add_gridspec(1 + rows, 2 * ACROSS)
@@ -80,17 +86,25 @@ def curves(statistics: YieldStatistics) -> Figure:
     blur = figure.add_subplot(grid[0, 2 * ACROSS - 2 :], sharey=motion)
     for k, name in enumerate(others):
         place = 2 * (k % ACROSS)
-        _kept(figure.add_subplot(grid[1 + k // ACROSS, place : place + 2], sharey=motion), statistics, name)
+        _kept(
+            figure.add_subplot(grid[1 + k // ACROSS, place : place + 2], sharey=motion),
+            statistics,
+            name,
+        )
     for depth, colour in zip(CALIBRATIONS, PALETTE, strict=False):
         name = after("motion_px", depth)
         values, shares = statistics.curve(name)
-        motion.plot(values, 100 * shares, color=colour, label="as built" if depth == "none" else depth)
+        motion.plot(
+            values, 100 * shares, color=colour, label="as built" if depth == "none" else depth
+        )
         if name in statistics.limits:
             motion.axvline(statistics.limits[name], color=colour, linewidth=0.8, linestyle=":")
     motion.set(xscale="log", xlabel="maximum image motion, px", ylabel="sensors below, %")
     motion.set_title("motion, as built and after calibration")
     blur.tick_params(labelleft=False)
-    figure.legend(*motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5)
+    figure.legend(
+        *motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5
+    )
     values, shares = statistics.curve("blur_px")
     blur.plot(values, 100 * shares, color=INK)
     if "blur_px" in statistics.limits:
@@ -127,10 +141,14 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
     merits = list(result.indices)
     rows = min(MAX_SHARES, max(len(shares) for shares in result.indices.values()))
     figure = new_figure(PAGE, 0.9 + len(merits) * (0.5 + ROW * rows))
-    for ax, merit in zip(np.ravel(figure.subplots(len(merits), 1, squeeze=False)), merits, strict=True):
+    for ax, merit in zip(
+        np.ravel(figure.subplots(len(merits), 1, squeeze=False)), merits, strict=True
+    ):
         ranked = sorted(result.indices[merit].items(), key=lambda item: -item[1].total)[:MAX_SHARES]
         places = np.arange(len(ranked))
-        total, first = ([100 * getattr(share, what) for _, share in ranked] for what in ("total", "first"))
+        total, first = (
+            [100 * getattr(share, what) for _, share in ranked] for what in ("total", "first")
+        )
         errors = [200 * share.total_error for _, share in ranked]
         ax.barh(
             places,
@@ -149,7 +167,9 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
         ax.set_title(f"Sobol indices of {merit}, %")
         ax.invert_yaxis()
         ax.grid(visible=False, axis="y")
-    figure.legend(*ax.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=2)
+    figure.legend(
+        *ax.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=2
+    )
     return figure
 
 

@@ -68,7 +68,9 @@ class Compensators:
         shifted = motion - (motion @ self.affine[:2].T) @ self.affine[:2]
         stretched = motion - (motion @ self.affine.T) @ self.affine
         posed = stretched - self.moved(self.pose(motion))[0] @ self.basis
-        return np.stack([motion, shifted, stretched, posed, posed - (posed @ self.radial.T) @ self.radial])
+        return np.stack(
+            [motion, shifted, stretched, posed, posed - (posed @ self.radial.T) @ self.radial]
+        )
 
     def pose(self, motion: Array) -> Array:
         """Fit poses (t, p) to motions by the Gauss-Newton method, after the affine part."""
@@ -77,7 +79,12 @@ class Compensators:
         for _ in range(ROUNDS):
             moved, rate = self.moved(pose)
             normal = rate.swapaxes(1, 2) @ rate
-            pose = pose + np.linalg.solve(normal, np.einsum("tep,te->tp", rate, projected - moved)[..., None])[..., 0]
+            pose = (
+                pose
+                + np.linalg.solve(
+                    normal, np.einsum("tep,te->tp", rate, projected - moved)[..., None]
+                )[..., 0]
+            )
         return pose
 
     def moved(self, pose: Array) -> tuple[Array, Array]:
@@ -147,7 +154,9 @@ def _outside(rows: Array, vector: Array) -> Array:
 
 def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
     """Compute first derivatives of motion by each pose parameter, and second-order terms of pairs."""
-    pose = [name for name in POSE if name in error_sources(field.sensor)]  # folded sensors: axial displacement only
+    pose = [
+        name for name in POSE if name in error_sources(field.sensor)
+    ]  # folded sensors: axial displacement only
     pairs = list(combinations_with_replacement(range(len(pose)), 2))
     steps = []
     for i, j in pairs:
@@ -157,7 +166,10 @@ def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
             step[j] += b * STEP
             steps.append(step)
     poses = np.array(steps)
-    moved = motion(field.picture(dict(zip(pose, poses.T, strict=True)), rim_slack=BEYOND).offsets_px, field.offsets_px)
+    moved = motion(
+        field.picture(dict(zip(pose, poses.T, strict=True)), rim_slack=BEYOND).offsets_px,
+        field.offsets_px,
+    )
     bent: dict[tuple[int, int], Array] = {}
     straight: list[Array] = []
     for k, (i, j) in enumerate(pairs):

@@ -72,16 +72,24 @@ def tolerance_conflicts(
 
 
 def _of_mirror(sensor: Sensor, workshop: Workshop, body: Body) -> list[str]:
-    specification, allocated, general = workshop.mirror, workshop.tolerances, workshop.title.general_tolerances
+    specification, allocated, general = (
+        workshop.mirror,
+        workshop.tolerances,
+        workshop.title.general_tolerances,
+    )
     mirror = sensor.mirror
     back_tilt = _back_tilt_deg(specification, body, mirror)
     tilt = [
         (f"mirror.centring_deg = {specification.centring_deg:g}", specification.centring_deg)
         if specification.centring_deg
         else None,
-        (f"mirror.back_flatness_mm = {specification.back_flatness_mm:g}", back_tilt) if back_tilt else None,
+        (f"mirror.back_flatness_mm = {specification.back_flatness_mm:g}", back_tilt)
+        if back_tilt
+        else None,
     ]
-    diameter = _size("diameter", 2 * body.outer_radius_mm(mirror), specification.diameter_tolerance_mm, general)
+    diameter = _size(
+        "diameter", 2 * body.outer_radius_mm(mirror), specification.diameter_tolerance_mm, general
+    )
     decentre = [
         (f"mirror.centring_mm = {specification.centring_mm:g}", specification.centring_mm)
         if specification.centring_mm
@@ -91,17 +99,26 @@ def _of_mirror(sensor: Sensor, workshop: Workshop, body: Body) -> list[str]:
     thickness = _size("thickness", body.thickness_mm, specification.thickness_tolerance_mm, general)
     result = [
         *_flatness_conflict("mirror", specification, back_tilt),
-        *_budget("tilt of the mirror", "deg", _least(allocated, "mirror.tilt_x_deg", "mirror.tilt_y_deg"), tilt),
+        *_budget(
+            "tilt of the mirror",
+            "deg",
+            _least(allocated, "mirror.tilt_x_deg", "mirror.tilt_y_deg"),
+            tilt,
+        ),
         *_budget(
             "decentre of the mirror",
             "mm",
             _least(allocated, "mirror.decentre_x_mm", "mirror.decentre_y_mm"),
             decentre,
         ),
-        *_budget("spacing of the mirror", "mm", _least(allocated, "mirror.displacement_mm"), [thickness]),
+        *_budget(
+            "spacing of the mirror", "mm", _least(allocated, "mirror.displacement_mm"), [thickness]
+        ),
     ]
     return result + (
-        _form_conflicts(sensor, allocated, specification.form_um) if specification.form_um is not None else []
+        _form_conflicts(sensor, allocated, specification.form_um)
+        if specification.form_um is not None
+        else []
     )
 
 
@@ -109,7 +126,9 @@ def _least(allocated: Mapping[str, float], *names: str) -> float | None:
     return min((allocated[name] for name in names if allocated.get(name)), default=None)
 
 
-def _budget(what: str, unit: str, total: float | None, parts: list[tuple[str, float] | None]) -> list[str]:
+def _budget(
+    what: str, unit: str, total: float | None, parts: list[tuple[str, float] | None]
+) -> list[str]:
     """Return a message if entries exceed an allocated budget."""
     used = [part for part in parts if part is not None]
     amount = sum(value for _, value in used)
@@ -139,7 +158,9 @@ def _flatness_conflict(part: str, specification: PartSpecification, tilt_deg: fl
     ]
 
 
-def _size(name: str, length_mm: float, tolerance: float | None, general: str) -> tuple[str, float] | None:
+def _size(
+    name: str, length_mm: float, tolerance: float | None, general: str
+) -> tuple[str, float] | None:
     """Return the tolerance of a size, its own or the general one of ISO 2768-1; None if neither is known."""
     if tolerance is not None:
         return f"mirror.{name}_tolerance_mm = {tolerance:g}", tolerance
@@ -158,14 +179,20 @@ def _form_conflicts(sensor: Sensor, allocated: Mapping[str, float], form_um: flo
     """
     result = []
     rms = form_rms_um(allocated)
-    steepest = float(np.abs(sensor.mirror.slope(np.linspace(0, sensor.mirror.rim_radius_mm, POINTS))).max())
+    steepest = float(
+        np.abs(sensor.mirror.slope(np.linspace(0, sensor.mirror.rim_radius_mm, POINTS))).max()
+    )
     permitted = form_um * float(np.hypot(1.0, steepest)) / PV_PER_RMS
     if rms is not None and permitted > rms:
         result.append(
             f"mirror.form_um = {form_um:g} permits an RMS of {permitted:.3g} um along z, and {rms:.3g} um are "
             f"allocated to the form; reduce form_um to {form_um * rms / permitted:.3g} or allocate more"
         )
-    for name in ("mirror.vertex_radius_mm", "mirror.conic", *(n for n in allocated if n.startswith("mirror.coeff"))):
+    for name in (
+        "mirror.vertex_radius_mm",
+        "mirror.conic",
+        *(n for n in allocated if n.startswith("mirror.coeff")),
+    ):
         if not (tolerance := allocated.get(name)):
             continue
         departure = _departure_um(sensor.mirror, perturbed(sensor, {name: tolerance}).mirror)
@@ -189,6 +216,8 @@ def _departure_um(nominal: Mirror, other: Mirror) -> float:
     span = float(np.abs(away).max()) or 1.0
     return float(
         minimize_scalar(
-            lambda shift: 2 * float(np.abs((away - shift) * up).max()), bounds=(-span, span), method="bounded"
+            lambda shift: 2 * float(np.abs((away - shift) * up).max()),
+            bounds=(-span, span),
+            method="bounded",
         ).fun
     )

@@ -11,7 +11,15 @@ from ...base.native import backend
 from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import REFLECTION_TOLERANCE, RIM_SLACK
-from .compensation import LOST, MERITS, ROUNDS, Reference, evaluate_numpy, fit_compensators, merit_names
+from .compensation import (
+    LOST,
+    MERITS,
+    ROUNDS,
+    Reference,
+    evaluate_numpy,
+    fit_compensators,
+    merit_names,
+)
 from .object_field import field_of
 from .perturbed_states import States, Values, is_vectorised, states_of
 from .requirement_merits import RequiredMerits
@@ -38,7 +46,9 @@ def evaluate_compiled(reference: Reference, states: States) -> tuple[Array, Arra
     pieces = (np.zeros((0, 6)), 1.0) if table is None else (table.pieces, table.step_mm)
     area = np.abs(np.linalg.det(field.px_per_deg))
     deg_per_px = np.linalg.inv(field.px_per_deg).reshape(-1, 4)
-    rows = tuple(np.ascontiguousarray(part) for part in (c.affine, c.basis, c.straight, c.bent, c.radial))
+    rows = tuple(
+        np.ascontiguousarray(part) for part in (c.affine, c.basis, c.straight, c.bent, c.radial)
+    )
     objects = (field.targets, field.start, reference.reference_px, deg_per_px, area)
     backend.kernels.judge_trials(
         numbers,
@@ -54,7 +64,9 @@ def evaluate_compiled(reference: Reference, states: States) -> tuple[Array, Arra
         merits,
         displaced,
     )
-    merits[:, -2] += states.focal_mm - states.breathing_mm  # relative to the principal point instead of the pupil
+    merits[:, -2] += (
+        states.focal_mm - states.breathing_mm
+    )  # relative to the principal point instead of the pupil
     return merits, displaced
 
 
@@ -64,7 +76,13 @@ def packed(states: States) -> tuple[Array, int]:
     """
     surfaces, count = states.surfaces, len(states)
     pupil = np.einsum("tji,tj->ti", states.rotation, states.pupil - states.shift)
-    singles = (surfaces.curvature, surfaces.conic, states.aperture_mm, states.vergence, states.breathing_mm)
+    singles = (
+        surfaces.curvature,
+        surfaces.conic,
+        states.aperture_mm,
+        states.vergence,
+        states.breathing_mm,
+    )
     polynomial, form = _filled(surfaces.polynomial, TERMS), _filled(surfaces.form, POWERS)
     parts = (
         states.rotation.reshape(count, 9),
@@ -133,7 +151,9 @@ class TrialEvaluator(Reference):
         evaluator = cls(objects, fit_compensators(objects), reference, refocus, floor)
         if not required:
             return evaluator
-        return replace(evaluator, required=RequiredMerits.of(required, objects, refocus, distance, floor))
+        return replace(
+            evaluator, required=RequiredMerits.of(required, objects, refocus, distance, floor)
+        )
 
     def evaluate(self, values: Values) -> Array:
         """Compute the merits of trials.
@@ -167,7 +187,9 @@ class TrialEvaluator(Reference):
         if self.required is None:
             return merits, displaced
         more, lost = self.required.evaluate(values, image_motions)
-        whole = np.concatenate([merits[:, :-1], more, np.maximum(merits[:, -1:], lost[:, None])], axis=1)
+        whole = np.concatenate(
+            [merits[:, :-1], more, np.maximum(merits[:, -1:], lost[:, None])], axis=1
+        )
         whole[whole[:, -1] > 0, :-1] = displaced[whole[:, -1] > 0] = np.nan
         return whole, displaced
 
@@ -181,8 +203,13 @@ def _judged(reference: Reference, values: Values) -> tuple[Array, Array]:
     count = len(next(iter(values.values())))
     chunk = COMPILED_CHUNK if backend.is_compiled else CHUNK
     parts = [slice(k, k + chunk) for k in range(0, count, chunk)]
-    both = [_judged_at_once(reference, {name: of[part] for name, of in values.items()}) for part in parts]
-    return np.concatenate([merits for merits, _ in both]), np.concatenate([displaced for _, displaced in both])
+    both = [
+        _judged_at_once(reference, {name: of[part] for name, of in values.items()})
+        for part in parts
+    ]
+    return np.concatenate([merits for merits, _ in both]), np.concatenate(
+        [displaced for _, displaced in both]
+    )
 
 
 def _judged_at_once(reference: Reference, values: Values) -> tuple[Array, Array]:

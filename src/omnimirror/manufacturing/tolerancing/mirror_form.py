@@ -134,7 +134,10 @@ def _slope_mrad(sigmas: dict[int, float], rim_mm: float) -> float:
 
 def figure_tolerances(mirror: Mirror, figure: RandomFigure) -> dict[str, float]:
     """Return normal tolerances (two sigma) of a random figure by error source."""
-    return {f"mirror.zernike_{j}_um": 2 * sigma for j, sigma in figure.sigmas_um(mirror.rim_radius_mm).items()}
+    return {
+        f"mirror.zernike_{j}_um": 2 * sigma
+        for j, sigma in figure.sigmas_um(mirror.rim_radius_mm).items()
+    }
 
 
 MIN_UM = 1e-6  # rounding errors, rms
@@ -179,9 +182,15 @@ def load_measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> M
     1.0
     """
     result = form_error(mirror, read_points(path, unit))
-    terms = [term for term in result.terms if 1 < term.noll <= TERMS and abs(term.um) > max(term.sigma_um, MIN_UM)]
+    terms = [
+        term
+        for term in result.terms
+        if 1 < term.noll <= TERMS and abs(term.um) > max(term.sigma_um, MIN_UM)
+    ]
     if not terms:
-        raise InvalidParameter(f"the form error in {path} must exceed its noise of {result.noise_um:.3g} um")
+        raise InvalidParameter(
+            f"the form error in {path} must exceed its noise of {result.noise_um:.3g} um"
+        )
     return MirrorForm(tuple(term.noll for term in terms), tuple(term.um for term in terms))
 
 
@@ -252,8 +261,12 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     _check_its_mirror(sensor, form)
     evaluator, names = TrialEvaluator.of(sensor), merit_names()
     amounts = {term.noll: term.um for term in form.terms}
-    values = {f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)}
-    meant, made = (dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values))
+    values = {
+        f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)
+    }
+    meant, made = (
+        dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values)
+    )
     lost, _ = int(made.pop("lost_rays")), meant.pop("lost_rays")
     beyond = float(np.sqrt(sum(um**2 for j, um in amounts.items() if j > TERMS)))
     return FormEffect(meant, made, lost, beyond)
@@ -304,7 +317,9 @@ def as_built(sensor: Sensor, form: FormError, *, asymmetric: bool = False) -> Se
     if second is not None:  # mirror positions of folded sensors are distances
         farther = replace(second, distance_mm=second.distance_mm + away)
         distance = sensor.mirror_distance_mm + away
-        return replace(sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance)
+        return replace(
+            sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance
+        )
     displaced = replace(pose, displacement_mm=pose.displacement_mm + away)
     return replace(sensor, mirror=form.corrected(), mirror_pose=displaced)
 

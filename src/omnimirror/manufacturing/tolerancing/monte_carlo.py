@@ -156,7 +156,9 @@ class YieldStatistics:
         self.sums += of_whole.sum(axis=0)
         scale = BINS / np.log(HIGHEST / LOWEST)
         away = of_whole - np.array([self._origin(name) for name in self.names])
-        place = (np.log(np.clip(np.abs(away), LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
+        place = (np.log(np.clip(np.abs(away), LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(
+            np.intp
+        )
         place = np.where(away < 0, BINS - 1 - place, BINS + place)
         for row, places in zip(self.counts, place.T, strict=True):
             row += np.bincount(places, minlength=2 * BINS)
@@ -184,7 +186,9 @@ class YieldStatistics:
         """Return values (n,) within bins at a given fraction; values in the innermost bins are 0."""
         above = places >= BINS
         steps = np.where(above, places - BINS + share, BINS - places - share)
-        away = np.where(np.isin(places, (BINS - 1, BINS)), 0.0, LOWEST * (HIGHEST / LOWEST) ** (steps / BINS))
+        away = np.where(
+            np.isin(places, (BINS - 1, BINS)), 0.0, LOWEST * (HIGHEST / LOWEST) ** (steps / BINS)
+        )
         values: Array = self._origin(merit) + np.where(above, away, -away)
         return values
 

@@ -70,14 +70,24 @@ def sequential_images(
         except OmnimirrorError:
             blank = np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.nan
             shown.append(SensorImages(*blank, np.ones(n, dtype=bool)))
-    offsets, blur = (np.stack([getattr(one, name) for one in shown]) for name in ("offsets_px", "blur_px"))
+    offsets, blur = (
+        np.stack([getattr(one, name) for one in shown]) for name in ("offsets_px", "blur_px")
+    )
     focus = np.array([one.focus_mm for one in shown])
     by_direction = np.full((count, n, 2, 3), np.nan)
-    return TrialImages(offsets, blur, by_direction, 1 / focus), np.stack([one.lost for one in shown]), focus
+    return (
+        TrialImages(offsets, blur, by_direction, 1 / focus),
+        np.stack([one.lost for one in shown]),
+        focus,
+    )
 
 
 def images_within_rim(
-    built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+    built: Sensor,
+    nominal: Sensor,
+    targets: RayEndpoints,
+    refocus: Refocus = "none",
+    rim_slack: float = RIM_SLACK,
 ) -> SensorImages:
     """Compute the images of one sensor; reduce the aperture if a secondary mirror vignettes the
     rim.
@@ -89,17 +99,25 @@ def images_within_rim(
             raise
         mirror: Any = built.mirror
         satisfies_limit = replace(mirror, rim_radius_mm=SEEN * mirror.rim_radius_mm)
-        return sensor_images(replace(built, mirror=satisfies_limit), nominal, targets, refocus, rim_slack)
+        return sensor_images(
+            replace(built, mirror=satisfies_limit), nominal, targets, refocus, rim_slack
+        )
 
 
 def sensor_images(
-    built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+    built: Sensor,
+    nominal: Sensor,
+    targets: RayEndpoints,
+    refocus: Refocus = "none",
+    rim_slack: float = RIM_SLACK,
 ) -> SensorImages:
     """Compute the images of targets in one sensor, in px from the centre of the nominal sensor."""
     n, train = len(targets.xyz), built.optical_train
     result = train.chief_rays_to(targets)
     lost = ~(result.valid if rim_slack <= RIM_SLACK else result.reflects)
-    pupils = train.entrance_pupil_points(np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0))
+    pupils = train.entrance_pupil_points(
+        np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0)
+    )
     each = RayEndpoints(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
     beside = train.seen_mirror.specular(pupils, each, np.repeat(result.points, 4, axis=0))
 
@@ -119,7 +137,10 @@ def sensor_images(
     moved = np.subtract(built.imager.centre, nominal.imager.centre)
     blank = np.where(lost, np.nan, 1.0)
     return SensorImages(
-        (offsets + moved) * blank[:, None], blur * blank[:, None, None], built.lens.focus_distance_mm, lost
+        (offsets + moved) * blank[:, None],
+        blur * blank[:, None, None],
+        built.lens.focus_distance_mm,
+        lost,
     )
 
 
@@ -149,7 +170,9 @@ def _by_leaning(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
         return _on_imager(sensor, lens.image_of(middle, ahead))
 
     steps = TANGENT * np.eye(2)
-    widen = np.stack([(place(tangents + s) - place(tangents - s)) / (2 * TANGENT) for s in steps], axis=-1)
+    widen = np.stack(
+        [(place(tangents + s) - place(tangents - s)) / (2 * TANGENT) for s in steps], axis=-1
+    )
     added: Array = 2 * lens.aperture_radius * more[:, None, None] * widen
     return added
 
@@ -213,18 +236,27 @@ class Field:
     def __len__(self) -> int:
         return len(self.targets)
 
-    def picture(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> TrialImages:
+    def picture(
+        self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK
+    ) -> TrialImages:
         """Compute the images of sensors with errors; see :func:`.states_of`."""
         return self.shown(values, count, rim_slack=rim_slack)[0]
 
     def shown(
-        self, values: Values, count: int | None = None, *, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+        self,
+        values: Values,
+        count: int | None = None,
+        *,
+        refocus: Refocus = "none",
+        rim_slack: float = RIM_SLACK,
     ) -> tuple[TrialImages, NDArray[np.bool_], Array]:
         """Compute images of sensors (t,), lost objects (t, n), and focus distances (t,) in mm."""
         if not is_vectorised(self.sensor, values):
             trials = next((len(v) for v in values.values()), 1) if count is None else count
             ends = RayEndpoints(self.targets, self.distant)
-            return sequential_images(self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack)
+            return sequential_images(
+                self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack
+            )
         states = states_of(self.sensor, values, count)
         result = trace_objects(states, self.targets, self.distant, self.start, rim_slack)
         shown = form_images(states, result, refocus)
@@ -272,10 +304,16 @@ def field_of(
     if not sensor.is_axial:  # misalignments in the file are errors relative to the aligned sensor
         displaced = MirrorPose(displacement_mm=sensor.mirror_pose.displacement_mm)
         sensor = replace(sensor.aligned(), mirror_pose=displaced)
-    is_bare = sensor.secondary is None and sensor.housing.shell is None  # other sensors are obscured in the centre
+    is_bare = (
+        sensor.secondary is None and sensor.housing.shell is None
+    )  # other sensors are obscured in the centre
     smallest, largest = sensor.field_deg if is_bare else sensor.clear_field_deg
     inner = smallest if is_bare or not smallest else smallest + (1 - EDGE) * (largest - smallest)
-    requested = (inner, EDGE * largest) if field_deg is None else numbers("field_deg", field_deg, "(it takes two)")
+    requested = (
+        (inner, EDGE * largest)
+        if field_deg is None
+        else numbers("field_deg", field_deg, "(it takes two)")
+    )
     low, high = (float(angle) for angle in requested)
     if not smallest - 1e-9 <= low < high <= largest + 1e-9:
         raise InvalidParameter(
@@ -283,7 +321,9 @@ def field_of(
             f"{largest:.4g} deg; got {low:g} to {high:g}"
         )
     if angles < 1 or azimuths < 3:
-        raise InvalidParameter(f"angles must be at least 1 and azimuths at least 3; got {angles} and {azimuths}")
+        raise InvalidParameter(
+            f"angles must be at least 1 and azimuths at least 3; got {angles} and {azimuths}"
+        )
     if not object_distance_mm > 0:
         raise InvalidParameter(f"object_distance_mm must be positive; got {object_distance_mm:g}")
     on_axis = low <= 0
@@ -311,7 +351,9 @@ def directions_of(omega_deg: Array, azimuth_deg: Array) -> tuple[Array, Array]:
 
 def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float) -> Field:
     """Create objects (n,) at given field angles and azimuths."""
-    away, turned = directions_of(omega_deg, azimuth_deg)  # mirror and camera frame coincide without errors
+    away, turned = directions_of(
+        omega_deg, azimuth_deg
+    )  # mirror and camera frame coincide without errors
     azimuth = np.radians(azimuth_deg)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
@@ -342,6 +384,8 @@ def _px_per_deg(field: Field, points: Array, distance: float, turned: Array) -> 
         for sign in (1, -1):
             moved = field.targets + sign * step * (1.0 if field.distant else distance)
             unit = np.linalg.norm(moved, axis=1, keepdims=True) if field.distant else 1.0
-            ends.append(replace(field, targets=moved / unit).picture({}, 1, rim_slack=BEYOND).offsets_px[0])
+            ends.append(
+                replace(field, targets=moved / unit).picture({}, 1, rim_slack=BEYOND).offsets_px[0]
+            )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))
     return np.stack(columns, axis=-1)

@@ -48,14 +48,37 @@ class ErrorSource:
     typical_tolerances: Mapping[str, float]
 
 
-def _kind(name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float) -> ErrorSource:
+def _kind(
+    name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float
+) -> ErrorSource:
     return ErrorSource(name, unit, meaning, dict(zip(GRADES, (coarse, medium, fine), strict=True)))
 
 
 _PLACE = (
-    _kind("mirror.decentre_x_mm", "mm", "decentre of the mirror, to the right in the image", 0.2, 0.05, 0.01),
-    _kind("mirror.decentre_y_mm", "mm", "decentre of the mirror, downwards in the image", 0.2, 0.05, 0.01),
-    _kind("mirror.displacement_mm", "mm", "displacement of the mirror away from the lens", 0.3, 0.1, 0.02),
+    _kind(
+        "mirror.decentre_x_mm",
+        "mm",
+        "decentre of the mirror, to the right in the image",
+        0.2,
+        0.05,
+        0.01,
+    ),
+    _kind(
+        "mirror.decentre_y_mm",
+        "mm",
+        "decentre of the mirror, downwards in the image",
+        0.2,
+        0.05,
+        0.01,
+    ),
+    _kind(
+        "mirror.displacement_mm",
+        "mm",
+        "displacement of the mirror away from the lens",
+        0.3,
+        0.1,
+        0.02,
+    ),
     _kind("mirror.tilt_x_deg", "deg", "tilt of the mirror about the image X axis", 0.3, 0.1, 0.02),
     _kind("mirror.tilt_y_deg", "deg", "tilt of the mirror about the image Y axis", 0.3, 0.1, 0.02),
 )
@@ -83,10 +106,19 @@ _IMAGER = (
 )
 _SECONDARY = (
     _kind(
-        "secondary.displacement_mm", "mm", "displacement of the secondary mirror away from the primary", 0.3, 0.1, 0.02
+        "secondary.displacement_mm",
+        "mm",
+        "displacement of the secondary mirror away from the primary",
+        0.3,
+        0.1,
+        0.02,
     ),
 )
-_WARMTH = (_kind("temperature.warmer_k", "K", "temperature above the reference of [thermal]", 40.0, 20.0, 5.0),)
+_WARMTH = (
+    _kind(
+        "temperature.warmer_k", "K", "temperature above the reference of [thermal]", 40.0, 20.0, 5.0
+    ),
+)
 FORM_SIZES = (5.0, 1.0, 0.15)
 """RMS of each Zernike term by grade, um."""
 
@@ -127,9 +159,20 @@ def error_sources(sensor: Sensor) -> dict[str, ErrorSource]:
     ['mirror.vertex_radius_mm', 'mirror.conic']
     """
     lens, has_two = sensor.lens, sensor.secondary is not None
-    place = [kind for kind in _PLACE if kind.name == "mirror.displacement_mm"] if has_two else _PLACE
-    kinds = [*place, *(_SECONDARY if has_two else ()), *_shape(sensor.mirror), *(() if has_two else _form())]
-    kinds += [kind for kind in (*_of_lens(lens), *_DISTORTION) if kind.name.partition(".")[2] in lens.PARAMETERS]
+    place = (
+        [kind for kind in _PLACE if kind.name == "mirror.displacement_mm"] if has_two else _PLACE
+    )
+    kinds = [
+        *place,
+        *(_SECONDARY if has_two else ()),
+        *_shape(sensor.mirror),
+        *(() if has_two else _form()),
+    ]
+    kinds += [
+        kind
+        for kind in (*_of_lens(lens), *_DISTORTION)
+        if kind.name.partition(".")[2] in lens.PARAMETERS
+    ]
     leans = isinstance(lens, Perspective)
     kinds += [kind for kind in _IMAGER if leans or not kind.name.startswith("imager.tilt")]
     kinds += [*_of_cover(sensor), *(_WARMTH if sensor.thermal is not None else ())]
@@ -139,23 +182,39 @@ def error_sources(sensor: Sensor) -> dict[str, ErrorSource]:
 def _shape(mirror: Any) -> list[ErrorSource]:
     """Return errors of vertex radius, conic constant and coefficients of analytic mirrors."""
     kinds = []
-    radius = mirror.vertex_radius if isinstance(mirror, Conic) else getattr(mirror, "vertex_radius_mm", None)
+    radius = (
+        mirror.vertex_radius
+        if isinstance(mirror, Conic)
+        else getattr(mirror, "vertex_radius_mm", None)
+    )
     if radius is not None:
         kinds += [
-            _kind("mirror.vertex_radius_mm", "mm", "vertex radius", 5e-3 * radius, 1e-3 * radius, 2e-4 * radius),
+            _kind(
+                "mirror.vertex_radius_mm",
+                "mm",
+                "vertex radius",
+                5e-3 * radius,
+                1e-3 * radius,
+                2e-4 * radius,
+            ),
             _kind("mirror.conic", "", "conic constant", 0.02, 0.005, 0.001),
         ]
     if isinstance(mirror, EvenPolynomial | ConicAsphere):
         for i, value in enumerate(mirror.coefficients):
             size = abs(value) or 1e-6
             words = f"coefficient {i} of the polynomial"
-            kinds.append(_kind(f"mirror.coefficients[{i}]", "", words, 1e-2 * size, 2e-3 * size, 4e-4 * size))
+            kinds.append(
+                _kind(f"mirror.coefficients[{i}]", "", words, 1e-2 * size, 2e-3 * size, 4e-4 * size)
+            )
     return kinds
 
 
 def _form() -> list[ErrorSource]:
     words = "form error, Noll Zernike term {}, rms"
-    return [_kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES) for j in range(4, TERMS + 1)]
+    return [
+        _kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES)
+        for j in range(4, TERMS + 1)
+    ]
 
 
 def _of_lens(lens: Any) -> list[ErrorSource]:
@@ -165,13 +224,21 @@ def _of_lens(lens: Any) -> list[ErrorSource]:
         return abs(float(getattr(lens, name, None) or 1.0))
 
     f, L0, F, Fw, mu = map(
-        size, ("focal_length_mm", "focus_distance_mm", "f_number", "working_f_number", "magnification")
+        size,
+        ("focal_length_mm", "focus_distance_mm", "f_number", "working_f_number", "magnification"),
     )
     return [
         _kind("lens.focal_length_mm", "mm", "focal length", 0.03 * f, 0.01 * f, 0.002 * f),
         _kind("lens.magnification", "", "magnification", 0.03 * mu, 0.01 * mu, 0.002 * mu),
         _kind("lens.focus_distance_mm", "mm", "focus distance", 0.03 * L0, 0.01 * L0, 0.003 * L0),
-        _kind("lens.entrance_pupil_mm", "mm", "displacement of the entrance pupil towards the mirror", 0.5, 0.2, 0.05),
+        _kind(
+            "lens.entrance_pupil_mm",
+            "mm",
+            "displacement of the entrance pupil towards the mirror",
+            0.5,
+            0.2,
+            0.05,
+        ),
         _kind("lens.f_number", "", "F-number", 0.1 * F, 0.05 * F, 0.02 * F),
         _kind("lens.working_f_number", "", "working F-number", 0.1 * Fw, 0.05 * Fw, 0.02 * Fw),
     ]
@@ -186,10 +253,28 @@ def _of_cover(sensor: Sensor) -> list[ErrorSource]:
         _kind("cover.wall_mm", "mm", "increase of the wall thickness, inwards", 0.3, 0.1, 0.02),
         _kind("cover.diameter_mm", "mm", "increase of the cover diameter", 0.5, 0.2, 0.05),
         _kind("cover.refractive_index", "", "refractive index of the wall", 2e-3, 1e-3, 5e-4),
-        _kind("cover.decentre_x_mm", "mm", "decentre of the cover, to the right in the image", 0.5, 0.2, 0.05),
-        _kind("cover.decentre_y_mm", "mm", "decentre of the cover, downwards in the image", 0.5, 0.2, 0.05),
-        _kind("cover.tilt_x_deg", "deg", "tilt of the cover about the image X axis", 0.5, 0.2, 0.05),
-        _kind("cover.tilt_y_deg", "deg", "tilt of the cover about the image Y axis", 0.5, 0.2, 0.05),
+        _kind(
+            "cover.decentre_x_mm",
+            "mm",
+            "decentre of the cover, to the right in the image",
+            0.5,
+            0.2,
+            0.05,
+        ),
+        _kind(
+            "cover.decentre_y_mm",
+            "mm",
+            "decentre of the cover, downwards in the image",
+            0.5,
+            0.2,
+            0.05,
+        ),
+        _kind(
+            "cover.tilt_x_deg", "deg", "tilt of the cover about the image X axis", 0.5, 0.2, 0.05
+        ),
+        _kind(
+            "cover.tilt_y_deg", "deg", "tilt of the cover about the image Y axis", 0.5, 0.2, 0.05
+        ),
         _kind("cover.centre_mm", "mm", "displacement of the dome upwards", 0.5, 0.2, 0.05),
         _kind("cover.height_mm", "mm", "displacement of the window upwards", 0.5, 0.2, 0.05),
         _kind(
@@ -279,15 +364,28 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
 
 def _of_part(part: Any, start: str, values: Mapping[str, float]) -> dict[str, float]:
     """Return the perturbed parameters of a component."""
-    named = {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
-    return {name: getattr(part, name) + value for name, value in named.items() if value and name in part.PARAMETERS}
+    named = {
+        name.removeprefix(start): value for name, value in values.items() if name.startswith(start)
+    }
+    return {
+        name: getattr(part, name) + value
+        for name, value in named.items()
+        if value and name in part.PARAMETERS
+    }
 
 
 def _standing(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
     """Return perturbed mirror positions; both displacements change the path of a folded sensor."""
     if (second := sensor.secondary) is None:
-        return {"mirror_pose": replace(sensor.mirror_pose, **_of_part(sensor.mirror_pose, "mirror.", values))}
-    first, farther = values.get("mirror.displacement_mm", 0.0), values.get("secondary.displacement_mm", 0.0)
+        return {
+            "mirror_pose": replace(
+                sensor.mirror_pose, **_of_part(sensor.mirror_pose, "mirror.", values)
+            )
+        }
+    first, farther = (
+        values.get("mirror.displacement_mm", 0.0),
+        values.get("secondary.displacement_mm", 0.0),
+    )
     return {
         "secondary": replace(second, distance_mm=second.distance_mm + first + farther),
         "mirror_distance_mm": sensor.mirror_distance_mm + first + 2 * farther,
@@ -331,14 +429,21 @@ def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
     radius, conic = values.get("mirror.vertex_radius_mm", 0.0), values.get("mirror.conic", 0.0)
     shaped: Mirror = mirror
     if isinstance(mirror, EvenPolynomial | ConicAsphere):
-        new = tuple(c + values.get(f"mirror.coefficients[{i}]", 0.0) for i, c in enumerate(mirror.coefficients))
+        new = tuple(
+            c + values.get(f"mirror.coefficients[{i}]", 0.0)
+            for i, c in enumerate(mirror.coefficients)
+        )
         shaped = replace(mirror, coefficients=new)
     if isinstance(shaped, ConicAsphere):
-        return replace(shaped, vertex_radius_mm=shaped.vertex_radius_mm + radius, conic=shaped.conic + conic)
+        return replace(
+            shaped, vertex_radius_mm=shaped.vertex_radius_mm + radius, conic=shaped.conic + conic
+        )
     if isinstance(mirror, Sphere) and not conic:
         return replace(mirror, radius_mm=mirror.radius_mm + radius)
     if isinstance(mirror, Conic) and (radius or conic):  # the perturbed shape is a general conic
-        return ConicAsphere(mirror.vertex_radius + radius, mirror.conic + conic, mirror.rim_radius_mm)
+        return ConicAsphere(
+            mirror.vertex_radius + radius, mirror.conic + conic, mirror.rim_radius_mm
+        )
     return shaped
 
 
@@ -367,7 +472,11 @@ def check_name(name: str, known: Mapping[str, ErrorSource]) -> None:
         from difflib import get_close_matches
 
         near = get_close_matches(name, known, 3)
-        advice = f"did you mean {' or '.join(near)}?" if near else f"valid are {', '.join(list(known)[:8])}, ..."
+        advice = (
+            f"did you mean {' or '.join(near)}?"
+            if near
+            else f"valid are {', '.join(list(known)[:8])}, ..."
+        )
         for start, needed in NEEDED.items():
             if name.startswith(start) and not any(other.startswith(start) for other in known):
                 advice = f"it has {needed}"

@@ -166,7 +166,9 @@ class MirrorSurfaces:
             by_xy = by_xy * v + by_x
             by_x = by_x * v + dq
             by_xx = by_xx * v + 2 * ddq
-        return SurfaceHeights(z, by_x / unit, by_y / unit, by_xx / unit**2, by_xy / unit**2, 2 * by_yy / unit**2)
+        return SurfaceHeights(
+            z, by_x / unit, by_y / unit, by_xx / unit**2, by_xy / unit**2, 2 * by_yy / unit**2
+        )
 
 
 Values = Mapping[str, Array]
@@ -247,12 +249,19 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
         If the sensor cannot be traced vectorised; see :func:`is_vectorised`.
     """
     if not is_vectorised(sensor, values):
-        raise InvalidParameter(f"{sensor.name!r} with these errors cannot be traced vectorised; use sequential_images")
+        raise InvalidParameter(
+            f"{sensor.name!r} with these errors cannot be traced vectorised; use sequential_images"
+        )
     trials = next((len(v) for v in values.values()), 1) if count is None else count
     error = _Errors(values, trials)
     lens, pose = cast(Perspective, sensor.lens), sensor.mirror_pose
-    shift = error.columns("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.displacement_mm") + pose.shift
-    tilts = error.columns("mirror.tilt_x_deg", "mirror.tilt_y_deg") + np.array([pose.tilt_x_deg, pose.tilt_y_deg])
+    shift = (
+        error.columns("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.displacement_mm")
+        + pose.shift
+    )
+    tilts = error.columns("mirror.tilt_x_deg", "mirror.tilt_y_deg") + np.array(
+        [pose.tilt_x_deg, pose.tilt_y_deg]
+    )
     focal = lens.focal_length_mm + error("lens.focal_length_mm")
     focus = lens.focus_distance_mm + error("lens.focus_distance_mm")
     f_number = lens.f_number + error("lens.f_number")
@@ -260,11 +269,15 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     growth = _Growth.of(sensor, error)
     focal, focus = growth.lens(focal, focus)
     possible = (focal > 0) & (f_number > 0) & (focus > np.maximum(focal, at))
-    brown = np.array(lens.brown) + error.columns(*(f"lens.{k}" for k in ("k1", "k2", "k3", "p1", "p2")))
+    brown = np.array(lens.brown) + error.columns(
+        *(f"lens.{k}" for k in ("k1", "k2", "k3", "p1", "p2"))
+    )
     pupil = np.zeros((trials, 3))
     surfaces = _surfaces(sensor, error)
     distance = growth.distance(sensor, surfaces)
-    pupil[:, 2] = np.where(possible, at - distance, np.nan)  # physically impossible lenses lose all rays
+    pupil[:, 2] = np.where(
+        possible, at - distance, np.nan
+    )  # physically impossible lenses lose all rays
     vergence = 1 / (focus - at)
     principal_distance = focal / (1 - (focal - at) * vergence)
     pitch_mm = sensor.imager.pitch_mm * growth.imager * (1 + 1e-6 * error("imager.pitch_ppm"))
@@ -306,12 +319,18 @@ def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
     >>> is_vectorised(om.load_sensor("paper-spherical"))
     True
     """
-    is_plain = sensor.secondary is None and sensor.housing.shell is None and isinstance(sensor.lens, Perspective)
+    is_plain = (
+        sensor.secondary is None
+        and sensor.housing.shell is None
+        and isinstance(sensor.lens, Perspective)
+    )
     if WARMER not in values or not is_plain:
         return is_plain and sensor.is_ideal_but_for_pose
     assert sensor.thermal is not None, "no other has this error"
     has_formula = isinstance(sensor.mirror, Conic | ConicAsphere | EvenPolynomial)
-    return sensor.is_ideal_but_for_pose and (has_formula or not sensor.thermal.expansion_ppm("mirror"))
+    return sensor.is_ideal_but_for_pose and (
+        has_formula or not sensor.thermal.expansion_ppm("mirror")
+    )
 
 
 @dataclass(frozen=True)
@@ -367,7 +386,9 @@ class _Growth:
         if (g == 1).all():
             return surfaces
         powers = 1 - 2.0 * np.arange(1, surfaces.polynomial.shape[1] + 1)
-        orders = np.concatenate([np.full(k + 1, -k) for k in range(ORDERS[surfaces.form.shape[1]] + 1)])
+        orders = np.concatenate(
+            [np.full(k + 1, -k) for k in range(ORDERS[surfaces.form.shape[1]] + 1)]
+        )
         return replace(
             surfaces,
             curvature=surfaces.curvature / g,
@@ -382,15 +403,23 @@ def _surfaces(sensor: Sensor, error: _Errors) -> MirrorSurfaces:
     conic, radius = zero, None
     polynomial, table = np.zeros((error.count, 0)), None
     if isinstance(mirror, Conic):
-        radius, conic = mirror.vertex_radius + error("mirror.vertex_radius_mm"), mirror.conic + error("mirror.conic")
+        radius, conic = (
+            mirror.vertex_radius + error("mirror.vertex_radius_mm"),
+            mirror.conic + error("mirror.conic"),
+        )
     elif isinstance(mirror, ConicAsphere):
-        radius, conic = mirror.vertex_radius_mm + error("mirror.vertex_radius_mm"), mirror.conic + error("mirror.conic")
+        radius, conic = (
+            mirror.vertex_radius_mm + error("mirror.vertex_radius_mm"),
+            mirror.conic + error("mirror.conic"),
+        )
         polynomial = _coefficients(mirror, error, first=2)
     elif isinstance(mirror, EvenPolynomial):
         polynomial = _coefficients(mirror, error, first=1)
     else:
         table = MeridianTable.of(mirror)
-    curvature = zero if radius is None else 1 / np.where(radius > 0, radius, np.nan)  # as do impossible mirrors
+    curvature = (
+        zero if radius is None else 1 / np.where(radius > 0, radius, np.nan)
+    )  # as do impossible mirrors
     return MirrorSurfaces(rim, curvature, conic, polynomial, _form(error), table)
 
 
@@ -400,7 +429,9 @@ def _coefficients(mirror: EvenPolynomial | ConicAsphere, error: _Errors, first: 
     table = np.zeros((error.count, first - 1 + len(mirror.coefficients)))
     for i, coefficient in enumerate(mirror.coefficients):
         power = 2 * (first + i)
-        table[:, first - 1 + i] = (coefficient + error(f"mirror.coefficients[{i}]")) * N * (rim / N) ** power
+        table[:, first - 1 + i] = (
+            (coefficient + error(f"mirror.coefficients[{i}]")) * N * (rim / N) ** power
+        )
     return table
 
 

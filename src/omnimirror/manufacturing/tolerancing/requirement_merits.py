@@ -113,11 +113,21 @@ def named(name: str) -> MeritName:
     if result is None:
         raise _unknown(name)
     try:
-        cycles, at, low, high = (None if part is None else float(part) for part in result.group(3, 4, 5, 6))
+        cycles, at, low, high = (
+            None if part is None else float(part) for part in result.group(3, 4, 5, 6)
+        )
     except ValueError:
         raise _unknown(name) from None
-    part = (at, at) if at is not None else (low, high) if low is not None and high is not None else None
-    parsed = MeritName(result["quantity"], result["least"] is not None, part, cycles, result["after"] or "none")
+    part = (
+        (at, at)
+        if at is not None
+        else (low, high)
+        if low is not None and high is not None
+        else None
+    )
+    parsed = MeritName(
+        result["quantity"], result["least"] is not None, part, cycles, result["after"] or "none"
+    )
     _check(parsed, name)
     return parsed
 
@@ -127,11 +137,15 @@ def _check(merit: MeritName, name: str) -> None:
     if name in merit_names() and merit.quantity not in UNLIMITED:
         return
     if merit.quantity in BUILT_QUANTITIES:
-        is_calibrated = merit.after == "none" or (merit.quantity == STRAIGHTNESS and merit.after in CALIBRATIONS)
+        is_calibrated = merit.after == "none" or (
+            merit.quantity == STRAIGHTNESS and merit.after in CALIBRATIONS
+        )
         if plain and is_calibrated and merit.is_lower_limit == (merit.quantity in LOWER_LIMITED):
             return
         right = MeritName(merit.quantity, merit.quantity in LOWER_LIMITED)
-        raise InvalidParameter(f"{shown(name)} is not a merit of trials; use {right.text!r}, for the whole image")
+        raise InvalidParameter(
+            f"{shown(name)} is not a merit of trials; use {right.text!r}, for the whole image"
+        )
     if merit.quantity not in LIMITABLE or merit.after != "none":
         raise _unknown(name)
 
@@ -255,7 +269,12 @@ class RequiredMerits:
 
     @classmethod
     def of(
-        cls, names: tuple[str, ...], field: Field, refocus: Refocus, distance_mm: float, floor_px2: float
+        cls,
+        names: tuple[str, ...],
+        field: Field,
+        refocus: Refocus,
+        distance_mm: float,
+        floor_px2: float,
     ) -> RequiredMerits:
         """Create the evaluator for the objects of a field."""
         merits = [named(name) for name in names]
@@ -280,8 +299,13 @@ class RequiredMerits:
         """
         trials = len(next(iter(values.values())))
         parts = [slice(k, k + CHUNK) for k in range(0, trials, CHUNK)]
-        both = [self._of_some({name: of[part] for name, of in values.items()}, motions) for part in parts]
-        return np.concatenate([merits for merits, _ in both]), np.concatenate([lost for _, lost in both])
+        both = [
+            self._of_some({name: of[part] for name, of in values.items()}, motions)
+            for part in parts
+        ]
+        return np.concatenate([merits for merits, _ in both]), np.concatenate(
+            [lost for _, lost in both]
+        )
 
     def _of_some(self, values: Values, motions: Motions) -> tuple[Array, NDArray[np.intp]]:
         rows, lost = self.rows(values, motions)
@@ -290,11 +314,17 @@ class RequiredMerits:
         merits[lost > 0] = np.nan
         return merits, lost
 
-    def rows(self, values: Values, motions: Motions) -> tuple[dict[str, MeritRows], NDArray[np.intp]]:
+    def rows(
+        self, values: Values, motions: Motions
+    ) -> tuple[dict[str, MeritRows], NDArray[np.intp]]:
         """Return the values of each merit and the number of lost objects (t,)."""
         with np.errstate(all="ignore"):  # NaN of lost rays
             view, rim = self._view(values)
-            departures = None if self.lines is None else self.lines.departures(motions(self.lines.reference, values))
+            departures = (
+                None
+                if self.lines is None
+                else self.lines.departures(motions(self.lines.reference, values))
+            )
             whole = partial(_whole, self.field.sensor, values)
             rows = {
                 name: whole(name)
@@ -305,7 +335,11 @@ class RequiredMerits:
             return rows, view.lost
 
     def _rows(
-        self, merit: MeritName, view: TrialView, rim: Callable[[], RimView], departures: Array | None
+        self,
+        merit: MeritName,
+        view: TrialView,
+        rim: Callable[[], RimView],
+        departures: Array | None,
     ) -> MeritRows:
         if merit.quantity == STRAIGHTNESS:
             assert departures is not None, "lines are there where it is asked for"
@@ -339,7 +373,9 @@ def _whole(sensor: Sensor, values: Values, name: str) -> MeritRows:
     quantity, result = named(name).quantity, []
     for k in range(len(next(iter(values.values())))):
         try:
-            built = perturbed(sensor, {error: float(of[k]) for error, of in values.items()}).aligned()
+            built = perturbed(
+                sensor, {error: float(of[k]) for error, of in values.items()}
+            ).aligned()
             result.append(float(OF_THE_WHOLE[quantity](built)))
         except OmnimirrorError:
             result.append(np.nan)
@@ -355,7 +391,9 @@ def is_within(omega_deg: Array, part: tuple[float, float] | None) -> NDArray[np.
 
 def _of_part(view: TrialView, part: NDArray[np.intp]) -> dict[str, Array]:
     """Select values of some objects."""
-    return {name: a if a.shape[-1] == 1 else a[..., part] for name, a in view.values._asdict().items()}
+    return {
+        name: a if a.shape[-1] == 1 else a[..., part] for name, a in view.values._asdict().items()
+    }
 
 
 def _with_parts(field: Field, merits: list[MeritName], distance_mm: float) -> Field:
@@ -375,4 +413,6 @@ def _with_parts(field: Field, merits: list[MeritName], distance_mm: float) -> Fi
         return field
     around = np.unique(field.azimuth_deg)
     omega = np.append(field.omega_deg, np.repeat(more, len(around)))
-    return field_at(field.sensor, omega, np.append(field.azimuth_deg, np.tile(around, len(more))), distance_mm)
+    return field_at(
+        field.sensor, omega, np.append(field.azimuth_deg, np.tile(around, len(more))), distance_mm
+    )

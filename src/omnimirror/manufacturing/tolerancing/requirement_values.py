@@ -64,11 +64,19 @@ def vectorised_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     _, turned = directions_of(field.omega_deg, field.azimuth_deg)
     turned = np.einsum("tji,njk->tnik", states.rotation, turned)
     distance = states.focal_mm / (1 - states.breathing_mm * shown.vergence)
-    airy_px = lens.airy_diameter() / lens.image_f_number() * distance / states.aperture_mm / states.pitch_mm
+    airy_px = (
+        lens.airy_diameter()
+        / lens.image_f_number()
+        * distance
+        / states.aperture_mm
+        / states.pitch_mm
+    )
     rays = _rays_out(states, result, field)
     viewpoints, middle = viewpoint_heights(rays, field.omega_deg)
     scale = np.radians(shown.by_direction @ turned)
-    optics = Optics(airy_px, light_of(np.hypot(*np.moveaxis(result.tangents, -1, 0))), distance, *_sizes(states))
+    optics = Optics(
+        airy_px, light_of(np.hypot(*np.moveaxis(result.tangents, -1, 0))), distance, *_sizes(states)
+    )
     view = field_values(scale, shown.blur_px, optics, viewpoints, field, rays.origins)
     return TrialView(view, middle, result.lost.sum(axis=1)), shown.vergence
 
@@ -88,7 +96,12 @@ class Optics(NamedTuple):
 
 
 def field_values(
-    px_per_deg: Array, blur_px: Array, optics: Optics, viewpoints: Array, field: Field, origins: Array
+    px_per_deg: Array,
+    blur_px: Array,
+    optics: Optics,
+    viewpoints: Array,
+    field: Field,
+    origins: Array,
 ) -> FieldValues:
     """Compute quantities from image derivatives (t, n, 2, 2) and blur matrices (t, n, 2, 2).
 
@@ -102,7 +115,9 @@ def field_values(
         v[:, None] for v in (optics.airy_px, optics.image_distance, optics.length, optics.sag)
     )
     floor = 1 + airy**2
-    own_t, own_s = (np.broadcast_to(v, lengths.shape[:2]) for v in (optics.own_t_px, optics.own_s_px))
+    own_t, own_s = (
+        np.broadcast_to(v, lengths.shape[:2]) for v in (optics.own_t_px, optics.own_s_px)
+    )
     squares = (blur_px**2).sum(axis=(-2, -1))
     area_px2 = np.sqrt(np.linalg.det(blur_px) ** 2 + floor * squares + floor**2)
     log_area = np.log(area_px2 / np.abs(np.linalg.det(px_per_deg)))
@@ -141,11 +156,15 @@ def viewpoint_heights(rays: ExitRays, omega_deg: Array) -> tuple[Array, Array]:
     """
     origins, d = rays
     across = np.eye(3) - d[..., :, None] * d[..., None, :]
-    middle = np.linalg.solve(across.sum(axis=1), np.einsum("tnij,tnj->ti", across, origins)[..., None])[..., 0]
+    middle = np.linalg.solve(
+        across.sum(axis=1), np.einsum("tnij,tnj->ti", across, origins)[..., None]
+    )[..., 0]
     from_middle = origins - middle[:, None]
     along = d[..., 2]
     with np.errstate(invalid="ignore", divide="ignore"):
-        reach = (from_middle[..., 2] - along * np.einsum("tni,tni->tn", d, from_middle)) / (1 - along**2)
+        reach = (from_middle[..., 2] - along * np.einsum("tni,tni->tn", d, from_middle)) / (
+            1 - along**2
+        )
     heights = middle[:, 2:] + reach
     off_axis = omega_deg > 0
     heights[:, ~off_axis] = heights[:, off_axis].mean(axis=1, keepdims=True)
@@ -187,11 +206,22 @@ class RimView(NamedTuple):
 def vectorised_rims(sensor: Sensor, values: Values, vergence: Array) -> RimView:
     """Trace chief rays to rim points of vectorised trials, focused at vergences (t,)."""
     states = states_of(sensor, values)
-    around, rim = np.arange(RIM_AZIMUTHS) * (2 * np.pi / RIM_AZIMUTHS), states.surfaces.rim_radius_mm
-    x, y = (np.broadcast_to(rim * c, (len(states), RIM_AZIMUTHS)) for c in (np.cos(around), np.sin(around)))
+    around, rim = (
+        np.arange(RIM_AZIMUTHS) * (2 * np.pi / RIM_AZIMUTHS),
+        states.surfaces.rim_radius_mm,
+    )
+    x, y = (
+        np.broadcast_to(rim * c, (len(states), RIM_AZIMUTHS))
+        for c in (np.cos(around), np.sin(around))
+    )
     h = states.surfaces.heights(x, y)
-    points = np.einsum("tij,tnj->tni", states.rotation, np.stack([x, y, h.z], axis=-1)) + states.shift[:, None]
-    normals = np.einsum("tij,tnj->tni", states.rotation, np.stack([h.gx, h.gy, -np.ones_like(x)], axis=-1))
+    points = (
+        np.einsum("tij,tnj->tni", states.rotation, np.stack([x, y, h.z], axis=-1))
+        + states.shift[:, None]
+    )
+    normals = np.einsum(
+        "tij,tnj->tni", states.rotation, np.stack([h.gx, h.gy, -np.ones_like(x)], axis=-1)
+    )
     towards = points - states.pupil[:, None]
     turned = 2 * (towards * normals).sum(axis=-1) / (normals**2).sum(axis=-1)
     out = towards - turned[..., None] * normals
@@ -219,9 +249,14 @@ def _rim_of(nominal: Sensor, built: Sensor) -> tuple[Array, Array]:
     around = np.arange(RIM_AZIMUTHS) * (2 * np.pi / RIM_AZIMUTHS)
     towards = np.stack([np.cos(around), np.sin(around)], axis=-1)
     size = 4 * int(np.ceil(nominal.rim_radius_px))
-    wide = replace(built, imager=replace(built.imager, width_px=size, height_px=size, centre_px=None))
+    wide = replace(
+        built, imager=replace(built.imager, width_px=size, height_px=size, centre_px=None)
+    )
     middle = (size - 1) / 2
-    low, high = np.full(RIM_AZIMUTHS, 0.5 * nominal.rim_radius_px), np.full(RIM_AZIMUTHS, 1.6 * nominal.rim_radius_px)
+    low, high = (
+        np.full(RIM_AZIMUTHS, 0.5 * nominal.rim_radius_px),
+        np.full(RIM_AZIMUTHS, 1.6 * nominal.rim_radius_px),
+    )
     for _ in range(HALVINGS):
         radius = (low + high) / 2
         valid = wide.backproject(middle + radius[:, None] * towards).valid
@@ -259,13 +294,22 @@ def sequential_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     Physically impossible sensors lose all objects.
     """
     trials = len(next(iter(values.values())))
-    visible = [_seen_by(field, {name: float(of[k]) for name, of in values.items()}, refocus) for k in range(trials)]
-    scale, blur, origins, out = (np.stack(arrays) for arrays in list(zip(*visible, strict=True))[:4])
-    optics = Optics(*(np.array(numbers) for numbers in zip(*(one.optics for one in visible), strict=True)))
+    visible = [
+        _seen_by(field, {name: float(of[k]) for name, of in values.items()}, refocus)
+        for k in range(trials)
+    ]
+    scale, blur, origins, out = (
+        np.stack(arrays) for arrays in list(zip(*visible, strict=True))[:4]
+    )
+    optics = Optics(
+        *(np.array(numbers) for numbers in zip(*(one.optics for one in visible), strict=True))
+    )
     with np.errstate(all="ignore"):  # NaN of lost rays
         heights, middle = viewpoint_heights(ExitRays(origins, out), field.omega_deg)
         view = field_values(scale, blur, optics, heights, field, origins)
-    return TrialView(view, middle, np.array([one.lost for one in visible])), np.array([one.focus_mm for one in visible])
+    return TrialView(view, middle, np.array([one.lost for one in visible])), np.array(
+        [one.focus_mm for one in visible]
+    )
 
 
 def _seen_by(field: Field, errors: dict[str, float], refocus: Refocus) -> _Seen:
@@ -286,7 +330,9 @@ def _seen_by(field: Field, errors: dict[str, float], refocus: Refocus) -> _Seen:
             )
     except OmnimirrorError:
         blank, pair, lens = np.full((n, 3), np.nan), np.full((n, 2, 2), np.nan), np.full(n, np.nan)
-        return _Seen(pair, pair, blank, blank, (np.nan, lens, np.nan, np.nan, np.nan, lens, lens), np.nan, n)
+        return _Seen(
+            pair, pair, blank, blank, (np.nan, lens, np.nan, np.nan, np.nan, lens, lens), np.nan, n
+        )
 
 
 def _px_per_deg(built: Sensor, field: Field) -> Array:
@@ -294,13 +340,21 @@ def _px_per_deg(built: Sensor, field: Field) -> Array:
     differences.
     """
     _, turned = directions_of(field.omega_deg, field.azimuth_deg)
-    distance = 1.0 if field.distant else np.linalg.norm(field.targets - _mirror_points(built, field), axis=1)[:, None]
+    distance = (
+        1.0
+        if field.distant
+        else np.linalg.norm(field.targets - _mirror_points(built, field), axis=1)[:, None]
+    )
     columns = []
     for k in range(2):
         step, ends = np.radians(STEP_DEG) * distance * turned[..., k], []
         for sign in (1, -1):
             displaced = field.targets + sign * step
-            displaced = displaced / np.linalg.norm(displaced, axis=1, keepdims=True) if field.distant else displaced
+            displaced = (
+                displaced / np.linalg.norm(displaced, axis=1, keepdims=True)
+                if field.distant
+                else displaced
+            )
             ends.append(
                 images_within_rim(
                     built, field.sensor, RayEndpoints(displaced, field.distant), rim_slack=BEYOND
@@ -316,9 +370,13 @@ def _mirror_points(built: Sensor, field: Field) -> Array:
 
 def _rays(built: Sensor, field: Field) -> tuple[Array, Array]:
     """Return origins and directions (n, 3) of object-side rays in the camera frame."""
-    wide = replace(built, imager=replace(built.imager, width_px=100_000, height_px=100_000, centre_px=None))
+    wide = replace(
+        built, imager=replace(built.imager, width_px=100_000, height_px=100_000, centre_px=None)
+    )
     targets = field.targets @ built._axes.T
-    rays = wide.backproject((wide.project_directions(targets) if field.distant else wide.project(targets)).pixels)
+    rays = wide.backproject(
+        (wide.project_directions(targets) if field.distant else wide.project(targets)).pixels
+    )
     return rays.origins @ built._axes, rays.directions @ built._axes
 
 
@@ -366,7 +424,9 @@ class StraightLines:
     rest: Array
 
     @classmethod
-    def of(cls, field: Field, refocus: Refocus, distance_mm: float, floor_px2: float) -> StraightLines:
+    def of(
+        cls, field: Field, refocus: Refocus, distance_mm: float, floor_px2: float
+    ) -> StraightLines:
         """Create lines over the evaluated field."""
         low, high = field.omega_deg.min(), field.omega_deg.max()
         omega, azimuth, across = lines_over(float(low), float(high))
@@ -383,9 +443,13 @@ class StraightLines:
         """
         left = self.reference.compensators.left(displaced)
         vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)
-        turned = np.einsum("nij,ctnj->ctni", np.linalg.inv(self.reference.field.px_per_deg), vectors)
+        turned = np.einsum(
+            "nij,ctnj->ctni", np.linalg.inv(self.reference.field.px_per_deg), vectors
+        )
         lines, points, _ = self.across.shape
-        across = np.einsum("lpi,ctlpi->ctlp", self.across, turned.reshape(*turned.shape[:2], lines, points, 2))
+        across = np.einsum(
+            "lpi,ctlpi->ctlp", self.across, turned.reshape(*turned.shape[:2], lines, points, 2)
+        )
         departures: Array = across @ self.rest
         return departures
 
@@ -430,6 +494,12 @@ def _across_at(omega_deg: float, tau_deg: Array) -> tuple[Array, Array, Array]:
     normal = np.cross(towards, [0.0, 1.0, 0.0])
     omega = np.arctan2(np.hypot(d[:, 0], d[:, 1]), -d[:, 2])
     azimuth = np.arctan2(d[:, 1], d[:, 0])
-    tangential = np.stack([np.cos(omega) * np.cos(azimuth), np.cos(omega) * np.sin(azimuth), np.sin(omega)], axis=-1)
+    tangential = np.stack(
+        [np.cos(omega) * np.cos(azimuth), np.cos(omega) * np.sin(azimuth), np.sin(omega)], axis=-1
+    )
     sagittal = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=-1)
-    return np.degrees(omega), np.degrees(azimuth), np.stack([tangential @ normal, sagittal @ normal], axis=-1)
+    return (
+        np.degrees(omega),
+        np.degrees(azimuth),
+        np.stack([tangential @ normal, sagittal @ normal], axis=-1),
+    )

@@ -97,7 +97,9 @@ def merit_rates(
             rms, worst = (n for n in OF_MOTION if n.endswith(unit))
             rates[after(rms, depth)] = _of_rms(first, second, still)
             at_zero = np.zeros_like(first)
-            rates[after(worst, depth)] = _largest(at_zero[:, 0], *_of_lengths(at_zero, first, second, still))
+            rates[after(worst, depth)] = _largest(
+                at_zero[:, 0], *_of_lengths(at_zero, first, second, still)
+            )
     focus = _differences(focus_mm, step)
     return (
         rates
@@ -107,7 +109,9 @@ def merit_rates(
     )
 
 
-def _of_required(evaluator: TrialEvaluator, values: Mapping[str, Array], step: float) -> dict[str, Rates]:
+def _of_required(
+    evaluator: TrialEvaluator, values: Mapping[str, Array], step: float
+) -> dict[str, Rates]:
     """Return derivatives of merits that limits require; NaN if rays are lost."""
     if evaluator.required is None:
         return {}
@@ -124,7 +128,9 @@ def _of_rows(rows: MeritRows, step: float) -> Rates:
         return Rates(float(rate), float(bend))
     if rows.takes == "departure":
         at_zero = np.zeros_like(value)
-        return _largest(at_zero, *_of_lengths(at_zero[:, None], first[:, None], second[:, None], STILL / step))
+        return _largest(
+            at_zero, *_of_lengths(at_zero[:, None], first[:, None], second[:, None], STILL / step)
+        )
     high, low = _largest(value, first, second), _largest(-value, -first, -second)
     fall, bend = -low.first, -low.second
     if rows.takes == "largest":
@@ -155,11 +161,16 @@ def _of_lengths(value: Array, first: Array, second: Array, still: float) -> tupl
     length, rate = np.linalg.norm(value, axis=1), np.linalg.norm(first, axis=1)
     along = (value * first).sum(axis=1)
     with np.errstate(all="ignore"):
-        moving = along / length, (rate**2 + (value * second).sum(axis=1)) / length - along**2 / length**3
+        moving = (
+            along / length,
+            (rate**2 + (value * second).sum(axis=1)) / length - along**2 / length**3,
+        )
         starting = rate, (first * second).sum(axis=1) / rate
     at_zero, moves = length < still, rate < still
     at_rest = np.zeros_like(rate), np.linalg.norm(second, axis=1)
-    choose = [np.where(at_zero, np.where(moves, at_rest[k], starting[k]), moving[k]) for k in (0, 1)]
+    choose = [
+        np.where(at_zero, np.where(moves, at_rest[k], starting[k]), moving[k]) for k in (0, 1)
+    ]
     return choose[0], choose[1]
 
 
@@ -245,20 +256,28 @@ def sensitivities(
     for name, bound in tolerances.errors.items():
         size = bound.value
         at_ends = evaluator.evaluate(tolerances.expand_forms({name: np.array([size, -size])}))
-        worst = {merit: _worst(merit, values) for merit, values in zip(evaluator.names, at_ends.T, strict=True)}
+        worst = {
+            merit: _worst(merit, values)
+            for merit, values in zip(evaluator.names, at_ends.T, strict=True)
+        }
         rows.append(
             ErrorSensitivity(
                 name,
                 size,
                 worst,
                 _rates(evaluator, name, STEP * size, tolerances) if size else {},
-                {merit: _alone(evaluator, tolerances, name, merit, limit) for merit, limit in limits.items()},
+                {
+                    merit: _alone(evaluator, tolerances, name, merit, limit)
+                    for merit, limit in limits.items()
+                },
             )
         )
     return rows
 
 
-def _rates(evaluator: TrialEvaluator, name: str, step: float, tolerances: Tolerances) -> dict[str, Rates]:
+def _rates(
+    evaluator: TrialEvaluator, name: str, step: float, tolerances: Tolerances
+) -> dict[str, Rates]:
     with np.errstate(all="ignore"):  # NaN if a step loses all rays
         return merit_rates(evaluator, name, step, tolerances)
 
@@ -270,7 +289,9 @@ def _worst(merit: str, values: Array) -> float:
     return float(values.min() if is_lower_limit(merit) else values.max())
 
 
-def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: str, limit: float) -> float:
+def _alone(
+    evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: str, limit: float
+) -> float:
     """Find the maximum tolerance of a single error; infinite without a bound, 0 if no tolerance is
     valid.
     """
@@ -292,7 +313,12 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: 
 
 
 def _first_bad(
-    evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: str, limit: float, sizes: Array
+    evaluator: TrialEvaluator,
+    tolerances: Tolerances,
+    name: str,
+    merit: str,
+    limit: float,
+    sizes: Array,
 ) -> int | None:
     """Return the index of the first increasing error that violates a limit; evaluate in small
     batches.
@@ -301,7 +327,11 @@ def _first_bad(
     for start in range(0, len(sizes), BATCH_SIZE):
         some = sizes[start : start + BATCH_SIZE]
         values = tolerances.expand_forms({name: np.concatenate([some, -some])})
-        good = satisfies_limit(evaluator.evaluate(values)[:, place], merit, limit).reshape(2, -1).all(axis=0)
+        good = (
+            satisfies_limit(evaluator.evaluate(values)[:, place], merit, limit)
+            .reshape(2, -1)
+            .all(axis=0)
+        )
         bad = np.flatnonzero(~good)
         if bad.size:
             return start + int(bad[0])
@@ -423,7 +453,9 @@ def _factors(tolerances: Tolerances) -> tuple[dict[str, tuple[str, ...]], dict[s
             members = tuple(name for name in names if name in both)
             groups[" + ".join(members)] = members
     single = {name: [tolerances.names.index(name)] for name in names if len(together[name]) == 1}
-    return groups, single | {name: [tolerances.names.index(m) for m in members] for name, members in groups.items()}
+    return groups, single | {
+        name: [tolerances.names.index(m) for m in members] for name, members in groups.items()
+    }
 
 
 def _values(

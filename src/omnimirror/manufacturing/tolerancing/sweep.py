@@ -13,7 +13,14 @@ import json
 import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -82,13 +89,20 @@ class SweepPlan:
     @cached_property
     def asked(self) -> dict[str, Any]:
         """Plan as stored in the manifest."""
-        errors = {name: [bound.value, bound.distribution] for name, bound in self.tolerances.errors.items()}
+        errors = {
+            name: [bound.value, bound.distribution]
+            for name, bound in self.tolerances.errors.items()
+        }
         description = {
             "format": FORMAT,
             "sensor": tables_of(self.tolerances.sensor),
             "errors": errors,
-            "correlations": [[*pair, value] for pair, value in self.tolerances.correlations.items()],
-            "forms": {name: [form.zernike, form.um] for name, form in self.tolerances.forms.items()},
+            "correlations": [
+                [*pair, value] for pair, value in self.tolerances.correlations.items()
+            ],
+            "forms": {
+                name: [form.zernike, form.um] for name, form in self.tolerances.forms.items()
+            },
             "refocus": self.refocus,
             "objects": dict(self.objects),
             "trials": self.trials,
@@ -125,19 +139,26 @@ def claim(folder: Path, plan: SweepPlan) -> None:
     matches = _asked_in(path)
     if matches != plan.asked:
         changed = ", ".join(name for name in plan.asked if matches.get(name) != plan.asked[name])
-        raise OmnimirrorError(f"{folder} contains trials of another sweep (different: {changed}); use another folder")
+        raise OmnimirrorError(
+            f"{folder} contains trials of another sweep (different: {changed}); use another folder"
+        )
 
 
 def write_manifest(folder: Path, plan: SweepPlan, checksums: Mapping[str, str]) -> None:
     """Write the plan and, once complete, the checksums of all shards."""
-    write_text(folder / MANIFEST, json.dumps({"asked": plan.asked, "shards": dict(checksums)}, indent=1) + "\n")
+    write_text(
+        folder / MANIFEST,
+        json.dumps({"asked": plan.asked, "shards": dict(checksums)}, indent=1) + "\n",
+    )
 
 
 def _asked_in(path: Path) -> dict[str, Any]:
     try:
         return dict(parse_json(read_text(path, "manifest"))["asked"])
     except (ValueError, KeyError, TypeError):
-        raise OmnimirrorError(f"{path} is not a manifest of omnimirror; use another folder") from None
+        raise OmnimirrorError(
+            f"{path} is not a manifest of omnimirror; use another folder"
+        ) from None
 
 
 Rows = NDArray[np.float32]
@@ -189,9 +210,9 @@ class Shard:
         )
         for trial in range(self.first, self.first + self.count, BLOCK):
             count = min(BLOCK, self.first + self.count - trial)
-            yield evaluator.evaluate(self.plan.tolerances.drawn(self.plan.seed, trial // BLOCK, count)).astype(
-                np.float32
-            )
+            yield evaluator.evaluate(
+                self.plan.tolerances.drawn(self.plan.seed, trial // BLOCK, count)
+            ).astype(np.float32)
 
     def make(self, goes_on: Callable[[], bool] = lambda: True) -> None:
         """Compute the shard and write its file.
@@ -210,7 +231,10 @@ class Shard:
         types = [(TRIAL, pa.int64()), *((name, pa.float32()) for name in self.plan.merits)]
         digest, trial = _checksum(), self.first
         plain: Any = {"use_dictionary": False, "compression": "none", "write_statistics": False}
-        with replacing(self.path) as temporary, pq.ParquetWriter(temporary, pa.schema(types), **plain) as writer:
+        with (
+            replacing(self.path) as temporary,
+            pq.ParquetWriter(temporary, pa.schema(types), **plain) as writer,
+        ):
             for rows in self.merits():
                 if not goes_on():
                     raise KeyboardInterrupt
@@ -219,7 +243,9 @@ class Shard:
                 columns = [numbers, *np.ascontiguousarray(rows.T)]
                 writer.write_table(pa.table(columns, schema=pa.schema(types)))
                 trial += len(rows)
-            writer.add_key_value_metadata({KEY: json.dumps(self._about | {"checksum": digest.hexdigest()})})
+            writer.add_key_value_metadata(
+                {KEY: json.dumps(self._about | {"checksum": digest.hexdigest()})}
+            )
 
     def checksum(self) -> str | None:
         """Return the stored checksum, or None without a file.
@@ -296,7 +322,9 @@ def _parquet() -> tuple[Any, Any]:
     try:
         return import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError:
-        raise OmnimirrorError("shards require pyarrow; install with pip install 'omnimirror[design]'") from None
+        raise OmnimirrorError(
+            "shards require pyarrow; install with pip install 'omnimirror[design]'"
+        ) from None
 
 
 AHEAD = 3  # queued shards per worker
@@ -344,7 +372,9 @@ def pool_of(scheduler: str | None) -> Iterator[Pool]:
     ended = threading.Event()
     with ThreadPoolExecutor(backend.threads, thread_name_prefix="sweep") as executor:
         try:
-            yield Pool(executor, backend.threads, partial(Shard.make, goes_on=lambda: not ended.is_set()))
+            yield Pool(
+                executor, backend.threads, partial(Shard.make, goes_on=lambda: not ended.is_set())
+            )
         finally:
             ended.set()
             executor.shutdown(cancel_futures=True)
@@ -361,11 +391,15 @@ def _cluster(address: str) -> Iterator[Pool]:
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError):
-        raise OmnimirrorError(f"no Dask scheduler responds at {address!r}; start one with: dask scheduler") from None
+        raise OmnimirrorError(
+            f"no Dask scheduler responds at {address!r}; start one with: dask scheduler"
+        ) from None
     with _in_a_sentence(), client:
         threads = sum(client.nthreads().values())
         if not threads:
-            raise OmnimirrorError(f"the scheduler at {address} has no workers; start some with: dask worker {address}")
+            raise OmnimirrorError(
+                f"the scheduler at {address} has no workers; start some with: dask worker {address}"
+            )
         try:
             yield Pool(client.get_executor(pure=False), threads, make_on_worker)
         except CancelledError:
@@ -450,9 +484,13 @@ class Sweep:
         check_fields(self)
         i, n = self.part
         if not 1 <= i <= n:
-            raise InvalidParameter(f"part must be between 1/{max(n, 1)} and {max(n, 1)}/{max(n, 1)}; got {i}/{n}")
+            raise InvalidParameter(
+                f"part must be between 1/{max(n, 1)} and {max(n, 1)}/{max(n, 1)}; got {i}/{n}"
+            )
         if self.shard_trials < 1 or self.shard_trials % BLOCK:
-            raise InvalidParameter(f"shard_trials must be a positive multiple of {BLOCK}; got {self.shard_trials}")
+            raise InvalidParameter(
+                f"shard_trials must be a positive multiple of {BLOCK}; got {self.shard_trials}"
+            )
 
     @property
     def is_whole(self) -> bool:
@@ -500,7 +538,9 @@ def run_sweep(
     i, n = sweep.part
     shards = [Shard(plan, sweep.folder, number) for number in range(i - 1, plan.shards, n)]
     if not shards:
-        raise InvalidParameter(f"part must not exceed the number of shards, {plan.shards}; got {i}/{n}")
+        raise InvalidParameter(
+            f"part must not exceed the number of shards, {plan.shards}; got {i}/{n}"
+        )
     claim(sweep.folder, plan)
     for _ in range(ROUNDS):
         _make_missing(shards, sweep.scheduler, on_progress, on_warning)
@@ -521,7 +561,10 @@ def run_sweep(
 
 
 def _make_missing(
-    shards: list[Shard], scheduler: str | None, on_progress: Progress | None, on_warning: Callable[[str], None] | None
+    shards: list[Shard],
+    scheduler: str | None,
+    on_progress: Progress | None,
+    on_warning: Callable[[str], None] | None,
 ) -> None:
     missing = []
     for shard in shards:
@@ -544,7 +587,9 @@ def _make_missing(
                 on_progress(done, trials)
 
 
-def _discard(shard: Shard, why: CorruptShardError, on_warning: Callable[[str], None] | None) -> None:
+def _discard(
+    shard: Shard, why: CorruptShardError, on_warning: Callable[[str], None] | None
+) -> None:
     if on_warning:
         on_warning(f"{why}; it is computed again")
     try:

@@ -108,7 +108,11 @@ class ToleranceReport:
             "yield_high": statistics.yields.high,
             "lost": statistics.lost,
             "limits": [
-                {"merit": name, _side(name): limit, "passed": statistics.passed_each[name] / statistics.trials}
+                {
+                    "merit": name,
+                    _side(name): limit,
+                    "passed": statistics.passed_each[name] / statistics.trials,
+                }
                 for name, limit in self.plan.limits.items()
             ],
             "merits": merits,
@@ -200,7 +204,9 @@ def tolerance(
     if isinstance(plan, Tolerances):
         plan = TolerancePlan(plan)
     if plan.tolerances.sensor != sensor:
-        raise InvalidParameter("plan must contain tolerances of this sensor; got those of another sensor")
+        raise InvalidParameter(
+            "plan must contain tolerances of this sensor; got those of another sensor"
+        )
     if isinstance(limits, Requirements):
         plan = with_requirements(plan, limits)
     elif limits is not None:
@@ -213,11 +219,20 @@ def tolerance(
     evaluator = TrialEvaluator.of(sensor, plan.refocus, required, **plan.objects)
     if sweep is None:
         statistics = simulate_trials(
-            evaluator, plan.tolerances, plan.limits, trials=trials, seed=seed, on_progress=on_progress
+            evaluator,
+            plan.tolerances,
+            plan.limits,
+            trials=trials,
+            seed=seed,
+            on_progress=on_progress,
         )
     else:
-        retained = SweepPlan(plan.tolerances, plan.refocus, plan.objects, trials, seed, sweep.shard_trials, required)
-        statistics = run_sweep(sweep, retained, plan.limits, on_progress=on_progress, on_warning=on_warning)
+        retained = SweepPlan(
+            plan.tolerances, plan.refocus, plan.objects, trials, seed, sweep.shard_trials, required
+        )
+        statistics = run_sweep(
+            sweep, retained, plan.limits, on_progress=on_progress, on_warning=on_warning
+        )
     effects = sensitivities(evaluator, plan.tolerances, plan.limits)
     allocation = None
     if target_yield is not None:
@@ -231,10 +246,19 @@ def tolerance(
             seed=seed,
         )
     decomposition = (
-        sobol_indices(evaluator, plan.tolerances, tuple(plan.limits) or RANKED_BY, seed=seed) if variance else None
+        sobol_indices(evaluator, plan.tolerances, tuple(plan.limits) or RANKED_BY, seed=seed)
+        if variance
+        else None
     )
     return ToleranceReport(
-        sensor, plan, seed, statistics, effects, allocation, decomposition, time.perf_counter() - begin
+        sensor,
+        plan,
+        seed,
+        statistics,
+        effects,
+        allocation,
+        decomposition,
+        time.perf_counter() - begin,
     )
 
 
@@ -291,7 +315,9 @@ def with_requirements(plan: TolerancePlan, requirements: Requirements) -> Tolera
     ({'cylinder_mm_per_px': 10.0}, {'object_distance_mm': 800.0})
     """
     if not requirements.limits:
-        raise InvalidParameter(f"requirements {requirements.name!r} must contain at least one limit")
+        raise InvalidParameter(
+            f"requirements {requirements.name!r} must contain at least one limit"
+        )
     objects = dict(plan.objects)
     if "object_distance_mm" not in objects:
         distances = distances_mm(requirements.field)
@@ -309,7 +335,10 @@ def _side(name: str) -> str:
 
 
 def _variance_table(found: VarianceDecomposition) -> dict[str, Any]:
-    indices = {merit: {name: index._asdict() for name, index in of.items()} for merit, of in found.indices.items()}
+    indices = {
+        merit: {name: index._asdict() for name, index in of.items()}
+        for merit, of in found.indices.items()
+    }
     return {
         "groups": {name: list(members) for name, members in found.groups.items()},
         "indices": indices,
@@ -399,7 +428,9 @@ def typical_sensors(
     check_limits({merit: 1.0})
     check_trials(trials)
     seed = whole("seed", seed)
-    evaluator = TrialEvaluator.of(sensor, plan.refocus, select_requirement_merits([merit]), **plan.objects)
+    evaluator = TrialEvaluator.of(
+        sensor, plan.refocus, select_requirement_merits([merit]), **plan.objects
+    )
     drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
     merits = evaluator.evaluate(drawn)[:, evaluator.names.index(merit)]
     ranked = np.argsort(-merits if is_lower_limit(merit) else merits)  # NaN last

@@ -37,17 +37,27 @@ class ErrorTable(Table):
     """Error and its tolerance."""
 
     name: str
-    tolerance: Annotated[float, Field(ge=0, description="plus or minus, in the unit that the name ends with")]
+    tolerance: Annotated[
+        float, Field(ge=0, description="plus or minus, in the unit that the name ends with")
+    ]
     distribution: Distribution = "uniform"
-    cost: Annotated[float, Field(gt=0, description="of this tolerance; half of it costs twice as much")] = 1.0
-    max_tolerance: Annotated[float, Field(gt=0, description="upper bound for --yield")] | None = None
+    cost: Annotated[
+        float, Field(gt=0, description="of this tolerance; half of it costs twice as much")
+    ] = 1.0
+    max_tolerance: Annotated[float, Field(gt=0, description="upper bound for --yield")] | None = (
+        None
+    )
 
 
 class FigureTable(Table):
     """Random form error with a power spectrum."""
 
-    exponent: Annotated[float, Field(ge=0, le=10, description="by which the spectral density falls")] = 2.5
-    orders: Annotated[list[int], Field(min_length=2, max_length=2, description="[FIRST, LAST]")] | None = None
+    exponent: Annotated[
+        float, Field(ge=0, le=10, description="by which the spectral density falls")
+    ] = 2.5
+    orders: (
+        Annotated[list[int], Field(min_length=2, max_length=2, description="[FIRST, LAST]")] | None
+    ) = None
     rms_um: Annotated[float, Field(gt=0)] | None = None
     peak_to_valley_um: Annotated[float, Field(gt=0)] | None = None
     slope_mrad: Annotated[float, Field(gt=0)] | None = None
@@ -81,7 +91,9 @@ class BoundTable(LimitTable):
 class ObjectsTable(Table):
     """Objects at which trials are evaluated, and refocusing."""
 
-    field_deg: Annotated[list[float], Field(min_length=2, max_length=2, description="[FROM, TO]")] | None = None
+    field_deg: (
+        Annotated[list[float], Field(min_length=2, max_length=2, description="[FROM, TO]")] | None
+    ) = None
     angles: Annotated[int, Field(ge=1, le=200)] = 8
     azimuths: Annotated[int, Field(ge=3, le=720)] = 12
     object_distance_mm: Annotated[float, Field(gt=0)] | None = None
@@ -234,7 +246,13 @@ def parse_tolerances(
     text = text.removeprefix("\ufeff")
     where = SourceLocator(text, source)
     data = parse_toml(text, source)
-    known: dict[str, type] = {"format": int, "objects": dict, "error": list, "correlation": list, "limit": list}
+    known: dict[str, type] = {
+        "format": int,
+        "objects": dict,
+        "error": list,
+        "correlation": list,
+        "limit": list,
+    }
     known |= {"figure": list, "measured": list}
     check_entries(data, known, FORMAT, where)
     errors, costs, max_tolerances = _errors(data.get("error", []), sensor, where)
@@ -251,7 +269,12 @@ def parse_tolerances(
         del objects["object_distance_mm"]
     tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations, forms))
     return TolerancePlan(
-        tolerances, _limits(data.get("limit", []), sensor, where), costs, refocus, objects, max_tolerances
+        tolerances,
+        _limits(data.get("limit", []), sensor, where),
+        costs,
+        refocus,
+        objects,
+        max_tolerances,
     )
 
 
@@ -302,7 +325,9 @@ def _add_figures(
         figure = where.wrap((f"figure.{i}",), partial(RandomFigure, orders=orders, **entry))
         for name, bound in figure_tolerances(sensor.mirror, figure).items():
             if name in errors:
-                raise where.error((f"figure.{i}",), f"{name} has two tolerances; remove it or exclude its order")
+                raise where.error(
+                    (f"figure.{i}",), f"{name} has two tolerances; remove it or exclude its order"
+                )
             where.wrap((f"figure.{i}",), partial(check_name, name, error_sources(sensor)))
             errors[name] = where.wrap((f"figure.{i}",), partial(Tolerance, bound, "normal"))
             costs[name] = cost
@@ -321,12 +346,17 @@ def _add_measured(
     for i, table in enumerate(tables):
         entry = validated(MeasuredTable, f"measured.{i}", table, where)
         if folder is None:
-            raise where.error((f"measured.{i}", "file"), "file is not supported in text without a folder")
+            raise where.error(
+                (f"measured.{i}", "file"), "file is not supported in text without a folder"
+            )
         if sensor.secondary is not None:
-            raise where.error((f"measured.{i}",), "measured forms are supported only for sensors with one mirror")
+            raise where.error(
+                (f"measured.{i}",), "measured forms are supported only for sensors with one mirror"
+            )
         if entry.name in forms:
             raise where.error(
-                (f"measured.{i}", "name"), f"names of measured forms must be unique; got {entry.name!r} twice"
+                (f"measured.{i}", "name"),
+                f"names of measured forms must be unique; got {entry.name!r} twice",
             )
         read = partial(load_measured_form, sensor.mirror, folder / entry.file, entry.unit)
         forms[entry.name] = where.wrap((f"measured.{i}", "file"), read)
@@ -357,11 +387,14 @@ def _limit_of_trials(bound: BoundTable, section: str, where: SourceLocator) -> d
     for name in ("omega_deg", "elevation_deg", "cycles_per_px"):
         if getattr(bound, name) is not None:
             raise where.error(
-                (section, name), f"{name} does not apply to {bound.quantity}, a quantity of the whole image"
+                (section, name),
+                f"{name} does not apply to {bound.quantity}, a quantity of the whole image",
             )
     sides = {True: bound.at_least, False: bound.at_most}
     result = {
-        MeritName(bound.quantity, least, after=bound.after).text: v for least, v in sides.items() if v is not None
+        MeritName(bound.quantity, least, after=bound.after).text: v
+        for least, v in sides.items()
+        if v is not None
     }
     if not result:
         raise where.error((section,), f"limit of {bound.quantity} requires at_most or at_least")
@@ -402,7 +435,11 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
             0, merit_names().index("blur_px")
         ]
     )
-    lines = [HEAD.format(name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur)]
+    lines = [
+        HEAD.format(
+            name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur
+        )
+    ]
     for kind in error_sources(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
             continue

@@ -69,7 +69,9 @@ def trace_objects(
     with np.errstate(all="ignore"):  # NaN of lost rays
         pupil = np.einsum("tji,tj->ti", states.rotation, states.pupil - states.shift)
         towards = targets if distant else targets - states.shift[:, None, :]
-        towards = np.einsum("tji,...nj->tni" if distant else "tji,tnj->tni", states.rotation, towards)
+        towards = np.einsum(
+            "tji,...nj->tni" if distant else "tji,tnj->tni", states.rotation, towards
+        )
         xy = _mirror_points(states.surfaces, pupil, towards, distant, start)
         path = _path(states.surfaces, pupil, towards, distant, xy)
         return _seen(states, path, xy, rim_slack)
@@ -94,7 +96,9 @@ class _Path(NamedTuple):
     """Sign (t, n): positive for a reflection, negative for a straight path."""
 
 
-def _path(surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool, xy: Array) -> _Path:
+def _path(
+    surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool, xy: Array
+) -> _Path:
     x, y = xy[..., 0], xy[..., 1]
     h = surfaces.heights(x, y)
     point = np.stack([x, y, h.z], axis=-1)
@@ -107,7 +111,9 @@ def _path(surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool,
         _, px, py, pull, from_target = _end(point - towards, h.gx, h.gy)
     gradient = np.stack([ux + px, uy + py], axis=-1)
     bent = (uz + pull)[..., None] * np.stack([h.hxx, h.hxy, h.hyy], axis=-1) + from_target
-    return _Path(step, length, gradient, bent + from_pupil, bent, np.stack([h.gx, h.gy], axis=-1), uz + pull)
+    return _Path(
+        step, length, gradient, bent + from_pupil, bent, np.stack([h.gx, h.gy], axis=-1), uz + pull
+    )
 
 
 def _end(step: Array, gx: Array, gy: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -121,7 +127,9 @@ def _end(step: Array, gx: Array, gy: Array) -> tuple[Array, Array, Array, Array,
     return length, ux, uy, u[..., 2], second / length[..., None]
 
 
-def _mirror_points(surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool, start: Array) -> Array:
+def _mirror_points(
+    surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool, start: Array
+) -> Array:
     """Find reflection points (t, n, 2) in mm by Newton's method."""
     xy = np.broadcast_to(start, (len(pupil), *start.shape)).copy()
     for _ in range(STEPS):
@@ -143,13 +151,17 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> TracedObj
     sideways[..., 0, 0] = sideways[..., 1, 1] = 1.0
     sideways[..., 2] = path.slopes
     displaced = np.einsum("tij,tnkj->tnik", turn, sideways)
-    spread = (displaced[..., :2, :] - tangents[..., None] * displaced[..., 2:, :]) / towards[..., 2, None, None]
+    spread = (displaced[..., :2, :] - tangents[..., None] * displaced[..., 2:, :]) / towards[
+        ..., 2, None, None
+    ]
     inverse = _inverse(_square(path.whole))
     cosine = towards[..., 2] / path.length
     vergence = inverse @ _square(path.without_pupil) / (path.length * cosine)[..., None, None]
     miss = np.hypot(*np.moveaxis(path.gradient, -1, 0)) / np.sqrt(1 + (path.slopes**2).sum(axis=-1))
     rim = states.surfaces.rim_radius_mm
-    on_mirror = (miss <= REFLECTION_TOLERANCE) & (np.hypot(xy[..., 0], xy[..., 1]) <= rim * (1 + rim_slack))
+    on_mirror = (miss <= REFLECTION_TOLERANCE) & (
+        np.hypot(xy[..., 0], xy[..., 1]) <= rim * (1 + rim_slack)
+    )
     on_mirror &= (path.facing > 0) & (towards[..., 2] > 0)
     return TracedObjects(
         xy,
@@ -224,7 +236,9 @@ def form_images(states: States, result: TracedObjects, refocus: Refocus = "none"
         breath = (1 - f * states.vergence) / (1 - f * vergence)
         widen, offsets, depth = _imaged(states, tangents, breath)
         vergences = _less(result.vergences, _tilted_by(states, depth))
-        blur = states.aperture_mm[:, None, None, None] * (vergence[:, None, None, None] * widen - widen @ vergences)
+        blur = states.aperture_mm[:, None, None, None] * (
+            vergence[:, None, None, None] * widen - widen @ vergences
+        )
         return TrialImages(offsets, blur, widen @ result.by_direction, vergence)
 
 
@@ -256,16 +270,23 @@ def _tilted_by(states: States, depth: Array) -> Array:
     return np.where(tilted[:, None], part, 0.0)
 
 
-def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tuple[Array, Array, Array]:
+def _imaged(
+    states: States, tangents: Array, breath: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Return derivatives (t, n, 2, 2) in px per tangent, offsets (t, n, 2) in px, and depths (t, n)
     in mm.
     """
     displaced, (xx, xy, yy) = _distorted(tangents, states.brown)
     if breath is not None:
-        displaced, xx, xy, yy = displaced * breath[:, None, None], *(d * breath[:, None] for d in (xx, xy, yy))
+        displaced, xx, xy, yy = (
+            displaced * breath[:, None, None],
+            *(d * breath[:, None] for d in (xx, xy, yy)),
+        )
     h = states.imager[:, None]
     flat = np.concatenate([displaced, np.ones((*displaced.shape[:-1], 1))], axis=-1)
-    u, v, w = np.moveaxis(np.einsum("tnij,tnj->tni", np.broadcast_to(h, (*flat.shape, 3)), flat), -1, 0)
+    u, v, w = np.moveaxis(
+        np.einsum("tnij,tnj->tni", np.broadcast_to(h, (*flat.shape, 3)), flat), -1, 0
+    )
     offsets = np.stack([u, v], axis=-1) / w[..., None]
     plane = (h[..., :2, :2] - offsets[..., None] * h[..., 2:, :2]) / w[..., None, None]
     lens = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
@@ -310,8 +331,13 @@ def focus_vergences(widen: Array, spread: Array, refocus: Refocus) -> Array:
 
     def worst(v: Array) -> Array:
         v = v[:, None]
-        square, det = size[0] + v * (size[1] + v * size[2]), turned[0] + v * (turned[1] + v * turned[2])
-        return np.asarray(np.nanmax(square + np.sqrt(np.maximum(square**2 - 4 * det**2, 0.0)), axis=1))
+        square, det = (
+            size[0] + v * (size[1] + v * size[2]),
+            turned[0] + v * (turned[1] + v * turned[2]),
+        )
+        return np.asarray(
+            np.nanmax(square + np.sqrt(np.maximum(square**2 - 4 * det**2, 0.0)), axis=1)
+        )
 
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_a, at_b = worst(a), worst(b)
@@ -329,7 +355,12 @@ def _squared_blur(widen: Array, spread: Array) -> tuple[tuple[Array, ...], tuple
     """Return coefficients of 1, v and v^2 of the sum of squares and the determinant of ``v W - S``."""
     w, s = widen.reshape(*widen.shape[:-2], 4), spread.reshape(*spread.shape[:-2], 4)
     size = (s * s).sum(axis=-1), -2 * (w * s).sum(axis=-1), (w * w).sum(axis=-1)
-    crossed = w[..., 0] * s[..., 3] + s[..., 0] * w[..., 3] - w[..., 1] * s[..., 2] - s[..., 1] * w[..., 2]
+    crossed = (
+        w[..., 0] * s[..., 3]
+        + s[..., 0] * w[..., 3]
+        - w[..., 1] * s[..., 2]
+        - s[..., 1] * w[..., 2]
+    )
     return size, (s[..., 0] * s[..., 3] - s[..., 1] * s[..., 2], -crossed, np.linalg.det(widen))
 
 

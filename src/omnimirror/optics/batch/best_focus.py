@@ -30,7 +30,14 @@ from ...base.optimisation import (
     minimise_brackets,
 )
 from ...base.typing import Array
-from .closed_forms import DEGREE, NodeOptics, PerspectiveCamera, RealCamera, TelecentricCamera, focus_powers
+from .closed_forms import (
+    DEGREE,
+    NodeOptics,
+    PerspectiveCamera,
+    RealCamera,
+    TelecentricCamera,
+    focus_powers,
+)
 
 SCAN = 17  # vergences sampled for valleys
 MARGIN = 0.05  # of the range of vergences, on both sides
@@ -65,7 +72,11 @@ class AreaModel:
         f, F, pitch = camera.focal_length_mm, camera.f_number, camera.pitch_mm
         paper, scaled = camera.mode == "paper", camera.image_radius_px is not None
         blur = f / (F * pitch) * (f if paper else 1.0)
-        image = camera.image_radius_px / camera.rim_ray if camera.image_radius_px is not None else 1 / pitch
+        image = (
+            camera.image_radius_px / camera.rim_ray
+            if camera.image_radius_px is not None
+            else 1 / pitch
+        )
         airy = 2.44e-6 * camera.wavelength_nm * F / (f * pitch)
         a, b, c, d = _columns((1 / f, airy**2, 1 / blur**2, (blur / (image * DEGREE)) ** 4), count)
         return cls(a, b, c, d, paper, int(paper) - int(scaled), (1e-7 * a, 0.999 * a))
@@ -80,7 +91,9 @@ class AreaModel:
 
     def part(self, rows: RowIndices) -> AreaModel:
         """Return the model of a subset of the designs."""
-        a, b, c, d, *bounds = (x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds))
+        a, b, c, d, *bounds = (
+            x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds)
+        )
         return AreaModel(a, b, c, d, self.paper, self.power, (bounds[0], bounds[1]))
 
     def at(self, v: Array) -> tuple[Array, Array, Array, Array]:
@@ -161,22 +174,38 @@ class RealAreas:
         """Create the areas of mirror points (n, k)."""
         lens = camera.tables
         found = lens.at(o.ray)
-        _, _, far_t, spread_t, far_s, spread_s, own_t, own_s = (c / camera.pitch_mm for c in found[3:])
+        _, _, far_t, spread_t, far_s, spread_s, own_t, own_s = (
+            c / camera.pitch_mm for c in found[3:]
+        )
         wide = lens.focal_length_mm / lens.f_number
-        guess = np.clip(np.nanmean(o.vergence_t + o.vergence_s, axis=1, keepdims=True) / 2, *camera.bounds)
+        guess = np.clip(
+            np.nanmean(o.vergence_t + o.vergence_s, axis=1, keepdims=True) / 2, *camera.bounds
+        )
         q = lens.defocus(guess)
         at_t, at_s = (
-            focus_powers(far, q) / focus_powers(spread, q) for far, spread in ((far_t, spread_t), (far_s, spread_s))
+            focus_powers(far, q) / focus_powers(spread, q)
+            for far, spread in ((far_t, spread_t), (far_s, spread_s))
         )
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
         dh, dw = camera.resolution(o, found)
         return cls(
-            t, s, own_t, own_s, dh, dw, o.vergence_t - at_t + guess, o.vergence_s - at_s + guess, counts, camera
-        )  # fmt: skip
+            t,
+            s,
+            own_t,
+            own_s,
+            dh,
+            dw,
+            o.vergence_t - at_t + guess,
+            o.vergence_s - at_s + guess,
+            counts,
+            camera,
+        )
 
     def part(self, rows: RowIndices) -> RealAreas:
         """Return the areas of a subset of the designs."""
-        t, s, own_t, own_s, dh, dw = (c[:, rows] for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw))
+        t, s, own_t, own_s, dh, dw = (
+            c[:, rows] for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
+        )
         rest = self.middle_t[rows], self.middle_s[rows], self.counts[rows], self.camera
         return RealAreas(t, s, own_t, own_s, dh, dw, *rest)
 
@@ -192,16 +221,24 @@ class RealAreas:
         t, s, own_t, own_s, dh, dw = (
             focus_powers(c, q) for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
         )
-        areas = (t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor) / (dh * dw) ** 2 * self.counts
+        areas = (
+            (t * t + own_t * own_t + floor)
+            * (s * s + own_s * own_s + floor)
+            / (dh * dw) ** 2
+            * self.counts
+        )
         j = areas.argmax(axis=1)[:, None]
         there = [
-            np.take_along_axis(c, j[None], axis=2) for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
+            np.take_along_axis(c, j[None], axis=2)
+            for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
         ]
         (t, dt), (s, ds), (own_t, down_t), (own_s, down_s), (dh, ddh), (dw, ddw) = (
             (focus_powers(c, q), c[1] + 2 * q * c[2]) for c in there
         )
         side_t, side_s = t * t + own_t * own_t + floor, s * s + own_s * own_s + floor
-        rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (2 * (s * ds + own_s * down_s) + dfloor) / side_s
+        rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (
+            2 * (s * ds + own_s * down_s) + dfloor
+        ) / side_s
         rate -= 2 * (ddh / dh + ddw / dw)
         value = np.take_along_axis(areas, j, axis=1)
         return value, value * rate * dq, j
@@ -242,7 +279,12 @@ def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
 
 
 def _other_valleys(
-    value: Array, rate: Array, angle: NDArray[np.intp], step: Array, k: NDArray[np.intp], least: Array
+    value: Array,
+    rate: Array,
+    angle: NDArray[np.intp],
+    step: Array,
+    k: NDArray[np.intp],
+    least: Array,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Return designs, cells of the scan, and distances to the intersections of their end tangents.
 
@@ -280,7 +322,11 @@ def _worst(
     at = j + np.arange(len(j)) * areas.shape[1]
     t, s = v - vergence_t.take(at)[:, None], v - vergence_s.take(at)[:, None]
     value = D * areas.take(at)[:, None]
-    return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j[:, None]
+    return (
+        value,
+        value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)),
+        j[:, None],
+    )
 
 
 def _areas(v: Array, r: Array, vergence_t: Array, vergence_s: Array, density: Array) -> Array:

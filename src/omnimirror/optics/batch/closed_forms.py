@@ -89,7 +89,13 @@ class Look(NamedTuple):
 
 
 def node_optics(
-    x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, m: Array, inverse_distance: Any = 0.0
+    x: Array,
+    z: Array,
+    slope: Array,
+    curvature: Array,
+    slope_over_x: Array,
+    m: Array,
+    inverse_distance: Any = 0.0,
 ) -> NodeOptics:
     """Compute the optics of mirror points for a perspective lens at distance m from the vertex.
 
@@ -134,7 +140,12 @@ def node_optics(
 
 
 def telecentric_optics(
-    x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, inverse_distance: Any = 0.0
+    x: Array,
+    z: Array,
+    slope: Array,
+    curvature: Array,
+    slope_over_x: Array,
+    inverse_distance: Any = 0.0,
 ) -> NodeOptics:
     """Compute the optics as :func:`node_optics` for a telecentric lens."""
     steep = 1 + slope * slope
@@ -208,9 +219,15 @@ class IdealCamera:
     def at(self, o: NodeOptics, v: Array) -> Look:
         ray_px, blur_px, none = self.px_per_ray(v), self.px_per_vergence(v), 0 * v
         return Look(
-            blur_px * (v - o.vergence_t), blur_px * (v - o.vergence_s), o.magnification_t * ray_px * DEGREE,
-            o.magnification_s * ray_px * DEGREE, self.airy_px(v), none, none, self.light(o.ray),
-        )  # fmt: skip
+            blur_px * (v - o.vergence_t),
+            blur_px * (v - o.vergence_s),
+            o.magnification_t * ray_px * DEGREE,
+            o.magnification_s * ray_px * DEGREE,
+            self.airy_px(v),
+            none,
+            none,
+            self.light(o.ray),
+        )
 
 
 @dataclass(frozen=True)
@@ -450,9 +467,13 @@ def tables_of(lens: FieldLens) -> LensTables:
     >>> tables.at(np.array([0.25])).height[0].round(3)  # focused at infinity
     array([3.])
     """
-    nearest = max(lens.principal_point_mm + MIN_FOCUS_DISTANCE * lens.focal_length_mm, lens.nearest_focus_mm)
+    nearest = max(
+        lens.principal_point_mm + MIN_FOCUS_DISTANCE * lens.focal_length_mm, lens.nearest_focus_mm
+    )
     f, at = lens.focal_length_mm, lens.pupil.at_mm
-    made = LensTables(np.empty(0), 0.0, f, lens.f_number, lens.pupil_from_principal, at, 1 / (nearest - at), 0.0)
+    made = LensTables(
+        np.empty(0), 0.0, f, lens.f_number, lens.pupil_from_principal, at, 1 / (nearest - at), 0.0
+    )
     vergences = np.array([1 / (MAX_DISTANCE_MM - at), made.most_vergence / 2, made.most_vergence])
     focused, q = [lens.focused_at(float(1 / v + at)) for v in vergences], made.defocus(vergences)
     end = min(one.field.end for one in focused)
@@ -462,9 +483,13 @@ def tables_of(lens: FieldLens) -> LensTables:
     powers = np.linalg.solve(np.vander(q, increasing=True), each[:, :, 3:].reshape(3, -1)).reshape(
         3, *each[:, :, 3:].shape[1:]
     )
-    rows = np.concatenate([np.stack([place, motion, light]), powers.transpose(2, 0, 1, 3).reshape(-1, 2, CELLS + 1)])
+    rows = np.concatenate(
+        [np.stack([place, motion, light]), powers.transpose(2, 0, 1, 3).reshape(-1, 2, CELLS + 1)]
+    )
     imager = focused[0].imager_mm - f * float(q[0])
-    return replace(made, imager_mm=imager, values=np.ascontiguousarray(rows.transpose(2, 1, 0)), end=end)
+    return replace(
+        made, imager_mm=imager, values=np.ascontiguousarray(rows.transpose(2, 1, 0)), end=end
+    )
 
 
 def _columns(lens: FieldLens, tangent: Array) -> Array:
@@ -482,9 +507,18 @@ def _columns(lens: FieldLens, tangent: Array) -> Array:
     motion = lens.pupil.aim(tangent * 1.0, 1.0 + found.pupil).drift / (1 + tangent**2)
     wide_t, wide_s = found.scale_t * found.width_t, found.scale_s * found.width_s
     rows = (
-        found.pupil, motion, found.illumination, height, rate, wide_t * found.vergence_t, wide_t,
-        wide_s * found.vergence_s, wide_s, np.maximum(found.own_t, 0.0), np.maximum(found.own_s, 0.0),
-    )  # fmt: skip
+        found.pupil,
+        motion,
+        found.illumination,
+        height,
+        rate,
+        wide_t * found.vergence_t,
+        wide_t,
+        wide_s * found.vergence_s,
+        wide_s,
+        np.maximum(found.own_t, 0.0),
+        np.maximum(found.own_s, 0.0),
+    )
     return np.stack([both(row) for row in rows], axis=1)
 
 
@@ -531,21 +565,32 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
         inner = lens - BEYOND_LENS_MM if shell.height_mm is None else shell.height_mm + 0 * lens
-        sides = RefractingSurface("plane", np.inf, inner), RefractingSurface("plane", np.inf, inner - shell.wall_mm)
+        sides = (
+            RefractingSurface("plane", np.inf, inner),
+            RefractingSurface("plane", np.inf, inner - shell.wall_mm),
+        )
         return Walls(sides, indices, None, np.real(inner) <= np.real(lens))
     if isinstance(shell, Tube):
         least, usual = shell.diameters(outer)
         radius = (shell.diameter_mm or usual) / 2 + 0 * lens
-        sides = RefractingSurface("cylinder", radius - shell.wall_mm, 0.0), RefractingSurface("cylinder", radius, 0.0)
+        sides = (
+            RefractingSurface("cylinder", radius - shell.wall_mm, 0.0),
+            RefractingSurface("cylinder", radius, 0.0),
+        )
         return Walls(sides, indices, (lens, back), 2 * np.real(radius) >= np.real(least))
     assert isinstance(shell, Dome)
     least, usual = shell.diameters(lens, back, outer)
-    radius, centre = (shell.diameter_mm or usual) / 2 + 0 * lens, shell.centre_between(lens, back) + 0 * lens
+    radius, centre = (
+        (shell.diameter_mm or usual) / 2 + 0 * lens,
+        shell.centre_between(lens, back) + 0 * lens,
+    )
     sides = (
         RefractingSurface("sphere", radius - shell.wall_mm, centre + shell.inner_shift_mm),
         RefractingSurface("sphere", radius, centre),
     )
-    takes_in = (2 * np.real(radius) >= least) & (np.real(radius - shell.wall_mm) > np.abs(np.real(lens - centre)))
+    takes_in = (2 * np.real(radius) >= least) & (
+        np.real(radius - shell.wall_mm) > np.abs(np.real(lens - centre))
+    )
     return Walls(sides, indices, None, takes_in)
 
 
@@ -572,7 +617,14 @@ def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
 
 
 def built_optics(
-    x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, aim: Aim, near: Any, walls: Walls | None
+    x: Array,
+    z: Array,
+    slope: Array,
+    curvature: Array,
+    slope_over_x: Array,
+    aim: Aim,
+    near: Any,
+    walls: Walls | None,
 ) -> NodeOptics:
     """Compute the optics of mirror points as :func:`.optics.node_optics`.
 
@@ -585,7 +637,9 @@ def built_optics(
     root, cosine = np.sqrt(steep), 1 / np.sqrt(1 + t * t)  # of the viewing angle
     cos_gamma = (1 - t * slope) * cosine / root
     # front/(rho^2 - drift x) of the meridian's equations, divided by w^2
-    dtheta = 0 * slope if telecentric else (1 - t * slope) / (w * (1 / cosine**2 - aim.drift * t / w))
+    dtheta = (
+        0 * slope if telecentric else (1 - t * slope) / (w * (1 / cosine**2 - aim.drift * t / w))
+    )
     start = Pencil(
         x, z, 2 * np.arctan(slope) + np.arctan(t), cos_gamma * root, 2 * curvature / steep + dtheta
     )  # spread = cos(gamma)/cos(beta)
@@ -615,7 +669,9 @@ def built_optics(
     )
 
 
-def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any, Any, Any, Any, Any, Any]:
+def _outside(
+    start: Pencil, near: Any, walls: Walls | None
+) -> tuple[Pencil, Any, Any, Any, Any, Any, Any]:
     """Return rays outside the wall, and the vergences of objects.
 
     The values are: the pencil outside; 1/distance of objects from the mirror; 1/distance, as seen
@@ -640,7 +696,9 @@ def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any
         seen = height > base
         return passed.foot, near, near_t, near_s, inside, seen, outside | ~seen
     crosses = (height > base) & (height < cap)
-    foot = Pencil(*(np.where(crosses, new, old) for new, old in zip(passed.foot, start, strict=True)))
+    foot = Pencil(
+        *(np.where(crosses, new, old) for new, old in zip(passed.foot, start, strict=True))
+    )
     near_t, near_s, near = (np.where(crosses, new, bare) for new in (near_t, near_s, near))
     return foot, near, near_t, near_s, np.where(crosses, inside, 0.0), True, outside | ~crosses
 
@@ -648,7 +706,11 @@ def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any
 def _behind_wall(near: Any, passed: Passed) -> Any:
     """Return 1/distance along the optical path from mirror points to objects behind a wall."""
     foot = passed.foot
-    onward = near(foot.x + passed.reach * np.sin(foot.omega), foot.z - passed.reach * np.cos(foot.omega), foot.omega)
+    onward = near(
+        foot.x + passed.reach * np.sin(foot.omega),
+        foot.z - passed.reach * np.cos(foot.omega),
+        foot.omega,
+    )
     return onward / (1 + onward * passed.inside)
 
 
@@ -716,13 +778,17 @@ class RealCamera:
         return 1 / (focus_mm - self.tables.pupil_mm)
 
     def height_px(self, ray: Array, v: Array) -> Array:
-        height: Array = focus_powers(self.tables.at(ray).height, self.tables.defocus(v)) / self.pitch_mm
+        height: Array = (
+            focus_powers(self.tables.at(ray).height, self.tables.defocus(v)) / self.pitch_mm
+        )
         return height
 
     def at(self, o: NodeOptics, v: Array) -> Look:
         """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
         found, q = self.tables.at(o.ray), self.tables.defocus(v)
-        far_t, spread_t, far_s, spread_s, own_t, own_s = (focus_powers(c, q) / self.pitch_mm for c in found[5:])
+        far_t, spread_t, far_s, spread_s, own_t, own_s = (
+            focus_powers(c, q) / self.pitch_mm for c in found[5:]
+        )
         dh, dw = (focus_powers(c, q) for c in self.resolution(o, found))
         wide = self.tables.focal_length_mm / self.tables.f_number  # pupil diameter
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)

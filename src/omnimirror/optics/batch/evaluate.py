@@ -49,9 +49,17 @@ Numbers = Any
 ROUNDING = 1e-12  # relative tolerance of a rim at the end of a lens's field
 BLOCK = 256  # designs per block: their arrays of 100 angles fit in the cache
 BATCH_COLUMNS = (
-    "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm",
-    "distance_s_mm", "blur_t_px", "blur_s_px", "floored_area_deg2",
-)  # fmt: skip
+    "omega_deg",
+    "h_px",
+    "dh_domega_px_per_deg",
+    "width_px_per_deg",
+    "viewpoint_z_mm",
+    "distance_t_mm",
+    "distance_s_mm",
+    "blur_t_px",
+    "blur_s_px",
+    "floored_area_deg2",
+)
 """Quantities computed at every angle, named as in ``evaluate``."""
 
 
@@ -113,15 +121,23 @@ class Designs:
         for name in _NUMBERS:
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape not in ((), (len(c),)):
-                raise InvalidParameter(f"{name} has shape {value.shape}; it needs one number, or one per design")
+                raise InvalidParameter(
+                    f"{name} has shape {value.shape}; it needs one number, or one per design"
+                )
             value = np.ascontiguousarray(np.broadcast_to(value, len(c)))
             if name not in ("vertex_radius_mm", "conic", "magnification") and not (value > 0).all():
-                raise InvalidParameter(f"{name} = {value[~(value > 0)][0]:g} is not valid; it must be above 0")
+                raise InvalidParameter(
+                    f"{name} = {value[~(value > 0)][0]:g} is not valid; it must be above 0"
+                )
             object.__setattr__(self, name, value)
         if (self.magnification > 0).any() and not (self.magnification > 0).all():
-            raise InvalidParameter("magnification is above 0 for some designs only; all lenses are of one kind")
+            raise InvalidParameter(
+                "magnification is above 0 for some designs only; all lenses are of one kind"
+            )
         if not np.all(np.asarray(self.object_distance_mm) > 0):
-            raise InvalidParameter(f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0")
+            raise InvalidParameter(
+                f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0"
+            )
 
     def _check_built(self) -> None:
         """Check for values defined by a real lens, and for configurations without a meridian."""
@@ -132,7 +148,11 @@ class Designs:
             )
         if self.lens is None:
             return
-        if self.mode != "exact" or self.image_radius_px is not None or np.any(np.asarray(self.magnification) > 0):
+        if (
+            self.mode != "exact"
+            or self.image_radius_px is not None
+            or np.any(np.asarray(self.magnification) > 0)
+        ):
             raise InvalidParameter(
                 f"mode = {self.mode!r}, image_radius_px = {self.image_radius_px} or a magnification does not apply to "
                 'a lens known by its field; mode = "exact" alone is valid'
@@ -174,8 +194,12 @@ class Designs:
         if self.tables is not None:
             return RealCamera(self.tables, pitch, self.wavelength_nm)
         if self.is_telecentric:
-            return TelecentricCamera(mu, F, rim_ray, pitch, self.image_radius_px, self.wavelength_nm)
-        return PerspectiveCamera(f, F, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm)
+            return TelecentricCamera(
+                mu, F, rim_ray, pitch, self.image_radius_px, self.wavelength_nm
+            )
+        return PerspectiveCamera(
+            f, F, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm
+        )
 
     def sensor(self, i: int, imager: Imager, focus_mm: float, name: str = "design") -> Sensor:
         """Create design i as a sensor focused at an object distance."""
@@ -190,14 +214,22 @@ class Designs:
         else:
             lens = Perspective(float(self.focal_length_mm[i]), F, float(focus_mm))
         distance = float(self.mirror_distance_mm[i])
-        return Sensor(mirror, lens, imager, mirror_distance_mm=distance, name=name, housing=self.housing)
+        return Sensor(
+            mirror, lens, imager, mirror_distance_mm=distance, name=name, housing=self.housing
+        )
 
 
 WALL_KINDS = ("none", "plane", "cylinder", "sphere")
 """Wall kinds in the order of the compiled evaluator."""
 _NUMBERS = (
-    "mirror_distance_mm", "rim_radius_mm", "focal_length_mm", "f_number", "vertex_radius_mm", "conic", "magnification"
-)  # fmt: skip
+    "mirror_distance_mm",
+    "rim_radius_mm",
+    "focal_length_mm",
+    "f_number",
+    "vertex_radius_mm",
+    "conic",
+    "magnification",
+)
 """Per-design numbers in the order of the compiled evaluator."""
 
 
@@ -228,7 +260,9 @@ class BatchEvaluation:
         raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
 
 
-def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bool | None = None) -> BatchEvaluation:
+def evaluate_designs(
+    designs: Designs, angles: int | ArrayLike = 100, native: bool | None = None
+) -> BatchEvaluation:
     """Evaluate mapping, images and blur of many designs, each at its own best focus.
 
     Parameters
@@ -255,19 +289,32 @@ def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bo
     >>> result.focus_mm.round(1), result.blur_t_px.shape
     (array([205.3, 213.1]), (2, 100))
     """
-    u = np.linspace(0.0, 1.0, angles) if isinstance(angles, int) else np.asarray(angles, dtype=float).ravel()
+    u = (
+        np.linspace(0.0, 1.0, angles)
+        if isinstance(angles, int)
+        else np.asarray(angles, dtype=float).ravel()
+    )
     if not (u.size and (u >= 0).all() and (u <= 1).all()):
-        raise InvalidParameter("angles need at least one, at fractions from 0 to 1 of the rim radius")
+        raise InvalidParameter(
+            "angles need at least one, at fractions from 0 to 1 of the rim radius"
+        )
     if np.shape(designs.object_distance_mm) not in ((), u.shape):
-        raise InvalidParameter(f"object_distance_mm needs one number, or one for each of the {u.size} field angles")
+        raise InvalidParameter(
+            f"object_distance_mm needs one number, or one for each of the {u.size} field angles"
+        )
     if native and not backend.is_compiled:
-        raise InvalidParameter("the compiled evaluator is not here; install omnimirror where a C++20 compiler works")
+        raise InvalidParameter(
+            "the compiled evaluator is not here; install omnimirror where a C++20 compiler works"
+        )
     if backend.is_compiled if native is None else native:
         return _compiled(designs, u)
     blocks = [_block(designs.part(slice(i, i + BLOCK)), u) for i in range(0, len(designs), BLOCK)]
     return BatchEvaluation(
         np.concatenate([b.columns for b in blocks], axis=1),
-        *(np.concatenate([getattr(b, n) for b in blocks]) for n in ("focus_mm", "worst_floored_area_deg2", "valid")),
+        *(
+            np.concatenate([getattr(b, n) for b in blocks])
+            for n in ("focus_mm", "worst_floored_area_deg2", "valid")
+        ),
     )
 
 
@@ -279,7 +326,9 @@ def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
     z, curvature = z * M, curvature / M
     if d.family.has_conic:
         R, k = (v[:, None] for v in (d.vertex_radius_mm, d.conic))
-        z, slope, curvature = (a + b for a, b in zip((z, slope, curvature), conic_profile(x, R, k), strict=True))
+        z, slope, curvature = (
+            a + b for a, b in zip((z, slope, curvature), conic_profile(x, R, k), strict=True)
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         slope_over_x = np.where(x > 0, slope / x, curvature)
     return x, z, slope, curvature, slope_over_x
@@ -292,7 +341,9 @@ def _optics(d: Designs, u: Array) -> NodeOptics:
         m = np.full((len(d), 1), np.inf) if d.is_telecentric else d.mirror_distance_mm[:, None]
         rim_sag = _profiles(d, np.ones(1))[1][:, 0]
         aim = aim_of(x, m + z, d.tables)
-        return as_rim(built_optics(x, z, slope, curvature, slope_over_x, aim, near, d.walls(rim_sag)))
+        return as_rim(
+            built_optics(x, z, slope, curvature, slope_over_x, aim, near, d.walls(rim_sag))
+        )
     if d.is_telecentric:
         return telecentric_optics(x, z, slope, curvature, slope_over_x, near)
     return node_optics(x, z, slope, curvature, slope_over_x, d.mirror_distance_mm[:, None], near)
@@ -315,15 +366,25 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
         origin = 0.0 if d.tables is None else d.tables.at(o.ray).place
         distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
-            o.omega / DEGREE, camera.height_px(o.ray, v), look.dh, look.dw, o.viewpoint_z,
-            distance(o.vergence_t) + origin, distance(o.vergence_s) + origin, look.t_px, look.s_px, area,
-        )  # fmt: skip
+            o.omega / DEGREE,
+            camera.height_px(o.ray, v),
+            look.dh,
+            look.dw,
+            o.viewpoint_z,
+            distance(o.vergence_t) + origin,
+            distance(o.vergence_s) + origin,
+            look.t_px,
+            look.s_px,
+            area,
+        )
         table = np.where(o.seen, np.stack(np.broadcast_arrays(*columns)), np.nan)
         focus = distance(v[:, 0]) + (0.0 if d.tables is None else d.tables.pupil_mm)
         return BatchEvaluation(table, focus, worst, valid)
 
 
-def _areas(d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array) -> IdealAreas | RealAreas:
+def _areas(
+    d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array
+) -> IdealAreas | RealAreas:
     """Return the floored areas of designs at any focus."""
     if isinstance(camera, RealCamera):
         return RealAreas.of(o, camera, counts)
@@ -337,12 +398,27 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
     columns, results = np.empty((len(BATCH_COLUMNS), len(d), u.size)), np.empty((3, len(d)))
     numbers = np.stack([getattr(d, name) for name in _NUMBERS], axis=1)
     basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
-    near = np.ascontiguousarray(np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size))
+    near = np.ascontiguousarray(
+        np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size)
+    )
     backend.kernels.evaluate_designs(
-        d.coefficients, numbers, basis, kernel_array(u), d.family.has_conic, d.mode == "paper",
-        d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
-        d.least_omega_deg * DEGREE, FOCUS_SEARCH, *_of_lens(d), *_of_walls(d), columns, results,
-    )  # fmt: skip
+        d.coefficients,
+        numbers,
+        basis,
+        kernel_array(u),
+        d.family.has_conic,
+        d.mode == "paper",
+        d.pixel_pitch_um * 1e-3,
+        d.image_radius_px or 0.0,
+        d.wavelength_nm,
+        near,
+        d.least_omega_deg * DEGREE,
+        FOCUS_SEARCH,
+        *_of_lens(d),
+        *_of_walls(d),
+        columns,
+        results,
+    )
     focus, worst, valid = results
     return BatchEvaluation(columns, focus, worst, valid > 0)
 
@@ -363,5 +439,7 @@ def _of_walls(d: Designs) -> tuple[Array, tuple[int, float, float]]:
     inner, outer = walls.sides
     ends = (0.0, 0.0) if walls.ends is None else walls.ends
     rows = (inner.radius, outer.radius, inner.height, outer.height, *ends, walls.fits)
-    numbers = np.hstack([np.broadcast_to(np.asarray(row, dtype=float), (len(d), 1)) for row in rows])
+    numbers = np.hstack(
+        [np.broadcast_to(np.asarray(row, dtype=float), (len(d), 1)) for row in rows]
+    )
     return np.ascontiguousarray(numbers), (WALL_KINDS.index(inner.kind), *walls.indices)

@@ -50,7 +50,11 @@ class Family:
         return self._basis(self.terms, u)
 
     def mirror(
-        self, coefficients: Array, rim_radius_mm: float, vertex_radius_mm: float = np.inf, conic: float = 0.0
+        self,
+        coefficients: Array,
+        rim_radius_mm: float,
+        vertex_radius_mm: float = np.inf,
+        conic: float = 0.0,
     ) -> Mirror:
         """Create the mirror of coefficients (terms,), added to a conic if the family has one."""
         return self._mirror(coefficients, rim_radius_mm, vertex_radius_mm, conic)
@@ -59,7 +63,9 @@ class Family:
         """Return the fractions (terms,) of the rim radius for :meth:`from_slopes`."""
         if self.name == SlopeSpline.KIND:
             return np.arange(1, self.terms + 1) / self.terms
-        return np.sin(np.pi / 2 * (2 * np.arange(1, self.terms + 1) - 1) / (2 * self.terms - 1))  # Chebyshev, odd
+        return np.sin(
+            np.pi / 2 * (2 * np.arange(1, self.terms + 1) - 1) / (2 * self.terms - 1)
+        )  # Chebyshev, odd
 
     def from_slopes(self) -> Array:
         """Return the matrix (terms, terms) from slopes at :meth:`slope_places` to coefficients."""
@@ -81,7 +87,9 @@ def family(name: str, terms: int) -> Family:
     array([1.    , 0.5   , 0.1875])
     """
     if name not in _FAMILIES:
-        raise InvalidParameter(f"{name!r} is no family of meridians to optimise; valid are {', '.join(_FAMILIES)}")
+        raise InvalidParameter(
+            f"{name!r} is no family of meridians to optimise; valid are {', '.join(_FAMILIES)}"
+        )
     few, many, has_conic, basis, mirror = _FAMILIES[name]
     if not few <= terms <= many:
         raise InvalidParameter(f"terms = {terms} does not suit {name}, which takes {few} to {many}")
@@ -101,16 +109,28 @@ def _even_powers(first: int) -> Callable[[int, Array], Basis]:
 def _spline_basis(terms: int, u: Array) -> Basis:
     slope = spline_of_slopes(np.vstack([np.zeros(terms), np.eye(terms)]))
     sag = slope.antiderivative()
-    return Basis((sag(u) - sag(0.0)).T, np.where(u == 0.0, 0.0, slope(u).T), slope.derivative()(u).T)
+    return Basis(
+        (sag(u) - sag(0.0)).T, np.where(u == 0.0, 0.0, slope(u).T), slope.derivative()(u).T
+    )
 
 
 _FAMILIES = {
-    EvenPolynomial.KIND: (1, 12, False, _even_powers(1), lambda c, M, _R, _k: EvenPolynomial(tuple(c), M, M)),
+    EvenPolynomial.KIND: (
+        1,
+        12,
+        False,
+        _even_powers(1),
+        lambda c, M, _R, _k: EvenPolynomial(tuple(c), M, M),
+    ),
     ConicAsphere.KIND: (
-        0, 10, True, _even_powers(2), lambda c, M, R, k: ConicAsphere(R, k, M, tuple(c), M)
+        0,
+        10,
+        True,
+        _even_powers(2),
+        lambda c, M, R, k: ConicAsphere(R, k, M, tuple(c), M),
     ),
     SlopeSpline.KIND: (3, 60, False, _spline_basis, lambda c, M, _R, _k: SlopeSpline((0.0, *c), M)),
-}  # fmt: skip
+}
 
 
 class FreeForm(NamedTuple):
@@ -131,8 +151,13 @@ class FreeForm(NamedTuple):
         """
         word, colon, count = text.strip().partition(":")
         if word not in FREE_FORMS or (colon and not (count.isascii() and count.isdigit())):
-            few_to_many = (f"{w}:N with {_FAMILIES[n][0]} to {_FAMILIES[n][1]}" for w, (n, _) in FREE_FORMS.items())
-            raise InvalidParameter(f"{text!r} is not a shape to optimise; valid are {', '.join(few_to_many)}")
+            few_to_many = (
+                f"{w}:N with {_FAMILIES[n][0]} to {_FAMILIES[n][1]}"
+                for w, (n, _) in FREE_FORMS.items()
+            )
+            raise InvalidParameter(
+                f"{text!r} is not a shape to optimise; valid are {', '.join(few_to_many)}"
+            )
         name, usual = FREE_FORMS[word]
         return cls(name, family(name, int(count) if colon else usual).terms)
 

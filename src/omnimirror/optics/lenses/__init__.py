@@ -6,7 +6,9 @@ from ._surface_lens import SurfaceLens
 from ._tabulated_lens import TabulatedLens
 from .lens import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
 
-LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic, TabulatedLens, SurfaceLens)}
+LENSES: dict[str, type[Lens]] = {
+    cls.KIND: cls for cls in (Perspective, Orthographic, TabulatedLens, SurfaceLens)
+}
 """Lens classes by their name in sensor files."""
 
 __all__ = [

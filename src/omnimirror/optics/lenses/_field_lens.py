@@ -172,7 +172,9 @@ class LensField:
         self.end = float(nodes.tangent[-1])
         places = tuple(nodes.pupil.tolist())
         self.entrance_pupil = MovingPupil(places[0], tuple(nodes.tangent.tolist()), places)
-        self._even = even_spline(nodes.tangent, np.stack([getattr(nodes, f) for f in LensValues._fields], axis=1))
+        self._even = even_spline(
+            nodes.tangent, np.stack([getattr(nodes, f) for f in LensValues._fields], axis=1)
+        )
         self._odd = odd_spline(nodes.tangent, np.stack([getattr(nodes, f) for f in ODD], axis=1))
         self._rate = self._odd.derivative()
         checked = np.linspace(0.0, self.end, MONOTONICITY_SAMPLES)
@@ -202,7 +204,9 @@ class LensField:
 
     def odd(self, tangent: Array) -> dict[str, Array]:
         """Evaluate the odd functions at tangents (k,), by name."""
-        values = np.where(np.asarray(tangent)[..., None] == 0.0, 0.0, self._odd(np.minimum(tangent, self.end)))
+        values = np.where(
+            np.asarray(tangent)[..., None] == 0.0, 0.0, self._odd(np.minimum(tangent, self.end))
+        )
         return dict(zip(ODD, np.moveaxis(values, -1, 0), strict=True))
 
     def height(self, tangent: Array) -> tuple[Array, Array]:
@@ -227,7 +231,9 @@ class LensField:
             return value - h, rate
 
         start = np.interp(h, self._heights, self._tangents)
-        found[seen] = increasing_root(difference, self._tangents[cell], self._tangents[cell + 1], start, self.end)
+        found[seen] = increasing_root(
+            difference, self._tangents[cell], self._tangents[cell + 1], start, self.end
+        )
         return found.reshape(height.shape)
 
 
@@ -259,7 +265,9 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
     number("wavelength_nm", wavelength_nm, low=300.0, high=1100.0, unit="nm")
     x = np.asarray(known_nm, dtype=float) ** -2.0
     if len(set(x)) < len(x):
-        raise InvalidParameter("wavelengths_nm are not three different ones; colour is valid of those only")
+        raise InvalidParameter(
+            "wavelengths_nm are not three different ones; colour is valid of those only"
+        )
     at = wavelength_nm**-2.0
     found: Array = values[1]
     for i, j in ((0, 2), (2, 0)):  # equal values at all three stay equal
@@ -306,13 +314,21 @@ class FieldLens(GaussianLens):
         tangent = np.hypot(ideal[..., 0], ideal[..., 1]) / self.principal_distance
         height, rate = self.field.height(tangent)
         seen = tangent <= self.field.end * (1 + 1e-12)
-        return ideal * np.where(seen, ratio(height, tangent, rate), np.nan)[..., None] / self.principal_distance
+        return (
+            ideal
+            * np.where(seen, ratio(height, tangent, rate), np.nan)[..., None]
+            / self.principal_distance
+        )
 
     def undistorted(self, image: Array) -> Array:
         height = np.hypot(image[..., 0], image[..., 1])
         tangent = self.field.tangent_of(height)
         rate = self.field.height(np.zeros(1))[1][0]
-        return image * ratio(tangent, height, np.asarray(1 / rate))[..., None] * self.principal_distance
+        return (
+            image
+            * ratio(tangent, height, np.asarray(1 / rate))[..., None]
+            * self.principal_distance
+        )
 
     def stretch(self, ideal: Array) -> tuple[Array, Array]:
         tangent, c = ideal / self.principal_distance, self.principal_distance
@@ -355,7 +371,9 @@ class FieldLens(GaussianLens):
         found = self.field.at(np.hypot(slopes[:, 0], slopes[:, 1]))
         motion = np.zeros((max(len(slopes), len(pupil)), 2, 3))
         for axis, width in zip(axes(slopes), (found.stop_t, found.stop_s), strict=True):
-            motion[:, :, :2] += (self.aperture_radius * width[:, None, None]) * axis[:, :, None] * axis[:, None, :]
+            motion[:, :, :2] += (
+                (self.aperture_radius * width[:, None, None]) * axis[:, :, None] * axis[:, None, :]
+            )
         return motion
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
@@ -382,7 +400,9 @@ class FieldLens(GaussianLens):
         t, s = axes(chief)
         cos = (1 + (chief**2).sum(axis=1)) ** -0.5
         along, across = (np.einsum("ni,ni->n", places, axis) for axis in (t, s))
-        cosines: Array = (along * cos**3 / found.scale_t)[:, None] * t + (across * cos / found.scale_s)[:, None] * s
+        cosines: Array = (along * cos**3 / found.scale_t)[:, None] * t + (
+            across * cos / found.scale_s
+        )[:, None] * s
         return cosines.reshape(directions[..., :2].shape)
 
     def stop_points(self, points: Array, directions: Array) -> Array:
@@ -393,8 +413,12 @@ class FieldLens(GaussianLens):
         chief, places, found = self._belonging(points, directions)
         shift = self.field.odd(np.hypot(chief[:, 0], chief[:, 1]))["stop_shift"]
         t, s = axes(chief)
-        along, across = (np.einsum("ni,ni->n", places, axis) / self.aperture_radius for axis in (t, s))
-        crossed: Array = ((along - shift) / found.stop_t)[:, None] * t + (across / found.stop_s)[:, None] * s
+        along, across = (
+            np.einsum("ni,ni->n", places, axis) / self.aperture_radius for axis in (t, s)
+        )
+        crossed: Array = ((along - shift) / found.stop_t)[:, None] * t + (across / found.stop_s)[
+            :, None
+        ] * s
         return crossed.reshape(directions[..., :2].shape)
 
     def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:

@@ -13,8 +13,27 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from .distortion import Coefficients, distorted, distorted_radius, fold, shrinkage, undistorted, undistorted_radius
-from .lens import BLUR_MODES, F_NUMBER, FOCUS, BlurMode, DepthOfField, EntrancePupil, Lens, ThroughFocus, cos4, crossing
+from .distortion import (
+    Coefficients,
+    distorted,
+    distorted_radius,
+    fold,
+    shrinkage,
+    undistorted,
+    undistorted_radius,
+)
+from .lens import (
+    BLUR_MODES,
+    F_NUMBER,
+    FOCUS,
+    BlurMode,
+    DepthOfField,
+    EntrancePupil,
+    Lens,
+    ThroughFocus,
+    cos4,
+    crossing,
+)
 
 # -- Gaussian optics of lenses at finite distance, relative to the entrance pupil ------------------
 #
@@ -67,7 +86,9 @@ class GaussianLens(Lens):
     @property
     def image_distance(self) -> float:
         """Distance b0 (mm) from principal point to imager in focus (Eq. 25)."""
-        return 1 / (1 / self.focal_length_mm - 1 / (self.focus_distance_mm - self.principal_point_mm))
+        return 1 / (
+            1 / self.focal_length_mm - 1 / (self.focus_distance_mm - self.principal_point_mm)
+        )
 
     @property
     def imager_mm(self) -> float:
@@ -86,12 +107,16 @@ class GaussianLens(Lens):
 
     def hyperfocal_distance(self, tolerance: float) -> float:
         """Compute the hyperfocal distance f^2 / (delta F), mm, for a blur delta in mm."""
-        return self.focal_length_mm**2 / (number("tolerance", tolerance, above=0, unit="mm") * self.f_number)
+        return self.focal_length_mm**2 / (
+            number("tolerance", tolerance, above=0, unit="mm") * self.f_number
+        )
 
     def ideal_height(self, x: Array, w: Array) -> Array:
         return self.principal_distance * x / w
 
-    def ideal_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
+    def ideal_height_rate(
+        self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
+    ) -> Array:
         return self.principal_distance * (w - x * slope) / (w * (w - drift * x * w / (x**2 + w**2)))
 
     @property
@@ -104,7 +129,9 @@ class GaussianLens(Lens):
         return self.focal_length_mm / self.f_number / 2
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
-        return np.concatenate([self.aperture_radius * pupil, np.full((len(pupil), 1), self.pupil.at_mm)], axis=1)
+        return np.concatenate(
+            [self.aperture_radius * pupil, np.full((len(pupil), 1), self.pupil.at_mm)], axis=1
+        )
 
     def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
         return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
@@ -166,12 +193,16 @@ class Perspective(GaussianLens):
         "focal_length_mm": Parameter("mm", 1e-2, 1e5, "focal length (f)"),
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
-        "k1": Parameter("", -100.0, 100.0, "radial distortion as in OpenCV, none by default: r^2 of the tangent"),
+        "k1": Parameter(
+            "", -100.0, 100.0, "radial distortion as in OpenCV, none by default: r^2 of the tangent"
+        ),
         "k2": Parameter("", -1e4, 1e4, "radial distortion, r^4"),
         "k3": Parameter("", -1e6, 1e6, "radial distortion, r^6"),
         "p1": Parameter("", -1.0, 1.0, "tangential distortion"),
         "p2": Parameter("", -1.0, 1.0, "tangential distortion"),
-        "entrance_pupil_mm": Parameter("mm", -1e4, 1e4, "entrance pupil, from the principal point towards the mirror"),
+        "entrance_pupil_mm": Parameter(
+            "mm", -1e4, 1e4, "entrance pupil, from the principal point towards the mirror"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -213,7 +244,9 @@ class Perspective(GaussianLens):
         return c * distorted_radius(tangent, k)[0]
 
     def undistorted_height(self, h: Array) -> Array:
-        return self.principal_distance * undistorted_radius(h / self.principal_distance, self.brown[:3])
+        return self.principal_distance * undistorted_radius(
+            h / self.principal_distance, self.brown[:3]
+        )
 
     def stretch(self, ideal: Array) -> tuple[Array, Array]:
         if not any(self.brown[:3]):
@@ -262,7 +295,9 @@ class Orthographic(Lens):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "magnification": Parameter("", 1e-5, 1e3, "image size over object size (mu)"),
         "working_f_number": F_NUMBER,
-        "focus_distance_mm": Parameter("mm", -1e6, 1e6, "object plane in focus (L0), from the mirror vertex"),
+        "focus_distance_mm": Parameter(
+            "mm", -1e6, 1e6, "object plane in focus (L0), from the mirror vertex"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -271,7 +306,9 @@ class Orthographic(Lens):
     def ideal_height(self, x: Array, w: Array) -> Array:
         return self.magnification * x
 
-    def ideal_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
+    def ideal_height_rate(
+        self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
+    ) -> Array:
         return np.full_like(x, self.magnification)
 
     @property
@@ -296,7 +333,9 @@ class Orthographic(Lens):
         return motion
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
-        in_focus = np.concatenate([image / self.magnification, np.full((len(image), 1), self.focus_distance_mm)], 1)
+        in_focus = np.concatenate(
+            [image / self.magnification, np.full((len(image), 1), self.focus_distance_mm)], 1
+        )
         return in_focus, -self.entrance_pupil_points(pupil)
 
     def image_of(self, points: Array, directions: Array) -> Array:
@@ -316,5 +355,9 @@ class Orthographic(Lens):
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
-        reach = number("tolerance", tolerance, low=0, unit="mm") * self.working_f_number / self.magnification**2
+        reach = (
+            number("tolerance", tolerance, low=0, unit="mm")
+            * self.working_f_number
+            / self.magnification**2
+        )
         return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)

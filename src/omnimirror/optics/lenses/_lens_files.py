@@ -52,7 +52,9 @@ def split_file_entry(
 # -- Lens tables in CSV files: columns with a header, one row per viewing angle --------------------
 
 
-def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]) -> dict[str, Any]:
+def read_lens_table(
+    table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]
+) -> dict[str, Any]:
     """Return a lens table with the columns of its CSV ``file`` instead of the file name.
 
     Raises
@@ -65,15 +67,24 @@ def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[s
     if path is None:
         return rest
     text = read_text(path, "lens table", SpecError)
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    lines = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
     if not lines:
         raise SpecError(f"{path} holds no line; a lens table begins with the names of its columns")
-    rows = [(number, row) for (number, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)]
+    rows = [
+        (number, row)
+        for (number, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)
+    ]
     names = [name.strip() for name in rows[0][1]]
     for name in names:
         if name not in columns:
             valid = ", ".join(columns)
-            raise SpecError(f"{path} line {rows[0][0]}: column {shown(name)} is not known; valid are {valid}")
+            raise SpecError(
+                f"{path} line {rows[0][0]}: column {shown(name)} is not known; valid are {valid}"
+            )
     found: dict[str, list[float]] = {name: [] for name in names}
     for number, row in rows[1:]:
         try:
@@ -93,7 +104,16 @@ SHAPES = ("STANDARD", "EVENASPH")
 LINES_UM = (0.4861327, 0.5875618, 0.6562725)  # F, d and C, for files without wavelengths
 MAX_FOCUS_MM = 1e6  # finite substitute for a focus at infinity
 MODEL_GLASS = "___BLANK"
-PER_SURFACE = ("curvature_per_mm", "thickness_mm", "index", "conic", "edge_mm", "clear_mm", "index_short", "index_long")
+PER_SURFACE = (
+    "curvature_per_mm",
+    "thickness_mm",
+    "index",
+    "conic",
+    "edge_mm",
+    "clear_mm",
+    "index_short",
+    "index_long",
+)
 
 
 @dataclass
@@ -171,7 +191,9 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     lens = found.surfaces[1:-1]
     stops = [i for i, surface in enumerate(lens, start=1) if surface.is_stop]
     if len(stops) != 1:
-        raise found.error(f"{len(stops)} surfaces are the stop; it is valid with STOP at one of those between the ends")
+        raise found.error(
+            f"{len(stops)} surfaces are the stop; it is valid with STOP at one of those between the ends"
+        )
     scale = UNITS[found.unit]
     short, middle, long = _wavelengths(found)
     glasses = [_glass(found, surface, catalogue) for surface in lens]
@@ -188,12 +210,16 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     if terms:
         powers = range(1, terms + 1)
         table["aspheres"] = [
-            s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0 for s in lens for j in powers
+            s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0
+            for s in lens
+            for j in powers
         ]
     for name, wave in (("index", middle), ("index_short", short), ("index_long", long)):
         table[name] = [_index(found, s, g, wave) for s, g in zip(lens, glasses, strict=True)]
     if not all(np.isfinite(table["thickness_mm"])):
-        raise found.error("a distance between surfaces of the lens is infinite (DISZ); only that to the object may be")
+        raise found.error(
+            "a distance between surfaces of the lens is infinite (DISZ); only that to the object may be"
+        )
     return table | _opening(found, table, scale)
 
 
@@ -202,9 +228,15 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
     count = len(table["index"])
     rows = np.reshape(table.get("aspheres", ()), (count, -1))
     sequence = Sequence(
-        np.array(table["curvature_per_mm"]), np.array(table["conic"]), rows, np.array(table["thickness_mm"]),
-        np.array([1.0, *table["index"]]), np.full(count, np.inf), np.full(count, np.inf), table["stop_surface"] - 1,
-    )  # fmt: skip
+        np.array(table["curvature_per_mm"]),
+        np.array(table["conic"]),
+        rows,
+        np.array(table["thickness_mm"]),
+        np.array([1.0, *table["index"]]),
+        np.full(count, np.inf),
+        np.full(count, np.inf),
+        table["stop_surface"] - 1,
+    )
     paraxial = sequence.paraxial()
     f = paraxial.focal_length
     a, b, c, d = paraxial.back
@@ -219,9 +251,13 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
     elif kind == "FNUM":
         diameter = f / value
     else:  # limited by the edge of the stop
-        diameter = 2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
+        diameter = (
+            2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
+        )
     if not (np.isfinite(f) and diameter > 0):
-        raise found.error("there is no opening; it is valid with ENPD, FNUM, or the radius of the stop (DIAM)")
+        raise found.error(
+            "there is no opening; it is valid with ENPD, FNUM, or the radius of the stop (DIAM)"
+        )
     opening = {"f_number": abs(f) / diameter, "focus_distance_mm": float(distance)}
     tangent = _field_tangent(found, sequence, scale, float(distance), to_imager)
     if not tangent > 0:
@@ -230,7 +266,9 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
     return opening | {"field_max_deg": min(max(widest, 1.0), 80.0)}
 
 
-def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float) -> float:
+def _field_tangent(
+    found: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float
+) -> float:
     """Return the tangent of the largest field of the file (XFLN, YFLN); 0 if it defines none.
 
     Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3).
@@ -248,7 +286,9 @@ def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: flo
     if found.field_type == 2:  # ray of unit slope through the centre of the entrance pupil
         _, b, _, d = paraxial.back
         return widest / abs((b - a * pupil) + to_imager * (d - c * pupil))
-    traced = Traced(sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm)
+    traced = Traced(
+        sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm
+    )
     heights = traced.land(SEARCH_TANGENTS, chief_heights(traced, SEARCH_TANGENTS)).image[:, 0]
     grows = np.isfinite(heights) & (np.diff(heights, prepend=0.0) > 0)
     count = len(grows) if grows.all() else int(np.argmin(grows))
@@ -280,7 +320,9 @@ def _parsed(path: Path, text: str) -> _File:
         except SpecError:
             raise
         except (ValueError, IndexError):
-            raise found.error(f"{shown(line.strip())} is not a line of a lens file", number) from None
+            raise found.error(
+                f"{shown(line.strip())} is not a line of a lens file", number
+            ) from None
     return found
 
 
@@ -311,7 +353,9 @@ def _take(found: _File, number: int, words: list[str]) -> None:
     elif key == "PWAV":
         found.primary = int(rest[0])
     elif key == "MNUM" and int(rest[0]) > 1:
-        raise found.error(f"MNUM {rest[0]}: there are several configurations; save one of them alone", number)
+        raise found.error(
+            f"MNUM {rest[0]}: there are several configurations; save one of them alone", number
+        )
     elif found.surfaces:
         _take_surface(found, found.surfaces[-1], number, key, rest)
 
@@ -320,7 +364,9 @@ def _take_surface(found: _File, surface: _Surface, number: int, key: str, rest: 
     """Parse one line of a surface."""
     if key == "TYPE":
         if rest[0] not in SHAPES:
-            raise found.error(f"TYPE {rest[0]} is not known; valid are {' and '.join(SHAPES)}", number)
+            raise found.error(
+                f"TYPE {rest[0]} is not known; valid are {' and '.join(SHAPES)}", number
+            )
         surface.is_asphere = rest[0] == "EVENASPH"
     elif key == "CURV":
         surface.curvature = float(rest[0])
@@ -332,7 +378,9 @@ def _take_surface(found: _File, surface: _Surface, number: int, key: str, rest: 
         surface.terms[int(rest[0])] = float(rest[1])
     elif key == "GLAS":
         if rest[0].upper() == "MIRROR":
-            raise found.error("GLAS MIRROR: a lens of mirrors is not known; one of glasses alone is valid", number)
+            raise found.error(
+                "GLAS MIRROR: a lens of mirrors is not known; one of glasses alone is valid", number
+            )
         surface.glass, surface.line = rest, number
     elif key == "DIAM":
         surface.edge = float(rest[0])
@@ -341,7 +389,9 @@ def _take_surface(found: _File, surface: _Surface, number: int, key: str, rest: 
     elif key in ("CLAP", "FLAP"):
         surface.clear = float(rest[1])
     elif key in ("SQAP", "ELAP", "CLAO", "UDAO"):
-        raise found.error(f"{key} is an aperture that is not round about the axis; valid is CLAP", number)
+        raise found.error(
+            f"{key} is an aperture that is not round about the axis; valid is CLAP", number
+        )
     elif key == "STOP":
         surface.is_stop = True
 

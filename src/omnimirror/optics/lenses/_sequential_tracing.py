@@ -89,7 +89,9 @@ class Sequence:
             if i == self.stop:
                 to_stop = matrix.copy()
             before, after = self.index[i], self.index[i + 1]
-            matrix = np.array([[1.0, 0.0], [-(after - before) * c / after, before / after]]) @ matrix
+            matrix = (
+                np.array([[1.0, 0.0], [-(after - before) * c / after, before / after]]) @ matrix
+            )
             if i < len(power) - 1:
                 matrix = np.array([[1.0, self.thickness[i]], [0.0, 1.0]]) @ matrix
         (a, b), (c, d) = matrix
@@ -197,7 +199,9 @@ class Traced(NamedTuple):
     focus_mm: float
     """Object distance in focus, from the first vertex."""
 
-    def land(self, tangent: Array, height: Array, across: Array | float = 0.0, slope: Array | float = 0.0) -> Landed:
+    def land(
+        self, tangent: Array, height: Array, across: Array | float = 0.0, slope: Array | float = 0.0
+    ) -> Landed:
         """Trace rays (n,) by tangents and heights at the first vertex.
 
         The image is upright.
@@ -210,7 +214,9 @@ class Traced(NamedTuple):
 def stop_radius(traced: Traced) -> float:
     """Return the stop radius (mm) by a ray through the edge of the pupil."""
     slope = -traced.pupil_radius / (traced.focus_mm - traced.pupil)
-    edge = traced.land(np.array([slope]), np.array([traced.pupil_radius - slope * traced.pupil])).stop
+    edge = traced.land(
+        np.array([slope]), np.array([traced.pupil_radius - slope * traced.pupil])
+    ).stop
     if not np.isfinite(edge[0, 0]):
         raise InvalidParameter(
             f"the opening, {2 * traced.pupil_radius:.4g} mm, is wider than the surfaces of the lens; a larger f_number "
@@ -243,7 +249,9 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
         If the lens transmits no light.
     """
     tangents = SEARCH_TANGENTS[largest_tangent * EDGE >= SEARCH_TANGENTS]
-    tangents = np.append(tangents[tangents < largest_tangent], min(largest_tangent, SEARCH_TANGENTS[-1]))
+    tangents = np.append(
+        tangents[tangents < largest_tangent], min(largest_tangent, SEARCH_TANGENTS[-1])
+    )
     found = traced.land(tangents, chief_heights(traced, tangents))
     grows = np.diff(found.image[:, 0], prepend=0.0) > 0
     good = found.on_glass & np.isfinite(found.image[:, 0]) & grows & found.clear
@@ -292,9 +300,24 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
         for index in (indices or (None, None))
     ]
     nodes = FieldNodes(
-        t, height, place, *focus, fan[2], fan[3], width_t, width_s, shift, light, *own,
-        colours[0], colours[1], stop_t, stop_s, stop_shift, openness,
-    )  # fmt: skip
+        t,
+        height,
+        place,
+        *focus,
+        fan[2],
+        fan[3],
+        width_t,
+        width_s,
+        shift,
+        light,
+        *own,
+        colours[0],
+        colours[1],
+        stop_t,
+        stop_s,
+        stop_shift,
+        openness,
+    )
     finite = np.isfinite(np.stack(nodes)).all(axis=0)
     if not finite.all():
         angle = float(np.degrees(np.arctan(t[np.argmin(finite)])))
@@ -336,19 +359,33 @@ def _next_to_chief(traced: Traced, t: Array, place: Array) -> tuple[Array, Array
         ahead, behind = (image(*(s * step * w for w in which)) for s in (1.0, -1.0))
         return np.asarray((ahead - behind)[:, axis] / (2 * step))
 
-    return rate(0, y, 1, 0, 0, 0), rate(1, y, 0, 1, 0, 0), rate(0, u, 0, 0, 1, 0), rate(1, u, 0, 0, 0, 1)
+    return (
+        rate(0, y, 1, 0, 0, 0),
+        rate(1, y, 0, 1, 0, 0),
+        rate(0, u, 0, 0, 1, 0),
+        rate(1, u, 0, 0, 0, 1),
+    )
 
 
-def _through(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], pupil: Array) -> Landed:
+def _through(
+    traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], pupil: Array
+) -> Landed:
     """Trace rays (n k,) through pupil points (n, k, 2), mm, aimed at their foci."""
     along, across = pupil[..., 0], pupil[..., 1]
     tangent = t[:, None] - along * focus[0][:, None]
     lifted = -across * focus[1][:, None]
     z = place[:, None]
-    return traced.land(tangent.ravel(), (along - tangent * z).ravel(), (across - lifted * z).ravel(), lifted.ravel())
+    return traced.land(
+        tangent.ravel(),
+        (along - tangent * z).ravel(),
+        (across - lifted * z).ravel(),
+        lifted.ravel(),
+    )
 
 
-def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -> tuple[Array, Array]:
+def _edges(
+    traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]
+) -> tuple[Array, Array]:
     """Return the edges (n, 16) of stop and open pupil, relative to the axial radius.
 
     Azimuths are measured from the upper side of the meridian.
@@ -376,7 +413,9 @@ def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -
     return reach, np.maximum(low, 1e-6)
 
 
-def _own_blur(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], edge: Array) -> tuple[Array, Array]:
+def _own_blur(
+    traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], edge: Array
+) -> tuple[Array, Array]:
     """Return four standard deviations (n,), (n,), mm, of all rays in their foci."""
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     radii = np.sqrt((np.arange(RINGS) + 0.5) / RINGS)

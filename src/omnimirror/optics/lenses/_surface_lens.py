@@ -15,21 +15,35 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from ._field_lens import FRAUNHOFER_NM, FieldLens, LensField, axes, through_three
 from ._lens_files import read_lens_file
-from ._sequential_tracing import Landed, Paraxial, Sequence, Traced, field_end, stop_radius, traced_field
+from ._sequential_tracing import (
+    Landed,
+    Paraxial,
+    Sequence,
+    Traced,
+    field_end,
+    stop_radius,
+    traced_field,
+)
 from .lens import F_NUMBER, FOCUS
 
 AIMING_STEPS = 12
 AIMING_TOLERANCE_MM = 1e-10
 PER_SURFACE = {
-    "curvature_per_mm": Parameter("1/mm", -1e3, 1e3, "curvatures of the surfaces from the front on, 0 for planes"),
-    "thickness_mm": Parameter("mm", -1e4, 1e4, "distance of each surface to the next; of the last it is not used"),
+    "curvature_per_mm": Parameter(
+        "1/mm", -1e3, 1e3, "curvatures of the surfaces from the front on, 0 for planes"
+    ),
+    "thickness_mm": Parameter(
+        "mm", -1e4, 1e4, "distance of each surface to the next; of the last it is not used"
+    ),
     "index": Parameter("", 1.0, 5.0, "refractive index after each surface; 1 after the last"),
     "conic": Parameter("", -1e4, 1e4, "conic constants"),
     "edge_mm": Parameter("mm", 0.0, 1e4, "radii of the surfaces, 0 where not known"),
-    "clear_mm": Parameter("mm", 0.0, 1e4, "radii of apertures that cut bundles off, 0 where there is none"),
+    "clear_mm": Parameter(
+        "mm", 0.0, 1e4, "radii of apertures that cut bundles off, 0 where there is none"
+    ),
     "index_short": Parameter("", 1.0, 5.0, "indices in the shortest wavelength"),
     "index_long": Parameter("", 1.0, 5.0, "indices in the longest wavelength"),
-}  # fmt: skip
+}
 REQUIRED = ("curvature_per_mm", "thickness_mm", "index")
 
 
@@ -96,7 +110,9 @@ class SurfaceLens(FieldLens):
         **PER_SURFACE,
         "stop_surface": Parameter("", 1, 1000, "which surface is the stop, from 1"),
         "field_max_deg": Parameter("deg", 1.0, 80.0, "largest viewing angle"),
-        "aspheres": Parameter("", -1e9, 1e9, "coefficients of r^2, r^4 .. of one surface after the other"),
+        "aspheres": Parameter(
+            "", -1e9, 1e9, "coefficients of r^2, r^4 .. of one surface after the other"
+        ),
         "wavelengths_nm": Parameter("nm", 100.0, 2e4, "shortest, middle and longest wavelength"),
     }
 
@@ -120,13 +136,19 @@ class SurfaceLens(FieldLens):
                 f"aspheres has {len(self.aspheres)} values for {count} surfaces; it is valid with as many for each"
             )
         if int(self.stop_surface) != self.stop_surface or not 1 <= self.stop_surface <= count:
-            raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
+            raise InvalidParameter(
+                f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}"
+            )
         if self.index[-1] != 1.0:
-            raise InvalidParameter(f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager")
+            raise InvalidParameter(
+                f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager"
+            )
         with np.errstate(all="ignore"):  # overflow is rejected
             focal = self._paraxial.focal_length
             if not (np.isfinite(focal) and focal > 0):
-                raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
+                raise InvalidParameter(
+                    f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid"
+                )
             if not np.isfinite(self._paraxial.entrance_pupil):
                 raise InvalidParameter(
                     f"the entrance pupil must be at a finite distance; surface {self.stop_surface:g}, the stop, is in "
@@ -213,14 +235,22 @@ class SurfaceLens(FieldLens):
             If no other wavelengths are given, or such light has no image before the imager.
         """
         known = (self.wavelengths_nm, self.index_short, self.index_long)
-        if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(FRAUNHOFER_NM):
+        if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(
+            FRAUNHOFER_NM
+        ):
             raise InvalidParameter(
                 f"the indices of this lens at {wavelength_nm:g} nm are not known; it is valid with wavelengths_nm, "
                 "index_short and index_long, which a .zmx file brings"
             )
         rows = np.array([self.index_short, self.index, self.index_long])
         index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
-        other = replace(self, index=tuple(index.tolist()), index_short=None, index_long=None, wavelengths_nm=None)
+        other = replace(
+            self,
+            index=tuple(index.tolist()),
+            index_short=None,
+            index_long=None,
+            wavelengths_nm=None,
+        )
         a, b, c, d = other._paraxial.back
         to_imager = _traced_of(self).to_imager
         focal = other._paraxial.focal_length
@@ -240,7 +270,9 @@ class SurfaceLens(FieldLens):
         """Return the clearance (n,), mm, of rays at every surface with a clear aperture (``clear_mm``)."""
         radii = self._landed_from(points, directions).radii.reshape(-1, *directions.shape[:-1])
         limits = enumerate(self.clear_mm or (), start=1)
-        return {f"lens surface {i}": (c**2 - radii[i - 1] ** 2) / (2 * c) for i, c in limits if c > 0}
+        return {
+            f"lens surface {i}": (c**2 - radii[i - 1] ** 2) / (2 * c) for i, c in limits if c > 0
+        }
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
         """Trace the rays through every surface; NaN for blocked rays."""
@@ -275,7 +307,9 @@ class SurfaceLens(FieldLens):
     def _landed_from(self, points: Array, directions: Array) -> Landed:
         """Trace rays from the mirror, by points and directions of any shape."""
         slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
-        return self._landed(points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes)
+        return self._landed(
+            points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes
+        )
 
     def _landed(self, places: Array, slopes: Array) -> Landed:
         """Trace rays from points (n, 2) in the first vertex plane, given slopes."""
@@ -319,8 +353,12 @@ def _sequence_of(lens: SurfaceLens) -> Sequence:
         return np.where(found == 0.0, missing, found) if missing else found
 
     return Sequence(
-        np.array(lens.curvature_per_mm), column(lens.conic, 0.0),
+        np.array(lens.curvature_per_mm),
+        column(lens.conic, 0.0),
         np.reshape(lens.aspheres or (), (count, -1)),
-        np.array(lens.thickness_mm), np.array([1.0, *lens.index]), column(lens.edge_mm, np.inf),
-        column(lens.clear_mm, np.inf), int(lens.stop_surface) - 1,
-    )  # fmt: skip
+        np.array(lens.thickness_mm),
+        np.array([1.0, *lens.index]),
+        column(lens.edge_mm, np.inf),
+        column(lens.clear_mm, np.inf),
+        int(lens.stop_surface) - 1,
+    )

@@ -30,16 +30,30 @@ from .lens import F_NUMBER, FOCUS
 COLUMNS = {
     "field_deg": Parameter("deg", 0.0, 89.0, "viewing angles from the axis, growing from 0"),
     "image_height_mm": Parameter("mm", 0.0, 1e4, "image heights at these angles"),
-    "entrance_pupil_mm": Parameter("mm", -1e4, 1e4, "entrance pupil, from the reference point towards the mirror"),
-    "relative_illumination": Parameter("", 0.0, 2.0, "illumination of the imager, over that on the axis"),
+    "entrance_pupil_mm": Parameter(
+        "mm", -1e4, 1e4, "entrance pupil, from the reference point towards the mirror"
+    ),
+    "relative_illumination": Parameter(
+        "", 0.0, 2.0, "illumination of the imager, over that on the axis"
+    ),
     "chief_ray_deg": Parameter("deg", -89.0, 89.0, "angle of the chief ray at the imager"),
-    "field_curvature_t_mm": Parameter("mm", -100.0, 100.0, "tangential focus, from the imager away from the lens"),
-    "field_curvature_s_mm": Parameter("mm", -100.0, 100.0, "sagittal focus, from the imager away from the lens"),
-    "own_blur_t_mm": Parameter("mm", 0.0, 10.0, "tangential blur of the lens alone: four standard deviations"),
+    "field_curvature_t_mm": Parameter(
+        "mm", -100.0, 100.0, "tangential focus, from the imager away from the lens"
+    ),
+    "field_curvature_s_mm": Parameter(
+        "mm", -100.0, 100.0, "sagittal focus, from the imager away from the lens"
+    ),
+    "own_blur_t_mm": Parameter(
+        "mm", 0.0, 10.0, "tangential blur of the lens alone: four standard deviations"
+    ),
     "own_blur_s_mm": Parameter("mm", 0.0, 10.0, "sagittal blur of the lens alone"),
-    "lateral_colour_short_mm": Parameter("mm", -10.0, 10.0, "image heights in blue, less those of the table"),
-    "lateral_colour_long_mm": Parameter("mm", -10.0, 10.0, "image heights in red, less those of the table"),
-}  # fmt: skip
+    "lateral_colour_short_mm": Parameter(
+        "mm", -10.0, 10.0, "image heights in blue, less those of the table"
+    ),
+    "lateral_colour_long_mm": Parameter(
+        "mm", -10.0, 10.0, "image heights in red, less those of the table"
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -119,13 +133,23 @@ class TabulatedLens(FieldLens):
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
         **COLUMNS,
-        "principal_point_mm": Parameter("mm", -1e4, 1e4, "from the reference point towards the mirror"),
-        "table_focus_mm": Parameter("mm", 1e-3, 1e7, "focus that the table holds at, its own by default"),
-        "barrel_diameter_mm": Parameter("mm", 1e-3, 1e4, "clear diameter of a barrel or hood, none by default"),
-        "barrel_mm": Parameter("mm", -1e4, 1e4, "its front, from the reference point towards the mirror"),
-        "window_mm": Parameter("mm", 0.0, 1e3, "thickness of a flat pane between lens and mirror, none by default"),
+        "principal_point_mm": Parameter(
+            "mm", -1e4, 1e4, "from the reference point towards the mirror"
+        ),
+        "table_focus_mm": Parameter(
+            "mm", 1e-3, 1e7, "focus that the table holds at, its own by default"
+        ),
+        "barrel_diameter_mm": Parameter(
+            "mm", 1e-3, 1e4, "clear diameter of a barrel or hood, none by default"
+        ),
+        "barrel_mm": Parameter(
+            "mm", -1e4, 1e4, "its front, from the reference point towards the mirror"
+        ),
+        "window_mm": Parameter(
+            "mm", 0.0, 1e3, "thickness of a flat pane between lens and mirror, none by default"
+        ),
         "window_index": Parameter("", 1.0, 5.0, "refractive index of that pane"),
-    }  # fmt: skip
+    }
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -139,13 +163,21 @@ class TabulatedLens(FieldLens):
         for name in COLUMNS:
             column = getattr(self, name)
             if column is not None and len(column) != count:
-                raise InvalidParameter(f"{name} has {len(column)} values, field_deg {count}; they need as many")
+                raise InvalidParameter(
+                    f"{name} has {len(column)} values, field_deg {count}; they need as many"
+                )
         if count < MIN_NODES:
-            raise InvalidParameter(f"field_deg has {count} values; a lens table needs {MIN_NODES} or more")
+            raise InvalidParameter(
+                f"field_deg has {count} values; a lens table needs {MIN_NODES} or more"
+            )
         if self.field_deg[0] != 0.0 or not (np.diff(self.field_deg) > 0).all():
-            raise InvalidParameter("field_deg is valid if it begins with 0 and grows; put the rows in that order")
+            raise InvalidParameter(
+                "field_deg is valid if it begins with 0 and grows; put the rows in that order"
+            )
         if self.image_height_mm[0] != 0.0:
-            raise InvalidParameter(f"image_height_mm = {self.image_height_mm[0]:g} on the axis; it is valid as 0 there")
+            raise InvalidParameter(
+                f"image_height_mm = {self.image_height_mm[0]:g} on the axis; it is valid as 0 there"
+            )
         if self.table_focus_mm is None:
             object.__setattr__(self, "table_focus_mm", self.focus_distance_mm)
         self._check_focus()
@@ -177,7 +209,13 @@ class TabulatedLens(FieldLens):
         if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
             return self
         nothing = (0.0,) * len(self.field_deg)
-        shifts = np.array([self.lateral_colour_short_mm or nothing, nothing, self.lateral_colour_long_mm or nothing])
+        shifts = np.array(
+            [
+                self.lateral_colour_short_mm or nothing,
+                nothing,
+                self.lateral_colour_long_mm or nothing,
+            ]
+        )
         moved = through_three(wavelength_nm, FRAUNHOFER_NM, shifts)
         return replace(
             self,
@@ -216,7 +254,11 @@ def _field_of(lens: TabulatedLens) -> LensField:
     tangent = np.tan(np.radians(lens.field_deg))
     pupil = np.array(lens.entrance_pupil_mm)
     f, e = lens.focal_length_mm, lens.pupil_from_principal
-    behind = tangent * (f - e) / f if lens.chief_ray_deg is None else np.tan(np.radians(lens.chief_ray_deg))
+    behind = (
+        tangent * (f - e) / f
+        if lens.chief_ray_deg is None
+        else np.tan(np.radians(lens.chief_ray_deg))
+    )
     height = np.array(lens.image_height_mm) + lens._at_table() * behind
     nothing = np.zeros_like(tangent)
     column = {
@@ -235,11 +277,26 @@ def _field_of(lens: TabulatedLens) -> LensField:
     if lens.relative_illumination is not None:
         light = np.array(lens.relative_illumination)
     nodes = FieldNodes(
-        tangent, height, pupil, vergence_t, vergence_s, scale_t, scale_s,
-        left.width_t, left.width_s, left.shift_t, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
-        column["lateral_colour_short_mm"], column["lateral_colour_long_mm"],
-        np.ones_like(tangent), np.ones_like(tangent), nothing, left.area,
-    )  # fmt: skip
+        tangent,
+        height,
+        pupil,
+        vergence_t,
+        vergence_s,
+        scale_t,
+        scale_s,
+        left.width_t,
+        left.width_s,
+        left.shift_t,
+        light,
+        column["own_blur_t_mm"],
+        column["own_blur_s_mm"],
+        column["lateral_colour_short_mm"],
+        column["lateral_colour_long_mm"],
+        np.ones_like(tangent),
+        np.ones_like(tangent),
+        nothing,
+        left.area,
+    )
     nodes = _through_window(nodes, lens.window_mm, lens.window_index)
     return LensField(
         nodes,
@@ -307,14 +364,20 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     low, high = np.maximum(-1.0, centre - radius), np.minimum(1.0, centre + radius)
     if (high <= low).any():
         angle = lens.field_deg[int(np.argmax(high <= low))]
-        raise InvalidParameter(f"the barrel lets no light through at {angle:g} deg; the table is valid up to less")
+        raise InvalidParameter(
+            f"the barrel lets no light through at {angle:g} deg; the table is valid up to less"
+        )
     distance = np.abs(centre)
     whole = distance <= radius - 1
     d = np.where(whole, 1.0, distance)
     ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
     theirs = np.clip((d - ours) / radius, -1.0, 1.0)
     chord = np.sqrt(1 - ours**2)
-    common = np.arccos(ours) - ours * chord + radius**2 * (np.arccos(theirs) - theirs * np.sqrt(1 - theirs**2))
+    common = (
+        np.arccos(ours)
+        - ours * chord
+        + radius**2 * (np.arccos(theirs) - theirs * np.sqrt(1 - theirs**2))
+    )
     # sagittal width: the full circle if its centre is open, else the corners
     across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
     return _Opening(
@@ -325,7 +388,9 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     )
 
 
-def _of_defocus(tangent: Array, behind: Array, scale_t: Array, scale_s: Array) -> tuple[Array, Array]:
+def _of_defocus(
+    tangent: Array, behind: Array, scale_t: Array, scale_s: Array
+) -> tuple[Array, Array]:
     """Return the vergence (1/mm) at the pupil per mm of defocus at the imager.
 
     By the Lagrange invariant between a ray of the fan and the adjacent chief ray: in the meridian

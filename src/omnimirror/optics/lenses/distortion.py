@@ -57,14 +57,19 @@ def undistorted(image: Array, brown: Coefficients) -> Array:
     """
     radius = np.hypot(image[..., 0], image[..., 1])
     inner = undistorted_radius(radius, brown[:3])
-    ideal: Array = image * np.where(radius > 0, inner / np.where(radius > 0, radius, 1.0), 1.0)[..., None]
+    ideal: Array = (
+        image * np.where(radius > 0, inner / np.where(radius > 0, radius, 1.0), 1.0)[..., None]
+    )
     if not (brown[3] or brown[4]):
         return ideal
     for _ in range(MAX_STEPS):
         moved, (xx, xy, yy) = _brown(ideal[..., 0], ideal[..., 1], brown)
         ex, ey = np.moveaxis(moved - image, -1, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.stack([yy * ex - xy * ey, xx * ey - xy * ex], axis=-1) / (xx * yy - xy * xy)[..., None]
+            step = (
+                np.stack([yy * ex - xy * ey, xx * ey - xy * ex], axis=-1)
+                / (xx * yy - xy * xy)[..., None]
+            )
         ideal = ideal - step
         if not (np.abs(step) > CLOSE).any():
             break
@@ -130,7 +135,11 @@ def _brown(x: Array, y: Array, brown: Coefficients) -> tuple[Array, tuple[Array,
     s = x * x + y * y
     bend, rate = 1 + s * (k1 + s * (k2 + s * k3)), k1 + s * (2 * k2 + s * 3 * k3)
     moved = np.stack(
-        [x * bend + 2 * p1 * x * y + p2 * (s + 2 * x * x), y * bend + p1 * (s + 2 * y * y) + 2 * p2 * x * y], axis=-1
+        [
+            x * bend + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+            y * bend + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
     )
     xx = bend + 2 * x * x * rate + 2 * p1 * y + 6 * p2 * x
     yy = bend + 2 * y * y * rate + 6 * p1 * y + 2 * p2 * x

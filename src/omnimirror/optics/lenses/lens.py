@@ -130,14 +130,18 @@ class Lens(ABC):
         """Compute the undistorted image height (mm) of a mirror point at distance x (Eq. 7)."""
 
     @abstractmethod
-    def ideal_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
+    def ideal_height_rate(
+        self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
+    ) -> Array:
         """Compute its derivative by x; ``drift`` is the pupil's motion, mm per radian."""
 
     def image_height(self, x: Array, w: Array) -> Array:
         """Compute the image height (mm) of a mirror point: Eq. 7 with distortion."""
         return self.distorted_height(self.ideal_height(x, w))
 
-    def image_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
+    def image_height_rate(
+        self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
+    ) -> Array:
         """Compute dh/dx along the meridian, dimensionless."""
         return self.stretch(self.ideal_height(x, w))[0] * self.ideal_height_rate(x, w, slope, drift)
 

@@ -8,7 +8,16 @@ from typing import Any, TypeVar
 from ...base.arguments import WrongKind, shown
 from ...base.errors import InvalidParameter
 from ...base.registry import Registry
-from .conics_and_aspheres import Cone, ConicAsphere, Ellipsoid, EvenPolynomial, Flat, Hyperboloid, Paraboloid, Sphere
+from .conics_and_aspheres import (
+    Cone,
+    ConicAsphere,
+    Ellipsoid,
+    EvenPolynomial,
+    Flat,
+    Hyperboloid,
+    Paraboloid,
+    Sphere,
+)
 from .mappings import (
     MAPPINGS,
     Conformal,
@@ -30,10 +39,14 @@ M = TypeVar("M", bound=Mirror)
 def _check(name: str, cls: Any) -> None:
     """Check that an object is a mirror class with this kind."""
     if not (isinstance(cls, type) and issubclass(cls, Mirror)):
-        raise WrongKind(f"{shown(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror")
+        raise WrongKind(
+            f"{shown(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror"
+        )
     made = vars(cls).get("__dataclass_params__")
     if made is None or not made.frozen:
-        raise InvalidParameter(f"{cls.__name__} is no frozen dataclass of its parameters, as mirrors are")
+        raise InvalidParameter(
+            f"{cls.__name__} is no frozen dataclass of its parameters, as mirrors are"
+        )
     if (kind := getattr(cls, "KIND", None)) != name:
         raise InvalidParameter(f"{cls.__name__}.KIND = {shown(kind)} is not its name, {name!r}")
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]

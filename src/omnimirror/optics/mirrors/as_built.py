@@ -64,7 +64,9 @@ class MirrorPose:
         "decentre_x_mm": Parameter("mm", *SHIFT, "shift of the vertex to the right in the image"),
         "decentre_y_mm": Parameter("mm", *SHIFT, "shift of the vertex down in the image"),
         "displacement_mm": Parameter("mm", *SHIFT, "shift of the vertex away from the lens"),
-        "tilt_x_deg": Parameter("deg", *TILT, "rotation about the image's X, through the vertex; applied first"),
+        "tilt_x_deg": Parameter(
+            "deg", *TILT, "rotation about the image's X, through the vertex; applied first"
+        ),
         "tilt_y_deg": Parameter("deg", *TILT, "rotation about the image's Y, through the vertex"),
     }
 
@@ -84,7 +86,9 @@ class MirrorPose:
 
     def rotation(self) -> Array:
         """Return the rotation (3, 3) from the mirror frame to the camera frame."""
-        (cx, cy), (sx, sy) = (f(np.radians([self.tilt_x_deg, self.tilt_y_deg])) for f in (np.cos, np.sin))
+        (cx, cy), (sx, sy) = (
+            f(np.radians([self.tilt_x_deg, self.tilt_y_deg])) for f in (np.cos, np.sin)
+        )
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
         about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
         rotation: Array = about_y @ about_x
@@ -165,9 +169,13 @@ class MirrorForm:
             parameter.check(name, getattr(self, name))
         terms = np.array(self.zernike, dtype=float)
         if (terms != np.round(terms)).any() or len(set(terms)) != len(terms):
-            raise InvalidParameter(f"zernike = {list(self.zernike)} are not numbers of terms, each once")
+            raise InvalidParameter(
+                f"zernike = {list(self.zernike)} are not numbers of terms, each once"
+            )
         if len(self.um) != len(terms):
-            raise InvalidParameter(f"um has {len(self.um)} amplitudes for {len(terms)} terms; it needs as many")
+            raise InvalidParameter(
+                f"um has {len(self.um)} amplitudes for {len(terms)} terms; it needs as many"
+            )
         object.__setattr__(self, "zernike", tuple(int(j) for j in terms))
         object.__setattr__(self, "um", tuple(float(v) for v in self.um))
 
@@ -181,7 +189,9 @@ class MirrorForm:
         """Coefficients (n, n), mm, of (x/rim)^i (y/rim)^j."""
         order = max(noll(j)[0] for j in self.zernike)
         rows = zernike_powers(order)
-        mixed = MM_PER_UM * sum(um * rows[j - 1] for j, um in zip(self.zernike, self.um, strict=True))
+        mixed = MM_PER_UM * sum(
+            um * rows[j - 1] for j, um in zip(self.zernike, self.um, strict=True)
+        )
         square = np.zeros((order + 1, order + 1))
         for i in range(order + 1):
             for j in range(order + 1 - i):
@@ -199,10 +209,14 @@ class MirrorForm:
         rows, columns = ([_derived(w, powers, k) for k in range(3)] for w in (u, v))
 
         def summed(a: int, b: int) -> Array:
-            total: Array = np.einsum("ni,ij,nj->n", rows[a], self._powers, columns[b], optimize=True)
+            total: Array = np.einsum(
+                "ni,ij,nj->n", rows[a], self._powers, columns[b], optimize=True
+            )
             return total / rim_mm ** (a + b)
 
-        return SurfaceHeights(*(summed(a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))))
+        return SurfaceHeights(
+            *(summed(a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+        )
 
 
 def _derived(w: Array, powers: NDArray[np.intp], times: int) -> Array:

@@ -213,7 +213,9 @@ class Cone(Mirror):
 
     KIND: ClassVar[str] = "cone"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "slope_deg": Parameter("deg", 0.1, 89.9, "angle of the surface from the plane across the axis (beta)"),
+        "slope_deg": Parameter(
+            "deg", 0.1, 89.9, "angle of the surface from the plane across the axis (beta)"
+        ),
         "rim_radius_mm": RIM_RADIUS,
     }
 
@@ -273,7 +275,9 @@ class Flat(Mirror):
 NORMALIZATION = Parameter("mm", 1e-3, 1e5, "length unit of the coefficients")
 
 
-def even_polynomial(x: Array, coefficients: tuple[float, ...], first: int) -> tuple[Array, Array, Array]:
+def even_polynomial(
+    x: Array, coefficients: tuple[float, ...], first: int
+) -> tuple[Array, Array, Array]:
     """Compute ``sum c_i x^(2 (first + i))`` and two derivatives by Horner's scheme in x^2.
 
     >>> even_polynomial(np.array([2.0]), (1.0, 0.5), first=1)  # x^2 + x^4/2
@@ -305,7 +309,9 @@ class EvenPolynomial(Mirror):
 
     KIND: ClassVar[str] = "even-polynomial"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "coefficients": Parameter("", -1e9, 1e9, "coefficients of (x/N)^2, (x/N)^4, .. in units of N"),
+        "coefficients": Parameter(
+            "", -1e9, 1e9, "coefficients of (x/N)^2, (x/N)^4, .. in units of N"
+        ),
         "rim_radius_mm": RIM_RADIUS,
         "normalization_radius_mm": NORMALIZATION,
     }
@@ -316,7 +322,9 @@ class EvenPolynomial(Mirror):
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         N = self.normalization_radius_mm
-        z, slope, curvature = even_polynomial(coordinates("x_mm", x_mm) / N, self.coefficients, first=1)
+        z, slope, curvature = even_polynomial(
+            coordinates("x_mm", x_mm) / N, self.coefficients, first=1
+        )
         return z * N, slope, curvature / N
 
 
@@ -341,7 +349,9 @@ class ConicAsphere(Mirror):
         "vertex_radius_mm": Parameter("mm", 1e-3, 1e6, "radius of curvature at the vertex (R)"),
         "conic": Parameter("", -1e3, 1e3, "conic constant k = -e^2"),
         "rim_radius_mm": RIM_RADIUS,
-        "coefficients": Parameter("", -1e9, 1e9, "coefficients of (x/N)^4, (x/N)^6, .. in units of N"),
+        "coefficients": Parameter(
+            "", -1e9, 1e9, "coefficients of (x/N)^4, (x/N)^6, .. in units of N"
+        ),
         "normalization_radius_mm": NORMALIZATION,
     }
 

@@ -76,7 +76,10 @@ class Equidistant(Generated):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equidistant"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**Generated.PARAMETERS, "omega_min_deg": OMEGA_MIN}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **Generated.PARAMETERS,
+        "omega_min_deg": OMEGA_MIN,
+    }
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
@@ -103,7 +106,10 @@ class Equiangular(Generated):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equiangular"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**Generated.PARAMETERS, "omega_min_deg": OMEGA_MIN}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **Generated.PARAMETERS,
+        "omega_min_deg": OMEGA_MIN,
+    }
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
@@ -111,7 +117,9 @@ class Equiangular(Generated):
         if Theta == 0:
             return low + span * tau, np.full_like(tau, span)
         tangent = tau * np.tan(Theta)
-        return low + span / Theta * np.arctan(tangent), span / Theta * np.tan(Theta) / (1 + tangent**2)
+        return low + span / Theta * np.arctan(tangent), span / Theta * np.tan(Theta) / (
+            1 + tangent**2
+        )
 
     @cached_property
     def _meridian(self) -> GeneratedMeridian:
@@ -136,7 +144,9 @@ def _straight_line(low: float, high: float) -> OrthographicMeridian:
     """Return the meridian for Omega linear in x from low to high, in closed form."""
     k = high - low
     return OrthographicMeridian(
-        lambda x: low + k * x, lambda x: np.full_like(x, k), lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x)
+        lambda x: low + k * x,
+        lambda x: np.full_like(x, k),
+        lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x),
     )
 
 
@@ -168,7 +178,9 @@ class Conformal(Generated):
     @property
     def design_distance(self) -> float:
         surface = self.surface
-        return surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
+        return (
+            surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
+        )
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, Theta, high = coordinates("tau", tau), self._theta_max, np.tan(self._omega_max / 2)
@@ -251,7 +263,10 @@ class Equiareal(Generated):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equiareal"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**Generated.PARAMETERS, "omega_min_deg": OMEGA_MIN}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **Generated.PARAMETERS,
+        "omega_min_deg": OMEGA_MIN,
+    }
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau = coordinates("tau", tau)
@@ -269,7 +284,9 @@ class Equiareal(Generated):
         if self.omega_min_deg > 0:
             return OrthographicMeridian.solve(*_both(self.mapping))
         A = 1 / np.sin(self._omega_max / 2)
-        return OrthographicMeridian(*_both(self.mapping), lambda x: x**2 / (A + np.sqrt(A**2 - x**2)))
+        return OrthographicMeridian(
+            *_both(self.mapping), lambda x: x**2 / (A + np.sqrt(A**2 - x**2))
+        )
 
 
 @dataclass(frozen=True)
@@ -414,7 +431,9 @@ class FiniteMapping(Generated):
     @cached_property
     def _meridian(self) -> GeneratedMeridian:
         if self.theta_max_deg == 0:
-            return OrthographicMeridian(lambda x: self._place(x)[0], lambda x: self._field(x)[1], self._solution.y)
+            return OrthographicMeridian(
+                lambda x: self._place(x)[0], lambda x: self._field(x)[1], self._solution.y
+            )
         return PerspectiveMeridian(self._place, self._course, self._theta_max)
 
     # -- the differential equation -----------------------------------------------------------------
@@ -443,7 +462,9 @@ class FiniteMapping(Generated):
         """Return the residual at the rim, which must be at x = 1 and height rim_z."""
         if self.theta_max_deg == 0:
             return y - rim_z
-        return y - float(np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max)))
+        return y - float(
+            np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max))
+        )
 
     @cached_property
     def _solution(self) -> Solution:
@@ -469,7 +490,9 @@ class FiniteMapping(Generated):
         t, weights = places.t(s), places.rate(s) / 2
         integral, last = integral * weights, last * weights
         rim_z = float(np.tan((self._omega_max - self._theta_max) / 2)) / 2  # of a paraboloid
-        y = integral @ np.tan((self._omega_max * t / places.end + (t if self.theta_max_deg else 0.0)) / 2)
+        y = integral @ np.tan(
+            (self._omega_max * t / places.end + (t if self.theta_max_deg else 0.0)) / 2
+        )
         for _ in range(NEWTON_STEPS):
             with np.errstate(all="ignore"):
                 law = self._law(t, y, rim_z)
@@ -495,7 +518,9 @@ class FiniteMapping(Generated):
                 break
         else:
             return None
-        coefficients = np.linalg.solve(chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2)
+        coefficients = np.linalg.solve(
+            chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2
+        )
         return Solution(places, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z)
 
 
@@ -531,7 +556,9 @@ class GroundPlane(FiniteMapping):
     KIND: ClassVar[str] = "ground-plane"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         **Generated.PARAMETERS,
-        "plane_distance_mm": Parameter("mm", *DISTANCE, "mirror vertex to the plane, towards the lens and beyond (H)"),
+        "plane_distance_mm": Parameter(
+            "mm", *DISTANCE, "mirror vertex to the plane, towards the lens and beyond (H)"
+        ),
     }
     MOST_OMEGA_DEG: ClassVar[float] = 90.0
 
@@ -563,7 +590,9 @@ class CylinderMapping(FiniteMapping):
         "omega_min_deg": Parameter(
             "deg", 1.0, OMEGA_MIN.high, "field angle at the image centre; the mirror is pointed"
         ),
-        "cylinder_radius_mm": Parameter("mm", *DISTANCE, "radius of the cylinder, beyond that of the rim"),
+        "cylinder_radius_mm": Parameter(
+            "mm", *DISTANCE, "radius of the cylinder, beyond that of the rim"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -582,7 +611,9 @@ class CylinderMapping(FiniteMapping):
         return R, low + (high - low) * tau
 
     def _poles(self) -> tuple[float, float]:
-        begin, end = (1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max))
+        begin, end = (
+            1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max)
+        )
         return begin / (begin - end), 1 / (begin - end)
 
 
@@ -606,13 +637,19 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
             f"omega_deg has {len(omega_deg)} rows and height {len(height)}; they need the same number"
         )
     if len(omega_deg) <= DEGREE:
-        raise InvalidParameter(f"omega_deg has {len(omega_deg)} rows; a table needs at least {DEGREE + 1}")
+        raise InvalidParameter(
+            f"omega_deg has {len(omega_deg)} rows; a table needs at least {DEGREE + 1}"
+        )
     if height[0] != 0.0:
-        raise InvalidParameter(f"height starts at {height[0]:g}; it must start at the image centre, at 0")
+        raise InvalidParameter(
+            f"height starts at {height[0]:g}; it must start at the image centre, at 0"
+        )
     for name, column in (("omega_deg", omega_deg), ("height", height)):
         if not np.all(np.diff(column) > 0):
             i = int(np.argmin(np.diff(column) > 0))
-            raise InvalidParameter(f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})")
+            raise InvalidParameter(
+                f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})"
+            )
 
 
 @dataclass(frozen=True)
@@ -646,7 +683,9 @@ class TabulatedMapping(Mapped):
     KIND: ClassVar[str] = "tabulated-mapping"
     FILES = (MAPPING_FILE,)
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "omega_deg": Parameter("deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"),
+        "omega_deg": Parameter(
+            "deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"
+        ),
         "height": Parameter("", 0.0, 1e9, "their image heights in any unit, growing from 0"),
         "theta_max_deg": THETA_MAX,
         "rim_radius_mm": RIM_RADIUS,
@@ -664,7 +703,9 @@ class TabulatedMapping(Mapped):
         object.__setattr__(self, "height", floats("height", height))
 
     @classmethod
-    def sketched(cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float) -> TabulatedMapping:
+    def sketched(
+        cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float
+    ) -> TabulatedMapping:
         """Create a mirror without the costly check of its surface, for iterations."""
         mirror = object.__new__(cls)
         mirror._take_columns(omega_deg, height)
@@ -707,7 +748,9 @@ class TabulatedMapping(Mapped):
         4.072351768
         """
         if not callable(height):
-            raise WrongKind(f"height = {shown(height)} is no function of field angles (n,) in radians")
+            raise WrongKind(
+                f"height = {shown(height)} is no function of field angles (n,) in radians"
+            )
         low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
         tolerance = number("tolerance", tolerance, above=0.0)
         rows = 64
@@ -723,7 +766,9 @@ class TabulatedMapping(Mapped):
                     f"it is valid with one for each, ({len(omega)},)"
                 )
             if not (np.isfinite(h).all() and np.isfinite(wanted).all()):
-                raise InvalidParameter("the mapping function gives heights that are not finite in the field")
+                raise InvalidParameter(
+                    "the mapping function gives heights that are not finite in the field"
+                )
             mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
             found, rate = mirror.mapping(wanted / h[-1])
             error = float(np.abs((found - between) / rate).max())

@@ -109,7 +109,9 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
         fit, residuals, left = _smoothed(x, z, smooth_apex, used, noise)
         size = np.where(used, np.abs(residuals), 0.0)
         typical = MAD_TO_SIGMA * float(np.median(size[used]))
-        far = size > max(MAX_DEVIATION * max(noise, typical), size.max() / 2)  # the worst may bend the others
+        far = size > max(
+            MAX_DEVIATION * max(noise, typical), size.max() / 2
+        )  # the worst may bend the others
         if not far.any() or used.sum() - far.sum() < (1 - MAX_OUTLIER_FRACTION) * len(x):
             break
         used = used & ~far
@@ -158,7 +160,11 @@ def _scatter(x: Array, z: Array) -> Scatter:
     least = found[int(np.argmin(sizes))]
     inner = least[ORDERS[-1] // 2 : -ORDERS[-1] // 2]
     changes = np.signbit(inner[1:]) != np.signbit(inner[:-1])
-    is_noise = len(inner) >= MIN_NOISE_POINTS and changes.mean() > ALTERNATING and max(sizes) < ALIKE * min(sizes)
+    is_noise = (
+        len(inner) >= MIN_NOISE_POINTS
+        and changes.mean() > ALTERNATING
+        and max(sizes) < ALIKE * min(sizes)
+    )
     return Scatter(least, bool(is_noise))
 
 
@@ -174,7 +180,9 @@ def _unforetold(x: Array, z: Array, order: int) -> Array:
     ratio = steps[:, None, :] / gaps
     ratio[:, np.arange(order), np.arange(order)] = 1.0
     weights = ratio.prod(axis=2)
-    residual: Array = (z - np.einsum("no,no->n", weights, z[others])) / np.sqrt(1 + (weights**2).sum(axis=1))
+    residual: Array = (z - np.einsum("no,no->n", weights, z[others])) / np.sqrt(
+        1 + (weights**2).sum(axis=1)
+    )
     return residual
 
 
@@ -214,7 +222,9 @@ def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple
 # -- the smooth curve ------------------------------------------------------------------------------
 
 
-def _smoothed(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -> tuple[Fit, Array, float]:
+def _smoothed(
+    x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float
+) -> tuple[Fit, Array, float]:
     """Return the fit of the points used, all residuals (n,), mm, and their sigma."""
     curves: list[_Curve] = []
     prices: list[float] = []
@@ -224,7 +234,9 @@ def _smoothed(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -
         curves.append(_least_squares(x, z, smooth_apex, used, pieces))
         count = curves[-1].basis.shape[1]
         missed = np.abs(curves[-1].residuals[used] / noise)
-        missed = np.where(missed > MAX_DEVIATION, MAX_DEVIATION * (2 * missed - MAX_DEVIATION), missed**2)  # Huber loss
+        missed = np.where(
+            missed > MAX_DEVIATION, MAX_DEVIATION * (2 * missed - MAX_DEVIATION), missed**2
+        )  # Huber loss
         prices.append(float(missed.sum() + np.log(used.sum()) * count))
         if len(curves) - int(np.argmin(prices)) > max(PATIENCE, EXTRA_REFINEMENTS):
             break
@@ -252,7 +264,9 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     breaks = _breaks(x[used], x[-1], pieces)
     if smooth_apex:
         breaks = np.concatenate([-breaks[:0:-1], breaks])
-    knots = np.concatenate([[breaks[0]] * SMOOTHING_DEGREE, breaks, [breaks[-1]] * SMOOTHING_DEGREE])
+    knots = np.concatenate(
+        [[breaks[0]] * SMOOTHING_DEGREE, breaks, [breaks[-1]] * SMOOTHING_DEGREE]
+    )
     count = len(knots) - SMOOTHING_DEGREE - 1
     half = (count + 1) // 2
     expand = np.eye(count)
@@ -267,7 +281,7 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     spline = BSpline(knots, spline.c - spline(0.0), SMOOTHING_DEGREE)
     return _Curve(
         spline, basis, residuals, float((residuals[used] ** 2).sum()), np.linalg.inv(R).T, expand
-    )  # fmt: skip
+    )
 
 
 def _breaks(x: Array, end: float, pieces: int) -> Array:
@@ -301,8 +315,17 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 COMMA_NUMBER = NUMBER.replace(r"\.", ",")
 UNMEASURED = {"nan", "inf", "-inf", "+inf", "none", "null", "---", "****", "bad"}
 PREFIXED = re.compile(r"[xyzXYZ]\s*[=:]?\s*(?=[+-]?[\d.,])")
-UNIT_WORDS = {"mm": "mm", "um": "um", "µm": "um", "μm": "um", "micron": "um", "microns": "um", "m": "m", "in": "inch",
-              "inch": "inch"}  # fmt: skip
+UNIT_WORDS = {
+    "mm": "mm",
+    "um": "um",
+    "µm": "um",
+    "μm": "um",
+    "micron": "um",
+    "microns": "um",
+    "m": "m",
+    "in": "inch",
+    "inch": "inch",
+}
 AXES = ("x", "y", "z")
 
 
@@ -335,7 +358,9 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     header, kinds, table = _plain_table(lines, style) or _labelled_table(lines, style, path)
     _check_unit(header, unit, path)
     names = _named_columns(header, len(kinds))
-    has_decimals = any(sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,")
+    has_decimals = any(
+        sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,"
+    )
     table = table[np.isfinite(table).all(axis=1)]
     if names is not None and all(kinds[column] for column in names.values()):
         columns = [sum(kinds[: names[axis]]) for axis in AXES if axis in names]
@@ -343,7 +368,9 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     if table.shape[1] >= 3 and not has_decimals and _are_row_numbers(table[:, 0]):
         table = table[:, 1:]
     if table.shape[1] < 2:
-        raise OmnimirrorError(f"{path} holds one column of numbers; valid are rows of x, y, z, or of x, z of a profile")
+        raise OmnimirrorError(
+            f"{path} holds one column of numbers; valid are rows of x, y, z, or of x, z of a profile"
+        )
     return np.asarray(table[:, :3])
 
 
@@ -352,8 +379,14 @@ def _plain_table(lines: list[Line], style: _Style) -> Table | None:
     if style.has_decimal_comma:
         return None
     rows = [line.replace(",", " ").replace(";", " ").split() for _, line in lines]
-    first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(style.is_number, row))), None)
-    if first is None or len({len(row) for row in rows[first:]}) > 1 or any("_" in line for _, line in lines[first:]):
+    first = next(
+        (k for k, row in enumerate(rows) if len(row) > 1 and all(map(style.is_number, row))), None
+    )
+    if (
+        first is None
+        or len({len(row) for row in rows[first:]}) > 1
+        or any("_" in line for _, line in lines[first:])
+    ):
         return None
     try:
         table = np.array(rows[first:], dtype=float)
@@ -374,17 +407,27 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
     widths = [len(words) if sum(map(style.is_number, words)) >= 2 else 0 for words in rows]
     counts = Counter(width for width in widths if width)
     if not counts:
-        raise OmnimirrorError(f"{path} holds no rows of numbers; valid are rows of x, y, z, or of x, z of a profile")
+        raise OmnimirrorError(
+            f"{path} holds no rows of numbers; valid are rows of x, y, z, or of x, z of a profile"
+        )
     usual, count = counts.most_common(1)[0]
-    first = next(k for k, width in enumerate(widths) if width and (width == usual or 2 * count <= counts.total()))
+    first = next(
+        k
+        for k, width in enumerate(widths)
+        if width and (width == usual or 2 * count <= counts.total())
+    )
     width = widths[first]
     kinds = [style.is_number(word) for word in rows[first]]
     values: list[list[float]] = []
     for (number, line), words in zip(lines[first:], rows[first:], strict=True):
-        found = [style.value(word) for word, is_number in zip(words, kinds, strict=False) if is_number]
+        found = [
+            style.value(word) for word, is_number in zip(words, kinds, strict=False) if is_number
+        ]
         if len(words) < width or None in found:
             names = "x, y, z" if sum(kinds) > 2 else "x, z"
-            raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names} as in the other rows")
+            raise OmnimirrorError(
+                f"{path} line {number}: {shown(line)} is not {names} as in the other rows"
+            )
         values.append([value for value in found if value is not None])
     return [line for _, line in lines[:first]], kinds, np.array(values)
 
@@ -453,7 +496,10 @@ class _Style:
 def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
     """Return the columns of x, (y) and z from the last header line that names them."""
     for line in reversed(header):
-        words = [re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower()) for word in re.split(r"[;,\t]|\s+", line)]
+        words = [
+            re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower())
+            for word in re.split(r"[;,\t]|\s+", line)
+        ]
         words = [word for word in words if word]
         found = {axis: words.index(axis) for axis in AXES if words.count(axis) == 1}
         if len(words) == width and {"x", "z"} <= set(found):
@@ -463,7 +509,11 @@ def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
 
 def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
     """Check that the header does not name another unit than that assumed by the caller."""
-    words = [word for line in header for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)]
+    words = [
+        word
+        for line in header
+        for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)
+    ]
     named = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
     if unit is not None and len(named) == 1 and unit not in named:
         (found,) = named
@@ -477,7 +527,9 @@ def _are_row_numbers(first: Array) -> bool:
     if len(first) < 2 or np.any(first != np.round(first)):
         return False
     steps = np.diff(first)
-    return bool(np.all(steps > 0) and np.median(steps) == 1 and steps.max() <= max(10.0, 0.05 * len(first)))
+    return bool(
+        np.all(steps > 0) and np.median(steps) == 1 and steps.max() <= max(10.0, 0.05 * len(first))
+    )
 
 
 # -- Meridian of a mirror from measured point clouds and grids -------------------------------------
@@ -532,7 +584,11 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
     starting at the corner -x, +y; a non-zero fifth number marks missing data.
     """
     text = read_text(path, noun)
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("!", "#"))]
+    lines = [
+        line
+        for line in text.splitlines()
+        if line.strip() and not line.lstrip().startswith(("!", "#"))
+    ]
     try:
         head = [float_of(word) for word in lines[0].split()]
         nx, ny, (dx, dy), unit = int(head[0]), int(head[1]), head[2:4], UNITS_MM[int(head[4])]
@@ -560,7 +616,11 @@ def _cloud_rows(path: Path, text: str, names: str) -> Array:
     for number, line in enumerate(text.splitlines(), start=1):
         try:
             numbers = [float_of(word) for word in line.replace(",", " ").replace(";", " ").split()]
-            if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(found[0] if found else []):
+            if (
+                not numbers
+                or not np.isfinite(numbers).all()
+                or len(numbers) < len(found[0] if found else [])
+            ):
                 raise ValueError
         except ValueError:
             raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
@@ -595,7 +655,9 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     order = np.argsort(r, kind="stable")
     r, z = r[order], z[order]
     pieces = min(MERIDIAN_PIECES[1], len(r) // (2 * POINTS_PER_RING))
-    smooth, pointed = (_least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False))
+    smooth, pointed = (
+        _least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False)
+    )
     curve = pointed if pointed.left < TIP * smooth.left else smooth
     rings = np.array_split(np.arange(len(r)), min(MAX_RINGS, len(r) // POINTS_PER_RING))
     x = np.array([r[ring].mean() for ring in rings])
@@ -604,7 +666,10 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     x, heights = x[growing], heights[growing]
     rim = [r[-1]] if r[-1] > x[-1] * (1 + 1e-9) else []
     ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
-    x, heights = np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0]
+    x, heights = (
+        np.concatenate([[0.0], x, rim]),
+        np.concatenate([ends[:1], heights, ends[1:]]) - ends[0],
+    )
     return tuple(map(float, x)), tuple(map(float, heights))
 
 
@@ -613,7 +678,8 @@ def check_distance(points: Array, source: str) -> None:
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > MAX_COORDINATE_MM:
         raise OmnimirrorError(
-            f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; got {farthest:.4g} mm; check the "
+            f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's "
+            f"origin; got {farthest:.4g} mm; check the "
             "unit and remove wrong points"
         )
 
@@ -628,9 +694,13 @@ def check_spread(points: Array, source: str) -> None:
         projected along z.
     """
     if len(points) < MIN_CLOUD_POINTS:
-        raise OmnimirrorError(f"{source} has {len(points)} points; at least {MIN_CLOUD_POINTS} are valid")
+        raise OmnimirrorError(
+            f"{source} has {len(points)} points; at least {MIN_CLOUD_POINTS} are valid"
+        )
     check_distance(points, source)
-    length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    length, width = np.linalg.svd(
+        points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False
+    ) / np.sqrt(len(points))
     if width < max(MIN_WIDTH_MM, MIN_RELATIVE_WIDTH * length):
         raise OmnimirrorError(
             f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points "
@@ -649,7 +719,9 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     def misses(pose: Array) -> Array:
         r, z = place(pose)
         order = np.argsort(r)
-        curve = _least_squares(r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0])
+        curve = _least_squares(
+            r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0]
+        )
         missed = np.empty_like(r)
         missed[order] = curve.residuals / scale
         return missed
@@ -657,12 +729,16 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     scale, pose = 1.0, np.array([*(start / size), 0.0, 0.0])
     scale = max(MAD_TO_SIGMA * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
     for _ in range(2):
-        pose = least_squares(misses, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25).x
+        pose = least_squares(
+            misses, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25
+        ).x
         scale = max(scale * MAD_TO_SIGMA * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
     r, z = _placed(points, size)(pose)
     turned = points[:, :2] - pose[:2] * size
     if len({(bool(x > 0), bool(y > 0)) for x, y in turned}) < 4:
-        raise OmnimirrorError(f"{source} does not lie all about its axis; points on all sides of it are needed")
+        raise OmnimirrorError(
+            f"{source} does not lie all about its axis; points on all sides of it are needed"
+        )
     return r, z
 
 
@@ -671,7 +747,9 @@ def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]
 
     def at(pose: Array) -> tuple[Array, Array]:
         cx, cy, a, b = pose
-        axis = np.array([np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))])
+        axis = np.array(
+            [np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))]
+        )
         p = points - [cx * size, cy * size, 0.0]
         z = p @ axis
         return np.sqrt(np.maximum((p**2).sum(axis=1) - z**2, 0.0)), z
@@ -715,9 +793,13 @@ class ColumnFile:
             return dict(table)
         if folder is None:
             columns = " and ".join(self.columns)
-            raise SpecError(f"{self.entry} names another file; put the {self.noun} itself in, as {columns}")
+            raise SpecError(
+                f"{self.entry} names another file; put the {self.noun} itself in, as {columns}"
+            )
         if clash := set(self.columns) & set(table):
-            raise SpecError(f"mirror has both {self.entry} and {' and '.join(sorted(clash))}; give one or the other")
+            raise SpecError(
+                f"mirror has both {self.entry} and {' and '.join(sorted(clash))}; give one or the other"
+            )
         name = table[self.entry]
         if not isinstance(name, str):
             raise SpecError(f"{self.entry} = {shown(name)} is not the name of a file in quotes")

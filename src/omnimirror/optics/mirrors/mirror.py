@@ -87,7 +87,11 @@ class Mirror(ABC):
             power = {"mm": 1, "um": 1, "nm": 1, "1/mm": -1}.get(unit, 0)
             if value is None or not power:
                 return value
-            return tuple(v * factor**power for v in value) if isinstance(value, tuple) else value * factor**power
+            return (
+                tuple(v * factor**power for v in value)
+                if isinstance(value, tuple)
+                else value * factor**power
+            )
 
         return replace(self, **{name: grown(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
 
@@ -208,8 +212,12 @@ class Secondary:
     bore_radius_mm: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "distance_mm": Parameter("mm", 1e-3, 1e7, "from the primary's vertex to the secondary's (s)"),
-        "bore_radius_mm": Parameter("mm", 0.0, 1e5, "radius of the bore in the primary, or of the camera's front"),
+        "distance_mm": Parameter(
+            "mm", 1e-3, 1e7, "from the primary's vertex to the secondary's (s)"
+        ),
+        "bore_radius_mm": Parameter(
+            "mm", 0.0, 1e5, "radius of the bore in the primary, or of the camera's front"
+        ),
     }
 
     def __post_init__(self) -> None:

@@ -88,7 +88,9 @@ class Primitive:
         width: Array = np.full(MIN_PIECES, high / MIN_PIECES)
         done: list[tuple[Array, Array, Array]] = []
         for halving in range(MAX_BISECTIONS + 1):
-            series: Array = np.einsum("ij,jk->ik", TO_SERIES, function(low + (NODES[:, None] + 1) / 2 * width))
+            series: Array = np.einsum(
+                "ij,jk->ik", TO_SERIES, function(low + (NODES[:, None] + 1) / 2 * width)
+            )
             size = np.abs(series)
             rough = size[-2:].max(axis=0) > NEGLIGIBLE * size.max()
             if halving == MAX_BISECTIONS:
@@ -99,9 +101,13 @@ class Primitive:
             width = np.repeat(width[rough] / 2, 2)
             low = np.repeat(low[rough], 2)
             low[1::2] += width[1::2]
-        starts, widths, all_series = (np.concatenate(parts, axis=-1) for parts in zip(*done, strict=True))
+        starts, widths, all_series = (
+            np.concatenate(parts, axis=-1) for parts in zip(*done, strict=True)
+        )
         order = np.argsort(starts)
-        integral: Array = np.asarray(chebyshev.chebint(all_series[:, order], lbnd=-1), float) * widths[order] / 2
+        integral: Array = (
+            np.asarray(chebyshev.chebint(all_series[:, order], lbnd=-1), float) * widths[order] / 2
+        )
         integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # sums of series
         return cls(np.append(starts[order], high), integral)
 
@@ -109,7 +115,9 @@ class Primitive:
         piece = np.clip(np.searchsorted(self.edges, x, side="right") - 1, 0, len(self.edges) - 2)
         low, high = self.edges[piece], self.edges[piece + 1]
         at = (2 * x - low - high) / (high - low)
-        return np.asarray(chebyshev.chebval(at, self.coefficients[:, piece], tensor=False), dtype=np.float64)
+        return np.asarray(
+            chebyshev.chebval(at, self.coefficients[:, piece], tensor=False), dtype=np.float64
+        )
 
 
 @dataclass(frozen=True)
@@ -131,9 +139,13 @@ class PerspectiveMeridian:
     theta_max: float
 
     @classmethod
-    def of(cls, omega: Curve, domega: Curve, log_rho: Curve, theta_max: float) -> PerspectiveMeridian:
+    def of(
+        cls, omega: Curve, domega: Curve, log_rho: Curve, theta_max: float
+    ) -> PerspectiveMeridian:
         """Create a meridian from independent curves."""
-        return cls(lambda t: (omega(t), log_rho(t)), lambda t: (omega(t), domega(t), log_rho(t)), theta_max)
+        return cls(
+            lambda t: (omega(t), log_rho(t)), lambda t: (omega(t), domega(t), log_rho(t)), theta_max
+        )
 
     @classmethod
     def solve(cls, omega: Curve, domega: Curve, theta_max: float) -> PerspectiveMeridian:
@@ -159,7 +171,10 @@ class PerspectiveMeridian:
     @cached_property
     def _table(self) -> Array:
         """Cubic pieces (4, CELLS) of theta(x), refined by a Newton step."""
-        x, few = np.linspace(0.0, 1.0, CELLS + 1), self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1))
+        x, few = (
+            np.linspace(0.0, 1.0, CELLS + 1),
+            self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1)),
+        )
         theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
         found, rate = self.x(theta)
         theta = theta - (found - x) / rate
@@ -249,9 +264,13 @@ class OrthographicMeridian:
 # -- Base classes of mirrors with a prescribed mapping ---------------------------------------------
 
 OMEGA_MAX = Parameter("deg", 1.0, 179.0, "field angle at the rim")
-OMEGA_MIN = Parameter("deg", 0.0, 170.0, "field angle at the image centre; above 0 the mirror is pointed")
+OMEGA_MIN = Parameter(
+    "deg", 0.0, 170.0, "field angle at the image centre; above 0 the mirror is pointed"
+)
 MIN_THETA_DEG = 1e-3  # smaller viewing angles lose precision; use an orthographic lens
-THETA_MAX = Parameter("deg", 0.0, 60.0, "viewing angle of the lens at the rim; 0 for an orthographic lens")
+THETA_MAX = Parameter(
+    "deg", 0.0, 60.0, "viewing angle of the lens at the rim; 0 for an orthographic lens"
+)
 
 
 class Mapped(Mirror):
@@ -284,7 +303,9 @@ class Mapped(Mirror):
         M = self.rim_radius_mm
         x = coordinates("x_mm", x_mm) / M
         with np.errstate(invalid="ignore"):  # NaN outside the surface
-            z, slope, curvature = self._meridian.profile(np.where((x >= 0) & (x <= 1 + 1e-12), x, np.nan))
+            z, slope, curvature = self._meridian.profile(
+                np.where((x >= 0) & (x <= 1 + 1e-12), x, np.nan)
+            )
         return z * M, slope, curvature / M
 
     @property

@@ -14,7 +14,15 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from .measured import CLOUD_FILE, GRID_FILE, PROFILE_FILE, SMOOTHING_DEGREE, Fit, fitted, read_columns
+from .measured import (
+    CLOUD_FILE,
+    GRID_FILE,
+    PROFILE_FILE,
+    SMOOTHING_DEGREE,
+    Fit,
+    fitted,
+    read_columns,
+)
 from .mirror import RIM_RADIUS, Mirror, near_apex
 
 if TYPE_CHECKING:
@@ -70,14 +78,21 @@ class SlopeSpline(Mirror):
 
     KIND: ClassVar[str] = "slope-spline"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "slopes": Parameter("", -1e3, 1e3, "dz/dx at equal steps from the axis to the rim; the first is 0, or a point"),
+        "slopes": Parameter(
+            "",
+            -1e3,
+            1e3,
+            "dz/dx at equal steps from the axis to the rim; the first is 0, or a point",
+        ),
         "rim_radius_mm": RIM_RADIUS,
     }
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "slopes", floats("slopes", self.slopes))
         if len(self.slopes) < MIN_SLOPES:
-            raise InvalidParameter(f"slopes has {len(self.slopes)} numbers; it needs at least {MIN_SLOPES}")
+            raise InvalidParameter(
+                f"slopes has {len(self.slopes)} numbers; it needs at least {MIN_SLOPES}"
+            )
         self._check()
 
     @cached_property
@@ -175,16 +190,23 @@ class SampledProfile(Mirror):
         "rim_radius_mm": RIM_RADIUS,
         "apex": Parameter("", 0, 0, "shape at the axis", choices=("smooth", "pointed")),
         "uncertainty_um": Parameter(
-            "um", 0.0, 1e4, "standard uncertainty of the heights, estimated unless given; 0 meets every point"
+            "um",
+            0.0,
+            1e4,
+            "standard uncertainty of the heights, estimated unless given; 0 meets every point",
         ),
     }
 
     def __post_init__(self) -> None:
         x, z = floats("x_mm", self.x_mm), floats("z_mm", self.z_mm)
         if len(x) != len(z):
-            raise InvalidParameter(f"x_mm has {len(x)} points and z_mm {len(z)}; they need the same number")
+            raise InvalidParameter(
+                f"x_mm has {len(x)} points and z_mm {len(z)}; they need the same number"
+            )
         if not np.isfinite([x, z]).all():
-            raise InvalidParameter("x_mm and z_mm hold a number that is not finite; all of them must be")
+            raise InvalidParameter(
+                "x_mm and z_mm hold a number that is not finite; all of them must be"
+            )
         if len(x) <= SMOOTHING_DEGREE:
             raise InvalidParameter(
                 f"a sampled profile of {len(x)} points is too short; give at least {SMOOTHING_DEGREE + 1}"
@@ -193,7 +215,9 @@ class SampledProfile(Mirror):
             raise InvalidParameter(f"x_mm starts at {x[0]:g} mm; it must start on the axis, at 0")
         if not np.all(np.diff(x) > 0):
             i = int(np.argmin(np.diff(x) > 0))
-            raise InvalidParameter(f"x_mm does not grow after point {i} ({x[i]:g} then {x[i + 1]:g} mm)")
+            raise InvalidParameter(
+                f"x_mm does not grow after point {i} ({x[i]:g} then {x[i + 1]:g} mm)"
+            )
         object.__setattr__(self, "x_mm", x)
         object.__setattr__(self, "z_mm", z)
         rim: float | None = self.rim_radius_mm
@@ -250,7 +274,10 @@ class SampledProfile(Mirror):
         fit, rim, share = self.fit, self._rim * (1 + EXTRAPOLATION), number("share", share)
         curves = [
             fit.spline,
-            *(BSpline(fit.spline.t, fit.spline.c + share * d, SMOOTHING_DEGREE) for d in fit.deviations),
+            *(
+                BSpline(fit.spline.t, fit.spline.c + share * d, SMOOTHING_DEGREE)
+                for d in fit.deviations
+            ),
         ]
         return [SmoothCurve(rim, curve, self.apex) for curve in curves]
 
@@ -267,5 +294,7 @@ class SampledProfile(Mirror):
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         x = coordinates("x_mm", x_mm)
         z, slope, curvature = self._curve.profile(x)
-        there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (x <= self.x_mm[-1])
+        there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (
+            x <= self.x_mm[-1]
+        )
         return tuple(np.where(there, a, np.nan) for a in (z, slope, curvature))  # type: ignore[return-value]

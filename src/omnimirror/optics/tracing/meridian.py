@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.caching import cached_property
-from ...base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from ...base.errors import (
+    InvalidParameter,
+    NotOneToOne,
+    OutsideField,
+    OutsideMirror,
+    SelfObstruction,
+)
 from ...base.root_finding import increasing_root, sign_change
 from ...base.typing import Array, Mask
 from ..housing import Dome, FlatWindow, Shell, Tube
@@ -78,7 +84,16 @@ def _taylor(mirror: Mirror, start: Array, step: Array) -> Array:
     sides = [mirror.profile(start), mirror.profile(start + step)]
     (z0, s0, c0), (z1, s1, c1) = ((z, s * step, c * step**2) for z, s, c in sides)
     dz, ds, dc = z1 - z0 - s0 - c0 / 2, s1 - s0 - c0, c1 - c0
-    return np.stack([z0, s0, c0 / 2, 10 * dz - 4 * ds + dc / 2, -15 * dz + 7 * ds - dc, 6 * dz - 3 * ds + dc / 2])
+    return np.stack(
+        [
+            z0,
+            s0,
+            c0 / 2,
+            10 * dz - 4 * ds + dc / 2,
+            -15 * dz + 7 * ds - dc,
+            6 * dz - 3 * ds + dc / 2,
+        ]
+    )
 
 
 def _derivative(a: Array) -> Array:
@@ -277,7 +292,9 @@ def refract_through_shell(
         through.append(refraction)
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
     reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos
-    foot = Pencil(ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate)
+    foot = Pencil(
+        ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate
+    )
     return Passed(foot, reach, through[0].way + through[1].way, tuple(through))
 
 
@@ -339,7 +356,9 @@ class Cover:
             found = tuple(np.where(crosses, new, old) for new, old in zip(found, bare, strict=True))
             through = tuple(_only_where(crosses, r) for r in through)
         x, z, omega, spread, rate, reach, inside = found
-        return replace(rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through))
+        return replace(
+            rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through)
+        )
 
     def crosses(self, rays: ChiefRays) -> Mask:
         """Return which rays (n,) reach the wall within the ends of a tube."""
@@ -369,7 +388,9 @@ class Cover:
         height = clear(x)
         (passing,) = np.nonzero(height > 0)
         if not passing.size:
-            raise SelfObstruction("no ray from the mirror passes the tube's wall: all of them end at its base")
+            raise SelfObstruction(
+                "no ray from the mirror passes the tube's wall: all of them end at its base"
+            )
         if passing[0] == 0:
             return start
         if not height[passing[0] - 1] <= 0:  # NaN: outside the mirror surface
@@ -421,7 +442,9 @@ class Cover:
             )
 
 
-def _refracted(ray: Pencil, side: RefractingSurface, before: float, after: float) -> tuple[Pencil, Refraction]:
+def _refracted(
+    ray: Pencil, side: RefractingSurface, before: float, after: float
+) -> tuple[Pencil, Refraction]:
     """Return rays behind a surface, and its effect on wavefronts."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
     way, normal = side.met_by(ray)
@@ -502,7 +525,11 @@ class ChiefRays:
 
     def dfirst_dx(self) -> Array:
         """Compute the derivative, by x, of the coordinate on the mirror facing the lens."""
-        return np.ones_like(self.x) if self.seen_in is None else self._dtheta_dx() / self.seen_in.domega_dx()
+        return (
+            np.ones_like(self.x)
+            if self.seen_in is None
+            else self._dtheta_dx() / self.seen_in.domega_dx()
+        )
 
     def pupil_distance(self) -> Array:
         """Compute the distance (mm) to the focus of neighbouring chief rays.
@@ -547,12 +574,16 @@ class ChiefRays:
         if self.outside is None:
             return self.x, self.z
         reach = self.outside.reach
-        return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(self.omega)
+        return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(
+            self.omega
+        )
 
     def spread(self) -> Array:
         """Compute the transverse separation of neighbouring rays at :attr:`start`, per mm of
         mirror."""
-        return np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
+        return (
+            np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
+        )
 
     def viewpoint_offset(self) -> Array:
         """Compute the axial distance z_v - z (mm) to the viewpoint, x / tan(Omega).
@@ -574,7 +605,9 @@ class ChiefRays:
         return sagittal_radius(self.x, self.slope, self.curvature)
 
 
-def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntrancePupil = IN_REFERENCE_POINT) -> ChiefRays:
+def trace_chief_rays(
+    mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntrancePupil = IN_REFERENCE_POINT
+) -> ChiefRays:
     """Trace chief rays through the mirror points at distances x from the axis (Eqs. 1-5).
 
     >>> from omnimirror.optics.mirrors import Sphere
@@ -589,7 +622,9 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntranceP
     # law of reflection: gamma = beta + theta, Omega = beta + gamma = 2 beta + theta (Eqs. 3, 4)
     theta = np.arctan2(x, w)
     gamma = beta + theta
-    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift)
+    return ChiefRays(
+        x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift
+    )
 
 
 @dataclass(frozen=True)
@@ -620,12 +655,16 @@ class Meridian:
             return
         x = first_non_increasing_x(self.mirror, self.m - self.pupil.at_mm)
         if x is not None:
-            raise _not_one_to_one(x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm)
+            raise _not_one_to_one(
+                x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm
+            )
 
     def _check_finer_table(self) -> None:
         """Check monotonicity with more nodes per piece, for two mirrors or a moving pupil."""
         if (breaks := self.mirror.breaks) is not None and len(breaks) > 2:
-            x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
+            x = np.concatenate(
+                [np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)]
+            )
             checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
 
     @cached_property
@@ -741,7 +780,9 @@ class Meridian:
             return x - (depth + z) * tangent, 1 - slope * tangent
 
         start = np.interp(tangent, tangents, table.x)
-        return increasing_root(difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm)
+        return increasing_root(
+            difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm
+        )
 
     def x_from_point(self, x_t: ArrayLike, z_t: ArrayLike) -> Array:
         """Return the mirror points (mm) that image points of the meridional plane.
@@ -766,15 +807,23 @@ class Meridian:
         surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
         with np.errstate(invalid="ignore"):  # non-finite points are not imaged
             seen = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
-            seen &= (difference(start, x_t, z_t)[0] <= 0) & (difference(edge, x_t, z_t)[0] >= -ROUNDING)
+            seen &= (difference(start, x_t, z_t)[0] <= 0) & (
+                difference(edge, x_t, z_t)[0] >= -ROUNDING
+            )
         x = np.full_like(x_t, np.nan)
         if seen.any():
             xt, zt = x_t[seen], z_t[seen]
             x[seen] = increasing_root(
-                lambda x: difference(x, xt, zt), start[seen], edge[seen], self.first_guess(xt, zt), rim
+                lambda x: difference(x, xt, zt),
+                start[seen],
+                edge[seen],
+                self.first_guess(xt, zt),
+                rim,
             )
             if self.cover is not None:
-                x[seen] = np.where(self.cover.leads_to(self._rays(x[seen]), xt, zt), x[seen], np.nan)
+                x[seen] = np.where(
+                    self.cover.leads_to(self._rays(x[seen]), xt, zt), x[seen], np.nan
+                )
         return x
 
     def first_guess(self, x_t: Array, z_t: Array) -> Array:
@@ -809,7 +858,9 @@ def checked(rays: ChiefRays) -> ChiefRays:
 
 def _check_front_side(rays: ChiefRays) -> None:
     if not rays.m > 0:
-        raise InvalidParameter(f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0")
+        raise InvalidParameter(
+            f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0"
+        )
     if rays.w[0] <= 0:
         raise InvalidParameter(
             f"the lens's entrance pupil lies {rays.m - rays.w[0] + rays.z[0]:g} mm towards the mirror from where "

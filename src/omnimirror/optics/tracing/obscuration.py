@@ -125,12 +125,16 @@ class TaperedRod(NamedTuple):
             between = (z >= self.foot_mm) & (z <= self.top_mm)
             first = np.where(level, np.where(between, 0.0, np.inf), np.maximum(ends[0], 0.0))
             last = np.where(level, np.where(between, np.inf, -np.inf), ends[1])
-            radius, widening = self.foot_radius_mm + self.taper * (z - self.foot_mm), self.taper * dz
+            radius, widening = (
+                self.foot_radius_mm + self.taper * (z - self.foot_mm),
+                self.taper * dz,
+            )
             a = dx**2 + dy**2 - widening**2
             b = x * dx + y * dy - radius * widening
             nearest = np.where(a > 0, np.clip(-b / a, first, last), first)
             squares = [
-                (x + t * dx) ** 2 + (y + t * dy) ** 2 - (radius + t * widening) ** 2 for t in (first, nearest, last)
+                (x + t * dx) ** 2 + (y + t * dy) ** 2 - (radius + t * widening) ** 2
+                for t in (first, nearest, last)
             ]
             least = np.fmin.reduce(squares)
             clearance = least / (2 * max(self.foot_radius_mm, self.top_radius_mm))
@@ -158,7 +162,11 @@ class Obstructions:
 
     @classmethod
     def of(
-        cls, housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float
+        cls,
+        housing: Housing,
+        mirror: Mirror,
+        secondary: Secondary | None,
+        mirror_distance_mm: float,
     ) -> Obstructions:
         """Create the obstructions of a housing around a mirror, or two mirrors, at a lens distance.
 
@@ -174,7 +182,9 @@ class Obstructions:
         if rod is not None:
             assert rod.gap_mm is not None
             assert rod.end_diameter_mm is not None
-            cone = TaperedRod(envelope.lens_mm + rod.gap_mm, 0.0, rod.diameter_mm / 2, rod.end_diameter_mm / 2)
+            cone = TaperedRod(
+                envelope.lens_mm + rod.gap_mm, 0.0, rod.diameter_mm / 2, rod.end_diameter_mm / 2
+            )
         front = float(mirror.sag(np.array(mirror.rim_radius_mm))) + edge.setback_mm
         rim = Disc("rim", front, envelope.outer_mm, stops_rising=True) if edge.width_mm else None
         discs = (*_lids(fitted, envelope), *_before_mirror(fitted, envelope, secondary))
@@ -186,7 +196,11 @@ class Obstructions:
         shell = self.housing.shell
         if shell is None:
             return ()
-        return tuple(disc for disc in self.discs if isinstance(disc, Disc) and disc.part.startswith(shell.KIND))
+        return tuple(
+            disc
+            for disc in self.discs
+            if isinstance(disc, Disc) and disc.part.startswith(shell.KIND)
+        )
 
     @property
     def camera(self) -> Disc | None:
@@ -202,7 +216,9 @@ class Obstructions:
         """Diameter of the ring about the lens on the camera's front."""
         return (self.housing.camera or CameraBody(1.0)).lens_diameter_mm
 
-    def clearances(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Array]:
+    def clearances(
+        self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose
+    ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of reflected rays at each part.
 
         Parameters
@@ -228,18 +244,29 @@ class Obstructions:
 
         ``shift_mm`` is the displacement of the mirror along the axis.
         """
-        x, z, theta, reflected = np.atleast_1d(rays.x, rays.z + shift_mm, rays.theta, rays.reflected)
+        x, z, theta, reflected = np.atleast_1d(
+            rays.x, rays.z + shift_mm, rays.theta, rays.reflected
+        )
         nothing = np.zeros_like(x)
         points, outwards, back = (
             np.stack([across, nothing, along], axis=-1)
-            for across, along in ((x, z), (np.sin(reflected), -np.cos(reflected)), (-np.sin(theta), -np.cos(theta)))
+            for across, along in (
+                (x, z),
+                (np.sin(reflected), -np.cos(reflected)),
+                (-np.sin(theta), -np.cos(theta)),
+            )
         )
         found = self.clearances(points, outwards, back, MirrorPose(displacement_mm=shift_mm))
         return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
 
-    def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
+    def met_by(
+        self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose
+    ) -> dict[str, Mask]:
         """Return which reflected rays (n,) each part blocks; see :meth:`clearances`."""
-        return {part: found < 0 for part, found in self.clearances(points, directions, towards_lens, pose).items()}
+        return {
+            part: found < 0
+            for part, found in self.clearances(points, directions, towards_lens, pose).items()
+        }
 
     def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
         """Return which reflected or outer rays the edge of the rim blocks."""
@@ -254,7 +281,9 @@ class Obstructions:
         across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
         inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
         with np.errstate(invalid="ignore"):
-            clearance = np.maximum(circle_clearance(across, rim.radius_mm), -circle_clearance(across, inner))
+            clearance = np.maximum(
+                circle_clearance(across, rim.radius_mm), -circle_clearance(across, inner)
+            )
             return np.where(meets, clearance, np.inf)
 
     def meets_front(self, points: Array, directions: Array, towards_lens: Array) -> Mask:
@@ -273,10 +302,16 @@ def cover_of(obstructions: Obstructions) -> Cover | None:
     return None if shell is None else Cover(shell.centred(), envelope.base_mm, envelope.back_mm)
 
 
-def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float) -> Envelope:
+def envelope_of(
+    housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float
+) -> Envelope:
     """Return the envelope to which a housing is fitted."""
     rim = housing.rim or Rim()
-    lens = -mirror_distance_mm if np.isfinite(mirror_distance_mm) else -LENS_AT_RIMS * mirror.rim_radius_mm
+    lens = (
+        -mirror_distance_mm
+        if np.isfinite(mirror_distance_mm)
+        else -LENS_AT_RIMS * mirror.rim_radius_mm
+    )
     back, outer = highest_mm(mirror) + rim.thickness_mm, mirror.rim_radius_mm + rim.width_mm
     if secondary is None:
         return Envelope(lens, lens, back, outer)
@@ -304,16 +339,22 @@ def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | WindowFrame, ...
     base = Disc(f"{shell.KIND}'s base", envelope.base_mm, shell.inner_radius_mm(envelope.base_mm))
     if shell.KIND == "dome":
         return (base,)
-    return base, Disc("tube's cap", envelope.back_mm, shell.inner_radius_mm(envelope.back_mm), stops_rising=True)
+    return base, Disc(
+        "tube's cap", envelope.back_mm, shell.inner_radius_mm(envelope.back_mm), stops_rising=True
+    )
 
 
-def _before_mirror(housing: Housing, envelope: Envelope, secondary: Secondary | None) -> tuple[Disc, ...]:
+def _before_mirror(
+    housing: Housing, envelope: Envelope, secondary: Secondary | None
+) -> tuple[Disc, ...]:
     """Return the discs of the camera and of the rim of a second mirror."""
     discs: list[Disc] = []
     if (camera := housing.camera) is not None:
         discs.append(Disc("camera", envelope.lens_mm + camera.height_mm, camera.diameter_mm / 2))
     if secondary is not None and (rim := housing.secondary_rim) is not None and rim.width_mm:
-        edge = float(secondary.mirror.sag(np.array(secondary.mirror.rim_radius_mm))) + rim.setback_mm
+        edge = (
+            float(secondary.mirror.sag(np.array(secondary.mirror.rim_radius_mm))) + rim.setback_mm
+        )
         radius = secondary.mirror.rim_radius_mm + rim.width_mm
         discs.append(Disc("secondary's rim", -secondary.distance_mm - edge, radius))
     return tuple(discs)
@@ -396,22 +437,33 @@ def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscurat
     """Return the ring below the first unobscured mirror point."""
     start = meridian.trace(np.array([meridian.x_min]))
     return Obscuration(
-        meridian.middle_hidden_by, (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0])
+        meridian.middle_hidden_by,
+        (0.0, float(np.degrees(start.omega[0]))),
+        float(100 * share(start)[0]),
     )
 
 
-def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:
+def _hidden_between(
+    x: Array, clear: Array, clearance: Callable[[Array], Array]
+) -> list[tuple[float, float]]:
     """Return the intervals of the mirror with negative clearance, with exact ends."""
     hidden = clear < 0
     edges = [
-        sign_change(lambda v: float(np.clip(clearance(np.array(v)), -1e9, 1e9)), float(x[i]), float(x[i + 1]), 2e-12)
+        sign_change(
+            lambda v: float(np.clip(clearance(np.array(v)), -1e9, 1e9)),
+            float(x[i]),
+            float(x[i + 1]),
+            2e-12,
+        )
         for i in np.flatnonzero(np.diff(hidden.astype(int)))
     ]
     edges = [*([float(x[0])] if hidden[0] else []), *edges, *([float(x[-1])] if hidden[-1] else [])]
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def clear_field_deg(field_deg: tuple[float, float], rings: tuple[Obscuration, ...]) -> tuple[float, float]:
+def clear_field_deg(
+    field_deg: tuple[float, float], rings: tuple[Obscuration, ...]
+) -> tuple[float, float]:
     """Return the range (low, high) of a field, degrees, between the merged rings at its ends.
 
     Both angles are equal if the entire field is obscured.

@@ -62,16 +62,25 @@ class PosedMirror:
         turned = self.pose.turned_to_mirror(directions)
         found = trace_formed(self.mirror, self.form, self.pose.to_mirror(origins), turned)
         turn = self.pose.turned_to_camera
-        return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
+        return Reflections(
+            self.pose.to_camera(found.points),
+            turn(found.directions),
+            turn(found.normals),
+            found.valid,
+        )
 
-    def specular(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None) -> ReflectionPoints:
+    def specular(
+        self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None
+    ) -> ReflectionPoints:
         """Return the mirror points (n, 3) that image targets; see :mod:`.reflection`.
 
         ``start`` are initial points (n, 3), mm. Paths of distant ends are measured from the camera
         frame's origin.
         """
         begin = None if start is None else self.pose.to_mirror(start)[..., :2]
-        found = reflection.specular_points(self.mirror, self.inside(pupils), self.inside(targets), begin, self.form)
+        found = reflection.specular_points(
+            self.mirror, self.inside(pupils), self.inside(targets), begin, self.form
+        )
         turn = self.pose.turned_to_camera
         path = found.path
         for end in (pupils, targets):
@@ -87,7 +96,9 @@ class PosedMirror:
             path=path,
         )
 
-    def beam(self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array) -> Array:
+    def beam(
+        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+    ) -> Array:
         """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
@@ -117,10 +128,14 @@ class PosedMirror:
         objects: Array = found.points + distances[:, None] * found.to_targets
         return objects
 
-    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+    def clearances(
+        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+    ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays through points (n, 3) at the rim."""
         inside = self.pose.to_mirror(points)
-        return {"mirror": -circle_clearance(inside[:, :2], self.mirror.rim_radius_mm * (1 + RIM_SLACK))}
+        return {
+            "mirror": -circle_clearance(inside[:, :2], self.mirror.rim_radius_mm * (1 + RIM_SLACK))
+        }
 
     def inside(self, ends: RayEndpoints) -> RayEndpoints:
         """Convert ends from the camera frame to the mirror frame."""
@@ -128,7 +143,9 @@ class PosedMirror:
         return RayEndpoints(turn(ends.xyz), ends.distant)
 
 
-def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: Array) -> Reflections:
+def trace_formed(
+    mirror: Mirror, form: MirrorForm, origins: Array, directions: Array
+) -> Reflections:
     """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.space.trace`.
 
     Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
@@ -149,13 +166,19 @@ def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: A
     way = np.broadcast_to(directions, points.shape)[valid]
     way = way / np.linalg.norm(way, axis=1, keepdims=True)
     at, surface, arrived = _met(mirror, form, points[valid], way)
-    points[valid], normals[valid], outgoing[valid] = at, surface.normals, reflect(way, surface.normals)
+    points[valid], normals[valid], outgoing[valid] = (
+        at,
+        surface.normals,
+        reflect(way, surface.normals),
+    )
     valid[valid] = arrived
     points[~valid] = normals[~valid] = outgoing[~valid] = np.nan
     return Reflections(points, outgoing, normals, valid)
 
 
-def _met(mirror: Mirror, form: MirrorForm, points: Array, way: Array) -> tuple[Array, MirrorSurface, NDArray[np.bool_]]:
+def _met(
+    mirror: Mirror, form: MirrorForm, points: Array, way: Array
+) -> tuple[Array, MirrorSurface, NDArray[np.bool_]]:
     """Return ray intersections (n, 3), the surface there, and convergence flags."""
     close = FORM_CLOSE * mirror.rim_radius_mm
     surface = MirrorSurface(mirror, points[:, :2], form)
@@ -233,18 +256,26 @@ class CoveredMirror:
         points[~valid] = outwards[~valid] = np.nan
         return Reflections(points, outwards, found.normals, valid)
 
-    def specular(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None) -> ReflectionPoints:
+    def specular(
+        self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None
+    ) -> ReflectionPoints:
         """Return the mirror points (n, 3) of targets, from initial points (n, 3), mm."""
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         pupils, targets = pupils.spread(count), targets.spread(count)
         with np.errstate(all="ignore"):  # non-finite results are marked invalid
-            begin = self._guess(targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
+            begin = (
+                self._guess(targets)
+                if start is None
+                else self.mirror.pose.to_mirror(start)[..., :2]
+            )
             begin = np.broadcast_to(begin, (count, 2))
             parts = [slice(first, first + CHUNK) for first in range(0, max(count, 1), CHUNK)]
             found = [self._found(pupils[part], targets[part], begin[part]) for part in parts]
         return ReflectionPoints(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
-    def beam(self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array) -> Array:
+    def beam(
+        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+    ) -> Array:
         """Return the light (n,) from mirror points to moving pupils; see :meth:`PosedMirror.beam`.
 
         While the pupil moves, the mirror point follows to keep the ray on its target. Finite
@@ -269,7 +300,10 @@ class CoveredMirror:
             by_place = [change(self._ways(pupils, xy + step * e), step) for e in np.eye(2)]
             h = step if not pupils.distant else DIFFERENCE
             by_pupil = [
-                change(self._ways(RayEndpoints(pupils.xyz + h * motion[:, k], pupils.distant), xy), h) for k in (0, 1)
+                change(
+                    self._ways(RayEndpoints(pupils.xyz + h * motion[:, k], pupils.distant), xy), h
+                )
+                for k in (0, 1)
             ]
             (m_x, s_x), (m_e, s_e) = (
                 (np.stack([a for a, _ in both], axis=-1), np.stack([b for _, b in both], axis=-1))
@@ -278,7 +312,9 @@ class CoveredMirror:
             moved = s_e - s_x @ np.linalg.solve(m_x, m_e)
             section: Array = np.abs(np.linalg.det(moved))
             if not targets.distant:
-                section /= np.einsum("ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at)
+                section /= np.einsum(
+                    "ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at
+                )
         return section
 
     def left_at(self, found: ReflectionPoints) -> Array:
@@ -294,10 +330,14 @@ class CoveredMirror:
     def outside_of(self, points: Array, through: Array) -> tuple[Array, Array]:
         """Return exit points and directions (n, 3) of rays from inner points through others."""
         way = through - points
-        left_at, outwards, *_ = self._let_out(points, way / np.linalg.norm(way, axis=1, keepdims=True))
+        left_at, outwards, *_ = self._let_out(
+            points, way / np.linalg.norm(way, axis=1, keepdims=True)
+        )
         return left_at, outwards
 
-    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+    def clearances(
+        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+    ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
         return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
 
@@ -309,16 +349,24 @@ class CoveredMirror:
         Rays that meet an end of a tube in air continue unchanged: they do not reach the wall.
         """
         way = shell_exit(self.shell, points, directions)
-        left_at, outwards, passes, (first, second) = way.points, way.directions, way.passes, way.lengths
+        left_at, outwards, passes, (first, second) = (
+            way.points,
+            way.directions,
+            way.passes,
+            way.lengths,
+        )
         if isinstance(self.shell, Tube):
-            height = (way.met if self.shell.is_axial else pose_of(self.shell).to_mirror(way.met))[:, 2]
+            height = (way.met if self.shell.is_axial else pose_of(self.shell).to_mirror(way.met))[
+                :, 2
+            ]
             low, high = self.ends_mm
             meets = (height > low) & (height < high) & way.meets
             if self.shell.outer_index != 1.0:
                 passes = passes & meets
             elif not meets.all():
                 left_at, outwards = (
-                    np.where(meets[:, None], new, old) for new, old in ((left_at, points), (outwards, way.incident))
+                    np.where(meets[:, None], new, old)
+                    for new, old in ((left_at, points), (outwards, way.incident))
                 )
                 first, second, passes = first * meets, second * meets, passes | ~meets
         return left_at, outwards, first + self.shell.index * second, first + second, passes
@@ -336,7 +384,9 @@ class CoveredMirror:
             to_pupils = way / before[:, None]
         reflected = reflect(-to_pupils, normals)
         left_at, outwards, time, inside, passes = self._let_out(points, reflected)
-        return _Paths(points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes)
+        return _Paths(
+            points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes
+        )
 
     def _miss(self, ways: _Paths, targets: RayEndpoints) -> Array:
         """Return the miss (n, 3), as an angle or relative to the target distance.
@@ -367,7 +417,9 @@ class CoveredMirror:
         """Meridian of the aligned mirror and cover."""
         shift = float(self.mirror.pose.shift[2])
         cover = Cover(self.shell.centred(), *self.ends_mm).moved(shift)
-        return Meridian(self.mirror.mirror, self.mirror_distance_mm + shift, self.pupil, cover=cover)
+        return Meridian(
+            self.mirror.mirror, self.mirror_distance_mm + shift, self.pupil, cover=cover
+        )
 
     def _guess(self, targets: RayEndpoints) -> Array:
         """Return single-viewpoint estimates (n, 2), mm, of the mirror points of targets."""
@@ -377,7 +429,10 @@ class CoveredMirror:
             if targets.distant
             else pose.to_mirror(targets.xyz)
         )
-        across, azimuth = np.hypot(inside[:, 0], inside[:, 1]), np.arctan2(inside[:, 1], inside[:, 0])
+        across, azimuth = (
+            np.hypot(inside[:, 0], inside[:, 1]),
+            np.arctan2(inside[:, 1], inside[:, 0]),
+        )
         x = self._meridian.first_guess(across, inside[:, 2])
         if self.mirror.mirror.is_pointed:
             x = np.maximum(x, TIP * rim)
@@ -390,7 +445,9 @@ class CoveredMirror:
             return self._proven(targets, xy, self._ways(pupils, xy))
         xy, settled = self._settled(pupils, targets, start)
         ways = self._ways(pupils, xy)
-        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > MISS_TOLERANCE))  # table limits
+        near = np.flatnonzero(
+            settled & (_lengths(self._miss(ways, targets)) > MISS_TOLERANCE)
+        )  # table limits
         if near.size:
             xy[near] = self._aimed(pupils[near], targets[near], xy[near])
             ways = self._ways(pupils, xy)
@@ -401,7 +458,9 @@ class CoveredMirror:
         """True if a kernel is available: kernels do not support form errors."""
         return backend.is_compiled and self.mirror.form.is_empty
 
-    def _settled(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> tuple[Array, Mask]:
+    def _settled(
+        self, pupils: RayEndpoints, targets: RayEndpoints, start: Array
+    ) -> tuple[Array, Mask]:
         """Return mirror points (n, 2), mm, from a compiled kernel with a table of the meridian, and
         convergence flags (n,)."""
         xy, settled = np.array(start), np.empty(len(start), np.bool_)
@@ -409,15 +468,22 @@ class CoveredMirror:
         turn = shell.rotation().T @ self.mirror.pose.rotation()
         shift = shell.turned_to_mirror(self.mirror.pose.shift - shell.shift)
         pupils, targets = (
-            RayEndpoints(shell.turned_to_mirror(end.xyz) if end.distant else shell.to_mirror(end.xyz), end.distant)
+            RayEndpoints(
+                shell.turned_to_mirror(end.xyz) if end.distant else shell.to_mirror(end.xyz),
+                end.distant,
+            )
             for end in (pupils, targets)
         )
         backend.kernels.find_covered(
             (self._meridian_table, mirror.rim_radius_mm / CELLS, mirror.rim_radius_mm, turn, shift),
-            shell_kernel_arguments(self.shell), self.ends_mm, (MAX_STEPS, MAX_STEP_LENGTH, SETTLED),
-            (kernel_array(pupils.xyz), pupils.distant), (kernel_array(targets.xyz), targets.distant),
-            xy, settled.view(np.uint8),
-        )  # fmt: skip
+            shell_kernel_arguments(self.shell),
+            self.ends_mm,
+            (MAX_STEPS, MAX_STEP_LENGTH, SETTLED),
+            (kernel_array(pupils.xyz), pupils.distant),
+            (kernel_array(targets.xyz), targets.distant),
+            xy,
+            settled.view(np.uint8),
+        )
         return xy, settled
 
     @cached_property
@@ -439,7 +505,9 @@ class CoveredMirror:
             ways = self._ways(pupil, at)
             here = self._miss(ways, target)
             missed = _lengths(here)
-            again = np.flatnonzero((missed > MISS_TOLERANCE) & ~(missed < MAX_MISS_RATIO * before[active]))
+            again = np.flatnonzero(
+                (missed > MISS_TOLERANCE) & ~(missed < MAX_MISS_RATIO * before[active])
+            )
             for k, e in enumerate(np.eye(2)):
                 there = self._miss(self._ways(pupil[again], at[again] + step * e), target[again])
                 rates[k, active[again]] = (there - here[again]) / step
@@ -454,7 +522,9 @@ class CoveredMirror:
         return xy
 
     def _proven(self, targets: RayEndpoints, xy: Array, ways: _Paths) -> ReflectionPoints:
-        faces = [np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)]
+        faces = [
+            np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)
+        ]
         leads = _lengths(ways.outwards - self._wanted(ways, targets)) <= REFLECTION_TOLERANCE
         reflects = np.logical_and.reduce([*faces, leads, ways.passes])
         valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
@@ -485,7 +555,9 @@ def _solved(rates: Array, miss: Array, towards: Array) -> Array:
     u, v = (np.einsum("ni,ni->n", miss, e) for e in across)
     det = a * d - b * c
     is_known = rates.any(axis=(0, 2))
-    move: Array = np.stack([b * v - d * u, c * u - a * v], axis=-1) / np.where(is_known, det, 1.0)[:, None]
+    move: Array = (
+        np.stack([b * v - d * u, c * u - a * v], axis=-1) / np.where(is_known, det, 1.0)[:, None]
+    )
     return move
 
 
@@ -540,7 +612,9 @@ class OpticalTrain:
     def posed_mirror(self) -> PosedMirror | FoldedMirror:
         """Posed mirror; with a second mirror, the lens side is in the unfolded frame."""
         if self.secondary is not None:
-            return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
+            return FoldedMirror(
+                self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil
+            )
         return PosedMirror(self.mirror, self.pose, self.form)
 
     @cached_property
@@ -551,7 +625,9 @@ class OpticalTrain:
             return mirror
         assert isinstance(mirror, PosedMirror)
         ends = cover.envelope.base_mm, cover.envelope.back_mm
-        return CoveredMirror(mirror, cover.housing.shell, ends, self.mirror_distance_mm, self.lens.pupil)
+        return CoveredMirror(
+            mirror, cover.housing.shell, ends, self.mirror_distance_mm, self.lens.pupil
+        )
 
     @property
     def lens_offset(self) -> Array:
@@ -565,7 +641,9 @@ class OpticalTrain:
         offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
         return offset
 
-    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+    def clearances(
+        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+    ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at every edge between object and imager.
 
         Negative clearances mean blocked rays. This is the single definition of vignetting and
@@ -604,13 +682,18 @@ class OpticalTrain:
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         with np.errstate(all="ignore"):
             if isinstance(mirror, FoldedMirror):
-                found, seen_at = mirror.unobstructed(origins, directions), mirror.seen_at(origins, directions)
+                found, seen_at = (
+                    mirror.unobstructed(origins, directions),
+                    mirror.seen_at(origins, directions),
+                )
                 own = mirror.clearances(seen_at, found.points, to_pupils, found.directions)
                 own = {part: edge for part, edge in own.items() if part not in MIRROR_EDGES}
             else:
                 found = mirror.trace(origins, directions)
                 seen_at = found.points
-            return found, own | self._housing_clearances(seen_at, found.points, to_pupils, found.directions)
+            return found, own | self._housing_clearances(
+                seen_at, found.points, to_pupils, found.directions
+            )
 
     def passes_lens(self, origins: Array, directions: Array) -> Mask:
         """Return which lens-side rays (n, 3), (n, 3) pass the edges of the lens."""
@@ -625,7 +708,11 @@ class OpticalTrain:
         """Return which lens-side rays (n, 3), (n, 3), given their reflections, are transmitted."""
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         mirror = self.posed_mirror
-        seen_at = mirror.seen_at(origins, directions) if isinstance(mirror, FoldedMirror) else found.points
+        seen_at = (
+            mirror.seen_at(origins, directions)
+            if isinstance(mirror, FoldedMirror)
+            else found.points
+        )
         edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
         passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
         return passed
@@ -651,7 +738,9 @@ class OpticalTrain:
             return found
         for _ in range(PUPIL_STEPS):
             slopes = found.chief_slopes
-            found = mirror.specular(self.entrance_pupil_points(middle, slopes), targets, found.points)
+            found = mirror.specular(
+                self.entrance_pupil_points(middle, slopes), targets, found.points
+            )
             with np.errstate(invalid="ignore"):
                 if not (np.abs(found.chief_slopes - slopes) > PUPIL_CLOSE).any():
                     break
@@ -683,7 +772,11 @@ class OpticalTrain:
         origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
         origins = origins + self.lens_offset
         if self.lens.TELECENTRIC:  # from the plane in focus back to below the mirror
-            bound = np.linalg.norm(self.pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
+            bound = (
+                np.linalg.norm(self.pose.shift)
+                + self.mirror.rim_radius_mm
+                + self.mirror.bounds[1][1]
+            )
             bound += 2 * np.abs(self.lens_offset[2])
             origins = origins - (bound + np.abs(origins[:, 2:])) * directions
         return origins, directions

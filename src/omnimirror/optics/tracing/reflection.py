@@ -247,7 +247,9 @@ def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
     """
     sag, slope, curvature = continued_profile(mirror, radii(mirror, cells))
     step = mirror.rim_radius_mm / cells
-    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
+    return np.concatenate(
+        [cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1
+    )
 
 
 def cubic_pieces(values: Array, rates: Array) -> Array:
@@ -261,12 +263,18 @@ def cubic_pieces(values: Array, rates: Array) -> Array:
     return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
 
 
-def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _depths(
+    mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray
+) -> np.ndarray:
     """Return pieces (n, 4) of the mirror's depth from the lens, by tangents."""
     r = np.interp(tangents, x / w, x)
     for _ in range(4):
         sag, slope, _ = mirror.profile(r)
-        r = np.clip(r - (r - (distance + sag) * tangents) / (1 - slope * tangents), 0.0, mirror.rim_radius_mm)
+        r = np.clip(
+            r - (r - (distance + sag) * tangents) / (1 - slope * tangents),
+            0.0,
+            mirror.rim_radius_mm,
+        )
     sag, slope, _ = mirror.profile(r)
     growth = slope * (distance + sag) / (1 - slope * tangents)
     return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))
@@ -318,18 +326,34 @@ def compiled_reflection_points(
     NaN without convergence; None if kernels do not apply.
     """
     xyz = pupils.xyz
-    if len(xyz) < MIN_PAIRS or not backend.is_compiled or not form.is_empty or (xyz != xyz[0]).any():
+    if (
+        len(xyz) < MIN_PAIRS
+        or not backend.is_compiled
+        or not form.is_empty
+        or (xyz != xyz[0]).any()
+    ):
         return None
     x, y, z = (float(part) for part in xyz[0])
     tables = _tables(mirror, np.inf if pupils.distant else max(-z, NEAREST * mirror.rim_radius_mm))
     if tables is None or z == 0:
         return None
     count = len(targets.xyz)
-    asked, rows, states = kernel_array(targets.xyz.T), np.empty((8, count)), np.empty(count, np.uint8)
+    asked, rows, states = (
+        kernel_array(targets.xyz.T),
+        np.empty((8, count)),
+        np.empty(count, np.uint8),
+    )
     backend.kernels.find_reflections(
-        tables.surface((x, y, z), pupils.distant), SEARCH.until(SETTLED, float(np.hypot(x, y)) / abs(z)),
-        tables.by_omega, tables.omegas, tables.middle_mm, targets.distant, asked, rows, states,
-    )  # fmt: skip
+        tables.surface((x, y, z), pupils.distant),
+        SEARCH.until(SETTLED, float(np.hypot(x, y)) / abs(z)),
+        tables.by_omega,
+        tables.omegas,
+        tables.middle_mm,
+        targets.distant,
+        asked,
+        rows,
+        states,
+    )
     a, b, c = rows[5:]
     is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
     places: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
@@ -366,7 +390,11 @@ RESTARTS = 8  # around the apex of a pointed mirror
 
 
 def specular_points(
-    mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None, form: MirrorForm = NO_FORM
+    mirror: Mirror,
+    pupils: RayEndpoints,
+    targets: RayEndpoints,
+    start: Array | None = None,
+    form: MirrorForm = NO_FORM,
 ) -> ReflectionPoints:
     """Return the mirror points that image targets in pupils.
 
@@ -394,7 +422,11 @@ def specular_points(
     pupils, targets = pupils.spread(count), targets.spread(count)
     xy = np.empty((count, 2))
     with np.errstate(all="ignore"):  # non-finite results are marked invalid
-        first = _first((mirror, form), pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
+        first = (
+            _first((mirror, form), pupils, targets)
+            if start is None
+            else np.broadcast_to(start, (count, 2))
+        )
         for begin in range(0, count, CHUNK):
             part = slice(begin, begin + CHUNK)
             xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
@@ -418,7 +450,11 @@ def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
     the same distance."""
     if not len(pupils.xyz):
         return np.empty((0, 2))
-    m = np.inf if pupils.distant else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    m = (
+        np.inf
+        if pupils.distant
+        else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    )
     table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
     middle = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
     towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, middle]
@@ -506,7 +542,9 @@ def _shortest(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, start: 
     active = np.arange(len(best))
     for _ in range(MAX_STEPS):
         pupil, target = pupils[active], targets[active]
-        new_length, gradient, second = _path(MirrorSurface(shape[0], trial[active], shape[1]), pupil, target)
+        new_length, gradient, second = _path(
+            MirrorSurface(shape[0], trial[active], shape[1]), pupil, target
+        )
         down = new_length <= length[active] * (1 + PATH_ROUNDING) + PATH_ROUNDING * rim
         taken = active[down]
         best[taken], length[taken] = trial[taken], new_length[down]
@@ -530,7 +568,9 @@ def _leave_the_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy
         if not lost.size:
             return
         start = shape[0].rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
-        xy[lost] = _shortest(shape, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
+        xy[lost] = _shortest(
+            shape, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2))
+        )
 
 
 def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
@@ -547,13 +587,19 @@ def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) 
     return limited
 
 
-def _proven(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> ReflectionPoints:
+def _proven(
+    shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array
+) -> ReflectionPoints:
     """Verify mirror points and return their rays."""
     mirror, surface = shape[0], MirrorSurface(shape[0], xy, shape[1])
     length, gradient, _ = _path(surface, pupils, targets)
     points, slopes, normals = surface.points, surface.slopes, surface.normals
-    to_pupils, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets))
-    faces_both = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
+    to_pupils, to_targets = (
+        end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets)
+    )
+    faces_both = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (
+        np.einsum("ni,ni->n", to_targets, normals) > 0
+    )
     miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
     reflects = faces_both & (miss <= REFLECTION_TOLERANCE)
     valid = reflects & (np.hypot(*xy.T) <= mirror.rim_radius_mm * (1 + RIM_SLACK))

@@ -17,7 +17,10 @@ AXIS = np.array([0.0, 0.0, 1.0])
 
 
 def wall_transmission(
-    incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None, medium_index: float = 1.0
+    incidence: ArrayLike,
+    refractive_index: float,
+    behind: ArrayLike | None = None,
+    medium_index: float = 1.0,
 ) -> Array:
     """Return the transmittance (n,) of a clear wall for unpolarised light, at angles in radians.
 
@@ -33,7 +36,10 @@ def wall_transmission(
     if behind is not None:
         second = _fresnel(np.asarray(behind, dtype=float), refractive_index / medium_index)
     # incoherent sum over multiple reflections: T = (1 - R1)(1 - R2) / (1 - R1 R2)
-    each = [(1 - a) * (1 - b) / np.maximum(1 - a * b, 1e-300) for a, b in zip(first, second, strict=True)]
+    each = [
+        (1 - a) * (1 - b) / np.maximum(1 - a * b, 1e-300)
+        for a, b in zip(first, second, strict=True)
+    ]
     passed: Array = (each[0] + each[1]) / 2
     return passed
 
@@ -42,7 +48,9 @@ def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
     """Return the reflectances of one surface for both polarisations, given its relative index."""
     n, cos_i = refractive_index, np.cos(angle)
     cos_t = np.sqrt(np.maximum(1 - (np.sin(angle) / n) ** 2, 0.0))
-    return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
+    return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, (
+        (n * cos_i - cos_t) / (n * cos_i + cos_t)
+    ) ** 2
 
 
 class ShellTransit(NamedTuple):
@@ -110,7 +118,11 @@ def let_out(shell: Shell, points: Array, directions: Array) -> ShellTransit:
         found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
         places, ways = pose.to_camera, pose.turned_to_camera
         return ShellTransit(
-            places(found.points), ways(found.directions), places(found.met), ways(found.thrown_back), found.passed
+            places(found.points),
+            ways(found.directions),
+            places(found.met),
+            ways(found.thrown_back),
+            found.passed,
         )
     return _with_light(shell_exit(shell, points, directions), shell.index, shell.outer_index)
 
@@ -122,27 +134,40 @@ def shell_exit(shell: Shell, points: Array, directions: Array) -> ShellExit:
         way = shell_exit(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
         turn = pose.turned_to_camera
         return way._replace(
-            points=pose.to_camera(way.points), directions=turn(way.directions), met=pose.to_camera(way.met),
-            incident=turn(way.incident), inwards=turn(way.inwards),
-        )  # fmt: skip
+            points=pose.to_camera(way.points),
+            directions=turn(way.directions),
+            met=pose.to_camera(way.met),
+            incident=turn(way.incident),
+            inwards=turn(way.inwards),
+        )
     way_out_of = shell_exit_compiled if backend.is_compiled else shell_exit_numpy
     return way_out_of(shell, points, directions)
 
 
 def shell_exit_compiled(shell: Shell, points: Array, directions: Array) -> ShellExit:
     """Trace rays as :func:`shell_exit_numpy`, by a compiled kernel, to rounding."""
-    points, directions = (kernel_array(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
+    points, directions = (
+        kernel_array(rays, np.float64) for rays in np.broadcast_arrays(points, directions)
+    )
     count = len(points)
-    vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
+    vectors, numbers, flags = (
+        np.empty((5, count, 3)),
+        np.empty((4, count)),
+        np.empty((2, count), np.bool_),
+    )
     backend.kernels.leave_wall(
         shell_kernel_arguments(shell), points, directions, vectors, numbers, flags.view(np.uint8)
     )
     left_at, outwards, met, incident, inwards = vectors
     before, within, cosine, behind = numbers
-    return ShellExit(left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags)
+    return ShellExit(
+        left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags
+    )
 
 
-def shell_kernel_arguments(shell: Shell) -> tuple[int, tuple[float, float], tuple[float, float], float, float]:
+def shell_kernel_arguments(
+    shell: Shell,
+) -> tuple[int, tuple[float, float], tuple[float, float], float, float]:
     """Return the kernel arguments of a wall: kind, positions, radii, its index and that outside."""
     if isinstance(shell, FlatWindow):
         return 0, shell.heights_mm, (0.0, 0.0), shell.index, shell.outer_index
@@ -168,14 +193,18 @@ def shell_exit_numpy(shell: Shell, points: Array, directions: Array) -> ShellExi
 def _with_light(way: ShellExit, refractive_index: float, medium_index: float) -> ShellTransit:
     """Return transmitted and reflected parts; rays that do not meet the wall pass completely."""
     before, behind = (np.arccos(np.clip(cosine, 0, 1)) for cosine in way.cosines)
-    share = np.where(way.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0)
+    share = np.where(
+        way.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0
+    )
     back = way.incident + 2 * (way.cosines[0] * way.meets)[:, None] * way.inwards
     return ShellTransit(way.points, way.directions, way.met, back, np.where(way.passes, share, 0.0))
 
 
 def pose_of(shell: Shell) -> MirrorPose:
     """Return the pose of a tube or dome as a mirror pose."""
-    return MirrorPose(shell.decentre_x_mm, shell.decentre_y_mm, 0.0, shell.tilt_x_deg, shell.tilt_y_deg)
+    return MirrorPose(
+        shell.decentre_x_mm, shell.decentre_y_mm, 0.0, shell.tilt_x_deg, shell.tilt_y_deg
+    )
 
 
 def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
@@ -193,7 +222,11 @@ def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
 
 
 def through_window(
-    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
+    points: Array,
+    directions: Array,
+    heights: tuple[float, float],
+    refractive_index: float,
+    medium_index: float,
 ) -> ShellExit:
     """Refract descending rays at both surfaces of a pane across the axis.
 
@@ -217,9 +250,16 @@ def through_window(
         left = met + within[:, None] * inside
         out = _refracted(inside, up, refractive_index / medium_index)
     return ShellExit(
-        np.where(keep, left, points), np.where(keep, out, d), np.where(keep, met, points), d, up,
-        (np.where(passes, before, 0.0), np.where(passes, within, 0.0)), (-d[:, 2], -out[:, 2]), passes, passes,
-    )  # fmt: skip
+        np.where(keep, left, points),
+        np.where(keep, out, d),
+        np.where(keep, met, points),
+        d,
+        up,
+        (np.where(passes, before, 0.0), np.where(passes, within, 0.0)),
+        (-d[:, 2], -out[:, 2]),
+        passes,
+        passes,
+    )
 
 
 def through_tube(
@@ -250,7 +290,9 @@ def through_tube(
     passes = (cosines[0] > 0) & (cosines[1] > 0)
     if not meets.all():
         keep = meets[:, None]
-        left, out, met = (np.where(keep, new, old) for new, old in ((left, points), (out, d), (met, points)))
+        left, out, met = (
+            np.where(keep, new, old) for new, old in ((left, points), (out, d), (met, points))
+        )
         before, within, passes = before * meets, within * meets, passes | ~meets
     return ShellExit(left, out, met, d, inwards, (before, within), cosines, meets, passes)
 
@@ -285,10 +327,14 @@ def through_dome(
     out = _refracted(inside, normal, refractive_index / medium_index)
     cosines = -_dot(d, inwards), -_dot(out, normal)
     passes = (cosines[0] > 0) & (cosines[1] > 0)
-    return ShellExit(left, out, met, d, inwards, (before, within), cosines, np.ones(len(d), bool), passes)
+    return ShellExit(
+        left, out, met, d, inwards, (before, within), cosines, np.ones(len(d), bool), passes
+    )
 
 
-def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
+def _meet_sphere(
+    points: Array, d: Array, centre: Array, radius: float
+) -> tuple[Array, Array, Array]:
     """Return intersections with a sphere from inside, inward normals and lengths."""
     p = points - centre
     b, c = _dot(p, d), _dot(p, p) - radius**2

@@ -68,14 +68,18 @@ def clearances(
     at_camera = (second + share[:, None] * (first - second))[:, :2]
     found = {
         "mirror": -circle_clearance(first[:, :2], mirror.rim_radius_mm * (1 + slack)),
-        "secondary mirror": -circle_clearance(second[:, :2], secondary.mirror.rim_radius_mm * (1 + slack)),
+        "secondary mirror": -circle_clearance(
+            second[:, :2], secondary.mirror.rim_radius_mm * (1 + slack)
+        ),
         "bore or camera": circle_clearance(at_camera, bore * (1 - slack)),
         "secondary": _past_secondary(secondary, first, outgoing, slack),
     }
     edge = float(mirror.sag(min(bore, mirror.rim_radius_mm)))
     if lens > edge:
         at_bore = (second + ((edge - second[:, 2]) / from_lens[:, 2])[:, None] * from_lens)[:, :2]
-        found["bore"] = -circle_clearance(at_bore, bore * (1 + slack)) if bore else -np.hypot(*at_bore.T)
+        found["bore"] = (
+            -circle_clearance(at_bore, bore * (1 + slack)) if bore else -np.hypot(*at_bore.T)
+        )
     return found
 
 
@@ -89,14 +93,18 @@ def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack:
     heights = secondary.height(x)
     p, d = points[:, :2], outgoing[:, :2]
     low, high = ((h - points[:, 2]) / outgoing[:, 2] for h in (heights.min(), heights.max()))
-    nearest = np.clip(-(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high))
+    nearest = np.clip(
+        -(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high)
+    )
     clearance: Array = np.hypot(*(p + nearest[:, None] * d).T) - x[-1]
     clearance[(low <= 0) & (high <= 0)] = np.inf
     close = np.flatnonzero(~(clearance > NEAR_EDGE * x[-1]))
     for begin in range(0, len(close), CLEARANCE_CHUNK):
         part = close[begin : begin + CLEARANCE_CHUNK]
         along = (heights - points[part, 2:]) / outgoing[part, 2:]
-        radius = np.hypot(*(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2))
+        radius = np.hypot(
+            *(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2)
+        )
         clearance[part] = np.where(along <= 0, np.inf, radius - x * (1 - slack)).min(axis=1)
     return clearance
 
@@ -133,7 +141,18 @@ class TwoMirrorMeridian(Meridian):
         gamma = beta + theta
         path = np.hypot(x - second.x, below - second.z)
         rays = ChiefRays(
-            x, z, slope, curvature, self.m, self.m + z, beta, theta, gamma, beta + gamma, path, seen_in=second
+            x,
+            z,
+            slope,
+            curvature,
+            self.m,
+            self.m + z,
+            beta,
+            theta,
+            gamma,
+            beta + gamma,
+            path,
+            seen_in=second,
         )
         return self._through_cover(rays)
 
@@ -196,7 +215,9 @@ class TwoMirrorMeridian(Meridian):
         last = int(blocked[-1])
         if last == len(x) - 1:
             return float(x[-1])
-        return sign_change(lambda x: float(clearance(np.array([x]))[0]), float(x[last]), float(x[last + 1]), 1e-12)
+        return sign_change(
+            lambda x: float(clearance(np.array([x]))[0]), float(x[last]), float(x[last + 1]), 1e-12
+        )
 
     def _clearances(self, rays: ChiefRays) -> dict[str, Array]:
         """Return the clearance (n,), mm, of chief rays; see :func:`clearances`."""
@@ -205,11 +226,16 @@ class TwoMirrorMeridian(Meridian):
         def flat(across: Array, along: Array) -> Array:
             return np.stack([across, np.zeros_like(across), along], axis=-1)
 
-        points, seen_at = flat(rays.x, rays.z), flat(second.x, -self.secondary.distance_mm - second.z)
+        points, seen_at = (
+            flat(rays.x, rays.z),
+            flat(second.x, -self.secondary.distance_mm - second.z),
+        )
         from_lens = flat(np.sin(second.theta), -np.cos(second.theta))
         outwards = flat(np.sin(rays.reflected), -np.cos(rays.reflected))
         with np.errstate(all="ignore"):
-            return clearances(self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0)
+            return clearances(
+                self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0
+            )
 
     # -- validity checks -------------------------------------------------------------------------
 
@@ -304,7 +330,9 @@ class FoldedMirror:
 
     @cached_property
     def meridian(self) -> TwoMirrorMeridian:
-        return TwoMirrorMeridian(self.mirror, self.mirror_distance_mm, self.pupil, secondary=self.secondary)
+        return TwoMirrorMeridian(
+            self.mirror, self.mirror_distance_mm, self.pupil, secondary=self.secondary
+        )
 
     @property
     def _vertex(self) -> Array:
@@ -319,7 +347,8 @@ class FoldedMirror:
             edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
         valid = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
         points, outgoing, normals = (
-            np.where(valid[:, None], a, np.nan) for a in (found.points, found.directions, found.normals)
+            np.where(valid[:, None], a, np.nan)
+            for a in (found.points, found.directions, found.normals)
         )
         return Reflections(points, outgoing, normals, valid)
 
@@ -334,14 +363,19 @@ class FoldedMirror:
     def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
         """Reflect lens-side rays (n, 3), (n, 3) at the secondary, to the world frame."""
         first = _ray_intersection.trace(self.secondary.mirror, origins - self._vertex, directions)
-        return first.points * SECONDARY_TO_WORLD + self._vertex, first.directions * SECONDARY_TO_WORLD
+        return (
+            first.points * SECONDARY_TO_WORLD + self._vertex,
+            first.directions * SECONDARY_TO_WORLD,
+        )
 
     def over(self, points: Array) -> Array:
         """Convert points (n, 3) between the unfolded and the world frame."""
         there: Array = (points - self._vertex) * SECONDARY_TO_WORLD + self._vertex
         return there
 
-    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+    def clearances(
+        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+    ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at mirrors, bore and secondary.
 
         Parameters
@@ -353,11 +387,21 @@ class FoldedMirror:
             Points of the primary, and directions from these to the object.
         """
         second, from_lens = self.over(seen_at), -to_pupils * SECONDARY_TO_WORLD
-        return clearances(self.mirror, self.secondary, self.mirror_distance_mm, from_lens, second, points, to_targets)
+        return clearances(
+            self.mirror,
+            self.secondary,
+            self.mirror_distance_mm,
+            from_lens,
+            second,
+            points,
+            to_targets,
+        )
 
     # -- reflection points of a target -------------------------------------------------------------
 
-    def specular(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None) -> ReflectionPoints:
+    def specular(
+        self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None
+    ) -> ReflectionPoints:
         """Return the points (n, 3) on both mirrors that image targets in pupils.
 
         The optical path is stationary over two points, one on each mirror: Newton's method in four
@@ -381,7 +425,9 @@ class FoldedMirror:
         """Return initial points (n, 4) on both mirrors, for the pupil centre."""
         xyz, low, high = targets.xyz, self.meridian.omega_min, self.meridian.omega_max
         across, azimuth = np.hypot(xyz[:, 0], xyz[:, 1]), np.arctan2(xyz[:, 1], xyz[:, 0])
-        omega = np.clip(np.where(np.isfinite(across), np.arctan2(across, -xyz[:, 2]), low), low, high)
+        omega = np.clip(
+            np.where(np.isfinite(across), np.arctan2(across, -xyz[:, 2]), low), low, high
+        )
         x = self.meridian.x_from_omega(omega)
         if not targets.distant:
             near = self.meridian.x_from_point(across, xyz[:, 2])
@@ -398,7 +444,10 @@ class FoldedMirror:
             solvable = np.isfinite(path.second).all(axis=(1, 2)) & (np.linalg.det(path.second) != 0)
             place[active[~solvable]] = np.nan
             active = active[solvable]
-            step = -np.linalg.solve(path.second[solvable], path.gradient[solvable][..., None])[..., 0] / rims
+            step = (
+                -np.linalg.solve(path.second[solvable], path.gradient[solvable][..., None])[..., 0]
+                / rims
+            )
             size = np.abs(step).max(axis=1)
             place[active] += step * np.minimum(1.0, MAX_STEP_LENGTH / size)[:, None] * rims
             active = active[size > NEWTON_TOLERANCE]
@@ -407,11 +456,17 @@ class FoldedMirror:
         return place
 
     def _surfaces(self, place: Array) -> tuple[MirrorSurface, MirrorSurface]:
-        return MirrorSurface(self.secondary.mirror, place[:, :2]), MirrorSurface(self.mirror, place[:, 2:])
+        return MirrorSurface(self.secondary.mirror, place[:, :2]), MirrorSurface(
+            self.mirror, place[:, 2:]
+        )
 
     def _path(self, pupils: RayEndpoints, targets: RayEndpoints, place: Array) -> _Path:
         second, first = self._surfaces(place)
-        length, gradient, hessian = np.zeros(len(place)), np.zeros((len(place), 4)), np.zeros((len(place), 4, 4))
+        length, gradient, hessian = (
+            np.zeros(len(place)),
+            np.zeros((len(place), 4)),
+            np.zeros((len(place), 4, 4)),
+        )
         for end, surface, part in ((pupils, second, slice(0, 2)), (targets, first, slice(2, 4))):
             far, pull, bend = _leg(end, surface)
             length += far
@@ -432,7 +487,9 @@ class FoldedMirror:
             hessian[:, part, part] += u[:, 2, None, None] * surface.bend
         return _Path(length, gradient, hessian)
 
-    def _proven(self, pupils: RayEndpoints, targets: RayEndpoints, place: Array) -> ReflectionPoints:
+    def _proven(
+        self, pupils: RayEndpoints, targets: RayEndpoints, place: Array
+    ) -> ReflectionPoints:
         second, first = self._surfaces(place)
         path = self._path(pupils, targets, place)
         seen_at, met = second.points * SECONDARY_TO_WORLD + self._vertex, first.points
@@ -448,22 +505,34 @@ class FoldedMirror:
                 (to_targets, first.normals),
             )
         ]
-        steepness = [np.sqrt(1 + np.einsum("ni,ni->n", s.slopes, s.slopes)) for s in (second, first)]
+        steepness = [
+            np.sqrt(1 + np.einsum("ni,ni->n", s.slopes, s.slopes)) for s in (second, first)
+        ]
         misses = [np.hypot(*path.gradient[:, k : k + 2].T) / steepness[k // 2] for k in (0, 2)]
-        reflects = np.logical_and.reduce([*faces_both, *(miss <= REFLECTION_TOLERANCE for miss in misses)])
+        reflects = np.logical_and.reduce(
+            [*faces_both, *(miss <= REFLECTION_TOLERANCE for miss in misses)]
+        )
         edges = self.clearances(second.points + self._vertex, met, to_pupils, to_targets)
         valid = np.logical_and.reduce([reflects, *(edge >= 0 for edge in edges.values())])
         blank = np.where(reflects, 1.0, np.nan)
         return ReflectionPoints(
-            met, first.normals * blank[:, None], to_pupils * blank[:, None], to_targets * blank[:, None],
-            path.length * blank - self._count_from(pupils, to_pupils), reflects, valid, second.points + self._vertex,
-        )  # fmt: skip
+            met,
+            first.normals * blank[:, None],
+            to_pupils * blank[:, None],
+            to_targets * blank[:, None],
+            path.length * blank - self._count_from(pupils, to_pupils),
+            reflects,
+            valid,
+            second.points + self._vertex,
+        )
 
     def _count_from(self, pupils: RayEndpoints, to_pupils: Array) -> Array:
         """Return the path offset of distant pupils measured from the secondary's vertex."""
         return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
 
-    def beam(self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array) -> Array:
+    def beam(
+        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+    ) -> Array:
         """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
@@ -485,9 +554,13 @@ class FoldedMirror:
             mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
             moved = np.linalg.solve(self._path(pupils, targets, place).second, mixed)[:, 2:]
             cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
-            section: Array = np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(found.normals[:, 2])
+            section: Array = (
+                np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(found.normals[:, 2])
+            )
             if not targets.distant:
-                section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+                section /= np.einsum(
+                    "ni,ni->n", targets.xyz - found.points, targets.xyz - found.points
+                )
         return section
 
     def left_at(self, found: ReflectionPoints) -> Array:
@@ -504,12 +577,19 @@ def _leg(end: RayEndpoints, surface: MirrorSurface) -> tuple[Array, Array, Array
     """Return the path length to an end, its gradient and Hessian (n, 2, 2)."""
     if end.distant:
         far = -np.einsum("ni,ni->n", end.xyz, surface.points)
-        return far, -np.einsum("nai,ni->na", surface.tangents, end.xyz), -end.xyz[:, 2, None, None] * surface.bend
+        return (
+            far,
+            -np.einsum("nai,ni->na", surface.tangents, end.xyz),
+            -end.xyz[:, 2, None, None] * surface.bend,
+        )
     step = surface.points - end.xyz
     distance = np.linalg.norm(step, axis=1)
     u = step / distance[:, None]
     along = np.einsum("nai,ni->na", surface.tangents, u)
-    inner = np.einsum("nai,nbi->nab", surface.tangents, surface.tangents) - along[:, :, None] * along[:, None, :]
+    inner = (
+        np.einsum("nai,nbi->nab", surface.tangents, surface.tangents)
+        - along[:, :, None] * along[:, None, :]
+    )
     return distance, along, inner / distance[:, None, None] + u[:, 2, None, None] * surface.bend
 
 

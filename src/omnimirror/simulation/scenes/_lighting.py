@@ -49,7 +49,9 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
         if not canvas.sends:
             continue
         x, y = canvas.grid()
-        rows, columns = (max(1, round(size / SOURCE_MM)) for size in (face.height_mm, face.width_mm))
+        rows, columns = (
+            max(1, round(size / SOURCE_MM)) for size in (face.height_mm, face.width_mm)
+        )
         for down in _parts(y.size, rows):
             for across in _parts(x.size, columns):
                 texels = canvas.texels[down, across]
@@ -59,7 +61,9 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
                     points.append(face.point(*_centroid(weight, x[across], y[down])))
                     normals.append(face.normal)
                     strength.append(patch.sum(axis=(0, 1)) * np.prod(canvas.texel))
-    return LightSources(*(np.array(part, dtype=float).reshape(-1, 3) for part in (points, normals, strength)))
+    return LightSources(
+        *(np.array(part, dtype=float).reshape(-1, 3) for part in (points, normals, strength))
+    )
 
 
 def _parts(size: int, count: int) -> list[slice]:
@@ -72,11 +76,15 @@ def _centroid(weight: Light, x: Array, y: Array) -> tuple[float, float]:
     return float(weight.sum(axis=0) @ x / total), float(weight.sum(axis=1) @ y / total)
 
 
-def light_on(painted: Sequence[tuple[Face, Canvas]], room: Box, solids: Sequence[Box]) -> Iterator[Light]:
+def light_on(
+    painted: Sequence[tuple[Face, Canvas]], room: Box, solids: Sequence[Box]
+) -> Iterator[Light]:
     """Yield for each face the light (rows, columns, 3) that perfectly white texels would reflect."""
     sources = find_sources(painted)
     points = [_grid_points(face, room) for face, _ in painted]
-    normals = [np.tile(face.normal, (len(p), 1)) for (face, _), p in zip(painted, points, strict=True)]
+    normals = [
+        np.tile(face.normal, (len(p), 1)) for (face, _), p in zip(painted, points, strict=True)
+    ]
     from_sources = direct(np.concatenate(points), np.concatenate(normals), solids, sources)
     shares = np.split(from_sources, np.cumsum([len(p) for p in points])[:-1])
     for (face, canvas), p, share in zip(painted, points, shares, strict=True):
@@ -121,7 +129,9 @@ def under_sky(
 def _grid_points(face: Face, room: Box) -> Array:
     """Return points (n, 3) mm just in front of a face and inside the room, in rows from its top."""
     inside: Array = np.clip(
-        _points_before(face, GRID_MM), np.array(room.low) + SAMPLE_OFFSET_MM, np.array(room.high) - SAMPLE_OFFSET_MM
+        _points_before(face, GRID_MM),
+        np.array(room.low) + SAMPLE_OFFSET_MM,
+        np.array(room.high) - SAMPLE_OFFSET_MM,
     )
     return inside
 
@@ -138,7 +148,9 @@ def _grid_shape(face: Face, grid_mm: float) -> tuple[int, int]:
     return max(1, round(face.height_mm / grid_mm)), max(1, round(face.width_mm / grid_mm))
 
 
-def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, grid_mm: float) -> Light:
+def _spread(
+    light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, grid_mm: float
+) -> Light:
     """Interpolate light to texels between grid points that are not covered by solids; dim ambient
     light if all are covered.
     """
@@ -148,7 +160,9 @@ def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, g
     weighted = np.hstack([weight * np.where(free[:, None], light, GLOW / 2), weight])
     grid = weighted.reshape(*_grid_shape(face, grid_mm), 4).astype(np.float32)
     rows, columns, _ = canvas.texels.shape
-    smooth = cv2.resize(grid, (columns, rows), interpolation=cv2.INTER_LINEAR).reshape(rows, columns, 4)
+    smooth = cv2.resize(grid, (columns, rows), interpolation=cv2.INTER_LINEAR).reshape(
+        rows, columns, 4
+    )
     spread: Light = np.divide(smooth[..., :3], smooth[..., 3:], dtype=np.float32)
     return spread
 
@@ -188,7 +202,9 @@ def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Arr
         room, near, np.repeat(points, OCCLUSION_DIRECTIONS, axis=0), np.tile(ways, (len(points), 1))
     ).distance
     return np.asarray(
-        np.minimum(np.sqrt(distance / OCCLUSION_RANGE_MM), 1).reshape(-1, OCCLUSION_DIRECTIONS).mean(axis=1)
+        np.minimum(np.sqrt(distance / OCCLUSION_RANGE_MM), 1)
+        .reshape(-1, OCCLUSION_DIRECTIONS)
+        .mean(axis=1)
     )
 
 
@@ -199,7 +215,9 @@ def _may_dim(solid: Box, low: Array, high: Array, face: Face) -> bool:
     ends = np.array([solid.low, solid.high])
     apart = np.maximum(0, np.maximum(ends[0] - high, low - ends[1]))
     foremost = np.where(face.normal > 0, ends[1], ends[0])
-    return bool(apart @ apart < OCCLUSION_RANGE_MM**2 and face.normal @ foremost >= face.normal @ low)
+    return bool(
+        apart @ apart < OCCLUSION_RANGE_MM**2 and face.normal @ foremost >= face.normal @ low
+    )
 
 
 def _hemisphere() -> Array:

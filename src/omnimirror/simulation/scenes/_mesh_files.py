@@ -72,8 +72,13 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
     bad = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
     count = sum(len(corners) for corners in corners_mm)
     if bad:
-        raise MediaError(f"the mesh {path} has corners that are no finite numbers in {bad} of its {count} triangles")
-    low, high = (pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0) for pick in (np.min, np.max))
+        raise MediaError(
+            f"the mesh {path} has corners that are no finite numbers in {bad} of its {count} triangles"
+        )
+    low, high = (
+        pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0)
+        for pick in (np.min, np.max)
+    )
     extent = float(np.max(high - low))
     if not SMALLEST_MM <= extent <= LARGEST_MM:
         raise MediaError(
@@ -82,7 +87,9 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
         )
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
     if not any(np.cross(side[:, 0], side[:, 1]).any() for side in sides):
-        raise MediaError(f"the mesh {path} has no area: each of its {count} triangles is a line or a point")
+        raise MediaError(
+            f"the mesh {path} has no area: each of its {count} triangles is a line or a point"
+        )
 
 
 def _check_obj(path: Path) -> None:
@@ -108,13 +115,19 @@ def _check_gltf(path: Path) -> None:
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     try:
         data: Any = parse_json(content)
-        parts = [(what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])]
+        parts = [
+            (what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])
+        ]
         corners = sum(each.get("count", 0) for each in data.get("accessors", []))
-        too_many = corners > MOST_CORNERS  # accessors without a buffer are zeros, without data in the file
+        too_many = (
+            corners > MOST_CORNERS
+        )  # accessors without a buffer are zeros, without data in the file
     except (ValueError, AttributeError, TypeError):
         return  # the reader reports the reason
     if too_many:
-        raise MediaError(f"the mesh {path} must not hold more than {MOST_CORNERS} values of corners; got {corners}")
+        raise MediaError(
+            f"the mesh {path} must not hold more than {MOST_CORNERS} values of corners; got {corners}"
+        )
     for what, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):
             _check_there(path, {"images": "texture", "buffers": "buffer"}[what], unquote(uri))
@@ -128,7 +141,9 @@ def _check_there(path: Path, what: str, name: str) -> None:
             f"the mesh {path} names the {what} {name!r}, which is not there; put it into {path.parent}"
         ) from None
     except OSError as e:
-        raise MediaError(f"the mesh {path} names the {what} {name!r}, which cannot be read: {e.strerror}") from None
+        raise MediaError(
+            f"the mesh {path} names the {what} {name!r}, which cannot be read: {e.strerror}"
+        ) from None
 
 
 def _text(name: bytes) -> str:
@@ -149,7 +164,10 @@ FROM_SKY, FROM_SUN = 0.55, 0.45
 
 
 def load_mesh(
-    path: str | Path, unit_mm: float | None = None, up: str | None = None, background: Scene | None = None
+    path: str | Path,
+    unit_mm: float | None = None,
+    up: str | None = None,
+    background: Scene | None = None,
 ) -> Surroundings:
     """Read a mesh.
 
@@ -188,8 +206,14 @@ def load_mesh(
     with np.errstate(all="ignore"):  # overflows are rejected below
         corners = [turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
         check_corners(path, corners)
-    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # defined by glTF; other formats imply sRGB
-    parts = [_surfaces_of(m, c, to_world, corners_are_linear) for m, c in zip(meshes, corners, strict=True)]
+    corners_are_linear = path.suffix.lower() in (
+        ".glb",
+        ".gltf",
+    )  # defined by glTF; other formats imply sRGB
+    parts = [
+        _surfaces_of(m, c, to_world, corners_are_linear)
+        for m, c in zip(meshes, corners, strict=True)
+    ]
     return Surroundings(combine_surfaces(parts), background)
 
 
@@ -206,22 +230,34 @@ def _meshes(path: Path) -> list[Any]:
     check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
-        meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        meshes = [
+            mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+        ]
     except Exception as e:  # readers of many formats raise arbitrary exceptions
         reason = str(e).strip().splitlines()
-        raise MediaError(f"the mesh {path} cannot be read: {reason[0] if reason else type(e).__name__}") from None
+        raise MediaError(
+            f"the mesh {path} cannot be read: {reason[0] if reason else type(e).__name__}"
+        ) from None
     if not meshes:
         raise MediaError(f"the mesh {path} holds no triangles")
     return meshes
 
 
-def _surfaces_of(mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool) -> Surfaces:
+def _surfaces_of(
+    mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool
+) -> Surfaces:
     picture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
     if picture is not None and uv is not None and len(uv) == len(mesh.vertices):
         return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], picture)
-    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (to_world.T / np.linalg.norm(to_world[0]))
-    shade = FROM_SKY * (0.5 + 0.5 * normals[..., 2]) + FROM_SUN * np.clip(normals @ SUN_DIRECTION, 0, 1)
-    return facets(triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32))
+    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (
+        to_world.T / np.linalg.norm(to_world[0])
+    )
+    shade = FROM_SKY * (0.5 + 0.5 * normals[..., 2]) + FROM_SUN * np.clip(
+        normals @ SUN_DIRECTION, 0, 1
+    )
+    return facets(
+        triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32)
+    )
 
 
 def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
@@ -241,7 +277,9 @@ def _texture(visual: Any) -> Light | None:
     if image is None:
         return None
     rgba = np.asarray(image.convert("RGBA"), dtype=np.float32) / 255
-    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(getattr(material, "baseColorFactor", None))
+    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(
+        getattr(material, "baseColorFactor", None)
+    )
     is_opaque = getattr(material, "alphaMode", None) in (None, "OPAQUE")
     alpha = np.ones_like(rgba[..., 3:]) if is_opaque else rgba[..., 3:]
     return np.ascontiguousarray(np.concatenate([colour * alpha, 1 - alpha], axis=-1), np.float32)
@@ -262,7 +300,9 @@ def _corner_colours(mesh: Any, are_linear: bool) -> Light:
         corners = np.asarray(visual.vertex_colors)[mesh.faces][..., :3] / np.float32(255)
         return corners if are_linear else linear_from_srgb(corners)
     if visual.kind == "face":
-        return np.broadcast_to(linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape)
+        return np.broadcast_to(
+            linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape
+        )
     material = getattr(visual, "material", None)
     factor, diffuse = (getattr(material, name, None) for name in ("baseColorFactor", "diffuse"))
     if factor is not None:

@@ -53,16 +53,22 @@ def lettering(text: str, cap_height_px: float) -> Light:
     from matplotlib.textpath import TextPath
 
     if not text.strip():
-        raise InvalidParameter(f"the text {text!r} leaves no ink; it needs at least one visible letter")
+        raise InvalidParameter(
+            f"the text {text!r} leaves no ink; it needs at least one visible letter"
+        )
     font = FontProperties(family=FONT, weight="bold")
     capital = TextPath((0, 0), "H", size=100, prop=font).get_extents().height
     scale = cap_height_px * OVERSAMPLING / capital
-    outlines = [np.asarray(p) * scale for p in TextPath((0, 0), text, size=100, prop=font).to_polygons()]
+    outlines = [
+        np.asarray(p) * scale for p in TextPath((0, 0), text, size=100, prop=font).to_polygons()
+    ]
     points = np.concatenate(outlines)
     left, top = points[:, 0].min(), points[:, 1].max()
     width, height = np.ceil((np.ptp(points, axis=0) - 1e-6) / OVERSAMPLING).astype(int)
     fine = np.zeros((height * OVERSAMPLING, width * OVERSAMPLING), dtype=np.float32)
-    shapes = [np.rint(np.column_stack([p[:, 0] - left, top - p[:, 1]])).astype(np.int32) for p in outlines]
+    shapes = [
+        np.rint(np.column_stack([p[:, 0] - left, top - p[:, 1]])).astype(np.int32) for p in outlines
+    ]
     # Even-odd filling of all shapes at once keeps holes open, as in an O
     cv2.fillPoly(fine, shapes, 1.0)
     ink: Light = fine.reshape(height, OVERSAMPLING, width, OVERSAMPLING).mean(axis=(1, 3))
@@ -150,7 +156,9 @@ class Canvas:
             for columns_of, wide in across:
                 self._cover(rows_of, columns_of, high * wide, paint)
 
-    def frame(self, left: float, bottom: float, right: float, top: float, thickness: float, paint: Paint) -> None:
+    def frame(
+        self, left: float, bottom: float, right: float, top: float, thickness: float, paint: Paint
+    ) -> None:
         """Paint the border of a rectangle, within it, mm."""
         t = thickness
         self.rectangle(left, bottom, right, bottom + t, paint)
@@ -166,7 +174,9 @@ class Canvas:
         down = _touched(rows - (y + reach) / dy, rows - (y - reach) / dy, rows)
         xs, ys = self.grid()
         distance = np.hypot(xs[across] - x, (ys[down] - y)[:, None])
-        self._cover(down, across, np.clip((radius - distance) / self.texel.mean() + 0.5, 0, 1), paint)
+        self._cover(
+            down, across, np.clip((radius - distance) / self.texel.mean() + 0.5, 0, 1), paint
+        )
 
     def checkerboard(self, x: float, y: float, tile: float, paint: Paint) -> None:
         """Paint every other square tile, one with its corner at (x, y), mm."""
@@ -183,16 +193,25 @@ class Canvas:
         top = round((self.height_mm - y) / self.texel[1] - rows / 2)
         self._cover(slice(top, top + rows), slice(left, left + columns), ink, paint)
         dx, dy = map(float, self.texel)
-        return Extent(left * dx, self.height_mm - (top + rows) * dy, (left + columns) * dx, self.height_mm - top * dy)
+        return Extent(
+            left * dx,
+            self.height_mm - (top + rows) * dy,
+            (left + columns) * dx,
+            self.height_mm - top * dy,
+        )
 
     def grid(self) -> tuple[Array, Array]:
         """Return the texel centres, mm: x of the columns from the left, y of the rows from the
         bottom.
         """
         rows, columns, _ = self.texels.shape
-        return (np.arange(columns) + 0.5) * self.texel[0], self.height_mm - (np.arange(rows) + 0.5) * self.texel[1]
+        return (np.arange(columns) + 0.5) * self.texel[0], self.height_mm - (
+            np.arange(rows) + 0.5
+        ) * self.texel[1]
 
-    def _cover(self, down: slice, across: slice, coverage: Array | Light | float, paint: Paint) -> None:
+    def _cover(
+        self, down: slice, across: slice, coverage: Array | Light | float, paint: Paint
+    ) -> None:
         self.sends |= paint.sends
         window = self.texels[down, across]
         if isinstance(coverage, float) and coverage == 1.0:
@@ -215,7 +234,14 @@ def _covered(start: float, stop: float, count: int) -> list[tuple[slice, float]]
     [(slice(0, 1, None), 0.5), (slice(1, 4, None), 1.0), (slice(4, 5, None), 0.25)]
     """
     cells = _touched(start, stop, count)
-    edges = sorted({cells.start, min(cells.start + 1, cells.stop), max(cells.stop - 1, cells.start), cells.stop})
+    edges = sorted(
+        {
+            cells.start,
+            min(cells.start + 1, cells.stop),
+            max(cells.stop - 1, cells.start),
+            cells.stop,
+        }
+    )
     shares = [float(np.clip(min(stop, cell + 1) - max(start, cell), 0, 1)) for cell in edges[:-1]]
     return [(slice(*ends), share) for ends, share in zip(pairwise(edges), shares, strict=True)]
 
@@ -223,7 +249,9 @@ def _covered(start: float, stop: float, count: int) -> list[tuple[slice, float]]
 def _square_wave(x: Array, width: float) -> Array:
     """Return a square wave of +1 on [0, 1) and -1 on [1, 2), averaged over ``width`` about each x."""
 
-    low, high = (1 - np.abs(np.mod(x + shift, 2) - 1) for shift in (-width / 2, width / 2))  # its integral: a triangle
+    low, high = (
+        1 - np.abs(np.mod(x + shift, 2) - 1) for shift in (-width / 2, width / 2)
+    )  # its integral: a triangle
     return np.asarray((high - low) / width)
 
 
@@ -275,8 +303,12 @@ def illuminated_texels(canvas: Canvas, light: Light) -> Light:
 
 def surfaces_of_faces(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
     """Return surfaces from faces with their images (rows, columns, 4), whose first row is the top."""
-    places = np.array([(f.point(0.0, f.height_mm), f.width_mm * f.right, -f.height_mm * f.up) for f in faces])
-    texels = np.array([((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in pictures], dtype=float)
+    places = np.array(
+        [(f.point(0.0, f.height_mm), f.width_mm * f.right, -f.height_mm * f.up) for f in faces]
+    )
+    texels = np.array(
+        [((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in pictures], dtype=float
+    )
     count = len(faces)
     textures = tuple(Texture(np.ascontiguousarray(p, np.float32)) for p in pictures)
     return Surfaces.of(places.reshape(-1, 3, 3), texels, np.arange(count), False, textures)
@@ -309,7 +341,9 @@ class Surroundings:
         if self.background is not None:
             share = np.where(np.isinf(distance), np.float32(1), clear)
             behind = np.flatnonzero(share)
-            light[behind] += share[behind, None] * self.background.radiance(origins[behind], towards[behind])
+            light[behind] += share[behind, None] * self.background.radiance(
+                origins[behind], towards[behind]
+            )
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
@@ -317,7 +351,9 @@ class Surroundings:
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         length = np.linalg.norm(towards, axis=1)
         # Unit directions preserve full single precision
-        distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(float)
+        distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(
+            float
+        )
         return distance
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings:

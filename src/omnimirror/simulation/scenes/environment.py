@@ -58,12 +58,19 @@ class Environment:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if self.light.ndim != 3 or self.light.shape[2] != 3 or self.light.size == 0 or self.light.dtype != np.float32:
+        if (
+            self.light.ndim != 3
+            or self.light.shape[2] != 3
+            or self.light.size == 0
+            or self.light.dtype != np.float32
+        ):
             raise InvalidParameter(
                 f"an environment is (height, width, 3) of float32, not {self.light.shape} of {self.light.dtype}"
             )
         if not (np.isfinite(self.light).all() and (self.light >= 0).all()):
-            raise InvalidParameter("an environment holds values below 0 or that are no numbers, which is no light")
+            raise InvalidParameter(
+                "an environment holds values below 0 or that are no numbers, which is no light"
+            )
 
     @classmethod
     def load(cls, path: str | Path, heading_deg: float = 0.0, gain: float = 1.0) -> Environment:
@@ -93,7 +100,9 @@ class Environment:
         image = read_image(path)
         height, width = image.shape[:2]
         if not 1.9 <= width / height <= 2.1:
-            raise MediaError(f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high")
+            raise MediaError(
+                f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high"
+            )
         if height < FEWEST_ROWS:
             raise MediaError(
                 f"{path} has {width} x {height} px; an environment has at least {2 * FEWEST_ROWS} x {FEWEST_ROWS}"

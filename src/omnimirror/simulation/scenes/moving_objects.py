@@ -136,14 +136,19 @@ def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
     [('cart', 1200.0)]
     """
     path = file_name("path", path)
-    return tuple(_body(name, table, path) for name, table in read_tables(path, "body", "bodies", MOST).items())
+    return tuple(
+        _body(name, table, path)
+        for name, table in read_tables(path, "body", "bodies", MOST).items()
+    )
 
 
 def _body(name: str, table: dict[str, Any], source: Path) -> MovingBox:
     where, rest = f"[{name}] of {source}", dict(table)
     size = rest.pop("size_mm", None)
     if not isinstance(size, list):
-        raise SpecError(f"{where} has no size_mm; valid is such as [400, 300, 500]: length ahead, width, height")
+        raise SpecError(
+            f"{where} has no size_mm; valid is such as [400, 300, 500]: length ahead, width, height"
+        )
     told = {"colour": rest.pop("colour")} if "colour" in rest else {}
     try:
         if "path" in rest:
@@ -201,18 +206,30 @@ class SceneWithBodies:
         None if the scene contains more than surfaces, has too many surfaces to reorder for each
         time, or if rays may start in a body.
         """
-        own = self.scene.surroundings_from(low_mm, high_mm) if isinstance(self.scene, PaintedScene) else None
+        own = (
+            self.scene.surroundings_from(low_mm, high_mm)
+            if isinstance(self.scene, PaintedScene)
+            else None
+        )
         if own is None or not self.bodies:
             return own
         poses = [box.pose_at(self.time_s) for box in self.bodies]
         starts = [np.clip(pose.shift_mm, low_mm, high_mm) - pose.shift_mm for pose in poses]
         reaches = [np.linalg.norm(box.size_mm) / 2 for box in self.bodies]
-        is_inside = any(np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True))
+        is_inside = any(
+            np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True)
+        )
         if is_inside or len(own.surfaces.records) > MAX_REORDERED_SURFACES:
             return None
-        faces = [face for box, pose in zip(self.bodies, poses, strict=True) for face in _faces_of(box, pose)]
+        faces = [
+            face
+            for box, pose in zip(self.bodies, poses, strict=True)
+            for face in _faces_of(box, pose)
+        ]
         pictures = [_plain(box, number // 2) for box in self.bodies for number in FACES]
-        return Surroundings(merge_surfaces(own.surfaces, surfaces_of_faces(faces, pictures)), own.background)
+        return Surroundings(
+            merge_surfaces(own.surfaces, surfaces_of_faces(faces, pictures)), own.background
+        )
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
         """Return distances (n,) of rays, mm."""
@@ -234,7 +251,9 @@ class SceneWithBodies:
         first = 1 + len(self.label_names) - len(self.bodies)
         return np.where(body >= 0, first + body, labels)
 
-    def _first(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    def _first(
+        self, origins: Array, directions: Array
+    ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
         """Return distances (n,) of rays, body indices, -1 for none, and the axis of the intersected
         face.
         """
@@ -258,7 +277,11 @@ class SceneWithBodies:
 def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
     """Return its faces in the scene, ordered by number."""
     length, width, height = (side / 2 for side in box.size_mm)
-    own, turn, placed = Box((-length, -width, -height), (length, width, height)), pose.rotation().T, []
+    own, turn, placed = (
+        Box((-length, -width, -height), (length, width, height)),
+        pose.rotation().T,
+        [],
+    )
     for face in (face_of(own, number, inside=False) for number in FACES):
         corner = pose.to_scene(face.corner[None])[0]
         right, up, normal = turned(np.array([face.right, face.up, face.normal]), turn)

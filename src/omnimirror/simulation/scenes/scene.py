@@ -77,7 +77,9 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
         If the scene provides no distances.
     """
     if not isinstance(scene, Measured):
-        raise InvalidParameter(f"a {type(scene).__name__} has no distance_mm(), which depth as ground truth needs")
+        raise InvalidParameter(
+            f"a {type(scene).__name__} has no distance_mm(), which depth as ground truth needs"
+        )
     return scene.distance_mm(origins_mm, directions)
 
 

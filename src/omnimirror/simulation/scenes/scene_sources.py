@@ -91,12 +91,18 @@ class SceneSource:
         if self.is_mesh:
             from ._mesh_files import load_mesh
 
-            far = None if self.background is None else Environment.load(self.background, self.heading_deg)
+            far = (
+                None
+                if self.background is None
+                else Environment.load(self.background, self.heading_deg)
+            )
             return load_mesh(self.name, self.unit_mm, self.up, far)
         if self.is_environment:
             return Environment.load(self.name, self.heading_deg)
         if self.name in BUNDLED:
-            return BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
+            return (
+                BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
+            )
         raise OmnimirrorError(
             f"there is no scene {self.name!r}; valid are {', '.join(BUNDLED)}, and files "
             f"{', '.join((*ENVIRONMENTS, *MESHES))}"
@@ -176,8 +182,12 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         If the scene was created in Python, or a file is missing or has changed.
     """
     if record is None:
-        raise MediaError("the set's scene was made in Python, and no file says how; take it with the same program")
-    source = SceneSource(**{name: value for name, value in record.items() if not name.endswith("_sha256")})
+        raise MediaError(
+            "the set's scene was made in Python, and no file says how; take it with the same program"
+        )
+    source = SceneSource(
+        **{name: value for name, value in record.items() if not name.endswith("_sha256")}
+    )
     for entry in ("name", "background"):
         expected = record.get(f"{entry}_sha256")
         if expected is None:
@@ -187,9 +197,15 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         same = [file for file in found if sha256_of(file) == expected]
         if not same:
             what = "is not the file it was" if found else "is not there"
-            raise MediaError(f"the set's scene {there} {what}; it is looked for there and in {folder}")
+            raise MediaError(
+                f"the set's scene {there} {what}; it is looked for there and in {folder}"
+            )
         found_at = str(same[0])
-        source = replace(source, name=found_at) if entry == "name" else replace(source, background=found_at)
+        source = (
+            replace(source, name=found_at)
+            if entry == "name"
+            else replace(source, background=found_at)
+        )
     return source
 
 

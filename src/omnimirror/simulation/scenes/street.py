@@ -16,7 +16,15 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
 from ._lighting import under_sky
-from ._painting import Canvas, Landscape, Paint, Surroundings, illuminated_texels, outer_faces, surfaces_of_faces
+from ._painting import (
+    Canvas,
+    Landscape,
+    Paint,
+    Surroundings,
+    illuminated_texels,
+    outer_faces,
+    surfaces_of_faces,
+)
 from .scene import rays_from
 from .surfaces import Box, Face, combine_surfaces, face_of, tree_crown
 
@@ -81,7 +89,9 @@ def _house_of_row(row: tuple[int, int, int, str, str, str], side: int) -> House:
 
 HOUSES = (*(_house_of_row(row, 1) for row in _LEFT), *(_house_of_row(row, -1) for row in _RIGHT))
 TREES = tuple(
-    (1e3 * x, 5_600.0 * side) for side, xs in ((1, (-29, -9.5, 12, 23, 34)), (-1, (-24, -3, 17, 31))) for x in xs
+    (1e3 * x, 5_600.0 * side)
+    for side, xs in ((1, (-29, -9.5, 12, 23, 34)), (-1, (-24, -3, 17, 31)))
+    for x in xs
 )
 LANTERNS = tuple(
     box
@@ -126,11 +136,19 @@ def paint_road(face: Face, texel_mm: float) -> Canvas:
     for side in (-1, 1):
         x = middle + side * KERB_MM
         canvas.rectangle(x - 90, 0, x + 90, face.height_mm, Paint("#c4c0b8"))
-        canvas.rectangle(middle + side * 2200 - 40, 0, middle + side * 2200 + 40, face.height_mm, Paint("#b9b9b4"))
+        canvas.rectangle(
+            middle + side * 2200 - 40,
+            0,
+            middle + side * 2200 + 40,
+            face.height_mm,
+            Paint("#b9b9b4"),
+        )
     for y in np.arange(500.0, face.height_mm, 6000.0):
         canvas.rectangle(middle - 60, y, middle + 60, y + 3000, WHITE)
     for crossing in (45_000.0 + 9_500.0, 45_000.0 - 14_500.0):
-        canvas.rectangle(middle - KERB_MM + 90, crossing - 300, middle + KERB_MM - 90, crossing + 3700, ASPHALT)
+        canvas.rectangle(
+            middle - KERB_MM + 90, crossing - 300, middle + KERB_MM - 90, crossing + 3700, ASPHALT
+        )
         for x in np.arange(middle - KERB_MM + 300, middle + KERB_MM - 600, 1000.0):
             canvas.rectangle(x, crossing, x + 500, crossing + 3400, WHITE)
     canvas.disc(middle - 1400, 45_000.0 + 1_900.0, 330.0, Paint("#3c3f42"))
@@ -170,7 +188,10 @@ def _shop(canvas: Canvas, house: House, width: float) -> None:
         for i in range(4):  # goods
             x = left + (right - left) * (i + 0.7) / 4.6
             canvas.disc(
-                x, 1230, 120 + 30 * (i % 2), Paint(("#c9583f", "#d8b04c", "#6f9a6b", "#7f9fc0")[(i + pane) % 4])
+                x,
+                1230,
+                120 + 30 * (i % 2),
+                Paint(("#c9583f", "#d8b04c", "#6f9a6b", "#7f9fc0")[(i + pane) % 4]),
             )
     for i in range(int(width // 500)):
         canvas.rectangle(500 * i, 2500, 500 * i + 250, 2780, Paint(house.awning))
@@ -182,7 +203,13 @@ def _shop(canvas: Canvas, house: House, width: float) -> None:
 def _window(canvas: Canvas, x: float, bottom: float, number: int) -> None:
     canvas.rectangle(x - 640, bottom - 90, x + 640, bottom, FRAME)
     canvas.rectangle(x - 560, bottom, x + 560, bottom + 1800, FRAME)
-    canvas.rectangle(x - 480, bottom + 80, x + 480, bottom + 1720, Paint(("#3f5566", "#4d6678", "#37495a")[number % 3]))
+    canvas.rectangle(
+        x - 480,
+        bottom + 80,
+        x + 480,
+        bottom + 1720,
+        Paint(("#3f5566", "#4d6678", "#37495a")[number % 3]),
+    )
     if number % 2:
         canvas.rectangle(x - 480, bottom + 900, x - 200, bottom + 1720, Paint("#cfc3a8"))
     canvas.rectangle(x - 30, bottom, x + 30, bottom + 1800, FRAME)
@@ -191,7 +218,9 @@ def _window(canvas: Canvas, x: float, bottom: float, number: int) -> None:
 
 def paint_side(house: House, number: int, face: Face, texel_mm: float) -> Canvas:
     """Paint walls without windows, and the roof."""
-    canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint("#6e6a66" if number == 5 else house.colour))
+    canvas = Canvas(
+        face.width_mm, face.height_mm, texel_mm, Paint("#6e6a66" if number == 5 else house.colour)
+    )
     if number != 5:
         canvas.rectangle(0, face.height_mm - 450, face.width_mm, face.height_mm, Paint("#8c857a"))
     return canvas
@@ -215,7 +244,9 @@ def paint_car(car: Car, number: int, face: Face, texel_mm: float) -> Canvas:
         lamp = "#f4ecd2" if side == 1 else "#b3322c"
         for x in (200.0, width - 200.0):
             canvas.disc(x, 0.6 * height, 110, Paint(lamp))
-        canvas.rectangle(width / 2 - 260, 0.25 * height, width / 2 + 260, 0.25 * height + 110, WHITE)
+        canvas.rectangle(
+            width / 2 - 260, 0.25 * height, width / 2 + 260, 0.25 * height + 110, WHITE
+        )
     return canvas
 
 
@@ -227,9 +258,14 @@ GRID_MM = 250.0  # grid spacing of light and shadows
 SUN_DIRECTION = np.array([0.35, -0.55, 0.75]) / np.linalg.norm([0.35, -0.55, 0.75])
 ROAD = Box((-45_000.0, -8_000.0, GROUND_MM - 1.0), (60_000.0, 8_000.0, GROUND_MM))
 FIELDS = Box((-400_000.0, -400_000.0, GROUND_MM - 30.0), (400_000.0, 400_000.0, GROUND_MM - 20.0))
-TRUNKS = tuple(Box((x - 120, y - 120, GROUND_MM), (x + 120, y + 120, GROUND_MM + 2200)) for x, y in TREES)
+TRUNKS = tuple(
+    Box((x - 120, y - 120, GROUND_MM), (x + 120, y + 120, GROUND_MM + 2200)) for x, y in TREES
+)
 LEAVES = ("#5c7f3a", "#6b8a3f", "#4f7440")
-CROWNS = tuple(Box((x - 900, y - 900, GROUND_MM + 2200), (x + 900, y + 900, GROUND_MM + 4600)) for x, y in TREES)
+CROWNS = tuple(
+    Box((x - 900, y - 900, GROUND_MM + 2200), (x + 900, y + 900, GROUND_MM + 4600))
+    for x, y in TREES
+)
 
 
 @dataclass(frozen=True)
@@ -302,8 +338,12 @@ class Street:
         InvalidParameter
             If the corners are not points.
         """
-        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
-        is_free = low_mm[2] >= GROUND_MM and not any(_overlap(box, low_mm, high_mm) for _, box in _solids())
+        low_mm, high_mm = (
+            finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm))
+        )
+        is_free = low_mm[2] >= GROUND_MM and not any(
+            _overlap(box, low_mm, high_mm) for _, box in _solids()
+        )
         return _painted(self.texel_mm) if is_free else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
@@ -336,7 +376,9 @@ def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, 
     if not len(origins):
         return origins, towards
     if np.isnan(origins).any():
-        raise InvalidParameter("a ray starts at what is no point; origins_mm are valid as finite numbers")
+        raise InvalidParameter(
+            "a ray starts at what is no point; origins_mm are valid as finite numbers"
+        )
     low, high = origins.min(axis=0), origins.max(axis=0)
     if low[2] < GROUND_MM:
         raise InvalidParameter(
@@ -378,10 +420,15 @@ def _painted(texel_mm: float) -> Surroundings:
             yield face, canvas
 
     pictures = [
-        illuminated_texels(waiting.pop(), light) for light in under_sky(one_by_one(), solids, SUN_DIRECTION, GRID_MM)
+        illuminated_texels(waiting.pop(), light)
+        for light in under_sky(one_by_one(), solids, SUN_DIRECTION, GRID_MM)
     ]
-    leaves = [tree_crown(box, LEAVES[i % len(LEAVES)], SUN_DIRECTION) for i, box in enumerate(CROWNS)]
-    return Surroundings(combine_surfaces([surfaces_of_faces(faces, pictures), *leaves]), Landscape())
+    leaves = [
+        tree_crown(box, LEAVES[i % len(LEAVES)], SUN_DIRECTION) for i, box in enumerate(CROWNS)
+    ]
+    return Surroundings(
+        combine_surfaces([surfaces_of_faces(faces, pictures), *leaves]), Landscape()
+    )
 
 
 def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
@@ -397,7 +444,12 @@ def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
             yield face, paint_car(car, number, face, texel_mm)
     for face in outer_faces([*TRUNKS, *LANTERNS]):
         is_trunk = face.width_mm > 200
-        yield face, Canvas(face.width_mm, face.height_mm, 50.0, Paint("#5d4a38" if is_trunk else "#3a4146"))
+        yield (
+            face,
+            Canvas(
+                face.width_mm, face.height_mm, 50.0, Paint("#5d4a38" if is_trunk else "#3a4146")
+            ),
+        )
 
 
 def _house_faces(house: House, texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
@@ -406,4 +458,11 @@ def _house_faces(house: House, texel_mm: float) -> Iterator[tuple[Face, Canvas]]
     fineness = texel_mm * max(1.0, abs(middle) / NEAR_MM)
     for i in (0, 1, 2, 3, 5):
         face = face_of(house.box, i, inside=False)
-        yield face, (paint_front(house, face, fineness) if i == front else paint_side(house, i, face, 4 * fineness))
+        yield (
+            face,
+            (
+                paint_front(house, face, fineness)
+                if i == front
+                else paint_side(house, i, face, 4 * fineness)
+            ),
+        )

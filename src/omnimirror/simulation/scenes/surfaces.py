@@ -81,10 +81,19 @@ def face_of(box: Box, number: int, inside: bool) -> Face:
     on_face = np.where(np.arange(3) == axis, high if side else low, 0.0)
     corner = on_face + sum(np.where(v > 0, low, high) * np.abs(v) for v in (right, up))
     extent = high - low
-    return Face(corner + 0.0, right + 0.0, up + 0.0, normal, float(extent @ np.abs(right)), float(extent @ np.abs(up)))
+    return Face(
+        corner + 0.0,
+        right + 0.0,
+        up + 0.0,
+        normal,
+        float(extent @ np.abs(right)),
+        float(extent @ np.abs(up)),
+    )
 
 
-def intersect_boxes(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> BoxHits:
+def intersect_boxes(
+    room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array
+) -> BoxHits:
     """Return the first faces of solids or of the room that rays (n, 3) from inside the room meet.
 
     A ray is inside a box between the last of the three entries and the first of the three exits
@@ -93,12 +102,16 @@ def intersect_boxes(room: Box, solids: Sequence[Box], origins_mm: Array, directi
     """
     if backend.is_compiled:
         distance, face = np.empty(len(origins_mm)), np.empty(len(origins_mm), np.int32)
-        backend.kernels.meet_boxes(_corners((room, *solids)), *_rows(origins_mm, directions), distance, face)
+        backend.kernels.meet_boxes(
+            _corners((room, *solids)), *_rows(origins_mm, directions), distance, face
+        )
         return BoxHits(distance, face)
     return intersect_boxes_numpy(room, solids, origins_mm, directions)
 
 
-def intersect_boxes_numpy(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> BoxHits:
+def intersect_boxes_numpy(
+    room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array
+) -> BoxHits:
     """Compute :func:`intersect_boxes` without the compiled module."""
     towards = _without_zeros(directions)
     inverse = 1 / towards
@@ -122,7 +135,9 @@ def intersect_boxes_numpy(room: Box, solids: Sequence[Box], origins_mm: Array, d
     return BoxHits(distance, (6 * box + 2 * axis + side).astype(np.int32))
 
 
-def rays_inside(box: Box, what: str, origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+def rays_inside(
+    box: Box, what: str, origins_mm: ArrayLike, directions: ArrayLike
+) -> tuple[Array, Array]:
     """Validate rays (n, 3), (n, 3) of a box scene, whose name is used in messages.
 
     Raises
@@ -144,12 +159,16 @@ def are_blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> ND
     """Return the mask of segments (n, 3), starting at the origins, that intersect a solid."""
     if backend.is_compiled:
         through = np.empty(len(origins_mm), np.bool_)
-        backend.kernels.lead_through_boxes(_corners(solids), *_rows(origins_mm, segments), through.view(np.uint8))
+        backend.kernels.lead_through_boxes(
+            _corners(solids), *_rows(origins_mm, segments), through.view(np.uint8)
+        )
         return through
     return are_blocked_numpy(solids, origins_mm, segments)
 
 
-def are_blocked_numpy(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:
+def are_blocked_numpy(
+    solids: Sequence[Box], origins_mm: Array, segments: Array
+) -> NDArray[np.bool_]:
     """Compute :func:`are_blocked` without the compiled module."""
     origins, inverse = _by_axes(origins_mm, 1 / _without_zeros(segments))
     through = np.zeros(len(origins_mm), dtype=bool)
@@ -161,7 +180,9 @@ def are_blocked_numpy(solids: Sequence[Box], origins_mm: Array, segments: Array)
 
 def _corners(boxes: Sequence[Box]) -> Array:
     """Return low and high corners (2, n, 3)."""
-    return np.array([[box.low for box in boxes], [box.high for box in boxes]], float).reshape(2, len(boxes), 3)
+    return np.array([[box.low for box in boxes], [box.high for box in boxes]], float).reshape(
+        2, len(boxes), 3
+    )
 
 
 def _rows(origins_mm: Array, directions: Array) -> tuple[Array, Array]:
@@ -221,13 +242,15 @@ class SurfaceHits(NamedTuple):
     """Distances (n,) in lengths of the direction, infinite without intersection."""
 
 
-RECORD = np.dtype([
-    ("corner", "<f4", 3),
-    ("sides", "<f4", (2, 3)),
-    ("texel", "<f4", 2),
-    ("texel_sides", "<f4", (2, 2)),
-    ("kind", "<i4"),
-])  # fmt: skip
+RECORD = np.dtype(
+    [
+        ("corner", "<f4", 3),
+        ("sides", "<f4", (2, 3)),
+        ("texel", "<f4", 2),
+        ("texel_sides", "<f4", (2, 2)),
+        ("kind", "<i4"),
+    ]
+)
 """Surface record of the compiled kernels: corner and sides in mm, column and row of the corner in
 its texture and the increments along the sides; and the texture index, or -1 minus the index for a
 triangle (the half of the parallelogram at the corner).
@@ -260,9 +283,13 @@ class Surfaces:
 
     @classmethod
     def of(
-        cls, places: Array, texture_coordinates: NDArray[np.floating], texture_of: NDArray[np.integer] | int,
-        is_triangle: NDArray[np.bool_] | bool, textures: tuple[Texture, ...],
-    ) -> Surfaces:  # fmt: skip
+        cls,
+        places: Array,
+        texture_coordinates: NDArray[np.floating],
+        texture_of: NDArray[np.integer] | int,
+        is_triangle: NDArray[np.bool_] | bool,
+        textures: tuple[Texture, ...],
+    ) -> Surfaces:
         """Create surfaces from their parts.
 
         Parameters
@@ -279,7 +306,10 @@ class Surfaces:
         """
         records = np.empty(len(places), RECORD)
         records["corner"], records["sides"] = places[:, 0], places[:, 1:]
-        records["texel"], records["texel_sides"] = texture_coordinates[:, 0], texture_coordinates[:, 1:]
+        records["texel"], records["texel_sides"] = (
+            texture_coordinates[:, 0],
+            texture_coordinates[:, 1:],
+        )
         records["kind"] = np.where(is_triangle, -1 - np.asarray(texture_of), texture_of)
         return cls(records, textures)
 
@@ -299,9 +329,13 @@ class Surfaces:
         texels = [t.texels.reshape(-1, 4) for t in self.textures]
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
         made = backend.kernels.Surfaces(
-            np.ascontiguousarray(self.records).view(np.float32).reshape(len(self.records), RECORD.itemsize // 4),
+            np.ascontiguousarray(self.records)
+            .view(np.float32)
+            .reshape(len(self.records), RECORD.itemsize // 4),
             np.array(sizes, np.int32).reshape(-1, 3),
-            np.ascontiguousarray(texels[0] if len(texels) == 1 else np.concatenate(texels), np.float32),
+            np.ascontiguousarray(
+                texels[0] if len(texels) == 1 else np.concatenate(texels), np.float32
+            ),
         )
         object.__setattr__(self, "records", made.records.view(RECORD)[:, 0])
         return made
@@ -312,10 +346,13 @@ class Surfaces:
         """Intersect every ray with every surface; same results, slowly."""
         step = max(1, RAYS_AT_ONCE // max(1, len(self.records)))
         parts = [
-            self._seen_at_once(origins[i : i + step], directions[i : i + step]) for i in range(0, len(origins), step)
+            self._seen_at_once(origins[i : i + step], directions[i : i + step])
+            for i in range(0, len(origins), step)
         ]
         if not parts:
-            return SurfaceHits(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros(0, np.float32))
+            return SurfaceHits(
+                np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros(0, np.float32)
+            )
         return SurfaceHits(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
     def _seen_at_once(self, origins: Array, directions: Array) -> SurfaceHits:
@@ -330,7 +367,11 @@ class Surfaces:
         for number, texture in enumerate(self.textures):
             on = np.flatnonzero(hit & (texture_of == number))
             along_a, along_b = np.moveaxis(met["texel_sides"][on], 1, 0)
-            place = met["texel"][on] + a[on, first[on], None] * along_a + b[on, first[on], None] * along_b
+            place = (
+                met["texel"][on]
+                + a[on, first[on], None] * along_a
+                + b[on, first[on], None] * along_b
+            )
             light[on] = _look_up(texture, place)
         return SurfaceHits(light[:, :3], light[:, 3], nearest.astype(np.float32))
 
@@ -360,9 +401,13 @@ def merge_surfaces(one: Surfaces, other: Surfaces) -> Surfaces:
     surfaces.
     """
     added = other.records.copy()
-    added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(np.int32)
+    added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(
+        np.int32
+    )
     records = np.concatenate([one.records, added])
-    return Surfaces(records[np.argsort(records.view(f"V{RECORD.itemsize}"))], one.textures + other.textures)
+    return Surfaces(
+        records[np.argsort(records.view(f"V{RECORD.itemsize}"))], one.textures + other.textures
+    )
 
 
 def _look_up(texture: Texture, place: Array) -> Light:
@@ -373,7 +418,8 @@ def _look_up(texture: Texture, place: Array) -> Light:
     first = np.floor(place).astype(int)
     share = (place - first).astype(np.float32)
     (left, top), (right, bottom) = (
-        (np.mod(i, size) if texture.repeats else np.minimum(i, size - 1)).T for i in (first, first + 1)
+        (np.mod(i, size) if texture.repeats else np.minimum(i, size - 1)).T
+        for i in (first, first + 1)
     )
     fx, fy = share[:, :1], share[:, 1:]
     upper = texture.texels[top, left] * (1 - fx) + texture.texels[top, right] * fx
@@ -431,10 +477,14 @@ def tree_crown(box: Box, colour: str, sun: Array) -> Surfaces:
     """Return the crown of a tree: an irregular ball that fills a box, lit by the sun."""
     low, high = np.array(box.low), np.array(box.high)
     chance = np.random.default_rng(int(abs(low).sum()))
-    polar, turn = np.meshgrid(np.linspace(0, np.pi, RINGS), 2 * np.pi * np.arange(SPOKES) / SPOKES, indexing="ij")
+    polar, turn = np.meshgrid(
+        np.linspace(0, np.pi, RINGS), 2 * np.pi * np.arange(SPOKES) / SPOKES, indexing="ij"
+    )
     bumps = 1 + 0.14 * chance.standard_normal(polar.shape)
     bumps[[0, -1]] = 1.0
-    ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    ball = np.stack(
+        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1
+    )
     points = (low + high) / 2 + (high - low) / 2 * bumps[..., None] * ball
     sunny, tone = np.clip(ball @ sun, 0, 1), 1 + 0.12 * chance.standard_normal(polar.shape)
     light = (0.25 + 0.2 * (ball[..., 2] + 1) / 2 + 0.8 * sunny) * tone
@@ -442,7 +492,12 @@ def tree_crown(box: Box, colour: str, sun: Array) -> Surfaces:
     corners = (points, colours)
     quads = [[np.roll(a, shift, axis=1)[rows] for rows, shift in _QUAD] for a in corners]
     triangles, shades = (
-        np.concatenate([np.stack([q[i] for i in order], axis=-2).reshape(-1, 3, 3) for order in ((0, 1, 2), (0, 2, 3))])
+        np.concatenate(
+            [
+                np.stack([q[i] for i in order], axis=-2).reshape(-1, 3, 3)
+                for order in ((0, 1, 2), (0, 2, 3))
+            ]
+        )
         for q in quads
     )
     return facets(triangles, shades.astype(np.float32))

@@ -10,11 +10,30 @@ import pytest
 import omnimirror as om
 from tests.commands import fails, omnimirror
 
-COMMON = ["--mapping", "equidistant", "--omega-max-deg", 135, "--theta-max-deg", 12, "--rim-radius-mm", 43.9]
+COMMON = [
+    "--mapping",
+    "equidistant",
+    "--omega-max-deg",
+    135,
+    "--theta-max-deg",
+    12,
+    "--rim-radius-mm",
+    43.9,
+]
 
 
 def test_the_common_case_by_flags_alone(tmp_path):
-    run = omnimirror("design", *COMMON, "--focal-length-mm", 11.6, "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
+    run = omnimirror(
+        "design",
+        *COMMON,
+        "--focal-length-mm",
+        11.6,
+        "-o",
+        "s.toml",
+        "--json",
+        "t.json",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert om.load_sensor(tmp_path / "s.toml").field_deg[1] == pytest.approx(135, abs=1e-9)
     table = json.loads((tmp_path / "t.json").read_text())
@@ -34,7 +53,9 @@ def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
     assert "Not everything can be met: total_blur_px." in run.stdout
     assert "All is met if one of these alone gives:" in run.stdout
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
-    assert {"total_blur_px", "f_number"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    assert {"total_blur_px", "f_number"} <= {
+        r["name"] for r in conflict["alone"] if r["needed"] is not None
+    }
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best feasible choice
     eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
     assert eased.returncode == 0, eased.stdout
@@ -46,9 +67,17 @@ def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
     file = tmp_path / "r.toml"
     mirror = 'mirror = {family = "sphere", rim_radius_mm = [43, 44]}'
     limit = '[[limit]]\nquantity = "dh_domega_px_per_deg"'
-    worst = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 130, 1001)).dh_domega_px_per_deg.min()
+    worst = om.evaluate(
+        om.load_sensor("paper-spherical"), np.linspace(0, 130, 1001)
+    ).dh_domega_px_per_deg.min()
     for at_least, code in ((worst - 1, 0), (worst + 1, 3)):
-        lines = "field.omega_max_deg = 130", mirror, "lens.focal_length_mm = 11.6", limit, f"at_least = {at_least}"
+        lines = (
+            "field.omega_max_deg = 130",
+            mirror,
+            "lens.focal_length_mm = 11.6",
+            limit,
+            f"at_least = {at_least}",
+        )
         file.write_text("\n".join(lines))
         run = omnimirror("judge", "r.toml", "paper-spherical", "--json", "t.json", cwd=tmp_path)
         assert run.returncode == code, run.stderr
@@ -56,7 +85,10 @@ def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
         table = json.loads((tmp_path / "t.json").read_text())
         assert table["is_met"] is (code == 0)
         row = table["requirements"][-1]
-        assert (row["name"], row["reached"]) == ("dh_domega_px_per_deg", pytest.approx(worst, rel=1e-6))
+        assert (row["name"], row["reached"]) == (
+            "dh_domega_px_per_deg",
+            pytest.approx(worst, rel=1e-6),
+        )
         assert row["margin"] == pytest.approx(worst - at_least, rel=1e-5)
     assert json.loads(omnimirror("judge", file, "paper-spherical", "--json", "-").stdout) == table
     assert "and the requirements are about one" in fails("judge", file, "paraboloid-telecentric")
@@ -86,7 +118,9 @@ def test_what_is_wrong_is_one_sentence(args, message, tmp_path):
 def test_the_mappings_are_listed_and_drawn(tmp_path):
     run = omnimirror("mappings", "--omega-max-deg", 75, "--figure", "m.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "4.2365121" in run.stdout  # far plane to 75 deg at 12 deg, computed separately with 40 digits
+    assert (
+        "4.2365121" in run.stdout
+    )  # far plane to 75 deg at 12 deg, computed separately with 40 digits
     assert (tmp_path / "m.png").read_bytes()[:4] == b"\x89PNG"
     wide = omnimirror("mappings", "--omega-max-deg", 135)
     for number in ("3.9242676", "3.9162533", "3.5500754", "3.556120", "4.0723518"):

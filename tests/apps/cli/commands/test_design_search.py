@@ -35,32 +35,81 @@ at_most = 4.0
 
 def test_optimise_writes_a_sensor_and_shows_convergence(tmp_path):
     run = omnimirror(
-        "design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--shape", "polynomial",
-        "--terms", "3,4,5", "--starts", 1, "--paper-mode", "--image-radius-px", 500, "-o", "best.toml", cwd=tmp_path,
-    )  # fmt: skip
+        "design",
+        "--like",
+        "paper-spherical",
+        "--optimise",
+        "worst_blur_deg",
+        "--shape",
+        "polynomial",
+        "--terms",
+        "3,4,5",
+        "--starts",
+        1,
+        "--paper-mode",
+        "--image-radius-px",
+        500,
+        "-o",
+        "best.toml",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     values = [float(line.split()[-2]) for line in run.stdout.splitlines()[2:5]]
     assert values == sorted(values, reverse=True)
     sensor = om.load_sensor(tmp_path / "best.toml")
     assert sensor.mirror.KIND == "even-polynomial"
-    assert sensor.field_deg[1] == pytest.approx(om.load_sensor("paper-spherical").field_deg[1], abs=1e-9)
+    assert sensor.field_deg[1] == pytest.approx(
+        om.load_sensor("paper-spherical").field_deg[1], abs=1e-9
+    )
     for word in ("requirement", "margin", "sphere", "optimised"):
         assert word in run.stdout
 
 
 def test_optimise_from_options_alone(tmp_path):
     run = omnimirror(
-        "design", "--optimise", "worst_floored_area_deg2", "--omega-max-deg", 120, "--theta-max-deg", "8:12",
-        "--rim-radius-mm", 30,
-        "--focal-length-mm", 16, "--f-number", "2:16", "--width-px", 2048, "--height-px", 2048,
-        "--pixel-pitch-um", 3.45,
-        "--terms", 5, "--at-least", "area_ratio=0.667", "--at-most", "total_blur_t_px=3@20:110", "--starts", 1,
-        "--resume", "search.json", "-o", "best.toml", "--json", "best.json", cwd=tmp_path,
-    )  # fmt: skip
+        "design",
+        "--optimise",
+        "worst_floored_area_deg2",
+        "--omega-max-deg",
+        120,
+        "--theta-max-deg",
+        "8:12",
+        "--rim-radius-mm",
+        30,
+        "--focal-length-mm",
+        16,
+        "--f-number",
+        "2:16",
+        "--width-px",
+        2048,
+        "--height-px",
+        2048,
+        "--pixel-pitch-um",
+        3.45,
+        "--terms",
+        5,
+        "--at-least",
+        "area_ratio=0.667",
+        "--at-most",
+        "total_blur_t_px=3@20:110",
+        "--starts",
+        1,
+        "--resume",
+        "search.json",
+        "-o",
+        "best.toml",
+        "--json",
+        "best.json",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     sensor = om.load_sensor(tmp_path / "best.toml")
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-9)
-    assert (sensor.mirror.rim_radius_mm, sensor.lens.focal_length_mm, sensor.imager.width_px) == (30.0, 16.0, 2048)
+    assert (sensor.mirror.rim_radius_mm, sensor.lens.focal_length_mm, sensor.imager.width_px) == (
+        30.0,
+        16.0,
+        2048,
+    )
     assert (tmp_path / "search.json").exists()
     areas = om.evaluate(sensor).area_px2
     assert areas.min() / areas.max() >= 0.667
@@ -71,7 +120,16 @@ def test_optimise_from_options_alone(tmp_path):
     assert all(r["is_met"] for r in rows)
 
 
-SEARCH = ("design", "r.toml", "--optimise", "worst_floored_area_deg2", "--shape", "polynomial:3", "--starts", 1)
+SEARCH = (
+    "design",
+    "r.toml",
+    "--optimise",
+    "worst_floored_area_deg2",
+    "--shape",
+    "polynomial:3",
+    "--starts",
+    1,
+)
 
 
 def test_a_requirement_file_is_optimised_instead_of_its_mapping(tmp_path):
@@ -97,9 +155,18 @@ def test_an_optimised_requirement_file_says_what_conflicts(tmp_path):
 @pytest.mark.long
 def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     arguments = (
-        "design", "--pareto", "worst_floored_area_deg2,inverse_area_ratio", "--shape", "polynomial:4",
-        "--population", 20, "--generations", 20, "--resume", "front.parquet",
-    )  # fmt: skip
+        "design",
+        "--pareto",
+        "worst_floored_area_deg2,inverse_area_ratio",
+        "--shape",
+        "polynomial:4",
+        "--population",
+        20,
+        "--generations",
+        20,
+        "--resume",
+        "front.parquet",
+    )
     run = omnimirror(*arguments, "--figure", "front.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     for name in ("SPH", "E-DI", "SVP", "exactly equiareal"):
@@ -108,7 +175,10 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     run = omnimirror(*arguments, "--pick", 1, "-o", "one.toml", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "requirement" in run.stdout
-    assert om.load_sensor(tmp_path / "one.toml").name == "front-worst-floored-area-deg2-inverse-area-ratio-1"
+    assert (
+        om.load_sensor(tmp_path / "one.toml").name
+        == "front-worst-floored-area-deg2-inverse-area-ratio-1"
+    )
     assert "--pick NUMBER" in fails(*arguments, "-o", "other.toml", cwd=tmp_path)
     assert not (tmp_path / "other.toml").exists()
 
@@ -118,11 +188,23 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
 def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     """Ctrl-C after the first start: the best design is written, and the same command completes the
     search."""
-    search = ("design", "--optimise", "worst_blur_deg", "--terms", "16", "--starts", "12", "--resume", "search.json")
+    search = (
+        "design",
+        "--optimise",
+        "worst_blur_deg",
+        "--terms",
+        "16",
+        "--starts",
+        "12",
+        "--resume",
+        "search.json",
+    )
     listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in background
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
     program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
-    process = subprocess.Popen(program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     while not (tmp_path / "search.json").exists():
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
@@ -135,7 +217,13 @@ def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     assert 0 < kept < 12
     problem = DesignProblem(terms=16)
     told = []
-    optimise(problem, "worst_blur_deg", starts=kept + 1, resume=tmp_path / "search.json", on_progress=told.append)
+    optimise(
+        problem,
+        "worst_blur_deg",
+        starts=kept + 1,
+        resume=tmp_path / "search.json",
+        on_progress=told.append,
+    )
     assert {p.run for p in told} == {kept}
 
 
@@ -173,15 +261,35 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ([*OPTIMISE, "--resume", "s.json", "--terms", "3,4"], "give one"),
         (["design", "--optimise", "beauty"], "is not one of"),
         (
-            ["design", "--shape", "spline:5", "--like", "paper-spherical", "--mapping", "equidistant"],
+            [
+                "design",
+                "--shape",
+                "spline:5",
+                "--like",
+                "paper-spherical",
+                "--mapping",
+                "equidistant",
+            ],
             "optimised mirror",
         ),
-        (["design", "--like", "nowhere", "--optimise", "worst_blur_deg"], "no sensor file or bundled sensor"),
+        (
+            ["design", "--like", "nowhere", "--optimise", "worst_blur_deg"],
+            "no sensor file or bundled sensor",
+        ),
         (["design", "--pareto", "worst_blur_deg"], "two different merits"),
         (["design", "--pareto", "worst_blur_deg,beauty"], "valid are worst_floored_area_deg2"),
-        (["design", "--pareto", "worst_blur_deg,worst_aspect", "--starts", "3"], "belongs to --optimise"),
-        (["design", "--pareto", "worst_blur_deg,worst_aspect", "--focus-mm", "200"], "leave out focus_mm"),
-        (["design", "--mapping", "equidistant", "--like", "paper-spherical", "--seed", "3"], "--seed does not apply"),
+        (
+            ["design", "--pareto", "worst_blur_deg,worst_aspect", "--starts", "3"],
+            "belongs to --optimise",
+        ),
+        (
+            ["design", "--pareto", "worst_blur_deg,worst_aspect", "--focus-mm", "200"],
+            "leave out focus_mm",
+        ),
+        (
+            ["design", "--mapping", "equidistant", "--like", "paper-spherical", "--seed", "3"],
+            "--seed does not apply",
+        ),
         (["apertures", "paper-spherical", "--f-number", "8:4"], "no range"),
         (["parts", "paper-spherical", "nowhere.toml"], "cannot read"),
     ],

@@ -49,15 +49,30 @@ def test_sixteen_bits_become_eight_and_light_becomes_srgb(folder, capsys):
     assert np.abs(middle("b.png") - expected).max() <= 1
     assert middle("b.png")[2] == 65535
     main(["dewarp", "deep.png", *BALL, "-o", "c.hdr"])
-    np.testing.assert_allclose(middle("c.hdr"), linear_from_srgb([0.9, 0.4, 0.05]), rtol=0.02, atol=2e-3)
+    np.testing.assert_allclose(
+        middle("c.hdr"), linear_from_srgb([0.9, 0.4, 0.05]), rtol=0.02, atol=2e-3
+    )
     main(["dewarp", "grey.png", *BALL, "-o", "d.webp"])
     assert middle("d.webp").tolist() == [128, 128, 128]
 
 
 @pytest.mark.parametrize(("suffix", "most"), [("jpg", "65500"), ("webp", "16383")])
-def test_pictures_too_large_for_their_file_are_refused_before_the_work(folder, capsys, suffix, most):
-    args = ("grey.png", "--ball", "31.5,31.5,30,280", "--size", "70000x2", "--black", "-o", f"o.{suffix}")
-    assert f"holds pictures of up to {most} px a side, and this one has 70000 x 2 px" in fails(capsys, *args)
+def test_pictures_too_large_for_their_file_are_refused_before_the_work(
+    folder, capsys, suffix, most
+):
+    args = (
+        "grey.png",
+        "--ball",
+        "31.5,31.5,30,280",
+        "--size",
+        "70000x2",
+        "--black",
+        "-o",
+        f"o.{suffix}",
+    )
+    assert f"holds pictures of up to {most} px a side, and this one has 70000 x 2 px" in fails(
+        capsys, *args
+    )
     with pytest.raises(om.base.errors.MediaError, match="70000 x 2 px"):
         om.write_image(f"o.{suffix}", np.zeros((2, 70_000, 3), np.uint8))
     assert not Path(f"o.{suffix}").exists()
@@ -71,10 +86,14 @@ def test_exr_without_its_package_is_refused_before_the_work(folder, capsys, monk
     )
 
 
-@pytest.mark.parametrize("option", ["--span-deg=1e-308", "--elevation-deg=0:1e-308", "--span-deg=1e-9"])
+@pytest.mark.parametrize(
+    "option", ["--span-deg=1e-308", "--elevation-deg=0:1e-308", "--span-deg=1e-9"]
+)
 def test_views_of_nothing_are_one_sentence(folder, capsys, option):
     for size in ("64x", "64x8"):
-        said = fails(capsys, "grey.png", "--ball", "31.5,31.5,30,280", option, "--size", size, "-o", "o.png")
+        said = fails(
+            capsys, "grey.png", "--ball", "31.5,31.5,30,280", option, "--size", size, "-o", "o.png"
+        )
         assert "is no picture" in said or "valid" in said
 
 
@@ -87,5 +106,7 @@ def test_links_that_lead_in_a_circle_are_one_sentence(folder, capsys):
 
 def test_a_picture_with_alpha_is_not_flattened_in_silence(folder, capsys):
     om.write_image("clear.png", np.full((64, 64, 4), 128, np.uint8))
-    assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(capsys, "clear.png", *BALL, "-o", "out.jpg")
+    assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(
+        capsys, "clear.png", *BALL, "-o", "out.jpg"
+    )
     assert not (folder / "out.jpg").exists()

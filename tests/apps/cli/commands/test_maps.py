@@ -11,7 +11,9 @@ VIEW = ["--view", "perspective", "--size", "160x120"]
 
 
 def test_formats_in_a_folder(tmp_path):
-    run = omnimirror("maps", "paper-spherical", *VIEW, "-o", tmp_path, "--format", "opencv,ffmpeg,vpi,glsl")
+    run = omnimirror(
+        "maps", "paper-spherical", *VIEW, "-o", tmp_path, "--format", "opencv,ffmpeg,vpi,glsl"
+    )
     assert run.returncode == 0, run.stderr
     names = {"opencv.npz", "ffmpeg-x.pgm", "ffmpeg-y.pgm", "vpi.npy", "glsl.frag", "glsl-map.bin"}
     assert {p.name for p in tmp_path.iterdir()} == {f"paper-spherical-{name}" for name in names}
@@ -30,8 +32,14 @@ def test_viewpoint_and_distance_options(tmp_path):
 
 
 def test_invalid_arguments(tmp_path):
-    assert "formats must be given for the folder" in fails("maps", "paper-spherical", *VIEW, "-o", tmp_path)
-    assert "got 'nuke'" in fails("maps", "paper-spherical", *VIEW, "-o", tmp_path, "--format", "nuke")
+    assert "formats must be given for the folder" in fails(
+        "maps", "paper-spherical", *VIEW, "-o", tmp_path
+    )
+    assert "got 'nuke'" in fails(
+        "maps", "paper-spherical", *VIEW, "-o", tmp_path, "--format", "nuke"
+    )
     sky = ["--view", "perspective", "--tilt-deg", "89", "--hfov-deg", "10"]
-    assert "sees nothing of the camera's field" in fails("maps", "paper-spherical", *sky, "-o", tmp_path / "a.npz")
+    assert "sees nothing of the camera's field" in fails(
+        "maps", "paper-spherical", *sky, "-o", tmp_path / "a.npz"
+    )
     assert not list(tmp_path.iterdir())

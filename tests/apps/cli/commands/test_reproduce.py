@@ -15,8 +15,13 @@ def test_writes_table_and_figures(tmp_path):
     run = omnimirror("reproduce", "--out", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert {p.name for p in (tmp_path / "here").iterdir()} == {
-        "numbers.csv", "numbers.md", "fig6.svg", "fig6.png", "fig8.svg", "fig8.png",
-    }  # fmt: skip
+        "numbers.csv",
+        "numbers.md",
+        "fig6.svg",
+        "fig6.png",
+        "fig8.svg",
+        "fig8.png",
+    }
     assert "2 are not reproduced, 0 differ from the known result" in run.stdout
     assert "erratum 19" in run.stdout
 

@@ -19,7 +19,10 @@ from ....design.requirement_check import ROUNDING, Judgement, Verdict
 from ....optics.tracing.obscuration import hidden_words
 from .._output import head, plain_table, say
 
-OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
+OF_ELEVATIONS = {
+    "omega_max_deg": "elevation at the rim",
+    "omega_min_deg": "elevation at the inner end",
+}
 MAX_ALTERNATIVES = 3
 """Number of alternatives printed for each entry under each heading; the JSON file contains all."""
 MISSED = 3
@@ -29,7 +32,11 @@ MISSED = 3
 def print_design(console: Console, design: Design) -> None:
     """Print the notes of the design and the table of its requirements."""
     sensor = design.sensor
-    place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
+    place = (
+        ""
+        if sensor.lens.TELECENTRIC
+        else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
+    )
     say((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
@@ -40,7 +47,12 @@ def print_design(console: Console, design: Design) -> None:
 def print_verdict(console: Console, verdict: Verdict) -> None:
     """Print each requirement with its limit, the value reached, and the margin."""
     by_elevation = verdict.requirements.field.angles == "elevation"
-    numbers = ("asked", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
+    numbers = (
+        "asked",
+        "reached",
+        "margin",
+        "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}",
+    )
     table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
     for row in verdict.rows:
         at, label = _place_told(verdict, row) if by_elevation else (row.omega_deg, row.label)
@@ -70,7 +82,9 @@ def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
     if row.part_deg is None:
         return at, row.label
     low, high = (round(v, 9) + 0.0 for v in mount.elevations_deg(row.part_deg))
-    return at, row.name + (f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg")
+    return at, row.name + (
+        f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg"
+    )
 
 
 def _asked(low: float | None, high: float | None, unit: str) -> str:
@@ -100,12 +114,20 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
     elif conflict.is_complete:
         console.print("No single requirement that gives, within reason, would do.", highlight=False)
     if conflict.joint_share is not None:
-        console.print(f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False)
+        console.print(
+            f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False
+        )
         for r in conflict.joint:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
     for others, heading in (
-        ([a for a in conflict.alternatives if a.is_met], "All is met with one of these alternatives:"),
-        ([a for a in conflict.alternatives if not a.is_met], "Alternatives that miss less (largest violation):"),
+        (
+            [a for a in conflict.alternatives if a.is_met],
+            "All is met with one of these alternatives:",
+        ),
+        (
+            [a for a in conflict.alternatives if not a.is_met],
+            "Alternatives that miss less (largest violation):",
+        ),
     ):
         if others:
             console.print(heading, highlight=False)
@@ -137,7 +159,9 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
     """Print the result for each number of terms."""
     merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
-    table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm"))
+    table = plain_table(
+        "terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm")
+    )
     for count, design in designs.items():
         if (found := design.optimum) is None:
             table.add_row(str(count), "", "", "limits not kept", "")
@@ -152,12 +176,16 @@ def print_convergence(console: Console, designs: dict[int, Design]) -> None:
 def print_merits(console: Console, best: Optimum) -> None:
     """Print all merits of the optimised mirror next to those of the sphere for the same field."""
     sphere = next(iter(known_sensors(best.problem).values()))
-    table = plain_table("merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning"))
+    table = plain_table(
+        "merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning")
+    )
     focus_by = best.merit if best.merit in FOCUS_MERITS else "worst_floored_area_deg2"
     before_all = merit_values(sphere, list(DESIGN_MERITS), best.problem, focus_by)
     after_all = merit_values(best.sensor, list(DESIGN_MERITS), best.problem, None)
     for name, before, after in zip(DESIGN_MERITS, before_all, after_all, strict=True):
-        table.add_row(name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning)
+        table.add_row(
+            name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning
+        )
     console.print()
     console.print(table)
     say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)

@@ -32,7 +32,9 @@ class ApertureOptions(Options):
     object_distance_mm: float = option(
         type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
-    omega_min_deg: float = option(type=NUMBER, default=0.0, help="Minimum field angle of the evaluated field.")
+    omega_min_deg: float = option(
+        type=NUMBER, default=0.0, help="Minimum field angle of the evaluated field."
+    )
     paper_mode: bool = option(
         is_flag=True,
         default=False,
@@ -44,9 +46,13 @@ class ApertureOptions(Options):
     def best(self, sensor: Sensor) -> list[BestAperture]:
         """Return the optimum apertures of a sensor."""
         return best_apertures(
-            sensor, self.f_number, object_distance_mm=self.object_distance_mm, omega_min_deg=self.omega_min_deg,
-            mode="paper" if self.paper_mode else "exact", wavelength_nm=self.wavelength_nm,
-        )  # fmt: skip
+            sensor,
+            self.f_number,
+            object_distance_mm=self.object_distance_mm,
+            omega_min_deg=self.omega_min_deg,
+            mode="paper" if self.paper_mode else "exact",
+            wavelength_nm=self.wavelength_nm,
+        )
 
 
 @click.command(
@@ -73,9 +79,14 @@ def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Pat
         for b in apertures.best(sensor):
             records.append({"sensor": sensor.name} | asdict(b))
             table.add_row(
-                sensor.name, b.side, f"{b.f_number:.2f}", f"{b.focus_mm:.2f}", f"{b.worst_px:.3f}", f"{b.blur_px:.3f}",
+                sensor.name,
+                b.side,
+                f"{b.f_number:.2f}",
+                f"{b.focus_mm:.2f}",
+                f"{b.worst_px:.3f}",
+                f"{b.blur_px:.3f}",
                 f"{b.airy_px:.3f}",
-            )  # fmt: skip
+            )
     console.print(table)
     if json_file:
         write_json(json_file, records)

@@ -38,19 +38,26 @@ def board_size(text: str) -> tuple[int, int]:
 class SoughtBoardOptions(Options):
     """Calibration board, with the parameters of :class:`omnimirror.Board`; optional."""
 
-    board: tuple[int, int] | None = option(type=board_size, metavar="CxR", show_default=False, help=SIZE)
+    board: tuple[int, int] | None = option(
+        type=board_size, metavar="CxR", show_default=False, help=SIZE
+    )
     square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
     target: str = option(type=click.Choice(KINDS), default="chessboard", help="Type of board.")
     marker_mm: float | None = option(
         type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
     )
     spacing: float | None = option(
-        type=NUMBER, metavar="RATIO", help="April grid: gap between tags as a fraction of their side.  [default: 0.3]"
+        type=NUMBER,
+        metavar="RATIO",
+        help="April grid: gap between tags as a fraction of their side.  [default: 0.3]",
     )
     family: str | None = option(
-        metavar="NAME", help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]"
+        metavar="NAME",
+        help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]",
     )
-    legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6.")
+    legacy: bool = option(
+        "--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6."
+    )
 
     def made(self) -> Board | None:
         """Return the board; None without options for one."""
@@ -67,8 +74,12 @@ class SoughtBoardOptions(Options):
 class BoardOptions(SoughtBoardOptions):
     """Calibration board, with the parameters of :class:`omnimirror.Board`."""
 
-    board: tuple[int, int] = option(type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE)
-    square_mm: float = option(type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE)
+    board: tuple[int, int] = option(
+        type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE
+    )
+    square_mm: float = option(
+        type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE
+    )
 
     def made(self) -> Board:
         """Return the board."""
@@ -88,7 +99,8 @@ class SheetOptions(Options):
         type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]"
     )
     paper: str | None = option(
-        type=click.Choice(list(PAPERS_MM)), help="Paper size.  [default: as large as the board requires]"
+        type=click.Choice(list(PAPERS_MM)),
+        help="Paper size.  [default: as large as the board requires]",
     )
     dpi: float = option(type=NUMBER, default=300.0, help="Resolution of PNG files, dots per inch.")
 
@@ -99,9 +111,12 @@ class SheetOptions(Options):
     examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",),
 )
 @output_option(
-    "-o", "--output", required=True, formats=tuple(suffix[1:] for suffix in SUFFIXES),
+    "-o",
+    "--output",
+    required=True,
+    formats=tuple(suffix[1:] for suffix in SUFFIXES),
     help="Output file: .pdf, .svg or .png.",
-)  # fmt: skip
+)
 @format_option(tuple(suffix[1:] for suffix in SUFFIXES))
 @takes(BoardOptions, "board")
 @takes(SheetOptions, "sheet")

@@ -57,7 +57,11 @@ class MergeOptions(ObjectDistance):
     """Capture."""
 
     focus_mm: Array = option(
-        type=values, required=True, show_default=False, metavar="A,B,..", help="Focus distances of the images."
+        type=values,
+        required=True,
+        show_default=False,
+        metavar="A,B,..",
+        help="Focus distances of the images.",
     )
 
 
@@ -66,12 +70,16 @@ class TakeOptions(Options):
     """Rendering."""
 
     focus_mm: Array | None = option(
-        type=values, metavar="A,B,..", help="Focus distances.  [default: planned for a blur of 1 px]"
+        type=values,
+        metavar="A,B,..",
+        help="Focus distances.  [default: planned for a blur of 1 px]",
     )
     stands: Pose | None = option(
-        "--pose", type=pose, metavar="X,Y,Z,..",
+        "--pose",
+        type=pose,
+        metavar="X,Y,Z,..",
         help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
-    )  # fmt: skip
+    )
     samples: int = option("--samples", "--spp", type=WHOLE, default=32, help="Rays per pixel.")
 
 
@@ -93,23 +101,40 @@ def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -
     astigmatic zones.
     """
     focus = head("focus_mm")
-    numbers = ("pictures", "worst px\none focus", "worst px\nmerged", "astigmatic\ndeg", "least px\nthere")
+    numbers = (
+        "pictures",
+        "worst px\none focus",
+        "worst px\nmerged",
+        "astigmatic\ndeg",
+        "least px\nthere",
+    )
     table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
     console = output_console()
     records: list[dict[str, Any]] = []
     for name in sensors:
         sensor = load_sensor(name)
         found = plan_bracket(sensor, **asked.given)
-        alone = best_focus(sensor, "worst_blur_px", object_distance_mm=asked.object_distance_mm).value
-        records.append({
-            "sensor": sensor.name, "focus_mm": found.focus_mm, "worst_px_one_focus": alone,
-            "worst_px_merged": found.blur_px.max(), "astigmatic_deg": found.omega_deg[found.astigmatic],
-        })  # fmt: skip
+        alone = best_focus(
+            sensor, "worst_blur_px", object_distance_mm=asked.object_distance_mm
+        ).value
+        records.append(
+            {
+                "sensor": sensor.name,
+                "focus_mm": found.focus_mm,
+                "worst_px_one_focus": alone,
+                "worst_px_merged": found.blur_px.max(),
+                "astigmatic_deg": found.omega_deg[found.astigmatic],
+            }
+        )
         focuses = ", ".join(f"{focus:.1f}" for focus in found.focus_mm)
         table.add_row(
-            sensor.name, f"{len(found.focus_mm)}", f"{alone:.2f}", f"{found.blur_px.max():.2f}", *_astigmatic(found),
+            sensor.name,
+            f"{len(found.focus_mm)}",
+            f"{alone:.2f}",
+            f"{found.blur_px.max():.2f}",
+            *_astigmatic(found),
             focuses,
-        )  # fmt: skip
+        )
     console.print(table)
     if json_file:
         write_json(json_file, records)
@@ -127,7 +152,9 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
 @command.command(
     cls=DocumentedCommand,
     page="restoration",
-    examples=("omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png",),
+    examples=(
+        "omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png",
+    ),
 )
 @click.argument("sensor", type=SENSOR)
 @click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -136,7 +163,11 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
 @output_option("-o", "--output", formats=PICTURES, required=True, help="Output image.")
 @format_option(PICTURES)
 def merge(
-    sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, orientation: OrientationOptions, output: Path
+    sensor: str,
+    pictures: tuple[Path, ...],
+    taken: MergeOptions,
+    orientation: OrientationOptions,
+    output: Path,
 ) -> None:
     """Merge PICTURES of SENSOR, focused at different distances, at the scale of its own focus."""
     format_of(output)
@@ -148,18 +179,32 @@ def merge(
 @command.command(
     cls=DocumentedCommand,
     page="restoration",
-    examples=("omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket",),
+    examples=(
+        "omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket",
+    ),
 )
 @click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
 @takes(TakeOptions, "taking")
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Output folder.",
+)
 def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) -> None:
     """Render the images of a scene that SENSOR would capture at each focus distance."""
     seen, camera = PosedScene(scene.source().load(), taking.stands or Pose()), load_sensor(sensor)
     for focus in plan_bracket(camera).focus_mm if taking.focus_mm is None else taking.focus_mm:
         path = output / f"{focus:.1f}mm.png"
         with rows_bar("Exposing") as progress:
-            light = expose(focused_at(camera, float(focus)), seen, samples=taking.samples, blur=True, progress=progress)
+            light = expose(
+                focused_at(camera, float(focus)),
+                seen,
+                samples=taking.samples,
+                blur=True,
+                progress=progress,
+            )
         write_image(path, Detector().read(light))
         say(f"{path}: focused at {focus:.1f} mm")

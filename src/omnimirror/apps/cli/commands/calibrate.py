@@ -50,12 +50,16 @@ def prior(text: str) -> Prior:
     try:
         if match:
             name, value, sigma = match.groups()
-            found = Prior(name, float_of(value.strip()), 0.0 if sigma is None else float_of(sigma.strip()))
+            found = Prior(
+                name, float_of(value.strip()), 0.0 if sigma is None else float_of(sigma.strip())
+            )
             if np.isfinite(found[1:]).all() and found.sigma >= 0:
                 return found
     except ValueError:
         pass
-    raise click.BadParameter(f"{shown(text)} is not NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1")
+    raise click.BadParameter(
+        f"{shown(text)} is not NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1"
+    )
 
 
 @dataclass(frozen=True)
@@ -63,49 +67,75 @@ class SoughtCameraOptions(Options):
     """Camera model, with the parameters of :func:`omnimirror.calibrate_camera`."""
 
     model: str = option(
-        default="auto", metavar="NAME|FILE",
+        default="auto",
+        metavar="NAME|FILE",
         help=f"Model: auto, {', '.join(KINDS)}; or the name or file of a sensor or camera as initial value.",
-    )  # fmt: skip
-    free: str | None = option(metavar="A,B,..", help="Parameters to estimate if the initial value is a sensor.")
+    )
+    free: str | None = option(
+        metavar="A,B,..", help="Parameters to estimate if the initial value is a sensor."
+    )
     optics: Optics = option(
-        default="mirror", type=click.Choice(["mirror", "fisheye"]), help="Type of optics: mirror or fisheye lens."
+        default="mirror",
+        type=click.Choice(["mirror", "fisheye"]),
+        help="Type of optics: mirror or fisheye lens.",
     )
     camera_looks: CameraLooks = option(
-        default="up", type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis."
+        default="up",
+        type=click.Choice(["up", "down", "forward"]),
+        help="Orientation of the optical axis.",
     )
     forward_azimuth_deg: float = option(
-        default=-90.0, type=angle, metavar="DEG", help="Image direction of forward, from right towards bottom."
+        default=-90.0,
+        type=angle,
+        metavar="DEG",
+        help="Image direction of forward, from right towards bottom.",
     )
-    flipped: bool = option(default=False, is_flag=True, help="Declare that the images are mirrored left to right.")
+    flipped: bool = option(
+        default=False, is_flag=True, help="Declare that the images are mirrored left to right."
+    )
     centre_px: tuple[float, float] | None = option(
-        type=pixel, metavar="U,V", help="Initial value of the image centre.  [default: the image centre]"
+        type=pixel,
+        metavar="U,V",
+        help="Initial value of the image centre.  [default: the image centre]",
     )
     rim_radius_px: float | None = option(
-        type=NUMBER, metavar="PX",
+        type=NUMBER,
+        metavar="PX",
         help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit of the image or of "
         "the model]",
-    )  # fmt: skip
+    )
 
     def begun(self) -> str | CameraModel | Sensor:
         """Return the kind of model, or the model that provides initial values."""
         if self.model == "auto" or self.model in KINDS:
             if self.free is not None:
-                raise click.UsageError("--free belongs to a sensor to begin with; name it with --model")
+                raise click.UsageError(
+                    "--free belongs to a sensor to begin with; name it with --model"
+                )
             return self.model
         camera = load_camera(self.model)
         if isinstance(camera, Sensor):
-            return SensorModel(camera) if self.free is None else SensorModel(camera, tuple(self.free.split(",")))
+            return (
+                SensorModel(camera)
+                if self.free is None
+                else SensorModel(camera, tuple(self.free.split(",")))
+            )
         if self.free is not None:
-            raise click.UsageError(f"--free belongs to sensors, and {self.model} is a {camera.KIND} camera")
+            raise click.UsageError(
+                f"--free belongs to sensors, and {self.model} is a {camera.KIND} camera"
+            )
         return camera
 
     def asked(self) -> dict[str, Any]:
         """Return the arguments of :func:`omnimirror.calibrate_camera`."""
         mount = Mount(self.camera_looks, self.forward_azimuth_deg, self.flipped)
         return {
-            "model": self.begun(), "optics": self.optics, "mount": mount, "centre_px": self.centre_px,
+            "model": self.begun(),
+            "optics": self.optics,
+            "mount": mount,
+            "centre_px": self.centre_px,
             "rim_radius_px": self.rim_radius_px,
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True)
@@ -113,21 +143,39 @@ class EstimationOptions(Options):
     """Estimation."""
 
     fixed: tuple[str, ...] = option(
-        "--fix", default=(), multiple=True, metavar="NAME", show_default=False,
+        "--fix",
+        default=(),
+        multiple=True,
+        metavar="NAME",
+        show_default=False,
         help="Hold a parameter at its initial value (repeatable).",
-    )  # fmt: skip
+    )
     priors: tuple[Prior, ...] = option(
-        "--prior", default=(), multiple=True, type=prior, metavar="NAME=VALUE+-SIGMA", show_default=False,
+        "--prior",
+        default=(),
+        multiple=True,
+        type=prior,
+        metavar="NAME=VALUE+-SIGMA",
+        show_default=False,
         help="Prior of a parameter; without +-SIGMA the parameter is fixed (repeatable).",
-    )  # fmt: skip
-    flat_board: bool = option(default=False, is_flag=True, help="Treat the board as flat and square.")
+    )
+    flat_board: bool = option(
+        default=False, is_flag=True, help="Treat the board as flat and square."
+    )
     seed: int = option(
-        default=0, type=WHOLE, help="Random seed of the cross-validation groups for more than 20 images."
+        default=0,
+        type=WHOLE,
+        help="Random seed of the cross-validation groups for more than 20 images.",
     )
 
     def asked(self) -> dict[str, Any]:
         """Return the arguments of :func:`omnimirror.calibrate_camera`."""
-        return {"fixed": self.fixed, "priors": self.priors, "board_shape": not self.flat_board, "seed": self.seed}
+        return {
+            "fixed": self.fixed,
+            "priors": self.priors,
+            "board_shape": not self.flat_board,
+            "seed": self.seed,
+        }
 
 
 @dataclass(frozen=True)
@@ -135,18 +183,27 @@ class SurveyOptions(Options):
     """Survey data, with the parameters of :func:`omnimirror.read_surveys`."""
 
     points: tuple[str, ...] = option(
-        default=(), multiple=True, metavar="FILE", show_default=False,
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
         help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture for several images (repeatable).",
-    )  # fmt: skip
+    )
     directions: tuple[str, ...] = option(
-        default=(), multiple=True, metavar="FILE", show_default=False,
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
         help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg "
         "(repeatable).",
-    )  # fmt: skip
+    )
     lines: tuple[str, ...] = option(
-        default=(), multiple=True, metavar="FILE", show_default=False,
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
         help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
-    )  # fmt: skip
+    )
     lines_distance_mm: float = option(
         type=distance,
         metavar="MM",
@@ -176,7 +233,11 @@ class SurveyOptions(Options):
 @click.option("-o", "--output", type=Output(), help="Output camera file, TOML.")
 @click.option("--json", "json_path", type=Output(), help="Write all numbers as JSON.")
 @click.option("--report", type=Output(), help="Write an HTML report.")
-@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="Output folder for figures, SVG.")
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Output folder for figures, SVG.",
+)
 def command(
     pictures: tuple[str, ...],
     target: SoughtBoardOptions,
@@ -205,14 +266,23 @@ def command(
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)
     known = read_surveys(survey.points, survey.directions)
-    detections, stopped_by = ([], 0) if board is None else _found(console, pictures, board, several, orientation)
+    detections, stopped_by = (
+        ([], 0) if board is None else _found(console, pictures, board, several, orientation)
+    )
     with _steps(console) as progress, interrupts.deferred():
         try:
             found = calibrate_camera(
-                detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
-                lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
-                progress=progress, stop=interrupts.is_pending,
-            )  # fmt: skip
+                detections,
+                board,
+                surveys=known.sightings,
+                lines=read_lines(survey.lines),
+                lines_distance_mm=survey.lines_distance_mm,
+                image_size=survey.image_size,
+                **asked,
+                **estimation.asked(),
+                progress=progress,
+                stop=interrupts.is_pending,
+            )
         except OmnimirrorError:
             if not (code := interrupts.exit_code() or stopped_by):
                 raise
@@ -234,16 +304,28 @@ def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyO
     """Raise UsageError if there is no input, or if an option has no effect on the given input."""
     if bool(pictures) != (board is not None):
         what = (
-            "--board belongs to PICTURES of it" if board else "PICTURES show a board; say which: --board, --square-mm"
+            "--board belongs to PICTURES of it"
+            if board
+            else "PICTURES show a board; say which: --board, --square-mm"
         )
         raise click.UsageError(f"{what}, and points and directions to --points and --directions")
     if not (pictures or survey.points or survey.directions):
-        alone = "; --lines alone refine a camera that is known: omnimirror lines" if survey.lines else ""
-        raise click.UsageError(f"there are no PICTURES of a board, and no --points or --directions{alone}")
+        alone = (
+            "; --lines alone refine a camera that is known: omnimirror lines"
+            if survey.lines
+            else ""
+        )
+        raise click.UsageError(
+            f"there are no PICTURES of a board, and no --points or --directions{alone}"
+        )
 
 
 def _found(
-    console: Console, pictures: tuple[str, ...], board: Board, several: bool, orientation: OrientationOptions
+    console: Console,
+    pictures: tuple[str, ...],
+    board: Board,
+    several: bool,
+    orientation: OrientationOptions,
 ) -> tuple[list[Detection], int]:
     """Detect boards in images or video frames; also return the exit code of an interruption."""
     is_stored = orientation.stored_orientation
@@ -258,11 +340,15 @@ def _found(
 
         if len(pictures) == 1 and is_video(pictures[0]):
             orientation.report_video(pictures[0])
-            found = choose_frames(pictures[0], board, stored_orientation=is_stored, progress=progress)
+            found = choose_frames(
+                pictures[0], board, stored_orientation=is_stored, progress=progress
+            )
         else:
             files = expand_inputs(pictures, READABLE_IMAGE_SUFFIXES)
             orientation.report(files)
-            found = find_boards(files, board, several=several, stored_orientation=is_stored, progress=progress)
+            found = find_boards(
+                files, board, several=several, stored_orientation=is_stored, progress=progress
+            )
         return found, interrupts.exit_code()
 
 
@@ -275,7 +361,11 @@ def _steps(console: Console) -> Iterator[Callable[[str, float], None]]:
 
 
 def _write(
-    found: Calibration, output: Path | None, json_path: Path | None, report: Path | None, figures: Path | None
+    found: Calibration,
+    output: Path | None,
+    json_path: Path | None,
+    report: Path | None,
+    figures: Path | None,
 ) -> None:
     if output is not None:
         found.save(output)
@@ -303,16 +393,22 @@ def _print(console: Console, found: Calibration, known: Surveys) -> None:
     held = f", {found.held_out_rms_px:.3f} px in pictures left out" if found.held_out else ""
     kept = found.corners - len(found.outliers)
     say(
-        (f"{found.model.KIND}", "bold"), f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} {found.seen} in "
-        f"{used} of {count} {'picture' if count == 1 else 'pictures'}{held}", console=console,
-    )  # fmt: skip
+        (f"{found.model.KIND}", "bold"),
+        f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} {found.seen} in "
+        f"{used} of {count} {'picture' if count == 1 else 'pictures'}{held}",
+        console=console,
+    )
     if len(found.candidates) > 1:
         console.print(_models(found))
     console.print(_parameters(found))
     for picture in found.pictures:
         if not picture.used:
             why = picture.reason or ""
-            say(("Not used: ", "yellow"), why if picture.name in why else f"{picture.name}: {why}", console=console)
+            say(
+                ("Not used: ", "yellow"),
+                why if picture.name in why else f"{picture.name}: {why}",
+                console=console,
+            )
         elif picture.name in known.places and picture.camera_at_mm is not None:
             place = ", ".join(f"{x:.1f}" for x in picture.camera_at_mm)
             say(f"{picture.name}: the camera was at {place} mm", console=console)
@@ -326,9 +422,15 @@ def _print(console: Console, found: Calibration, known: Surveys) -> None:
 
 def _outliers(found: Calibration, known: Surveys) -> str:
     def place(picture: str, corner: int) -> str:
-        return known.places[picture][corner] if picture in known.places else f"{picture} corner {corner}"
+        return (
+            known.places[picture][corner]
+            if picture in known.places
+            else f"{picture} corner {corner}"
+        )
 
-    shown = [f"{place(o.picture, o.corner)} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]]
+    shown = [
+        f"{place(o.picture, o.corner)} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]
+    ]
     more = len(found.outliers) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")
 
@@ -338,12 +440,16 @@ def _models(found: Calibration) -> Table:
     for tried in found.candidates:
         held = f"{tried.held_out_rms_px:.3f}" if np.isfinite(tried.held_out_rms_px) else "-"
         style = "bold" if tried.kind == found.model.KIND else None
-        table.add_row(tried.kind, str(tried.parameters), f"{tried.rms_px:.3f}", held, tried.why, style=style)
+        table.add_row(
+            tried.kind, str(tried.parameters), f"{tried.rms_px:.3f}", held, tried.why, style=style
+        )
     return table
 
 
 def _parameters(found: Calibration) -> Table:
     table = plain_table("parameter", "value", "sigma", "", words=("parameter", ""))
     for p in found.parameters:
-        table.add_row(p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit)
+        table.add_row(
+            p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit
+        )
     return table

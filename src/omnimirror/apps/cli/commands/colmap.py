@@ -34,19 +34,62 @@ from .._scene_options import rows_bar
 )
 @click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
-@click.option("--views", "views_around", type=WHOLE, default=6, show_default=True, help="Number of perspective views.")
-@click.option("--hfov-deg", type=angle, default="75", show_default=True, metavar="DEG", help="Field of each view.")
-@click.option("--tilt-deg", type=angle, default="0", show_default=True, metavar="DEG", help="Elevation of the views.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Output folder.",
+)
+@click.option(
+    "--views",
+    "views_around",
+    type=WHOLE,
+    default=6,
+    show_default=True,
+    help="Number of perspective views.",
+)
+@click.option(
+    "--hfov-deg",
+    type=angle,
+    default="75",
+    show_default=True,
+    metavar="DEG",
+    help="Field of each view.",
+)
+@click.option(
+    "--tilt-deg",
+    type=angle,
+    default="0",
+    show_default=True,
+    metavar="DEG",
+    help="Elevation of the views.",
+)
 @click.option("--size", type=WHOLE, metavar="PX", help="Side of a view or width of the panorama.")
-@click.option("--distance-mm", type=distance, default="inf", show_default=True, metavar="MM",
-              help="Object distance at which views are exact.")  # fmt: skip
+@click.option(
+    "--distance-mm",
+    type=distance,
+    default="inf",
+    show_default=True,
+    metavar="MM",
+    help="Object distance at which views are exact.",
+)
 @click.option("--panorama", is_flag=True, help="Write one EQUIRECTANGULAR camera instead of views.")
 @takes(OrientationOptions, "orientation")
-@click.option("--every", type=WHOLE, default=1, show_default=True, help="Use every n-th image or frame.")
-@click.option("--poses", type=click.Path(path_type=Path, dir_okay=False), metavar="CSV",
-              help="Poses of the sensor, one row per image or frame, as written by simulate.")  # fmt: skip
-@click.option("--gsplat", is_flag=True, help="Also write transforms.json for Nerfstudio and gsplat; requires --poses.")
+@click.option(
+    "--every", type=WHOLE, default=1, show_default=True, help="Use every n-th image or frame."
+)
+@click.option(
+    "--poses",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="CSV",
+    help="Poses of the sensor, one row per image or frame, as written by simulate.",
+)
+@click.option(
+    "--gsplat",
+    is_flag=True,
+    help="Also write transforms.json for Nerfstudio and gsplat; requires --poses.",
+)
 @json_option("Write views, sizes and reprojection errors by distance.")
 def command(
     camera: str,
@@ -79,17 +122,31 @@ def command(
         orientation.report(expand_inputs(images))
     with rows_bar("Dewarping") as progress:
         project = write_colmap(
-            load_camera(camera), images, output, views_around=views_around, hfov_deg=hfov_deg, tilt_deg=tilt_deg,
-            size=size, distance_mm=distance_mm, panorama=panorama, every=every,
+            load_camera(camera),
+            images,
+            output,
+            views_around=views_around,
+            hfov_deg=hfov_deg,
+            tilt_deg=tilt_deg,
+            size=size,
+            distance_mm=distance_mm,
+            panorama=panorama,
+            every=every,
             poses=None if poses is None else _read_poses(poses),
-            stored_orientation=orientation.stored_orientation, on_progress=progress,
-        )  # fmt: skip
+            stored_orientation=orientation.stored_orientation,
+            on_progress=progress,
+        )
     table = plain_table(
-        "view", "size", *(f"error at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px), words=("view", "size")
+        "view",
+        "size",
+        *(f"error at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px),
+        words=("view", "size"),
     )
     for view in project.rig:
         width, height = view.screen.size
-        table.add_row(view.name, f"{width} x {height}", *(f"{error:.2g}" for error in view.errors_px.values()))
+        table.add_row(
+            view.name, f"{width} x {height}", *(f"{error:.2g}" for error in view.errors_px.values())
+        )
     console = output_console()
     console.print(table)
     if json_file:

@@ -24,10 +24,20 @@ FORMATS = ("png", "html")
     examples=("omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html",),
 )
 @click.argument("sensors", type=SENSOR, nargs=-1, required=True)
-@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
-              help="Object distance from the mirror, for lengths per pixel.")  # fmt: skip
-@output_option("-o", "--output", formats=FORMATS,
-               help="Output of table, curves and images of one scene: one .html page or one .png file.")  # fmt: skip
+@click.option(
+    "--object-distance-mm",
+    type=distance,
+    metavar="MM",
+    default="inf",
+    show_default=True,
+    help="Object distance from the mirror, for lengths per pixel.",
+)
+@output_option(
+    "-o",
+    "--output",
+    formats=FORMATS,
+    help="Output of table, curves and images of one scene: one .html page or one .png file.",
+)
 @format_option(FORMATS)
 @output_option("--csv", "csv_file", help="Write the table with 17 significant digits.")
 @json_option("Write the table, an object per sensor.")

@@ -33,9 +33,12 @@ def distance_list(text: str) -> tuple[float, ...]:
 class UnsaidOptions(Options):
     """Missing data of the source, with the parameters of :func:`omnimirror.convert`."""
 
-    camera: str | None = option(metavar="N|NAME", help="Camera of a rig: index from 0, or name.  [default: 0]")
+    camera: str | None = option(
+        metavar="N|NAME", help="Camera of a rig: index from 0, or name.  [default: 0]"
+    )
     optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]), help="Type of optics: mirror or fisheye lens.  [default: mirror]"
+        type=click.Choice(["mirror", "fisheye"]),
+        help="Type of optics: mirror or fisheye lens.  [default: mirror]",
     )
     rim_radius_px: float | None = option(
         type=NUMBER, metavar="PX", help="Radius of the field in the image.  [default: unlimited]"
@@ -50,12 +53,14 @@ class MountOptions(Options):
     """Mounting, which other file formats do not contain."""
 
     camera_looks: CameraLooks | None = option(
-        type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: up]"
+        type=click.Choice(["up", "down", "forward"]),
+        help="Orientation of the optical axis.  [default: up]",
     )
     forward_azimuth_deg: float | None = option(
-        type=angle, metavar="DEG",
+        type=angle,
+        metavar="DEG",
         help="Image direction of forward, from image right towards image bottom.  [default: -90]",
-    )  # fmt: skip
+    )
     image_flipped: bool | None = option(
         is_flag=True, help="Declare that the calibrated image was mirrored left to right."
     )
@@ -71,27 +76,41 @@ class CostOptions(Options):
         help="Fit another model with at most this error if the format does not support the source model.",
     )
     distance_mm: tuple[float, ...] | None = option(
-        type=distance_list, metavar="MM,..",
+        type=distance_list,
+        metavar="MM,..",
         help="Object distances for a camera without a single viewpoint; 'inf' is allowed.  [default: "
         f"{','.join(f'{d:g}' for d in DISTANCES_MM)}]",
-    )  # fmt: skip
+    )
     field_deg: float | None = option(
-        type=NUMBER, metavar="DEG", help="Maximum field angle of the fit.  [default: the calibrated field]"
+        type=NUMBER,
+        metavar="DEG",
+        help="Maximum field angle of the fit.  [default: the calibrated field]",
     )
     inner_deg: float | None = option(
-        type=NUMBER, metavar="DEG", help="Minimum field angle of the fit, excluding the image of the camera itself."
+        type=NUMBER,
+        metavar="DEG",
+        help="Minimum field angle of the fit, excluding the image of the camera itself.",
     )
 
 
 @click.command(
     cls=DocumentedCommand,
     page="calibrate",
-    examples=("omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5",),
+    examples=(
+        "omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5",
+    ),
 )
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=Output())
-@click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="Format of SOURCE.  [default: detected]")
-@click.option("--to", metavar="FORMAT", help="Format of TARGET, or one of its models, such as kalibr-ds.")
+@click.option(
+    "--from",
+    "from_",
+    type=click.Choice(list(FORMATS)),
+    help="Format of SOURCE.  [default: detected]",
+)
+@click.option(
+    "--to", metavar="FORMAT", help="Format of TARGET, or one of its models, such as kalibr-ds."
+)
 @click.option("--flip", is_flag=True, help="Write the camera of the image mirrored left to right.")
 @takes(UnsaidOptions, "unsaid")
 @takes(MountOptions, "stands")
@@ -122,7 +141,10 @@ def command(
     if json_file:
         told = {"exact": made.exact, "rms_px": made.rms_px, "largest_px": made.largest_px}
         costs = [one._asdict() for one in made.costs]
-        write_json(json_file, {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes})
+        write_json(
+            json_file,
+            {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes},
+        )
     say_written(target, json_file, console=console)
 
 
@@ -132,7 +154,10 @@ def words_of(made: Conversion) -> str:
         return "the same numbers"
     what = "a panorama" if made.target.endswith("equirectangular") else "a fitted model"
     worst = max(made.costs, key=lambda c: c.largest_px)
-    (u, v), far = worst.at_px, "" if len(made.costs) == 1 else f", of things at {_distance(worst.distance_mm)}"
+    (u, v), far = (
+        worst.at_px,
+        "" if len(made.costs) == 1 else f", of things at {_distance(worst.distance_mm)}",
+    )
     return (
         f"{what}, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
         f"{worst.at_deg:.3g} deg from the axis{far}"
@@ -146,5 +171,7 @@ def _distance(distance_mm: float) -> str:
 def _table(made: Conversion) -> Table:
     table = plain_table("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg")
     for c in made.costs:
-        table.add_row(f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
+        table.add_row(
+            f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}"
+        )
     return table

@@ -18,10 +18,18 @@ from .._output import output_console, say
     examples=("omnimirror demo paper-spherical --out demo",),
 )
 @click.argument("sensor", type=SENSOR, default="paper-spherical")
-@click.option("--out", type=click.Path(path_type=Path), default="omnimirror-demo", show_default=True,
-              help="Output folder for images, table and report.")  # fmt: skip
 @click.option(
-    "--blur/--no-blur", default=True, show_default=True, help="Render through the whole aperture, or without blur."
+    "--out",
+    type=click.Path(path_type=Path),
+    default="omnimirror-demo",
+    show_default=True,
+    help="Output folder for images, table and report.",
+)
+@click.option(
+    "--blur/--no-blur",
+    default=True,
+    show_default=True,
+    help="Render through the whole aperture, or without blur.",
 )
 def command(sensor: str, out: Path, blur: bool) -> None:
     """Evaluate SENSOR (paper-spherical by default), render and dewarp an image of a room, and write
@@ -32,6 +40,9 @@ def command(sensor: str, out: Path, blur: bool) -> None:
     console = output_console()
     with console.status("Evaluating") as status:
         report = write_demo(
-            load_sensor(sensor), out, blur=blur, progress=lambda what, share: status.update(f"{what}: {share:.0%}")
+            load_sensor(sensor),
+            out,
+            blur=blur,
+            progress=lambda what, share: status.update(f"{what}: {share:.0%}"),
         )
     say(f"Wrote {report.resolve()}", console=console)

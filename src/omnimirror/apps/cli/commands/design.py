@@ -45,7 +45,14 @@ from .._output import (
 )
 from .._process_state import stopped_code
 from .._sensor_options import HousingOptions
-from ._design_report import MISSED, print_conflict, print_convergence, print_design, print_merits, print_verdict
+from ._design_report import (
+    MISSED,
+    print_conflict,
+    print_convergence,
+    print_design,
+    print_merits,
+    print_verdict,
+)
 
 # -- ``omnimirror design`` with a catalogue: combinations of off-the-shelf parts by price, each with its own mirror
 
@@ -62,15 +69,21 @@ def design_with_catalogue(
     """Design with off-the-shelf parts, print the result, write the cheapest design, and exit."""
     with console.status("Designing") as status:
         found = design_from_parts(
-            asked, most=most, front=front, processes=processes,
+            asked,
+            most=most,
+            front=front,
+            processes=processes,
             on_step=lambda words: status.update(f"Designing: {words}"),
-        )  # fmt: skip
+        )
     if found.found:
         console.print(_parts_table(found.found))
         console.print()
     best = found.found[0] if found.found else found.nearest
     if best is not None:
-        console.print(f"{'The cheapest' if found.found else 'Nearest'}: {best.combination.name}", highlight=False)
+        console.print(
+            f"{'The cheapest' if found.found else 'Nearest'}: {best.combination.name}",
+            highlight=False,
+        )
         print_verdict(console, best.design.verdict)
     _print_counts(console, found)
     if out and best is not None:
@@ -83,7 +96,9 @@ def design_with_catalogue(
 
 def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
     area = QUANTITIES["worst_floored_area_deg2"]
-    kinds = [kind for kind in ("lens", "imager", "ball", "dome") if _component_name(designs[0], kind)]
+    kinds = [
+        kind for kind in ("lens", "imager", "ball", "dome") if _component_name(designs[0], kind)
+    ]
     numbers = (
         head("f_number"),
         "Θ\ndeg",
@@ -98,10 +113,16 @@ def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
         sensor, lens = d.design.sensor, d.design.sensor.lens
         theta = 0.0 if lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
         table.add_row(
-            "" if d.price is None else f"{d.price:g}", *(_component_name(d, kind) for kind in kinds), f"{lens.stop_number:.3g}",
-            f"{theta:.1f}", f"{lens.focus_distance_mm:.1f}", f"{d.ring_mm:g}", f"{sensor.rim_radius_px:.0f}",
-            area.text(d.worst_floored_area_deg2), "" if d.mass_g is None else f"{d.mass_g:.0f}",
-        )  # fmt: skip
+            "" if d.price is None else f"{d.price:g}",
+            *(_component_name(d, kind) for kind in kinds),
+            f"{lens.stop_number:.3g}",
+            f"{theta:.1f}",
+            f"{lens.focus_distance_mm:.1f}",
+            f"{d.ring_mm:g}",
+            f"{sensor.rim_radius_px:.0f}",
+            area.text(d.worst_floored_area_deg2),
+            "" if d.mass_g is None else f"{d.mass_g:.0f}",
+        )
     return table
 
 
@@ -112,11 +133,20 @@ def _component_name(design: BoughtDesign, kind: str) -> str:
 
 def _print_counts(console: Console, found: PartsSearch) -> None:
     """Print the number of combinations by result."""
-    console.print(f"\n{found.combinations} combinations; {len(found.found)} of them above", highlight=False)
-    for said, counts in (("cut, before any mirror was made", found.cut), ("designed, and missed", found.missed)):
+    console.print(
+        f"\n{found.combinations} combinations; {len(found.found)} of them above", highlight=False
+    )
+    for said, counts in (
+        ("cut, before any mirror was made", found.cut),
+        ("designed, and missed", found.missed),
+    ):
         if counts:
-            told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items(), key=lambda c: -c[1]))
-            console.print(f"  {sum(counts.values())} {said}: {told}", highlight=False, soft_wrap=True)
+            told = ", ".join(
+                f"{count} {name}" for name, count in sorted(counts.items(), key=lambda c: -c[1])
+            )
+            console.print(
+                f"  {sum(counts.values())} {said}: {told}", highlight=False, soft_wrap=True
+            )
     if found.left:
         console.print(f"  {found.left} dearer ones not looked at", highlight=False)
 
@@ -124,21 +154,31 @@ def _print_counts(console: Console, found: PartsSearch) -> None:
 # -- ``omnimirror design --pareto``: Pareto front of merits, its table and figure, and one selected design
 
 
-def find_front(console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions) -> Front:
+def find_front(
+    console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions
+) -> Front:
     """Compute, draw and print the Pareto front."""
     if searched.figure and len(merits) != 2:
         raise click.UsageError(f"a figure shows two merits; {len(merits)} were given")
     with progress_bar(console) as bar:
         task = bar.add_task("generations", total=searched.generations)
         front = pareto(
-            asked, merits, population=searched.population, generations=searched.generations, seed=searched.seed,
-            resume=searched.resume, on_progress=lambda done, _: bar.update(task, completed=done),
-            mode=searched.mode, image_radius_px=searched.image_radius_px,
-        )  # fmt: skip
+            asked,
+            merits,
+            population=searched.population,
+            generations=searched.generations,
+            seed=searched.seed,
+            resume=searched.resume,
+            on_progress=lambda done, _: bar.update(task, completed=done),
+            mode=searched.mode,
+            image_radius_px=searched.image_radius_px,
+        )
     if searched.pick is not None:
         front.sensor(searched.pick)  # raises if the design does not exist
     problem = front.space.problem
-    known = {name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()}
+    known = {
+        name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()
+    }
     if searched.figure:
         _draw_front(front, known, searched.figure)
     _print_front(console, front, known)
@@ -146,12 +186,18 @@ def find_front(console: Console, asked: Requirements, merits: list[str], searche
         console.print()
     if not front.is_complete:
         kept = f"; the same command goes on from {searched.resume}" if searched.resume else ""
-        console.print(f"Stopped before generation {searched.generations}{kept}", highlight=False, soft_wrap=True)
+        console.print(
+            f"Stopped before generation {searched.generations}{kept}",
+            highlight=False,
+            soft_wrap=True,
+        )
     return front
 
 
 def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
-    table = plain_table("number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), head("focus_mm"))
+    table = plain_table(
+        "number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), head("focus_mm")
+    )
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
     for name, values in known.items():
@@ -164,7 +210,10 @@ def _draw_front(front: Front, known: dict[str, Any], path: Path) -> None:
     from ....analysis.figures.style import axis_title, save_figure, styled
 
     places = {name: (float(v[0]), float(v[1])) for name, v in known.items()}
-    groups = [{n: v for n, v in places.items() if n.startswith(EXACTLY) == exact} for exact in (False, True)]
+    groups = [
+        {n: v for n, v in places.items() if n.startswith(EXACTLY) == exact}
+        for exact in (False, True)
+    ]
     a, b = (axis_title(m) for m in front.merits)
     with styled():
         save_figure(drawing(front.values, (a, b), *groups), path)
@@ -174,7 +223,9 @@ def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
     """Raise UsageError for outputs of a single design if none is selected with --pick."""
     named = [f"--{name}" for name, path in outputs.items() if path]
     if pick is None and named:
-        raise click.UsageError(f"{named[0]} is about one design of the front; name it with --pick NUMBER")
+        raise click.UsageError(
+            f"{named[0]} is about one design of the front; name it with --pick NUMBER"
+        )
 
 
 # -- ``omnimirror design``: sensor design from requirements, with margins --------------------------
@@ -198,16 +249,31 @@ ONLY = {
 )
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
 @takes(RequirementOptions, "options")
-@click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT",
-              help="Compute the Pareto front of these merits instead of a single design.")  # fmt: skip
+@click.option(
+    "--pareto",
+    "merits",
+    type=merit_list,
+    metavar="MERIT,MERIT",
+    help="Compute the Pareto front of these merits instead of a single design.",
+)
 @takes(SearchedOptions, "searched")
-@click.option("--most", type=WHOLE, default=10, help="Stop after N feasible combinations; with a catalogue.")
-@click.option("--front", is_flag=True, help="Return designs that are sharper than all cheaper ones; with a catalogue.")
-@click.option("--processes", type=WHOLE, default=1, help="Number of parallel designs; with a catalogue.")
+@click.option(
+    "--most", type=WHOLE, default=10, help="Stop after N feasible combinations; with a catalogue."
+)
+@click.option(
+    "--front",
+    is_flag=True,
+    help="Return designs that are sharper than all cheaper ones; with a catalogue.",
+)
+@click.option(
+    "--processes", type=WHOLE, default=1, help="Number of parallel designs; with a catalogue."
+)
 @format_option(FIGURES)
 @output_option("-o", "--out", help="Output sensor file.")
 @json_option("Write the table, and what conflicts.")
-@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
+@click.option(
+    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
+)
 @takes(HousingOptions, "housing")
 @click.pass_context
 def command(
@@ -234,9 +300,15 @@ def command(
         options = replace(options, optimise=merits[0])
     asked = options.requirements(requirements)
     asked = replace(asked, housing=housing.of(asked.housing))
-    way = "--pareto" if merits else "--optimise" if asked.mirror.optimise else "a mapping or a family"
+    way = (
+        "--pareto" if merits else "--optimise" if asked.mirror.optimise else "a mapping or a family"
+    )
     way = "--parts" if asked.parts is not None else way
-    given = [n for n in ctx.params if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE]
+    given = [
+        n
+        for n in ctx.params
+        if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE
+    ]
     refuse_other(given, ONLY, way)
     console = output_console()
     if asked.parts is not None:
@@ -247,7 +319,9 @@ def command(
         design = None if searched.pick is None else found.design(searched.pick)
         is_complete = found.is_complete
     elif asked.mirror.optimise:
-        design = _optimised(console, asked, searched, lambda design: _write(console, design, out, json_file))
+        design = _optimised(
+            console, asked, searched, lambda design: _write(console, design, out, json_file)
+        )
         is_complete = design.optimum is None or design.optimum.is_complete
         is_complete = is_complete and (design.conflict is None or design.conflict.is_complete)
     else:
@@ -280,7 +354,9 @@ def _write(console: Console, design: Design, out: Path | None, json_file: Path |
     print_design(console, design)
 
 
-def _finish(console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None) -> None:
+def _finish(
+    console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None
+) -> None:
     """Print relaxations and merits, write the relaxations, and draw the figures."""
     if design.conflict is not None:
         print_conflict(console, design.conflict, design.verdict)
@@ -289,14 +365,20 @@ def _finish(console: Console, design: Design, out: Path | None, json_file: Path 
     if design.optimum:
         print_merits(console, design.optimum)
         if not design.optimum.is_complete:
-            say(("Stopped: this is the best of the starts that were finished", "bold"), console=console)
+            say(
+                ("Stopped: this is the best of the starts that were finished", "bold"),
+                console=console,
+            )
     if figures:
         _draw(console, design, figures)
     say_written(out, json_file, figures, console=console)
 
 
 def _optimised(
-    console: Console, asked: Requirements, searched: SearchedOptions, on_design: Callable[[Design], None]
+    console: Console,
+    asked: Requirements,
+    searched: SearchedOptions,
+    on_design: Callable[[Design], None],
 ) -> Design:
     """Return the best design of one or several numbers of terms, with a progress bar.
 
@@ -306,14 +388,20 @@ def _optimised(
     shape = asked.mirror.shape or SHAPE
     counts = searched.terms or [FreeForm.parse(shape).terms]
     if searched.resume and len(counts) > 1:
-        raise click.UsageError("a file to resume holds the search with one number of terms; give one")
+        raise click.UsageError(
+            "a file to resume holds the search with one number of terms; give one"
+        )
     starts, designs = searched.starts, {}
     with progress_bar(console) as bar:
         task = bar.add_task("", total=starts * len(counts))
         for i, count in enumerate(counts):
 
             def told(p: Progress, i: int = i) -> None:
-                bar.update(task, completed=i * starts + p.run, description=f"{asked.mirror.optimise} {p.value:.5g}")
+                bar.update(
+                    task,
+                    completed=i * starts + p.run,
+                    description=f"{asked.mirror.optimise} {p.value:.5g}",
+                )
 
             designs[count] = design_sensor(
                 asked.changed(shape=f"{shape.partition(':')[0]}:{count}"),

@@ -35,12 +35,18 @@ if TYPE_CHECKING:
 class BagOptions(Options):
     """Options for ROS bags."""
 
-    topic: str | None = option(metavar="TOPIC", help="ROS bag: image topic.  [default: the only one]")
-    views: Path | None = option(type=click.Path(path_type=Path), help="ROS bag: TOML file of several named views.")
+    topic: str | None = option(
+        metavar="TOPIC", help="ROS bag: image topic.  [default: the only one]"
+    )
+    views: Path | None = option(
+        type=click.Path(path_type=Path), help="ROS bag: TOML file of several named views."
+    )
     keep_topics: tuple[str, ...] | None = option(
-        "--keep-topic", multiple=True, metavar="PATTERN",
+        "--keep-topic",
+        multiple=True,
+        metavar="PATTERN",
         help="ROS bag: topics to copy unchanged, such as '/odom*' or '*' (repeatable).",
-    )  # fmt: skip
+    )
     mirror_frame: str | None = option(
         metavar="NAME",
         help="ROS bag: existing TF frame of the mirror, x forward, y left, z up.  [default: a new frame]",
@@ -54,7 +60,11 @@ class BagOptions(Options):
 
 
 def dewarp_recording(
-    sources: tuple[str, ...], outputs: tuple[str, ...], how: DewarpRequest, view: ViewOptions, bag: BagOptions
+    sources: tuple[str, ...],
+    outputs: tuple[str, ...],
+    how: DewarpRequest,
+    view: ViewOptions,
+    bag: BagOptions,
 ) -> None:
     """Dewarp a ROS bag with a progress bar and print the written topics."""
     from ....interop.named_views import load_views
@@ -64,7 +74,11 @@ def dewarp_recording(
         raise click.UsageError("a ROS bag must be dewarped alone, into one output")
     if bag.views is not None and view.given:
         raise click.UsageError(f"{flag(next(iter(view.given)))} must not be given with --views")
-    views = {view.preset or view.view or "panorama": how.view} if bag.views is None else load_views(bag.views)
+    views = (
+        {view.preset or view.view or "panorama": how.view}
+        if bag.views is None
+        else load_views(bag.views)
+    )
     selection = BagSelection(views, bag.topic, bag.keep_topics or (), bag.mirror_frame)
     with frame_bar() as progress:
         result = run_bag_dewarping(Path(sources[0]), Path(outputs[0]), how, selection, progress)
@@ -92,12 +106,16 @@ def write_viewer(
     if len(sources) > 1 or (is_video(sources[0]) and not is_film) or not is_one_picture(sources[0]):
         raise click.UsageError("--viewer holds one picture, or one video file")
     if output.suffix.lower() not in (".html", ".htm"):
-        raise click.UsageError(f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}")
+        raise click.UsageError(
+            f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}"
+        )
     name, words = options.words()
     is_stored = orientation.stored_orientation
     if is_film:
         camera = options.drawing(options.camera(_size_of_video(sources[0], is_stored)))
-        text = video_viewer_of(camera, name, words, Path(sources[0]), output, stored_orientation=is_stored)
+        text = video_viewer_of(
+            camera, name, words, Path(sources[0]), output, stored_orientation=is_stored
+        )
     else:
         (picture,) = orientation.read([Path(sources[0])])
         camera = options.drawing(options.camera((picture.shape[1], picture.shape[0])))
@@ -113,7 +131,9 @@ def is_one_picture(source: str) -> bool:
 
 def needs_pyav(source: str) -> OmnimirrorError:
     """Return the exception for a missing video reader."""
-    return OmnimirrorError(f"{source} is a video, which needs PyAV: pip install 'omnimirror[video]'")
+    return OmnimirrorError(
+        f"{source} is a video, which needs PyAV: pip install 'omnimirror[video]'"
+    )
 
 
 def _size_of_video(source: str, is_stored: bool) -> tuple[int, int]:
@@ -145,13 +165,18 @@ class PictureOptions(Options):
         "TIFF, WebP]",
     )
     restore: bool | None = option(
-        is_flag=True, help="Images: restore (deconvolve) first, with the known blur of --sensor or with --blur-px."
+        is_flag=True,
+        help="Images: restore (deconvolve) first, with the known blur of --sensor or with --blur-px.",
     )
     noise: float | None = option(
-        type=NUMBER, metavar="SHARE", help="Noise for --restore, as a fraction of full scale.  [default: estimated]"
+        type=NUMBER,
+        metavar="SHARE",
+        help="Noise for --restore, as a fraction of full scale.  [default: estimated]",
     )
     object_distance_mm: float | None = option(
-        type=distance, metavar="MM", help="Object distance for --restore, from the mirror.  [default: inf]"
+        type=distance,
+        metavar="MM",
+        help="Object distance for --restore, from the mirror.  [default: inf]",
     )
     blur_px: str | None = option(
         metavar="PX|T,S|FILE",
@@ -176,7 +201,11 @@ class PictureOptions(Options):
             return None
         from ....dewarp.restoration.deblurring import Restoration
 
-        return Restoration(self.noise, self.object_distance_mm, None if self.blur_px is None else _told(self.blur_px))
+        return Restoration(
+            self.noise,
+            self.object_distance_mm,
+            None if self.blur_px is None else _told(self.blur_px),
+        )
 
 
 @dataclass(frozen=True)
@@ -187,18 +216,28 @@ class VideoOptions(Options):
         "--start", "--start-s", type=NUMBER, help="Videos: start time in seconds.  [default: 0]"
     )
     duration_s: float | None = option(
-        "--duration", "--duration-s", type=NUMBER, help="Videos: duration in seconds.  [default: the rest]"
+        "--duration",
+        "--duration-s",
+        type=NUMBER,
+        help="Videos: duration in seconds.  [default: the rest]",
     )
-    frame_rate: float | None = option(type=NUMBER, help="Image sequences: frames per second.  [default: 25]")
-    codec: str | None = option(help="Videos: encoder by FFmpeg name.  [default: by the file suffix]")
+    frame_rate: float | None = option(
+        type=NUMBER, help="Image sequences: frames per second.  [default: 25]"
+    )
+    codec: str | None = option(
+        help="Videos: encoder by FFmpeg name.  [default: by the file suffix]"
+    )
     crf: int | None = option(
-        type=WHOLE, help="Videos: constant rate factor, smaller is better.  [default: of the encoder]"
+        type=WHOLE,
+        help="Videos: constant rate factor, smaller is better.  [default: of the encoder]",
     )
     keyframes: Path | None = option(
         type=click.Path(path_type=Path),
         help="Videos: keyframes of pan, tilt, roll, field and distance, a CSV or TOML file.",
     )
-    preview: bool | None = option(is_flag=True, help="Videos: show the view in a window; Escape ends it.")
+    preview: bool | None = option(
+        is_flag=True, help="Videos: show the view in a window; Escape ends it."
+    )
     pixel_format: str | None = option(
         help="Videos: encoded pixel format by FFmpeg name.  [default: that of the source if the codec supports it; "
         "raw: rgb24]"
@@ -208,7 +247,9 @@ class VideoOptions(Options):
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             valid = ", ".join(PIPE_FORMATS)
-            raise click.UsageError(f"--format {kind} belongs to pictures; of a video valid are {valid}")
+            raise click.UsageError(
+                f"--format {kind} belongs to pictures; of a video valid are {valid}"
+            )
         return Recording(**self.given, pipe_format=kind)  # type: ignore[arg-type]
 
 
@@ -289,14 +330,20 @@ def command(
         if not outputs:
             return
     if not outputs and not video.preview:
-        raise click.UsageError("say what to write with -o or --viewer, or of a video ask for a --preview")
+        raise click.UsageError(
+            "say what to write with -o or --viewer, or of a video ask for a --preview"
+        )
     if pictures.skip_existing and outputs and all(Path(output).is_file() for output in outputs):
         remark(f"{', '.join(outputs)}: there already")
         return
-    how = replace(straightening(camera, view, sampling), stored_orientation=orientation.stored_orientation)
+    how = replace(
+        straightening(camera, view, sampling), stored_orientation=orientation.stored_orientation
+    )
     if is_bag(sources[0]):
         if orientation.stored_orientation:
-            raise click.UsageError("--stored-orientation belongs to images and videos; recordings hold no orientation")
+            raise click.UsageError(
+                "--stored-orientation belongs to images and videos; recordings hold no orientation"
+            )
         _refuse_of_recordings(sources[0], auto, pictures, video, kind)
         dewarp_recording(sources, outputs, how, view, bag)
         return
@@ -315,22 +362,35 @@ def command(
             found, told = auto.camera(sources, camera, orientation)
             how = replace(how, camera=found)
         straightener = ImageDewarper(
-            how, transparent=pictures.transparent, restoration=restoration, wavelengths_nm=pictures.wavelengths_nm
+            how,
+            transparent=pictures.transparent,
+            restoration=restoration,
+            wavelengths_nm=pictures.wavelengths_nm,
         )
-        _pictures(sources, output, straightener, bool(pictures.skip_existing), sampling.threads, told)
+        _pictures(
+            sources, output, straightener, bool(pictures.skip_existing), sampling.threads, told
+        )
 
 
-def straightening(camera: CameraOptions, view: ViewOptions, sampling: SamplingOptions) -> DewarpRequest:
+def straightening(
+    camera: CameraOptions, view: ViewOptions, sampling: SamplingOptions
+) -> DewarpRequest:
     """Return the dewarping settings of the options."""
     return DewarpRequest(
-        camera.camera, view.of, sampling.interpolation, view.viewpoint or "exact", sampling.border,
+        camera.camera,
+        view.of,
+        sampling.interpolation,
+        view.viewpoint or "exact",
+        sampling.border,
         bool(camera.keep_lean),
-    )  # fmt: skip
+    )
 
 
 def _refuse_of_pictures(source: str, pictures: PictureOptions) -> None:
     if pictures.transparent is not None:
-        raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
+        raise click.UsageError(
+            "--transparent and --black belong to pictures; videos have a --border"
+        )
     if pictures.wavelengths_nm is not None:
         raise click.UsageError(
             f"--wavelengths-nm belongs to pictures, and {source} is a video, whose colours are coded together; "
@@ -348,17 +408,27 @@ def _refuse_of_recordings(
 ) -> None:
     auto.refuse_video(source)
     if kind is not None:
-        raise click.UsageError(f"--format says what '-' writes, and recordings such as {source} become files")
+        raise click.UsageError(
+            f"--format says what '-' writes, and recordings such as {source} become files"
+        )
     for options, of in ((pictures, "pictures"), (video, "videos")):
         if options.changed:
-            raise click.UsageError(f"{flag(options.changed[0])} belongs to {of}, and {source} is a recording")
+            raise click.UsageError(
+                f"{flag(options.changed[0])} belongs to {of}, and {source} is a recording"
+            )
 
 
 def _refuse_of_videos(
-    source: str, outputs: tuple[str, ...], sampling: SamplingOptions, pictures: PictureOptions, video: VideoOptions
+    source: str,
+    outputs: tuple[str, ...],
+    sampling: SamplingOptions,
+    pictures: PictureOptions,
+    video: VideoOptions,
 ) -> None:
     if pictures.transparent is not None and sampling.border is not None:
-        raise click.UsageError("--border is the colour outside the field; leave out --transparent and --black")
+        raise click.UsageError(
+            "--border is the colour outside the field; leave out --transparent and --black"
+        )
     if asked := list(video.given):
         raise click.UsageError(f"{flag(asked[0])} belongs to videos, and {source} is none")
     if len(outputs) > 1:
@@ -367,7 +437,11 @@ def _refuse_of_videos(
 
 def _output(sources: tuple[str, ...], output: str, kind: str | None) -> tuple[Path, bool]:
     """Return the output path of images, and whether it is a single file rather than a folder."""
-    if len(sources) == 1 and is_one_picture(sources[0]) and not (Path(output).is_dir() or output.endswith("/")):
+    if (
+        len(sources) == 1
+        and is_one_picture(sources[0])
+        and not (Path(output).is_dir() or output.endswith("/"))
+    ):
         return _named(output, kind), True
     return Path(output), False
 
@@ -391,9 +465,12 @@ def _pictures(
         return
     with output_console().status("Straightening") as status:
         found = straightener.many(
-            sources, target, skip_existing=is_going_on, threads=threads,
+            sources,
+            target,
+            skip_existing=is_going_on,
+            threads=threads,
             progress=lambda done, of: status.update(f"Straightening: {done} of {of}"),
-        )  # fmt: skip
+        )
     _say_found(told)
     _say_done(target, found, is_going_on)
     sys.exit(found.results.exit_code)
@@ -423,10 +500,14 @@ def _say_done(folder: Path, found: DewarpedImages, is_going_on: bool) -> None:
 def _named(output: str, kind: str | None) -> Path:
     """Return the file name of one image; ``-`` gets the suffix of its format."""
     if kind in PIPE_FORMATS:
-        raise click.UsageError(f"--format {kind} belongs to videos; of a picture valid are {', '.join(PICTURES)}")
+        raise click.UsageError(
+            f"--format {kind} belongs to videos; of a picture valid are {', '.join(PICTURES)}"
+        )
     if output != "-":
         if kind is not None:
-            raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+            raise click.UsageError(
+                "--format says what '-' writes; files are written as their suffix says"
+            )
         format_of(output)  # raises before the image is read
         return Path(output)
     return take_standard_output("--output", kind or PICTURES[0])
@@ -439,7 +520,9 @@ def _told(blur_px: str) -> BlurDiameters | str:
     except ValueError:
         return blur_px
     if len(numbers) > 2:
-        raise click.UsageError(f"--blur-px {blur_px} has {len(numbers)} numbers; give one, T,S or a file")
+        raise click.UsageError(
+            f"--blur-px {blur_px} has {len(numbers)} numbers; give one, T,S or a file"
+        )
     return numbers
 
 
@@ -454,7 +537,9 @@ def _video(source: str, outputs: tuple[str, ...], how: DewarpRequest, recording:
     with frame_bar() as progress:
         listener = Listener(notice, progress)
         done = dewarp_source(source, outputs, how, recording, listener)
-    name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
+    name = (
+        ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
+    )
     (width, height), outcome = done.view.size, done.outcome
     told = f"{width} x {height} px, {outcome.frames} frames, {outcome.rate:.0f} a second"
     remark(f"{name}: {done.view}, {told}")

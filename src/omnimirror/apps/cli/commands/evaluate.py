@@ -39,35 +39,57 @@ class EvaluationOptions(Options):
     """Evaluation points, with the parameters of :func:`omnimirror.evaluate`."""
 
     omega_deg: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
+        type=values,
+        metavar="A:B:STEP",
+        help="Field angles, measured from the direction back past the lens.",
     )
     x_mm: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Mirror points by their distance from the axis, instead of field angles."
+        type=values,
+        metavar="A:B:STEP",
+        help="Mirror points by their distance from the axis, instead of field angles.",
     )
     h_px: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Image heights in pixels from the centre, instead of field angles."
+        type=values,
+        metavar="A:B:STEP",
+        help="Image heights in pixels from the centre, instead of field angles.",
     )
     pixels: tuple[tuple[float, float], ...] = option(
-        "--pixel", type=pixel, metavar="U,V", multiple=True, help="Pixel, instead of field angles (repeatable)."
+        "--pixel",
+        type=pixel,
+        metavar="U,V",
+        multiple=True,
+        help="Pixel, instead of field angles (repeatable).",
     )
     object_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="Object distance from the reflection point."
+        type=distance,
+        metavar="MM",
+        default=np.inf,
+        help="Object distance from the reflection point.",
     )
     focus_mm: Any = option(
-        type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]"
+        type=focus,
+        metavar="MM|auto",
+        help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]",
     )
     merit: str = option(
-        type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2",
+        type=click.Choice(list(FOCUS_MERITS)),
+        default="worst_floored_area_deg2",
         help="Merit minimised by --focus-mm auto.",
-    )  # fmt: skip
+    )
     paper_mode: bool | None = option(
         is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form."
     )
-    image_radius_px: float | None = option(type=NUMBER, help="Scale the image to this rim radius, 500 in the paper.")
+    image_radius_px: float | None = option(
+        type=NUMBER, help="Scale the image to this rim radius, 500 in the paper."
+    )
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
-    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur for the depth of field.")
+    tolerance_px: float = option(
+        type=NUMBER, default=1.0, help="Permissible blur for the depth of field."
+    )
     temperature_c: float | None = option(
-        type=NUMBER, metavar="C", help="Temperature of the sensor; requires a table [thermal] in its file."
+        type=NUMBER,
+        metavar="C",
+        help="Temperature of the sensor; requires a table [thermal] in its file.",
     )
 
     def evaluation(self, sensor: Sensor) -> Evaluation:
@@ -94,7 +116,9 @@ class EvaluationOptions(Options):
     help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.",
 )
 @json_option("Write summary and all columns.")
-@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
+@click.option(
+    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
+)
 @takes(LensOptions, "lens")
 @takes(HousingOptions, "housing")
 def command(
@@ -119,7 +143,12 @@ def command(
     if not isinstance(camera, Sensor) or not camera.is_axial:
         _refuse_what_asks_for_optics(camera, (asked, lens, housing), figures)
         if isinstance(camera, Sensor):
-            camera.check("evaluation of what is out of its axis", "one mirror", "thin lens", "ideal but for poses")
+            camera.check(
+                "evaluation of what is out of its axis",
+                "one mirror",
+                "thin lens",
+                "ideal but for poses",
+            )
         model = SensorModel(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
         _show_mapping(console, sensor, result_in_space, csv_file, json_file)
@@ -150,7 +179,9 @@ def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
     )
 
 
-def _refuse_what_asks_for_optics(camera: Any, asked: tuple[Options, ...], figures: Path | None) -> None:
+def _refuse_what_asks_for_optics(
+    camera: Any, asked: tuple[Options, ...], figures: Path | None
+) -> None:
     """Raise UsageError for quantities that a calibrated camera or a misaligned mirror does not
     have.
     """
@@ -167,7 +198,11 @@ def _flag_of(name: str) -> str:
 
 
 def _show_mapping(
-    console: Console, source: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None
+    console: Console,
+    source: str,
+    result: CameraMapping,
+    csv_file: Path | None,
+    json_file: Path | None,
 ) -> None:
     if csv_file:
         result.to_csv(csv_file)
@@ -187,7 +222,10 @@ def _show_mapping(
         )
     if result.camera.uncertainty is not None:
         command = shell_command(["omnimirror", "uncertainty", source])
-        say(f"error: one standard deviation of a direction; {command} shows it over the picture", console=console)
+        say(
+            f"error: one standard deviation of a direction; {command} shows it over the picture",
+            console=console,
+        )
     console.print()
     cells = result.texts()
     heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]
@@ -210,7 +248,10 @@ def print_table(console: Console, result: Evaluation) -> None:
     print_rows(console, heads, [cells[name] for name in shown])
     hidden = len(columns) - len(shown)
     if hidden:
-        say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
+        say(
+            (f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"),
+            console=console,
+        )
 
 
 def print_summary(console: Console, result: Evaluation, merit: str) -> None:
@@ -218,10 +259,18 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     sensor, s = result.sensor, result.summary()
     near, far = result.depth_of_field_mm
     best = best_focus(
-        sensor, merit, object_distance_mm=float(np.max(result.object_distance_mm)), mode=result.mode,
-        image_radius_px=result.image_radius_px, wavelength_nm=result.wavelength_nm,
-    )  # fmt: skip
-    second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
+        sensor,
+        merit,
+        object_distance_mm=float(np.max(result.object_distance_mm)),
+        mode=result.mode,
+        image_radius_px=result.image_radius_px,
+        wavelength_nm=result.wavelength_nm,
+    )
+    second = (
+        ""
+        if sensor.secondary is None
+        else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
+    )
     lines = [
         f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
         f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
@@ -230,14 +279,18 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
     if not sensor.housing.is_empty:
-        lines.append(f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.hidden_percent)}")
+        lines.append(
+            f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.hidden_percent)}"
+        )
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
         lines.append(
             f"a cone has no single viewpoint: virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm"
         )
     if np.isfinite(result.object_distance_mm).all():
-        v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
+        v = best_viewpoint(
+            sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px
+        )
         lines.append(
             f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
             f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
@@ -257,10 +310,22 @@ def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
         lines.append(f"points of the profile left out as wrong: {named}{more}")
     deviations = result.standard_deviations()
     if deviations:
-        how = "estimated from the points" if mirror.uncertainty_um is None else "as stated, or as they scatter"
-        lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:")
-        worst = ((QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS)
-        shown = [f"{q.heading} {v.max():.2g} {q.unit}".strip() for q, v in worst if v.size and v.max() > 0]
+        how = (
+            "estimated from the points"
+            if mirror.uncertainty_um is None
+            else "as stated, or as they scatter"
+        )
+        lines.append(
+            f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:"
+        )
+        worst = (
+            (QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS
+        )
+        shown = [
+            f"{q.heading} {v.max():.2g} {q.unit}".strip()
+            for q, v in worst
+            if v.size and v.max() > 0
+        ]
         lines.append("  " + ", ".join(shown))
     return lines
 

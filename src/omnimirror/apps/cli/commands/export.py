@@ -10,7 +10,15 @@ import click
 
 from ....base.arguments import float_of
 from ....base.files import write_json
-from ....manufacturing import DEFAULT_FORMATS, FORMATS, Body, ExportedFile, Tool, Workshop, load_workshop
+from ....manufacturing import (
+    DEFAULT_FORMATS,
+    FORMATS,
+    Body,
+    ExportedFile,
+    Tool,
+    Workshop,
+    load_workshop,
+)
 from ....manufacturing.body import TAP_DRILLS_MM
 from ....manufacturing.drawings.sheet import SHEETS
 from ....manufacturing.exporter import export
@@ -58,27 +66,40 @@ def scale(text: str) -> float:
 class BodyOptions(Options):
     """Bodies of the mirrors; defaults follow from the rims in the housing of the sensor."""
 
-    thickness_mm: float | None = option(type=NUMBER, help="Body: thickness from rim to back.  [default: 5]")
-    bore_diameter_mm: float | None = option(type=NUMBER, help="Body: diameter of a bore on the axis, from the back.")
+    thickness_mm: float | None = option(
+        type=NUMBER, help="Body: thickness from rim to back.  [default: 5]"
+    )
+    bore_diameter_mm: float | None = option(
+        type=NUMBER, help="Body: diameter of a bore on the axis, from the back."
+    )
     thread: str | None = option(
-        type=click.Choice(list(TAP_DRILLS_MM)), help="Body: tapped hole for this thread instead of a bore."
+        type=click.Choice(list(TAP_DRILLS_MM)),
+        help="Body: tapped hole for this thread instead of a bore.",
     )
     bore_depth_mm: float | None = option(
         type=NUMBER, help="Body: depth of the bore; 'inf' for a through bore.  [default: 10]"
     )
-    flange_width_mm: float | None = option(type=NUMBER, help="Body: width of a flange at the back, beyond the rim.")
-    flange_thickness_mm: float | None = option(type=NUMBER, help="Body: thickness of the flange.  [default: 2]")
+    flange_width_mm: float | None = option(
+        type=NUMBER, help="Body: width of a flange at the back, beyond the rim."
+    )
+    flange_thickness_mm: float | None = option(
+        type=NUMBER, help="Body: thickness of the flange.  [default: 2]"
+    )
     counterbore_diameter_mm: float | None = option(
         type=NUMBER, help="Body: diameter of a counterbore for a camera behind the mirror."
     )
-    counterbore_depth_mm: float | None = option(type=NUMBER, help="Body: depth of the counterbore.  [default: 5]")
+    counterbore_depth_mm: float | None = option(
+        type=NUMBER, help="Body: depth of the counterbore.  [default: 5]"
+    )
     secondary_thickness_mm: float | None = option(
         type=NUMBER, help="Body: thickness of the secondary mirror.  [default: 5]"
     )
 
     def body(self, sensor: Sensor) -> Body | None:
         """Return the body of the mirror; None without options."""
-        changes = {name: value for name, value in self.given.items() if name != "secondary_thickness_mm"}
+        changes = {
+            name: value for name, value in self.given.items() if name != "secondary_thickness_mm"
+        }
         return replace(Body.of(sensor.housing.rim, sensor.mirror), **changes) if changes else None
 
     def secondary_body(self) -> Body | None:
@@ -90,14 +111,22 @@ class BodyOptions(Options):
 class FileOptions(Options):
     """Resolution of files, as for :func:`omnimirror.export`."""
 
-    chord_tolerance_um: float = option(type=NUMBER, default=10.0, help="STL, 3MF: chord tolerance of the triangles.")
-    step_mm: float | None = option(type=NUMBER, help="Sag table: step along x.  [default: 0.01 rim radius]")
+    chord_tolerance_um: float = option(
+        type=NUMBER, default=10.0, help="STL, 3MF: chord tolerance of the triangles."
+    )
+    step_mm: float | None = option(
+        type=NUMBER, help="Sag table: step along x.  [default: 0.01 rim radius]"
+    )
     step_deg: float | None = option(type=NUMBER, help="Sag table: step of the field angle instead.")
-    digits: int = option(type=WHOLE, default=6, help="Sag table, tool path: decimals of a millimetre.")
+    digits: int = option(
+        type=WHOLE, default=6, help="Sag table, tool path: decimals of a millimetre."
+    )
     grid_points: int = option(type=WHOLE, default=257, help="Grid sag: points along each side.")
     sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper size.")
     scale: float | None = option(
-        type=scale, metavar="1:N", help="Drawing: scale of the sensor view.  [default: the largest that fits]"
+        type=scale,
+        metavar="1:N",
+        help="Drawing: scale of the sensor view.  [default: the largest that fits]",
     )
 
 
@@ -107,9 +136,13 @@ class ToolOptions(Options):
 
     tool_radius_mm: float = option(type=NUMBER, default=0.5, help="Tool path: nose radius.")
     feed_um: float = option(type=NUMBER, default=2.0, help="Tool path: feed per revolution.")
-    path_tolerance_nm: float = option(type=NUMBER, default=5.0, help="Tool path: maximum form error.")
+    path_tolerance_nm: float = option(
+        type=NUMBER, default=5.0, help="Tool path: maximum form error."
+    )
     spindle_rpm: float = option(type=NUMBER, default=1000.0, help="Tool path: spindle speed.")
-    clearance_mm: float = option(type=NUMBER, default=1.0, help="Tool path: clearance before and after the cut.")
+    clearance_mm: float = option(
+        type=NUMBER, default=1.0, help="Tool path: clearance before and after the cut."
+    )
     x_is_diameter: bool = option(is_flag=True, default=False, help="Tool path: X is a diameter.")
 
     def tool(self) -> Tool:
@@ -147,14 +180,22 @@ class ToolOptions(Options):
     help=f"Formats for a folder: {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]",
 )
 @click.option(
-    "--workshop", metavar="FILE", help="Drawing: TOML file with title block, material, coating, texture, tolerances."
+    "--workshop",
+    metavar="FILE",
+    help="Drawing: TOML file with title block, material, coating, texture, tolerances.",
 )
-@click.option("--tolerances", metavar="FILE", help="Drawing: TOML or JSON file of 'omnimirror tolerance'.")
+@click.option(
+    "--tolerances", metavar="FILE", help="Drawing: TOML or JSON file of 'omnimirror tolerance'."
+)
 @takes(BodyOptions, "solid")
 @takes(FileOptions, "files")
 @takes(ToolOptions, "lathe")
 @takes(HousingOptions, "housing")
-@click.option("--allow-changes", is_flag=True, help="Write the files even if an option changes the evaluated sensor.")
+@click.option(
+    "--allow-changes",
+    is_flag=True,
+    help="Write the files even if an option changes the evaluated sensor.",
+)
 @click.option(
     "--requirements",
     metavar="FILE",
@@ -205,10 +246,14 @@ def command(
         write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
         say_written(json_file, console=console)
     parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
-    if any(file.path.suffix.lower() in DRAWN for file in written) and (missing := data.missing(parts)):
+    if any(file.path.suffix.lower() in DRAWN for file in written) and (
+        missing := data.missing(parts)
+    ):
         console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
     if any(file.path.suffix.lower() in DRAWN for file in written):
-        for conflict in tolerance_conflicts(camera, data, solid.body(camera), solid.secondary_body()):
+        for conflict in tolerance_conflicts(
+            camera, data, solid.body(camera), solid.secondary_body()
+        ):
             say(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
     for file in written:
         if not file.follows:
@@ -226,7 +271,9 @@ def _workshop(sensor: Sensor, workshop: str | None, tolerances: str | None) -> W
     data = Workshop() if workshop is None else load_workshop(workshop)
     title = data.title if data.title.date else replace(data.title, date=date.today().isoformat())
     return replace(
-        data, title=title, tolerances={} if tolerances is None else load_allocated_tolerances(tolerances, sensor)
+        data,
+        title=title,
+        tolerances={} if tolerances is None else load_allocated_tolerances(tolerances, sensor),
     )
 
 

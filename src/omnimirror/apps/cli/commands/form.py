@@ -32,21 +32,31 @@ class PointOptions(Options):
     """Reading and fitting of the points."""
 
     unit: str = option(
-        type=click.Choice(list(MM)), default="mm", help="Unit of point lists; other formats contain their unit."
+        type=click.Choice(list(MM)),
+        default="mm",
+        help="Unit of point lists; other formats contain their unit.",
     )
     departures: bool = option(
-        is_flag=True, default=False, help="Third column is the departure along the normal instead of the height."
+        is_flag=True,
+        default=False,
+        help="Third column is the departure along the normal instead of the height.",
     )
     probe_radius_mm: float = option(
         type=NUMBER, default=0.0, help="Probe radius, if the points are centres of the probe ball."
     )
-    order: int | None = option(type=WHOLE, help="Maximum order of the asymmetric Zernike terms.  [default: automatic]")
+    order: int | None = option(
+        type=WHOLE, help="Maximum order of the asymmetric Zernike terms.  [default: automatic]"
+    )
 
     def of(self, mirror: Mirror, path: Path) -> FormError:
         """Compute the form error."""
         points = read_points(path, cast(Unit, self.unit))
         return form_error(
-            mirror, points, order=self.order, are_departures=self.departures, probe_radius_mm=self.probe_radius_mm
+            mirror,
+            points,
+            order=self.order,
+            are_departures=self.departures,
+            probe_radius_mm=self.probe_radius_mm,
         )
 
 
@@ -58,9 +68,15 @@ class PointOptions(Options):
 @click.argument("sensor", type=SENSOR)
 @click.argument("points", type=click.Path(path_type=Path))
 @takes(PointOptions, "fit")
-@output_option("-o", "--output", formats=("toml",), help="Write the sensor with the as-built mirror.")
+@output_option(
+    "-o", "--output", formats=("toml",), help="Write the sensor with the as-built mirror."
+)
 @click.option("--asymmetric", is_flag=True, help="Include asymmetric terms in the sensor; with -o.")
-@output_option("--figure", formats=FIGURES, help="Figure of form, residuals, meridian and terms (PNG, SVG, PDF).")
+@output_option(
+    "--figure",
+    formats=FIGURES,
+    help="Figure of form, residuals, meridian and terms (PNG, SVG, PDF).",
+)
 @json_option("Write all numbers.")
 def command(
     sensor: str,
@@ -143,9 +159,14 @@ def _print_form(console: Console, form: FormError) -> None:
         f"{len(form.x_mm)} points{outliers}, {least:.3g} to {most:.4g} mm from the axis; rim radius "
         f"{form.mirror.rim_radius_mm:.4g} mm"
     )
-    (x, y, z), (about_x, about_y) = np.round(place.vertex_mm, 4) + 0.0, np.round(place.tilt_deg, 4) + 0.0
+    (x, y, z), (about_x, about_y) = (
+        np.round(place.vertex_mm, 4) + 0.0,
+        np.round(place.tilt_deg, 4) + 0.0,
+    )
     over = "; axes rotated by 180 deg about x" if place.is_inverted else ""
-    console.print(f"alignment: vertex at {x:.4f}, {y:.4f}, {z:.4f} mm, tilt {about_x:.4f}, {about_y:.4f} deg{over}")
+    console.print(
+        f"alignment: vertex at {x:.4f}, {y:.4f}, {z:.4f} mm, tilt {about_x:.4f}, {about_y:.4f} deg{over}"
+    )
     if place.is_profile:
         console.print("profile through the axis: only rotationally symmetric terms are determined")
     if place.radius_mm is not None and place.radius_sigma_mm is not None:
@@ -155,9 +176,13 @@ def _print_form(console: Console, form: FormError) -> None:
             f"{100 * (place.radius_mm / nominal - 1):+.3g} % of the nominal {nominal:.6g} mm"
         )
     if place.is_centred_by_outline:
-        console.print("the points do not determine the rotation about the centre: aligned by their outline")
+        console.print(
+            "the points do not determine the rotation about the centre: aligned by their outline"
+        )
     elif len(place.free):
-        console.print("the points do not determine the rotation about the centre: axis of the machine used")
+        console.print(
+            "the points do not determine the rotation about the centre: axis of the machine used"
+        )
     console.print(
         f"\nform {form.peak_to_valley_um:.3g} um P-V, {form.rms_um:.3g} um rms, rotationally symmetric part "
         f"{form.rotational_rms_um:.3g} um rms\nnoise {form.noise_um:.2g} um, unexplained "
@@ -187,7 +212,9 @@ def _print_effect(console: Console, effect: FormEffect) -> None:
         console.print(f"terms above order 12, {effect.untraced_um:.2g} um rms, are not included")
 
 
-def _numbers(form: FormError, effect: FormEffect | None, asphere: ForbesAsphere | None) -> dict[str, Any]:
+def _numbers(
+    form: FormError, effect: FormEffect | None, asphere: ForbesAsphere | None
+) -> dict[str, Any]:
     return {
         "points": len(form.x_mm),
         "outliers": form.outliers,
@@ -202,7 +229,9 @@ def _numbers(form: FormError, effect: FormEffect | None, asphere: ForbesAsphere 
         "rotational_rms_um": form.rotational_rms_um,
         "noise_um": form.noise_um,
         "unexplained_um": form.unexplained_um,
-        "terms": [{"noll": t.noll, "name": t.name, "um": t.um, "sigma_um": t.sigma_um} for t in form.terms],
+        "terms": [
+            {"noll": t.noll, "name": t.name, "um": t.um, "sigma_um": t.sigma_um} for t in form.terms
+        ],
         "forbes_qbfs": None if asphere is None else asdict(asphere),
         "image": None if effect is None else effect.to_dict(),
     }

@@ -18,7 +18,16 @@ from ....optics.sensor_files import load_sensor
 from .._aperture_options import angles_of
 from .._declarations import DocumentedCommand, Options, option, takes
 from .._option_types import NUMBER, SENSOR, angle, values
-from .._output import FIGURES, format_option, head, json_option, output_console, output_option, plain_table, say_written
+from .._output import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve; refined zone inside the rim
 
@@ -39,7 +48,9 @@ def reflectivity(text: str) -> Reflectivity:
         return numbers[0]
     if len(numbers) == 2:
         return complex(*numbers)
-    raise click.BadParameter(f"{text!r} is not a share from 0 to 1, an index n,k, or one of {', '.join(METALS)}")
+    raise click.BadParameter(
+        f"{text!r} is not a share from 0 to 1, an index n,k, or one of {', '.join(METALS)}"
+    )
 
 
 @dataclass(frozen=True)
@@ -50,23 +61,32 @@ class LightOptions(Options):
         type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
     )
     azimuth_deg: float = option(
-        type=angle, default=0.0, metavar="DEG", help="Azimuth in the image, from right towards bottom."
+        type=angle,
+        default=0.0,
+        metavar="DEG",
+        help="Azimuth in the image, from right towards bottom.",
     )
     reflectivity: Reflectivity = option(
-        type=reflectivity, default=1.0, metavar="R|N,K|METAL",
+        type=reflectivity,
+        default=1.0,
+        metavar="R|N,K|METAL",
         help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.",
-    )  # fmt: skip
+    )
     transmission: float = option(type=NUMBER, default=1.0, help="Transmission of the lens.")
 
     def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
         """Return the illumination at field angles (n,)."""
-        return illumination(sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission"))
+        return illumination(
+            sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission")
+        )
 
 
 @click.command(
     cls=DocumentedCommand,
     page="aperture",
-    examples=("omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",),
+    examples=(
+        "omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",
+    ),
 )
 @click.argument("sensor", type=SENSOR)
 @takes(LightOptions, "light")
@@ -75,7 +95,11 @@ class LightOptions(Options):
 @output_option("--csv", "csv_file", help="Write the table as CSV.")
 @json_option("Write what --csv does, as a list of objects.")
 def command(
-    sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None, json_file: Path | None
+    sensor: str,
+    light: LightOptions,
+    output: Path | None,
+    csv_file: Path | None,
+    json_file: Path | None,
 ) -> None:
     """Compute the relative illumination of SENSOR over its field."""
     seen = load_sensor(sensor)
@@ -83,7 +107,14 @@ def command(
     console = output_console()
     names = ("irradiance_sr", "relative", "reflectance")
     table = plain_table(head("omega_deg"), *map(head, names), head("filled", "%"))
-    for row in zip(found.omega_deg, found.irradiance_sr, found.relative, found.reflectance, found.filled, strict=True):
+    for row in zip(
+        found.omega_deg,
+        found.irradiance_sr,
+        found.relative,
+        found.reflectance,
+        found.filled,
+        strict=True,
+    ):
         omega, *numbers, filled = row
         told = (QUANTITIES[name].text(v) for name, v in zip(names, numbers, strict=True))
         table.add_row(f"{omega:g}", *told, f"{100 * filled:.4g}")
@@ -98,6 +129,8 @@ def command(
         from ....analysis.figures.aperture import illumination_curves
 
         dense = np.linspace(found.omega_deg[0], found.omega_deg[-1], CURVE)
-        dense = np.union1d(dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2))
+        dense = np.union1d(
+            dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2)
+        )
         figure = illumination_curves([(seen.name, light.of(seen, dense))])
         say_written(save_figure(figure, output), console=console)

@@ -24,7 +24,9 @@ from .._output import Output, say
 def command(path: Path, force: bool) -> None:
     """Write a commented sensor file to PATH (sensor.toml by default) and print the next steps."""
     if path.exists() and not (force or is_stream(path)):
-        raise OmnimirrorError(f"{path} exists already; choose another name or give --force to replace it")
+        raise OmnimirrorError(
+            f"{path} exists already; choose another name or give --force to replace it"
+        )
     write_text(path, sensor_template("sensor" if is_stream(path) else path.stem))
     if not is_stream(path):
         say(f"Wrote {path}; change it, then: omnimirror evaluate {shell_word(str(path))}")

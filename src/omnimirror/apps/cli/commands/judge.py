@@ -85,4 +85,6 @@ def _range_words(found: TemperatureRange) -> str:
         return f"at no temperature: {', '.join(found.above)} is missed at the reference already"
     sides = ((found.below, "below"), (found.above, "above"))
     ends = [f"{', '.join(what)} is missed {where}" for what, where in sides if what]
-    return f"met from {found.low_c:g} to {found.high_c:g} C" + (f"; {'; '.join(ends)}" if ends else "")
+    return f"met from {found.low_c:g} to {found.high_c:g} C" + (
+        f"; {'; '.join(ends)}" if ends else ""
+    )

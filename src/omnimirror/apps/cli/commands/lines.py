@@ -34,19 +34,26 @@ from .._output import json_option, output_console, output_option, say, say_writt
 class LineOptions(Options):
     """Camera, or known data of an uncalibrated camera, and object distance of the edges."""
 
-    camera: str | None = option(metavar="FILE|NAME", help="Camera to refine.  [default: uncalibrated camera]")
+    camera: str | None = option(
+        metavar="FILE|NAME", help="Camera to refine.  [default: uncalibrated camera]"
+    )
     optics: Optics = option(
-        type=click.Choice(["mirror", "fisheye"]), default="mirror", help="Type of optics of an uncalibrated camera."
+        type=click.Choice(["mirror", "fisheye"]),
+        default="mirror",
+        help="Type of optics of an uncalibrated camera.",
     )
     camera_looks: CameraLooks = option(
-        type=click.Choice(["up", "down", "forward"]), default="up",
+        type=click.Choice(["up", "down", "forward"]),
+        default="up",
         help="Orientation of the optical axis of an uncalibrated camera.",
-    )  # fmt: skip
+    )
     rim: tuple[float, float, float] | None = option(
-        nargs=3, type=NUMBER, metavar="U V R",
+        nargs=3,
+        type=NUMBER,
+        metavar="U V R",
         help="Circle of the field in the image, px.  [default: the detected outline of a mirror; the largest "
         "circle for a fisheye]",
-    )  # fmt: skip
+    )
     inner_radius_px: float | None = option(
         type=NUMBER,
         help="Radius of the central obscuration by the camera itself, px.  [default: as detected with the rim]",
@@ -59,9 +66,12 @@ class LineOptions(Options):
     )
 
     lines: tuple[str, ...] = option(
-        default=(), multiple=True, metavar="FILE", show_default=False,
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
         help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
-    )  # fmt: skip
+    )
     image_size: tuple[int, int] | None = option(
         type=whole_size, metavar="WxH", help="Image size, if only --lines are given."
     )
@@ -71,16 +81,24 @@ class LineOptions(Options):
         return None if self.camera is None else load_camera(self.camera)
 
     def refined(
-        self, pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], model: Sensor | CameraModel | None
+        self,
+        pictures: Sequence[NDArray[Any]],
+        lines: Sequence[Sequence[Array]],
+        model: Sensor | CameraModel | None,
     ) -> LineCalibration:
         """Return the refinement of the camera from the edges of images."""
         return calibrate_lines(
-            pictures, lines=lines, image_size=self.image_size, model=model, optics=self.optics,
+            pictures,
+            lines=lines,
+            image_size=self.image_size,
+            model=model,
+            optics=self.optics,
             mount=Mount(self.camera_looks),
             centre_px=None if self.rim is None else self.rim[:2],
             radius_px=None if self.rim is None else self.rim[2],
-            inner_radius_px=self.inner_radius_px or 0.0, distance_mm=self.distance_mm,
-        )  # fmt: skip
+            inner_radius_px=self.inner_radius_px or 0.0,
+            distance_mm=self.distance_mm,
+        )
 
 
 @click.command(
@@ -127,7 +145,10 @@ def command(
     optics = asked.optics if model is None else getattr(model, "optics", "mirror")
     if pictures and asked.rim is None and optics == "mirror":
         (u, v, radius), inner = _found_rim(pictures)
-        say(f"the rim lies about {u:.1f}, {v:.1f} px, with a radius of {radius:.1f} px", console=console)
+        say(
+            f"the rim lies about {u:.1f}, {v:.1f} px, with a radius of {radius:.1f} px",
+            console=console,
+        )
         if asked.inner_radius_px is not None:
             inner = asked.inner_radius_px
         asked = replace(asked, rim=(u, v, radius), inner_radius_px=inner)
@@ -137,7 +158,11 @@ def command(
     used, edges = (sum(p[key] for p in told["pictures"]) for key in ("used", "edges"))
     say(f"{used} of {edges} edges are straight within {found.rms_px:.2f} px rms", console=console)
     for p in told["parameters"]:
-        say((f"  {p['name']}", "bold"), f" {p['value']:.6g} +- {p['sigma']:.2g} {p['unit']}", console=console)
+        say(
+            (f"  {p['name']}", "bold"),
+            f" {p['value']:.6g} +- {p['sigma']:.2g} {p['unit']}",
+            console=console,
+        )
     for words in found.free:
         say(("not determined: ", "bold"), words, console=console)
     for name, level in zip(names, found.levels, strict=True):

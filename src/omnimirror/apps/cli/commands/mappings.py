@@ -14,7 +14,15 @@ from ....design.mirror_construction import MountedMirror, mappings
 from ....optics.tracing.meridian import Meridian
 from .._declarations import DocumentedCommand, Options, option, takes
 from .._option_types import NUMBER
-from .._output import FIGURES, format_option, json_option, output_console, output_option, plain_table, say_written
+from .._output import (
+    FIGURES,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 MOST_DRAWN = 6
 
@@ -25,7 +33,9 @@ class RimOptions(Options):
 
     omega_max_deg: float = option(type=NUMBER, default=75.0, help="Field angle at the rim.")
     theta_max_deg: float = option(
-        type=NUMBER, default=12.0, help="Viewing angle of the lens at the rim; 0 for an orthographic lens."
+        type=NUMBER,
+        default=12.0,
+        help="Viewing angle of the lens at the rim; 0 for an orthographic lens.",
     )
 
 
@@ -35,7 +45,11 @@ class RimOptions(Options):
     examples=("omnimirror mappings --omega-max-deg 135 --figure mappings.png",),
 )
 @takes(RimOptions, "rim")
-@output_option("--figure", formats=FIGURES, help="Figure of the mirror sections and image heights: svg, png, pdf.")
+@output_option(
+    "--figure",
+    formats=FIGURES,
+    help="Figure of the mirror sections and image heights: svg, png, pdf.",
+)
 @format_option(FIGURES)
 @json_option()
 def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> None:
@@ -44,7 +58,9 @@ def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> Non
     Lengths are in units of the rim radius M.
     """
     console = output_console()
-    table = plain_table("mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True)
+    table = plain_table(
+        "mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True
+    )
     mounted: dict[str, MountedMirror] = {}
     records: list[dict[str, float | str]] = []
     for name, found in mappings(**rim.given).items():
@@ -55,15 +71,29 @@ def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> Non
         mounted[name] = found
         mirror = found.mirror
         numbers = (found.distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
-        told = {"distance": numbers[0], "sag": float(numbers[1]), "vertex_radius": float(numbers[2])}
+        told = {
+            "distance": numbers[0],
+            "sag": float(numbers[1]),
+            "vertex_radius": float(numbers[2]),
+        }
         records.append({"mapping": name, "mirror": mirror.KIND} | told)
-        table.add_row(name, *(f"{v:.8g}" for v in numbers), "" if name == mirror.KIND else f"the {mirror.KIND}")
+        table.add_row(
+            name,
+            *(f"{v:.8g}" for v in numbers),
+            "" if name == mirror.KIND else f"the {mirror.KIND}",
+        )
     console.print(table)
     if json_file:
         write_json(json_file, records)
         say_written(json_file, console=console)
     if figure:
-        _draw({name: Meridian(p.mirror, p.distance_mm) for name, p in list(mounted.items())[:MOST_DRAWN]}, figure)
+        _draw(
+            {
+                name: Meridian(p.mirror, p.distance_mm)
+                for name, p in list(mounted.items())[:MOST_DRAWN]
+            },
+            figure,
+        )
         say_written(figure, console=console)
 
 

@@ -25,9 +25,12 @@ from .rays import check_one_file, formats_option, print_exported_files
 )
 @click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @output_option(
-    "-o", "--output", required=True, formats=("npz", "exr"),
+    "-o",
+    "--output",
+    required=True,
+    formats=("npz", "exr"),
     help="Output file, whose suffix selects the format, or folder.",
-)  # fmt: skip
+)
 @formats_option(MAP_FORMATS)
 @takes(ViewOptions, "view")
 def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
@@ -42,5 +45,7 @@ def command(camera: str, output: Path, formats: list[str] | None, view: ViewOpti
     check_one_file(output, formats, MAP_FORMATS)
     console = output_console()
     with console.status("Mapping"):
-        exported = write_maps(loaded_camera, screen, output, formats=formats, viewpoint=view.viewpoint or "exact")
+        exported = write_maps(
+            loaded_camera, screen, output, formats=formats, viewpoint=view.viewpoint or "exact"
+        )
     print_exported_files(exported, console)

@@ -16,7 +16,16 @@ from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
 from .._declarations import DocumentedCommand, option, takes
 from .._option_types import SENSOR, values
-from .._output import FIGURES, format_option, head, json_option, output_console, output_option, plain_table, say_written
+from .._output import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, printed on the terminal
 
@@ -28,8 +37,12 @@ class MtfOptions(ImageOptions):
     cycles_per_px: Array | None = option(
         type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]"
     )
-    wavelength_nm: Any = option(type=values, default=550.0, metavar="LIST", help="Wavelengths, equally weighted.")
-    pixel: bool = option("--pixel/--no-pixel", default=True, help="Multiply by the MTF of a square pixel.")
+    wavelength_nm: Any = option(
+        type=values, default=550.0, metavar="LIST", help="Wavelengths, equally weighted."
+    )
+    pixel: bool = option(
+        "--pixel/--no-pixel", default=True, help="Multiply by the MTF of a square pixel."
+    )
 
     @property
     def frequencies(self) -> Array:
@@ -48,19 +61,34 @@ class MtfOptions(ImageOptions):
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the MTF in cycles/px, lp/mm and cycles/deg.")
 @json_option("Write what --csv does, as a list of objects.")
-def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
+def command(
+    sensor: str,
+    waves: MtfOptions,
+    output: Path | None,
+    csv_file: Path | None,
+    json_file: Path | None,
+) -> None:
     """Compute the MTF of SENSOR through its whole aperture."""
     seen = load_sensor(sensor)
     nu, shown = waves.frequencies, np.array(SHOWN)
     found = mtf(
-        seen, waves.angles(seen), cycles_per_px=np.concatenate([nu, shown]), focus_mm=waves.focused_at(seen),
-        azimuth_deg=waves.azimuth_deg, object_distance_mm=waves.object_distance_mm, kind=waves.kind,
-        wavelength_nm=waves.wavelength_nm, pixel=waves.pixel,
-    )  # fmt: skip
+        seen,
+        waves.angles(seen),
+        cycles_per_px=np.concatenate([nu, shown]),
+        focus_mm=waves.focused_at(seen),
+        azimuth_deg=waves.azimuth_deg,
+        object_distance_mm=waves.object_distance_mm,
+        kind=waves.kind,
+        wavelength_nm=waves.wavelength_nm,
+        pixel=waves.pixel,
+    )
     console, per_px = output_console(), QUANTITIES["cycles_per_px"].unit
     heads = [head("omega_deg")]
     for contrast, scale in (("mtf_t", "dh_domega_px_per_deg"), ("mtf_s", "width_px_per_deg")):
-        heads += [head(scale), *(f"{QUANTITIES[contrast].heading} at {f:g}\n{per_px}" for f in shown)]
+        heads += [
+            head(scale),
+            *(f"{QUANTITIES[contrast].heading} at {f:g}\n{per_px}" for f in shown),
+        ]
     table = plain_table(*heads)
     last = slice(-len(shown), None)
     for i, omega in enumerate(found.omega_deg):

@@ -52,9 +52,13 @@ class SelectionOptions(Options):
 @output_option("-o", "--out", help="Write the best combination as a sensor file.")
 @json_option()
 def command(
-    sensor: str, catalogue: tuple[Path, ...], selection: SelectionOptions, best: bool, out: Path | None,
+    sensor: str,
+    catalogue: tuple[Path, ...],
+    selection: SelectionOptions,
+    best: bool,
+    out: Path | None,
     json_file: Path | None,
-) -> None:  # fmt: skip
+) -> None:
     """Rank the lenses and imagers of CATALOGUE files for the mirror of SENSOR, with reasons for
     rejections.
 
@@ -71,22 +75,37 @@ def command(
         say_written(json_file, console=console)
     if out:
         if not fitting or fitting[0].sensor is None:
-            raise OmnimirrorError("no lens and imager of the catalogue fit, so there is no sensor to write")
+            raise OmnimirrorError(
+                "no lens and imager of the catalogue fit, so there is no sensor to write"
+            )
         save_sensor(fitting[0].sensor, out)
         say_written(out, console=console)
 
 
 def _table(combinations: list[Combination]) -> Table:
     area = QUANTITIES["worst_floored_area_deg2"]
-    numbers = ("fills\n%", "rim\npx", head("f_number"), head("focus_mm"), "ring\nmm", f"{area.title}\n{area.unit}")
-    table = plain_table("", "lens", "imager", *numbers, "why not", words=("lens", "imager", "why not"))
+    numbers = (
+        "fills\n%",
+        "rim\npx",
+        head("f_number"),
+        head("focus_mm"),
+        "ring\nmm",
+        f"{area.title}\n{area.unit}",
+    )
+    table = plain_table(
+        "", "lens", "imager", *numbers, "why not", words=("lens", "imager", "why not")
+    )
     for i, c in enumerate(combinations, start=1):
         cells = ["", "", "", "", "", ""]
         if c.sensor is not None:
             cells = [
-                f"{100 * c.fill:.0f}", f"{c.rim_radius_px:.0f}", f"{_f_number(c.sensor):.1f}",
-                f"{c.sensor.lens.focus_distance_mm:.1f}", f"{c.ring_mm:g}", area.text(c.worst_floored_area_deg2),
-            ]  # fmt: skip
+                f"{100 * c.fill:.0f}",
+                f"{c.rim_radius_px:.0f}",
+                f"{_f_number(c.sensor):.1f}",
+                f"{c.sensor.lens.focus_distance_mm:.1f}",
+                f"{c.ring_mm:g}",
+                area.text(c.worst_floored_area_deg2),
+            ]
         table.add_row(str(i) if c.fits else "-", c.lens, c.imager, *cells, "; ".join(c.reasons))
     return table
 
@@ -100,10 +119,13 @@ def _record(c: Combination) -> dict[str, Any]:
         return told
     lens = c.sensor.lens
     return told | {
-        "fill": c.fill, "rim_radius_px": c.rim_radius_px, "f_number": _f_number(c.sensor),
-        "focus_mm": lens.focus_distance_mm, "ring_mm": c.ring_mm,
+        "fill": c.fill,
+        "rim_radius_px": c.rim_radius_px,
+        "f_number": _f_number(c.sensor),
+        "focus_mm": lens.focus_distance_mm,
+        "ring_mm": c.ring_mm,
         "worst_floored_area_deg2": c.worst_floored_area_deg2,
-    }  # fmt: skip
+    }
 
 
 def _f_number(sensor: Sensor) -> float:

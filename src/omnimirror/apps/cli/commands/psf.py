@@ -15,7 +15,16 @@ from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
 from .._declarations import DocumentedCommand, option, takes
 from .._option_types import NUMBER, SENSOR
-from .._output import FIGURES, format_option, head, json_option, output_console, output_option, plain_table, say_written
+from .._output import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 MOST = 15
 SHARES = (0.5, 0.8)  # fractions of the energy with printed radii
@@ -31,7 +40,9 @@ class PsfOptions(ImageOptions):
 @click.command(
     cls=DocumentedCommand,
     page="aperture",
-    examples=("omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",),
+    examples=(
+        "omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",
+    ),
 )
 @click.argument("sensor", type=SENSOR)
 @takes(PsfOptions, "objects")
@@ -40,31 +51,47 @@ class PsfOptions(ImageOptions):
 @output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
 @json_option()
 def command(
-    sensor: str, objects: PsfOptions, output: Path | None, encircled: Path | None, json_file: Path | None
+    sensor: str,
+    objects: PsfOptions,
+    output: Path | None,
+    encircled: Path | None,
+    json_file: Path | None,
 ) -> None:
     """Compute the point-spread functions of SENSOR through its whole aperture."""
     seen = load_sensor(sensor)
     angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:
-        raise click.UsageError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
+        raise click.UsageError(
+            f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid"
+        )
     L0 = objects.focused_at(seen)
     console = output_console()
 
     def compute(omega: float, width_px: float | None = None) -> Psf:
         return psf(
-            seen, omega, focus_mm=L0, azimuth_deg=objects.azimuth_deg, object_distance_mm=objects.object_distance_mm,
-            kind=objects.kind, wavelength_nm=objects.wavelength_nm, width_px=width_px,
-        )  # fmt: skip
+            seen,
+            omega,
+            focus_mm=L0,
+            azimuth_deg=objects.azimuth_deg,
+            object_distance_mm=objects.object_distance_mm,
+            kind=objects.kind,
+            wavelength_nm=objects.wavelength_nm,
+            width_px=width_px,
+        )
 
     with console.status("Computing"):
         found = [compute(float(omega)) for omega in angles]
     radii = head("encircled_radius_px").replace("\n", " {:.0%}\n")
-    table = plain_table(head("omega_deg"), head("strehl"), *map(radii.format, SHARES), head("ensquared_energy", "%"))
+    table = plain_table(
+        head("omega_deg"), head("strehl"), *map(radii.format, SHARES), head("ensquared_energy", "%")
+    )
     records = list(map(_record, found))
     for record in records:
         omega, strehl, *within, best = record.values()
         told = "-" if strehl is None else f"{strehl:.3g}"
-        table.add_row(f"{omega:g}", told, *(f"{radius:.2f}" for radius in within), f"{100 * best:.1f}")
+        table.add_row(
+            f"{omega:g}", told, *(f"{radius:.2f}" for radius in within), f"{100 * best:.1f}"
+        )
     console.print(table)
     if json_file:
         write_json(json_file, records)
@@ -74,7 +101,9 @@ def command(
         from ....analysis.figures.aperture import encircled_energy, psf_pictures
 
         widest = max(2 * float(p.offset_px[-1]) for p in found)  # squares of equal size
-        found = [p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found]
+        found = [
+            p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found
+        ]
         for path, draw in ((output, psf_pictures), (encircled, encircled_energy)):
             if path:
                 say_written(save_figure(draw(found), path), console=console)
@@ -87,6 +116,9 @@ def _record(p: Psf) -> dict[str, Any]:
     return {
         "omega_deg": float(p.omega_deg),
         "strehl": float(p.strehl) if p.kind == "diffraction" else None,
-        **{f"encircled_radius_px_{share:.0%}".rstrip("%"): float(r) for share, r in zip(SHARES, radii, strict=True)},
+        **{
+            f"encircled_radius_px_{share:.0%}".rstrip("%"): float(r)
+            for share, r in zip(SHARES, radii, strict=True)
+        },
         "ensquared_energy": float(p.on_pixels().max()),
     }

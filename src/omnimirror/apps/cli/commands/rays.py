@@ -34,16 +34,25 @@ def formats_option(known: Mapping[str, ExportFormat[Any]]) -> Callable[[F], F]:
         return requested
 
     return click.option(
-        "--format", "--formats", "formats", is_eager=True, callback=names, metavar="NAME,...",
+        "--format",
+        "--formats",
+        "formats",
+        is_eager=True,
+        callback=names,
+        metavar="NAME,...",
         help=f"Formats: {', '.join(known)}.  [default: by the suffix of the file]",
-    )  # fmt: skip
+    )
 
 
-def check_one_file(output: Path, formats: Sequence[str] | None, known: Mapping[str, ExportFormat[Any]]) -> None:
+def check_one_file(
+    output: Path, formats: Sequence[str] | None, known: Mapping[str, ExportFormat[Any]]
+) -> None:
     """Raise UsageError if several files would be written to standard output."""
     if output.stem == "-" and formats and (len(formats) > 1 or len(known[formats[0]].endings) > 1):
         names = ", ".join(formats)
-        raise click.UsageError(f"standard output takes one file and {names} consists of several; give a folder")
+        raise click.UsageError(
+            f"standard output takes one file and {names} consists of several; give a folder"
+        )
 
 
 def print_exported_files(exported: Iterable[ExportedFiles], console: Console) -> None:
@@ -65,11 +74,16 @@ def print_exported_files(exported: Iterable[ExportedFiles], console: Console) ->
 )
 @click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @output_option(
-    "-o", "--output", required=True, formats=("exr", "npz"),
+    "-o",
+    "--output",
+    required=True,
+    formats=("exr", "npz"),
     help="Output file, whose suffix selects the format, or folder.",
-)  # fmt: skip
+)
 @formats_option(RAY_FORMATS)
-@click.option("--step", type=WHOLE, default=1, show_default=True, help="Spacing of the sampled pixels, px.")
+@click.option(
+    "--step", type=WHOLE, default=1, show_default=True, help="Spacing of the sampled pixels, px."
+)
 def command(camera: str, output: Path, formats: list[str] | None, step: int) -> None:
     """Write origin, direction and weight of the ray of each pixel for other programs.
 

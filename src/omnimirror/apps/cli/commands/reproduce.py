@@ -15,10 +15,25 @@ from .._output import output_console, say
     page="errata",
     examples=("omnimirror reproduce --out paper --figures",),
 )
-@click.option("--out", type=click.Path(path_type=Path), default="reproduced", show_default=True,
-              help="Folder for numbers.csv, numbers.md and the figures.")  # fmt: skip
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only.")
-@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, for example fig4 (repeatable).")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default="reproduced",
+    show_default=True,
+    help="Folder for numbers.csv, numbers.md and the figures.",
+)
+@click.option(
+    "--figures/--no-figures",
+    default=True,
+    show_default=True,
+    help="Draw figures, or write the table only.",
+)
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="FIG",
+    help="Draw this figure only, for example fig4 (repeatable).",
+)
 def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
@@ -30,7 +45,10 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     console = output_console()
     with console.status("Computing") as status:
         result = reproduce_paper(
-            out, figures=figures, only=only or None, progress=lambda what: status.update(f"Working on {what}")
+            out,
+            figures=figures,
+            only=only or None,
+            progress=lambda what: status.update(f"Working on {what}"),
         )
     console.print(_claims.terminal_table(result.rows))
     console.print(_claims.summary(result.rows), highlight=False, soft_wrap=True)

@@ -15,7 +15,15 @@ from ....calibration.rim import SURE, FoundRim, check_alike, find_rim
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from .._camera_options import OrientationOptions
 from .._declarations import DocumentedCommand, takes
-from .._output import FIGURES, json_option, output_console, output_option, plain_table, say, say_written
+from .._output import (
+    FIGURES,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say,
+    say_written,
+)
 
 
 @click.command(
@@ -25,11 +33,19 @@ from .._output import FIGURES, json_option, output_console, output_option, plain
 )
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @takes(OrientationOptions, "orientation")
-@click.option("--each", is_flag=True, help="Process each image separately, as from different sensors.")
-@output_option("--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF).")
+@click.option(
+    "--each", is_flag=True, help="Process each image separately, as from different sensors."
+)
+@output_option(
+    "--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF)."
+)
 @json_option("Write the outline, whether it is accepted, and the rejected candidates.")
 def command(
-    images: tuple[str, ...], orientation: OrientationOptions, each: bool, figure: Path | None, json_file: Path | None
+    images: tuple[str, ...],
+    orientation: OrientationOptions,
+    each: bool,
+    figure: Path | None,
+    json_file: Path | None,
 ) -> None:
     """Detect the outline of the mirror in IMAGES: image files, folders or file patterns.
 
@@ -52,18 +68,27 @@ def command(
     if len(singles) > len(found):
         table.add_row(*_row("together", found[0]))
     for name, rim in zip(
-        [file.name for file in files] if len(singles) == len(found) else ["together"], found, strict=True
+        [file.name for file in files] if len(singles) == len(found) else ["together"],
+        found,
+        strict=True,
     ):
         for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
             table.add_row(*_row(f"{name}, candidate {number}", candidate))
     console.print(table)
-    for name, rim in zip([file.name for file in files] if each else ["together"], found, strict=True):
+    for name, rim in zip(
+        [file.name for file in files] if each else ["together"], found, strict=True
+    ):
         if not rim.is_sure:
             who = f"{name}: " if len(files) > 1 else ""
-            say(f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}", console=console)
+            say(
+                f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}",
+                console=console,
+            )
     if json_file:
         record = [rim.to_json() for rim in found]
-        named = [{"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)]
+        named = [
+            {"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)
+        ]
         whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
         write_json(json_file, whole)
         say_written(json_file, console=console)
@@ -71,23 +96,35 @@ def command(
         say_written(_drawn(figure, files, pictures, singles), console=console)
 
 
-def _drawn(figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]) -> Path:
+def _drawn(
+    figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]
+) -> Path:
     """Write a figure of the images with the detected outlines."""
     from ....analysis.figures import save_figure
     from ....analysis.figures.calibration_results import DrawnRim, found_rims
 
     drawn = [
         DrawnRim(
-            levels_of(picture).astype(np.uint8), rim.points(), rim.centre_px,
-            None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px), rim.is_sure,
+            levels_of(picture).astype(np.uint8),
+            rim.points(),
+            rim.centre_px,
+            None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px),
+            rim.is_sure,
             f"{file.name}: {rim.confidence:.2f}",
         )
         for file, picture, rim in zip(files, pictures, found, strict=True)
-    ]  # fmt: skip
+    ]
     return save_figure(found_rims(drawn), figure)
 
 
 def _row(name: str, rim: FoundRim) -> tuple[str, ...]:
     (u, v), (a, b) = rim.centre_px, rim.semi_axes_px
     camera = "-" if rim.inner is None else f"{rim.inner.radius_px:.1f}"
-    return name, f"{u:.2f}, {v:.2f}", f"{a:.2f}, {b:.2f}", f"{rim.angle_deg:.1f}", camera, f"{rim.confidence:.3f}"
+    return (
+        name,
+        f"{u:.2f}, {v:.2f}",
+        f"{a:.2f}, {b:.2f}",
+        f"{rim.angle_deg:.1f}",
+        camera,
+        f"{rim.confidence:.3f}",
+    )

@@ -28,11 +28,22 @@ def command(json_file: Path | None) -> None:
         sensor = load_sensor(name)
         low, high = sensor.field_deg
         title = sensor.notes.strip().splitlines()[0]
-        table.add_row(name, sensor.mirror.KIND, f"{low:.3g}-{high:.4g}", f"{sensor.mirror.rim_radius_mm:g}", title)
-        records.append({
-            "name": name, "mirror": sensor.mirror.KIND, "field_deg": [low, high],
-            "rim_radius_mm": sensor.mirror.rim_radius_mm, "what": title,
-        })  # fmt: skip
+        table.add_row(
+            name,
+            sensor.mirror.KIND,
+            f"{low:.3g}-{high:.4g}",
+            f"{sensor.mirror.rim_radius_mm:g}",
+            title,
+        )
+        records.append(
+            {
+                "name": name,
+                "mirror": sensor.mirror.KIND,
+                "field_deg": [low, high],
+                "rim_radius_mm": sensor.mirror.rim_radius_mm,
+                "what": title,
+            }
+        )
     console.print(table)
     if json_file:
         write_json(json_file, records)

@@ -40,19 +40,27 @@ class GatewayOptions(ListenOptions):
 )
 @click.argument("source")
 @click.option(
-    "--views", "views_file", required=True, type=click.Path(path_type=Path),
+    "--views",
+    "views_file",
+    required=True,
+    type=click.Path(path_type=Path),
     help="TOML file of named views.",
-)  # fmt: skip
+)
 @takes(CameraOptions, "camera")
 @takes(GatewayOptions, "gateway")
 @click.option(
-    "--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="auto", show_default=True,
+    "--interpolation",
+    type=click.Choice(list(INTERPOLATIONS)),
+    default="auto",
+    show_default=True,
     help="Resampling; auto: cubic, with averaging for minification.",
-)  # fmt: skip
+)
 @click.option(
-    "--threads", type=WholeRange(1, MOST_THREADS), metavar="N",
+    "--threads",
+    type=WholeRange(1, MOST_THREADS),
+    metavar="N",
     help="Number of dewarping threads.  [default: one per processor core]",
-)  # fmt: skip
+)
 def command(
     source: str,
     views_file: Path,
@@ -74,13 +82,24 @@ def command(
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn", "av"):
             raise
-        raise OmnimirrorError("serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'") from None
+        raise OmnimirrorError(
+            "serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'"
+        ) from None
     check_source(source)
     views = load_views(views_file)
-    size = (0, 0) if camera.ball is None else source_size(source, is_live=not Path(source).is_file())
+    size = (
+        (0, 0) if camera.ball is None else source_size(source, is_live=not Path(source).is_file())
+    )
     serve_views(
-        source, views, camera=camera.drawing(camera.camera(size)), interpolation=interpolation,
-        host=gateway.host, port=gateway.port, token=gateway.token, publish_to=gateway.publish,
-        threads=threads, on_start=click.echo,
+        source,
+        views,
+        camera=camera.drawing(camera.camera(size)),
+        interpolation=interpolation,
+        host=gateway.host,
+        port=gateway.port,
+        token=gateway.token,
+        publish_to=gateway.publish,
+        threads=threads,
+        on_start=click.echo,
         on_status=notice,
-    )  # fmt: skip
+    )

@@ -73,15 +73,27 @@ def command() -> None:
 )
 @click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
-@click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
-              help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
+@click.option(
+    "--pose",
+    "stands",
+    type=pose,
+    metavar="X,Y,Z,..",
+    help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
+)
 @takes(FilmOptions, "film")
-@click.option("--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax.")
+@click.option(
+    "--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax."
+)
 @takes(TakingOptions, "taking")
 @takes(HousingOptions, "housing")
 @output_option("--panorama", formats=PICTURES, help="Write a panorama of the light as well.")
-@output_option("-o", "--output", formats=PICTURES, required=True,
-               help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.")  # fmt: skip
+@output_option(
+    "-o",
+    "--output",
+    formats=PICTURES,
+    required=True,
+    help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.",
+)
 @format_option(PICTURES)
 def picture(
     sensor: str,
@@ -106,9 +118,16 @@ def picture(
     """
     seen, camera = scene.source().load(), housing.on(load_camera(sensor))
     if film.path is not None:
-        named = {"pose": stands, "panorama": panorama, **taking.picked(*OF_PICTURES), "distant": distant or None}
+        named = {
+            "pose": stands,
+            "panorama": panorama,
+            **taking.picked(*OF_PICTURES),
+            "distant": distant or None,
+        }
         if asked := [name for name, value in named.items() if value is not None]:
-            raise click.UsageError(f"{flag(asked[0])} belongs to pictures, not to a video along a --path")
+            raise click.UsageError(
+                f"{flag(asked[0])} belongs to pictures, not to a video along a --path"
+            )
         _film(camera, seen, output, film, taking)
         return
     if film.given:
@@ -120,7 +139,11 @@ def picture(
 
 
 def _photograph(
-    camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions, panorama: Path | None = None
+    camera: AnyCamera,
+    scene: Scene,
+    output: Path,
+    taking: TakingOptions,
+    panorama: Path | None = None,
 ) -> None:
     """Render the image, convert it to the output format, and write it with the panorama of its
     light.
@@ -133,7 +156,9 @@ def _photograph(
         )
     detector, radiometry = taking.detector(), taking.radiometry()
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
-        raise click.UsageError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
+        raise click.UsageError(
+            f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}"
+        )
     if output.suffix.lower() == ".exr":
         from ....io.exr import check_exr_can_be_written
 
@@ -141,10 +166,16 @@ def _photograph(
     readout = None if is_light or panorama is not None else Readout(detector, taking.seed)
     with rows_bar("Exposing") as progress:
         taken = exposed(
-            camera, scene, LIGHT if readout is None else readout.medium, samples=taking.samples,
-            blur=taking.is_blurred(camera), radiometry=radiometry, seed=taking.seed, progress=progress,
+            camera,
+            scene,
+            LIGHT if readout is None else readout.medium,
+            samples=taking.samples,
+            blur=taking.is_blurred(camera),
+            radiometry=radiometry,
+            seed=taking.seed,
+            progress=progress,
             wavelengths_nm=taking.wavelengths_nm,
-        )  # fmt: skip
+        )
     if readout is not None:
         write_image(output, readout.numbers(taken))
     elif not is_light:
@@ -155,10 +186,14 @@ def _photograph(
     width, height = camera.image_size
     say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
     if panorama is not None:
-        _write_panorama(camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama)
+        _write_panorama(
+            camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama
+        )
 
 
-def _write_light(output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None) -> None:
+def _write_light(
+    output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None
+) -> None:
     if output.suffix.lower() == ".exr":
         from ....simulation.datasets import write_truth
 
@@ -176,7 +211,9 @@ def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:
     say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
 
 
-def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions) -> None:
+def _film(
+    camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions
+) -> None:
     from ....simulation.simulated_video import load_path, write_video
 
     assert film.path is not None
@@ -190,11 +227,20 @@ def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taki
 
         try:
             write_video(
-                camera, scene, path=load_path(film.path), output=output, bodies=film.moving(),
-                frame_rate=film.frame_rate, duration_s=film.duration_s, samples=taking.samples,
-                blur=taking.is_blurred(camera), radiometry=taking.radiometry(), detector=taking.detector(),
-                seed=taking.seed, written=written,
-            )  # fmt: skip
+                camera,
+                scene,
+                path=load_path(film.path),
+                output=output,
+                bodies=film.moving(),
+                frame_rate=film.frame_rate,
+                duration_s=film.duration_s,
+                samples=taking.samples,
+                blur=taking.is_blurred(camera),
+                radiometry=taking.radiometry(),
+                detector=taking.detector(),
+                seed=taking.seed,
+                written=written,
+            )
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
             raise
@@ -212,16 +258,30 @@ def _stopped(output: Path, done: int, what: str) -> None:
     "dataset",
     cls=DocumentedCommand,
     page="simulate",
-    examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",),
+    examples=(
+        "omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",
+    ),
 )
 @click.argument("sensor", type=SENSOR, required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
-@click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
-              help="Reproduce a dataset: its sensor and options, no others.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Output folder.",
+)
+@click.option(
+    "--again",
+    type=click.Path(path_type=Path),
+    metavar="dataset.json",
+    help="Reproduce a dataset: its sensor and options, no others.",
+)
 @click.option("--views", type=WHOLE, help="Number of images of the hall.  [default: 12]")
 @takes(FilmOptions, "film")
 @click.option(
-    "--truth", is_flag=True, help="Write an EXR file with light, depth and directions for each image or frame."
+    "--truth",
+    is_flag=True,
+    help="Write an EXR file with light, depth and directions for each image or frame.",
 )
 @takes(SceneOptions, "scene")
 @takes(TakingOptions, "taking")
@@ -257,7 +317,9 @@ def dataset(
     elif sensor is None:
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
-        recipe = _asked_for(lambda: housing.on(load_camera(sensor)), views, film, truth, scene, taking)
+        recipe = _asked_for(
+            lambda: housing.on(load_camera(sensor)), views, film, truth, scene, taking
+        )
     if isinstance(recipe, VideoRecipe):
         _write_video_set(output, recipe)
     else:
@@ -275,7 +337,9 @@ def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
         source = context.get_parameter_source(name)
         if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
             what = "a SENSOR" if name == "sensor" else flag(name)
-            raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
+            raise click.UsageError(
+                f"{what} is not valid beside --again, which takes all from {again}"
+            )
     kept, this = load_recipe(again), version("omnimirror")
     if kept.made_by != this:
         notice(f"{again} is of omnimirror {kept.made_by}, and {this} may make other files")
@@ -296,23 +360,36 @@ def _asked_for(
     if taking.wavelengths_nm is not None:
         raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
     common: dict[str, Any] = {
-        "samples": taking.samples, "blur": taking.wants_blur, "seed": taking.seed, "radiometry": taking.radiometry(),
-        "detector": taking.detector(), "truth": truth,
-    }  # fmt: skip
+        "samples": taking.samples,
+        "blur": taking.wants_blur,
+        "seed": taking.seed,
+        "radiometry": taking.radiometry(),
+        "detector": taking.detector(),
+        "truth": truth,
+    }
     if film.path is None:
         source = click.get_current_context().get_parameter_source("scene")
         is_named = source == click.core.ParameterSource.COMMANDLINE
         if asked := [name for name in (*scene.given, *film.given) if name != "scene" or is_named]:
-            raise click.UsageError(f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is")
+            raise click.UsageError(
+                f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is"
+            )
         return CalibrationRecipe(sensor=sensor(), views=12 if views is None else views, **common)
     from ....simulation.simulated_video import load_path
 
     if asked := [*["views"] * (views is not None), *taking.picked("bits", "bayer")]:
-        raise click.UsageError(f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path")
+        raise click.UsageError(
+            f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path"
+        )
     return VideoRecipe(
-        sensor=sensor(), scene=scene.source(), path=load_path(film.path), bodies=film.moving(),
-        frame_rate=film.frame_rate, duration_s=film.duration_s, **common,
-    )  # fmt: skip
+        sensor=sensor(),
+        scene=scene.source(),
+        path=load_path(film.path),
+        bodies=film.moving(),
+        frame_rate=film.frame_rate,
+        duration_s=film.duration_s,
+        **common,
+    )
 
 
 def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
@@ -360,10 +437,18 @@ class ShardOptions(Options):
     "learning",
     cls=DocumentedCommand,
     page="simulate",
-    examples=("omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",),
+    examples=(
+        "omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",
+    ),
 )
 @click.argument("sensor", type=SENSOR)
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Output folder.",
+)
 @takes(FilmOptions, "film")
 @takes(ShardOptions, "stored")
 @takes(SceneOptions, "scene")
@@ -395,11 +480,21 @@ def learning(
     with rows_bar("Taking frames") as progress:
         try:
             shards = write_learning_set(
-                camera, scene.source().load(), path=path, folder=output, bodies=bodies, frame_rate=film.frame_rate,
-                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
-                radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, progress=progress,
+                camera,
+                scene.source().load(),
+                path=path,
+                folder=output,
+                bodies=bodies,
+                frame_rate=film.frame_rate,
+                duration_s=film.duration_s,
+                samples=taking.samples,
+                blur=taking.is_blurred(camera),
+                radiometry=taking.radiometry(),
+                detector=taking.detector(),
+                seed=taking.seed,
+                progress=progress,
                 **stored.given,
-            )  # fmt: skip
+            )
         except KeyboardInterrupt:
             _stopped(output, len([*output.glob("set-*.tar")]), "shards")
             raise
@@ -432,7 +527,9 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Pat
     """
     from ....simulation.round_trip import measure_round_trip
 
-    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + ["of it blur\n%"]
+    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + [
+        "of it blur\n%"
+    ]
     heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
     table = plain_table("sensor", *heads, words=("sensor",))
     console = output_console()
@@ -449,7 +546,9 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Pat
         records.append({"sensor": name, "blur_share": found.blur_share} | asdict(found))
         decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
         numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
-        numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]
+        numbers += [
+            f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)
+        ]
         table.add_row(name, *("-" if number == "nan" else number for number in numbers))
     console.print(table)
     if json_file:

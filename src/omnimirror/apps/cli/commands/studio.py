@@ -25,9 +25,15 @@ class ListenOptions(Options):
     """Server."""
 
     host: str = option(
-        default="127.0.0.1", help="Host address; addresses reachable from other machines require a token."
+        default="127.0.0.1",
+        help="Host address; addresses reachable from other machines require a token.",
     )
-    port: int = option(type=WholeRange(0, 65535), default=0, show_default=False, help="Port.  [default: any free port]")
+    port: int = option(
+        type=WholeRange(0, 65535),
+        default=0,
+        show_default=False,
+        help="Port.  [default: any free port]",
+    )
 
 
 @dataclass(frozen=True)
@@ -38,9 +44,11 @@ class ServerOptions(ListenOptions):
         "--open/--no-open", default=True, show_default=False, help="Open the page in the browser."
     )
     folders: tuple[Path, ...] = option(
-        "--folder", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
+        "--folder",
+        multiple=True,
+        type=click.Path(exists=True, file_okay=False, path_type=Path),
         help="Serve the images and videos of a folder as well.",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -48,9 +56,10 @@ class PageOptions(Options):
     """Standalone page."""
 
     page: Path | None = option(
-        "--page", type=click.Path(dir_okay=False, path_type=Path),
+        "--page",
+        type=click.Path(dir_okay=False, path_type=Path),
         help="Write a standalone page that views any image through the bundled sensors, without a server.",
-    )  # fmt: skip
+    )
 
 
 def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
@@ -60,7 +69,9 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn"):
             raise
-        raise OmnimirrorError("the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'") from None
+        raise OmnimirrorError(
+            "the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'"
+        ) from None
     serve(make(), server.host, server.port, server.open_browser, click.echo)
 
 
@@ -95,7 +106,9 @@ def _write_page(path: Path) -> None:
     from ...studio import page_alone
 
     if path.suffix.lower() not in (".html", ".htm"):
-        raise click.UsageError(f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}")
+        raise click.UsageError(
+            f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}"
+        )
     with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
         task = bar.add_task("simulating rooms", total=None)
         text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))

@@ -24,11 +24,23 @@ from ....manufacturing.tolerancing.tolerance_analysis import (
     typical_sensors,
     with_requirements,
 )
-from ....manufacturing.tolerancing.tolerance_file import TolerancePlan, load_tolerances, tolerance_template
+from ....manufacturing.tolerancing.tolerance_file import (
+    TolerancePlan,
+    load_tolerances,
+    tolerance_template,
+)
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand, Options, flag, option, takes
 from .._option_types import NUMBER, SENSOR, WholeRange
-from .._output import json_option, output_console, output_option, plain_table, progress_bar, say, say_written
+from .._output import (
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    progress_bar,
+    say,
+    say_written,
+)
 
 INIT = "init"
 SHARDS = "trials"
@@ -57,10 +69,13 @@ class TrialOptions(Options):
         "(repeatable).",
     )
     requirements: str | None = option(
-        metavar="FILE", help="Requirement file with limits and object distance, instead of those of TOLERANCES."
+        metavar="FILE",
+        help="Requirement file with limits and object distance, instead of those of TOLERANCES.",
     )
 
-    variance: bool = option(default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error.")
+    variance: bool = option(
+        default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error."
+    )
 
     def plan(self, plan: TolerancePlan) -> TolerancePlan:
         """Return the plan with the limits of the options."""
@@ -77,9 +92,12 @@ class SweepOptions(Options):
     """Storage of trials in shards, and their execution."""
 
     part: str | None = option(
-        metavar="I/N", help="Compute the I-th of N parts; run without this option to combine all parts."
+        metavar="I/N",
+        help="Compute the I-th of N parts; run without this option to combine all parts.",
     )
-    scheduler: str | None = option(metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials.")
+    scheduler: str | None = option(
+        metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials."
+    )
     shard_trials: int | None = option(
         type=WholeRange(1),
         help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]",
@@ -94,7 +112,12 @@ class SweepOptions(Options):
             return None
         if trials <= size and not self.changed:
             return None
-        return Sweep(out / SHARDS, FULL_SWEEP if self.part is None else _part(self.part), self.scheduler, size)
+        return Sweep(
+            out / SHARDS,
+            FULL_SWEEP if self.part is None else _part(self.part),
+            self.scheduler,
+            size,
+        )
 
 
 @click.command(
@@ -110,7 +133,11 @@ class SweepOptions(Options):
 @takes(TrialOptions, "options")
 @takes(SweepOptions, "storage")
 @click.option(
-    "--grade", type=click.Choice(GRADES), default="medium", show_default=True, help="Manufacturing grade; with init."
+    "--grade",
+    type=click.Choice(GRADES),
+    default="medium",
+    show_default=True,
+    help="Manufacturing grade; with init.",
 )
 @click.option("--force", is_flag=True, help="Overwrite an existing file; with init.")
 @click.option(
@@ -125,7 +152,9 @@ class SweepOptions(Options):
     is_flag=True,
     help="Write sensors at the 5, 50 and 95 % quantiles of the first limit, or of motion_px, with images to --output.",
 )
-@output_option("--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer.")
+@output_option(
+    "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
+)
 @json_option("Write all numbers.")
 def command(
     sensor: str,
@@ -176,7 +205,9 @@ def command(
         )
     merit = next(iter(found.plan.limits), "motion_px")
     typical = (
-        typical_sensors(nominal, found.plan, merit, trials=options.trials, seed=options.seed) if save_trials else []
+        typical_sensors(nominal, found.plan, merit, trials=options.trials, seed=options.seed)
+        if save_trials
+        else []
     )
     _print(console, found)
     if sweep is not None:
@@ -232,25 +263,45 @@ def _print(console: Console, found: ToleranceReport) -> None:
     lost = f", {statistics.lost} lose rays" if statistics.lost else ""
     console.print(f"{statistics.trials} trials{lost}; seed {found.seed}\n")
     table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
-    usual = (*(after("motion_px", depth) for depth in CALIBRATIONS), "direction_error_deg", "blur_px")
+    usual = (
+        *(after("motion_px", depth) for depth in CALIBRATIONS),
+        "direction_error_deg",
+        "blur_px",
+    )
     for name in (*usual, *(name for name in statistics.limits if name not in usual)):
         limit = statistics.limits.get(name)
-        good = "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
+        good = (
+            "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
+        )
         digits = 6 if is_requirement_merit(name) else 3  # more digits: these merits may vary little
         values = [f"{statistics.quantile(name, share):.{digits}g}" for share in (0.5, 0.95, 0.99)]
         side = "" if limit is None else f"{'≥' if is_lower_limit(name) else '≤'} {limit:g}"
         table.add_row(name, side, *values, good)
     console.print(table)
-    console.print(f"\nyield {100 * of.value:.2f} % (95 % confidence: {100 * of.low:.2f} to {100 * of.high:.2f} %)\n")
-    table = plain_table("single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance")
+    console.print(
+        f"\nyield {100 * of.value:.2f} % (95 % confidence: {100 * of.low:.2f} to {100 * of.high:.2f} %)\n"
+    )
+    table = plain_table(
+        "single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance"
+    )
     ranked = sorted(found.sensitivities, key=lambda row: -row.merits["motion_px"])
     for row in ranked[:MAX_ROWS]:
-        motions = [format_motion(row.merits[after("motion_px", depth)]) for depth in ("none", "affine", "pose")]
+        motions = [
+            format_motion(row.merits[after("motion_px", depth)])
+            for depth in ("none", "affine", "pose")
+        ]
         alone = min(row.max_tolerance.values(), default=float("nan"))
-        table.add_row(row.name, f"{row.tolerance:.3g}", *motions, "any" if alone == float("inf") else f"{alone:.3g}")
+        table.add_row(
+            row.name,
+            f"{row.tolerance:.3g}",
+            *motions,
+            "any" if alone == float("inf") else f"{alone:.3g}",
+        )
     console.print(table)
     if len(ranked) > MAX_ROWS:
-        console.print(f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all")
+        console.print(
+            f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all"
+        )
     _print_variance(console, found)
     _print_allocation(console, found)
 
@@ -263,7 +314,10 @@ def _print_variance(console: Console, found: ToleranceReport) -> None:
         table = plain_table("error or group", "first order %", "total %", "+-")
         for name, share in sorted(shares.items(), key=lambda item: -item[1].total)[:MAX_ROWS]:
             label = f"{name} ({len(variance.groups[name])})" if name in variance.groups else name
-            table.add_row(label, *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)))
+            table.add_row(
+                label,
+                *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)),
+            )
         console.print(table)
 
 
@@ -282,10 +336,14 @@ def _print_allocation(console: Console, found: ToleranceReport) -> None:
         table.add_row(name, f"{initial:.3g}", f"{value:.3g}", f"{value / initial:.2g}")
     console.print(table)
     if cheapest.at_maximum:
-        console.print(f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(cheapest.at_maximum)}")
+        console.print(
+            f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(cheapest.at_maximum)}"
+        )
 
 
-def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console: Console) -> list[Path]:
+def _write_typical(
+    typical: list[TypicalSensor], merit: str, out: Path, console: Console
+) -> list[Path]:
     from ....io.images import write_image
     from ....optics.sensor_files import save_sensor
     from ....simulation.rendering import take_picture
@@ -316,7 +374,11 @@ def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> 
             save_figure(curves(found.statistics), out / "yield.svg")
             if found.variance is not None:
                 save_figure(plot_variance(found.variance), out / "variance.svg")
-        charts = ("tornado.svg", "yield.svg", *(() if found.variance is None else ("variance.svg",)))
+        charts = (
+            "tornado.svg",
+            "yield.svg",
+            *(() if found.variance is None else ("variance.svg",)),
+        )
         written += [out / name for name in ("tolerance.json", *charts)]
     if json_file is not None:
         write_json(json_file, found.to_dict())

@@ -11,7 +11,15 @@ from ....calibration.uncertainty import uncertainty_map
 from ....optics.sensor_files import load_camera
 from .._declarations import DocumentedCommand
 from .._option_types import NUMBER
-from .._output import FIGURES, format_option, json_option, output_console, output_option, say, say_written
+from .._output import (
+    FIGURES,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    say,
+    say_written,
+)
 
 
 @click.command(
@@ -36,7 +44,11 @@ from .._output import FIGURES, format_option, json_option, output_console, outpu
 @format_option(FIGURES)
 @json_option("Write median, 95th percentile and largest error.")
 def command(
-    camera: str, height_mm: float | None, field_deg: float | None, output: Path | None, json_file: Path | None
+    camera: str,
+    height_mm: float | None,
+    field_deg: float | None,
+    output: Path | None,
+    json_file: Path | None,
 ) -> None:
     """Estimate the uncertainty of directions measured with the calibrated CAMERA, or of points on
     the floor.
@@ -54,21 +66,35 @@ def command(
     else:
         median, high, largest = summary.values()
         words = f": standard deviation of {what}: median {median:.3g} {found.unit}, "
-        say((Path(camera).stem, "bold"), words + f"95 % below {high:.3g}, largest {largest:.3g}", console=console)
+        say(
+            (Path(camera).stem, "bold"),
+            words + f"95 % below {high:.3g}, largest {largest:.3g}",
+            console=console,
+        )
     if field_deg is None and found.is_restricted:
         say(
-            ("Note: ", "yellow"), f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use "
-            "--field-deg to include angles beyond it, where the model is an extrapolation", console=console,
-        )  # fmt: skip
+            ("Note: ", "yellow"),
+            f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use "
+            "--field-deg to include angles beyond it, where the model is an extrapolation",
+            console=console,
+        )
     if json_file:
-        write_json(json_file, summary | {"field_deg": found.field_deg, "is_restricted": found.is_restricted})
+        write_json(
+            json_file,
+            summary | {"field_deg": found.field_deg, "is_restricted": found.is_restricted},
+        )
     if output:
         from ....analysis.figures import save_figure
         from ....analysis.figures.image_plane import error_map
 
-        save_figure(error_map(found.columns, found.rows, found.sigma, found.unit, f"Error of {what}"), output)
+        save_figure(
+            error_map(found.columns, found.rows, found.sigma, found.unit, f"Error of {what}"),
+            output,
+        )
     say_written(json_file, output, console=console)
 
 
 def _level(height_mm: float) -> str:
-    return f"a floor {height_mm:g} mm below" if height_mm > 0 else f"a ceiling {-height_mm:g} mm above"
+    return (
+        f"a floor {height_mm:g} mm below" if height_mm > 0 else f"a ceiling {-height_mm:g} mm above"
+    )
