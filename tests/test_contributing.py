@@ -126,9 +126,9 @@ from dataclasses import dataclass
 
 import click
 
-from .....optics.sensor_files import load_sensor
-from ...options.common import NUMBER
-from ...options.declared import Options, option, takes
+from ....optics.sensor_files import load_sensor
+from .._declarations import Options, option, takes
+from .._option_types import NUMBER
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,6 @@ def test_a_command_is_a_module_and_its_name(copy):
             '    "compare": "Comp',
             '    "girth": "Print the diameter of a mirror.",\n    "compare": "Comp',
         ),
-        ('"reproduce", "sensors", "spots"}', '"girth", "reproduce", "sensors", "spots"}'),
     )
     program, path = [sys.executable, "-c", RUN_THE_COPY], {"PYTHONPATH": str(copy / "src")}
     said = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)

@@ -25,7 +25,7 @@ from ._deconvolution import (
     solve,
     texture_of,
 )
-from .blur_kernels import Blur, BlurSize, RadialBlur, blur_kernels
+from .blur_model import Blur, BlurSize, RadialBlur, blur_kernels
 from .noise import Noise, specified_noise
 
 # -- Deblurring problem: excludes light from beyond the rim and restores lost texture from the input

@@ -19,7 +19,7 @@ from ...io.exif import Exposure
 from ...io.images import Image
 from ...optics.sensor import Sensor
 from ._blur_fraction import MIN_ASSUMED_NOISE, UNSEEN_SHARE, BlurProblem, BlurScale
-from .blur_kernels import BlurDiameters, RadialBlur, load_blur, radial_blur_of
+from .blur_model import BlurDiameters, RadialBlur, load_blur, radial_blur_of
 from .noise import FULL, Noise, check_picture, estimate_noise, specified_noise
 
 # -- Overshoot at edges, an indicator of sharpened images ------------------------------------------

@@ -8,7 +8,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 import omnimirror as om
-from omnimirror.dewarp.restoration.blur_kernels import blur_sizes
+from omnimirror.dewarp.restoration.blur_model import blur_sizes
 from omnimirror.dewarp.restoration.deblurring import _exposure_words
 from omnimirror.dewarp.restoration.focus_bracketing import focused_at
 from omnimirror.io.exif import exposure_of, parse_exif
