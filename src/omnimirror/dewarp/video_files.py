@@ -271,6 +271,8 @@ def _dewarp_live_source(
     live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
     try:
         first = live.first()
+        for note in live.notes:
+            listener.note(note)
         turn = ViewOverTime(
             how, (first.width, first.height), recording, live.siting, first.format.name
         )

@@ -258,7 +258,9 @@ CAUTION = 0.9
 MAX_RESIDUAL = 2.5
 MAX_RESIDUAL_OF_ALL = 3.0  # same for the full blur: the image is far sharper
 MIN_SHARE = 0.25  # below it the image is returned unchanged
-MIN_BLUR_PX = 4.0  # minimum blur in both directions for a limit
+MIN_BLUR_PX = (
+    3.0  # minimum blur in both directions for a limit; smaller blur leaves too little residual
+)
 NOISE = 0.01  # noise of the simulated images
 LEVEL, CONTRAST = 0.6, 0.2  # simulated texture, square root of light
 SATURATED_PX = 15  # side of the squares around saturated pixels that are excluded
