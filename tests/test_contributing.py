@@ -367,7 +367,15 @@ def test_adding_a_camera_file_format(copy):
     assert om.load_camera(copy / "camera.toml").xi == 1.0
     written = command_of(copy, "convert", "camera.toml", "b.mei", "--to", "mei-line")
     assert written.returncode == 0, written.stderr
-    assert (copy / "b.mei").read_text().split() == ["mei", "1.0", "200.0", "319.5", "239.5", "640", "480"]
+    assert (copy / "b.mei").read_text().split() == [
+        "mei",
+        "1.0",
+        "200.0",
+        "319.5",
+        "239.5",
+        "640",
+        "480",
+    ]
 
 
 # -- command ---------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
-from omnimirror.apps.cli import app
+from omnimirror.apps.cli import app as command_line
 from omnimirror.apps.studio import _server_state, app
 from omnimirror.apps.studio._server_state import Sources, Streams, Studio
 from omnimirror.apps.studio._uploads import browser_picture, encoded
@@ -455,7 +455,7 @@ def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, comm
     started = []
     monkeypatch.setattr(app, "serve", lambda studio, *rest: started.append(studio))
     for option in ([], ["--stored-orientation"]):
-        assert CliRunner().invoke(app, [command, *more, *option]).exit_code == 0
+        assert CliRunner().invoke(command_line, [command, *more, *option]).exit_code == 0
     assert [studio.stored_orientation for studio in started] == [False, True]
 
 
