@@ -168,7 +168,7 @@ class _Problem:
         """Return the even powers of the form and their derivatives (n, terms) at the nodes."""
         n = 2 * (np.arange(self.form.terms) + self._first_power)
         x = self.nodes[:, None]
-        return x**n, n * x ** (n - 1.0)
+        return x**n, np.asarray(n * x ** (n - 1.0), dtype=float)
 
     @property
     def _first_power(self) -> int:
