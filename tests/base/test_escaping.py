@@ -157,7 +157,7 @@ def test_shells_take_every_name_as_one_word(tmp_path):
         ]
         assert not ran.stderr
     assert not list(tmp_path.iterdir())
-    assert escaping.visible(command, keep="\n") == command
+    assert escaping.escape_invisible(command, keep="\n") == command
 
 
 class Elements(HTMLParser):
@@ -182,7 +182,7 @@ class Elements(HTMLParser):
 @pytest.mark.parametrize("name", NAMES)
 def test_markup_and_data_hold_the_name(name):
     text = NAMES[name]
-    shown = escaping.visible(text, keep="\n\t")
+    shown = escaping.escape_invisible(text, keep="\n\t")
     page = Elements(f'<i title="{escaping.html_text(text)}">{escaping.html_text(text)}</i>')
     assert (page.elements, page.text, page.attributes) == (["i"], shown, {"title": shown})
     root = ElementTree.fromstring(
@@ -202,13 +202,13 @@ def test_markup_and_data_hold_the_name(name):
     )
     assert yaml.safe_load(
         f"# {escaping.line_comment(text)}\nname: {escaping.yaml_string(text)}\n"
-    ) == {"name": escaping.visible(text)}
+    ) == {"name": escaping.escape_invisible(text)}
     assert yaml.safe_load(f"- {escaping.yaml_string('no')}") == ["no"]
     into = io.StringIO()
     csv.writer(into).writerow(["x", escaping.csv_cell(text), "y"])
     ((_, cell, _),) = csv.reader(io.StringIO(into.getvalue()))
     assert cell.lstrip()[:1] not in ("=", "+", "-", "@", "\t", "\r")
-    assert cell in (escaping.visible(text), f"'{escaping.visible(text)}")
+    assert cell in (escaping.escape_invisible(text), f"'{escaping.escape_invisible(text)}")
     tokens = (
         MarkdownIt()
         .enable("table")
@@ -245,7 +245,7 @@ def test_drawings_and_programs_hold_the_name(name):
         )
     assert not re.search(r'["\\]', escaping.gstreamer_comment(text))
     assert len(line) <= escaping.MAX_LABEL
-    assert readable(line)[:40] == readable(escaping.visible(" ".join(text.split())))[:40]
+    assert readable(line)[:40] == readable(escaping.escape_invisible(" ".join(text.split())))[:40]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -259,7 +259,7 @@ def test_names_of_files_are_plain_and_short(name):
         header,
         re.ASCII,
     )
-    assert unquote(whole[2] or whole[1]) == f"{escaping.visible(NAMES[name])}.csv"
+    assert unquote(whole[2] or whole[1]) == f"{escaping.escape_invisible(NAMES[name])}.csv"
 
 
 # -- registered writers
@@ -348,8 +348,8 @@ def checked(path: Path, plain: Path, name: str) -> None:
     elif kind == ".exr":
         with OpenEXR.File(str(path)) as file:
             assert file.header().get(
-                "omnimirror:camera", escaping.visible(name)
-            ) == escaping.visible(name)
+                "omnimirror:camera", escaping.escape_invisible(name)
+            ) == escaping.escape_invisible(name)
     elif kind == ".npz":
         stored = np.load(path)
         assert "camera" not in stored or str(stored["camera"]) == name.rstrip("\0")
@@ -579,10 +579,10 @@ def test_camera_files_are_read_back_with_the_name(kind, name, tmp_path):
             assert len(ours) >= len(theirs)
         else:
             assert ours.count("\n") == theirs.count("\n")
-            assert escaping.visible(ours, keep="\n\t") == ours
+            assert escaping.escape_invisible(ours, keep="\n\t") == ours
         if kind in ("ros", "camodocal"):
             ours = ours.removeprefix("%YAML:1.0\n")  # directive of OpenCV
-            assert yaml.safe_load(ours)["camera_name"] == escaping.visible(NAMES[name])
+            assert yaml.safe_load(ours)["camera_name"] == escaping.escape_invisible(NAMES[name])
 
 
 CAMERAS = (
@@ -634,7 +634,7 @@ def test_the_terminal_obeys_no_name(name, tmp_path):
     assert om.load_sensor(file).name == NAMES[name]
     done = omnimirror("compare", file, "paper-spherical")
     assert done.returncode == 0, done.stderr
-    assert escaping.visible(done.stdout, keep="\n\t ") == done.stdout
+    assert escaping.escape_invisible(done.stdout, keep="\n\t ") == done.stdout
 
 
 def test_the_name_of_a_sensor_file_is_never_executed(tmp_path):

@@ -19,15 +19,15 @@ import pytest
 from omnimirror.base import files
 from omnimirror.base.errors import OmnimirrorError, SpecError
 from omnimirror.base.files import (
-    LARGEST_TEXT,
+    MAX_TEXT_BYTES,
+    atomic_output,
     check_file,
     compose_yaml,
-    decompressed,
+    decompress,
     parse_json,
     parse_toml,
     read_bytes,
     read_text,
-    replacing,
     write_text,
 )
 
@@ -37,7 +37,7 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
     write_text(path, "first")
 
     def stop_half_way():
-        with replacing(path) as temporary:
+        with atomic_output(path) as temporary:
             temporary.write_text("sec")
             raise RuntimeError("half way")
 
@@ -150,7 +150,7 @@ def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
         ("/dev/zero", 5, "pipe or a device"),
         (
             tmp_path / "huge",
-            LARGEST_TEXT,
+            MAX_TEXT_BYTES,
             r"must not be larger than 64 MB; got 1048576 MB; reduce or split it",
         ),
         (tmp_path / "fits", 4, "larger"),
@@ -210,14 +210,14 @@ def test_the_declared_content_of_an_archive_is_limited(tmp_path):
 
 def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
-    assert decompressed(packed, 1000) == bytes(1000)
+    assert decompress(packed, 1000) == bytes(1000)
     for data, most, reason in [
         (packed, 999, "content must not be larger than 999 bytes"),
         (packed[:-5], 1000, "it is cut short"),
         (b"x" + packed, 1000, "it is damaged"),
     ]:
         with pytest.raises(ValueError, match=reason):
-            decompressed(data, most)
+            decompress(data, most)
 
 
 NESTED = {
@@ -423,8 +423,8 @@ def test_standard_output_goes_on_where_it_stands(name, tmp_path):
 
 KILLED = """
 import os, signal, sys
-from omnimirror.base.files import replacing
-with replacing(sys.argv[1]) as temporary:
+from omnimirror.base.files import atomic_output
+with atomic_output(sys.argv[1]) as temporary:
     temporary.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -445,7 +445,7 @@ def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_pat
     ]
     for name in theirs:
         (tmp_path / name).write_text("precious")
-    with replacing(output) as living:
+    with atomic_output(output) as living:
         living.write_text("mine")
         write_text(output, "theirs")  # another run with the same output
         assert living.read_text() == "mine"

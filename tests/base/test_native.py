@@ -111,7 +111,7 @@ def test_as_many_threads_as_the_process_may_use_cores():
     ],
 )
 def test_no_more_than_the_container_may_use(monkeypatch, tmp_path, said, least):
-    monkeypatch.setattr(native, "QUOTA", tmp_path / "cpu.max")
+    monkeypatch.setattr(native, "CPU_QUOTA_FILE", tmp_path / "cpu.max")
     without = usable_cores()  # the file does not exist
     (tmp_path / "cpu.max").write_text(said, encoding="ascii")
     assert usable_cores() == max(1, min(without, least))

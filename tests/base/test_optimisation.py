@@ -142,8 +142,8 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
         np.testing.assert_allclose(step, whole.x[:dim], atol=1e-6)
 
 
-@pytest.mark.parametrize("most_steps", [0, 1, 2, 200])
-def test_straight_functions_take_one_evaluation_a_step(most_steps):
+@pytest.mark.parametrize("max_steps", [0, 1, 2, 200])
+def test_straight_functions_take_one_evaluation_a_step(max_steps):
     """|y - 3| from 0: the step doubles from 0.1 to at most 1, each has the predicted gain, and none
     is repeated."""
     evaluated, told = [], []
@@ -161,9 +161,9 @@ def test_straight_functions_take_one_evaluation_a_step(most_steps):
         )
 
     found = solve_minimax(
-        values, rows, np.zeros(1), bounds(1), most_steps=most_steps, on_step=told.append
+        values, rows, np.zeros(1), bounds(1), max_steps=max_steps, on_step=told.append
     )
-    path = np.minimum(np.cumsum([0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]), 3.0)[: most_steps + 1]
+    path = np.minimum(np.cumsum([0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]), 3.0)[: max_steps + 1]
     np.testing.assert_allclose(evaluated, path, atol=1e-9)
     np.testing.assert_allclose(found.history, 3 - path, atol=1e-9)
     assert told == list(found.history[1:])

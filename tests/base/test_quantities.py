@@ -47,13 +47,17 @@ def test_no_two_quantities_are_explained_alike():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
     per_angle = (
-        quantities.PER_ANGLE,
-        quantities.OF_BOTH_SIDES,
-        quantities.OF_LENS,
-        quantities.OF_A_CALIBRATION,
+        quantities.FIELD_QUANTITIES,
+        quantities.DERIVED_QUANTITIES,
+        quantities.LENS_QUANTITIES,
+        quantities.CALIBRATION_QUANTITIES,
     )
-    of_sensors = (quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OF_BUILT_SENSORS)
-    groups = (*per_angle, *of_sensors, quantities.OVER_THE_FIELD)
+    of_sensors = (
+        quantities.SENSOR_QUANTITIES,
+        quantities.APERTURE_QUANTITIES,
+        quantities.AS_BUILT_QUANTITIES,
+    )
+    groups = (*per_angle, *of_sensors, quantities.REDUCED_QUANTITIES)
     assert sum(map(len, groups)) == len(QUANTITIES)
 
 
@@ -64,7 +68,7 @@ def test_the_columns_are_those_of_an_evaluation():
     arrays = [
         name for name in Evaluation.__annotations__ if isinstance(getattr(result, name), np.ndarray)
     ]
-    assert arrays == [q.name for q in quantities.PER_ANGLE]
+    assert arrays == [q.name for q in quantities.FIELD_QUANTITIES]
     assert all(f"{name} : (n,)" in Evaluation.__doc__ for name in arrays)
 
 
@@ -112,7 +116,7 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
 @pytest.mark.parametrize(
     ("page", "names"),
     [
-        ("tolerance", [q.name for q in quantities.OF_BUILT_SENSORS]),
+        ("tolerance", [q.name for q in quantities.AS_BUILT_QUANTITIES]),
         ("design", LIMITABLE),
         ("optimisation", DESIGN_MERITS),
         ("evaluation", FOCUS_MERITS),

@@ -83,7 +83,7 @@ quantity = "total_blur_px"
 at_most = {blur}
 elevation_deg = [0, 30]
 [[limit]]
-quantity = "whole_height_mm"
+quantity = "overall_height_mm"
 at_most = 220.0
 """
 
@@ -198,7 +198,7 @@ CONFLICTS = {
     "a conic": (CONIC, "focal_length_mm = 11.6", "area_ratio", "at_least = 0.5"),
     "a range": (SPHERE, "focal_length_mm = [8, 11.6]", "total_blur_deg", "at_most = 0.3"),
     "a spread": (SPHERE, "theta_max_deg = 12", "viewpoint_spread_mm", "at_most = 5.0"),
-    "a height": (CONIC, "focal_length_mm = [8, 12]", "whole_height_mm", "at_most = 100.0"),
+    "a height": (CONIC, "focal_length_mm = [8, 12]", "overall_height_mm", "at_most = 100.0"),
 }
 CONFLICT = """
 [field]

@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.base.arguments import WrongKind
+from omnimirror.base.arguments import InvalidType
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.base.files import MARK
+from omnimirror.base.files import TEMPORARY_MARK
 from omnimirror.base.parameters import Uncertainty
 from omnimirror.calibration.formats import _scaramuzza
 from omnimirror.cameras.frames import Mount
@@ -464,7 +464,9 @@ def call(name: str, changed: dict[str, Any]) -> None:
             sentence = str(e)
             assert "\n" not in sentence
             assert len(sentence) < 700, sentence
-    assert not [path for path in Path().iterdir() if MARK in path.name]  # no partial output remains
+    assert not [
+        path for path in Path().iterdir() if TEMPORARY_MARK in path.name
+    ]  # no partial output remains
 
 
 @pytest.mark.parametrize("name", few(CALLS, *(name for name in CALLS if name not in LONG)))
@@ -734,10 +736,10 @@ def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
 
 
 def test_messages_are_short_whatever_they_are_about():
-    from omnimirror.base.arguments import shown
+    from omnimirror.base.arguments import format_value
 
     for value in (*ODD, [1.5] * 100_000, "x" * 100_000, 10**5000, np.zeros(10**6)):
-        assert len(shown(value)) <= 60
+        assert len(format_value(value)) <= 60
 
 
 @pytest.mark.parametrize("name", ["x" * 5000, "a folder\n/" * 500])
@@ -757,7 +759,7 @@ def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
                 read(text=text, source=name)
             assert len(str(said.value)) < 300
             assert "\n" not in str(said.value)
-    for error in (OmnimirrorError, om.base.errors.SpecError, WrongKind):
+    for error in (OmnimirrorError, om.base.errors.SpecError, InvalidType):
         assert (
             len(str(error(f"there is no mirror {name!r} and no file {'/'.join(name.split())}")))
             < 300

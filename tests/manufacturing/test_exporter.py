@@ -85,7 +85,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
         (
             "fitted-dome",
             {"body": Body(flange_width_mm=5.0)},
-            ["dome diameter_mm 238 -> 242", "hidden_percent"],
+            ["dome diameter_mm 238 -> 242", "obscured_percent"],
         ),
         (
             "paper-spherical",
@@ -95,7 +95,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
         (
             "paper-spherical",
             {"housing": Housing(rod=Rod())},
-            ["rod hides nothing", "hidden_to_deg"],
+            ["rod hides nothing", "obscured_to_deg"],
         ),
         ("in-water", {"housing": Housing()}, ["cover tube -> none", "field_from_deg"]),
     ],
@@ -365,7 +365,7 @@ quantity = "total_blur_px"
 at_most = 20.0
 
 [[limit]]
-quantity = "hidden_percent"
+quantity = "obscured_percent"
 at_most = 2.0
 """
 
@@ -412,5 +412,5 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
                 "requirements.toml",
             ]
         )
-    assert "hidden_percent: margin 2 -> -1.416 % (not met)" in capsys.readouterr().err
+    assert "obscured_percent: margin 2 -> -1.416 % (not met)" in capsys.readouterr().err
     assert not Path("out").exists()

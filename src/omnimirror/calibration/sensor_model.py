@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import checked, finite, number, vectors
+from ..base.arguments import finite, number, validate_arguments, vectors
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
@@ -382,7 +382,7 @@ MIN_ANGULAR_RADIUS = 1e-6  # radians; minimum angular radius of a ball
 PITCH_UM = 5.0  # arbitrary: an image determines only angles
 
 
-@checked
+@validate_arguments
 def mirror_ball_model(
     image_size: tuple[int, int],
     centre_px: tuple[float, float],

@@ -8,7 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import checked, finite, instance, number, optional_number, vectors, whole
+from ..base.arguments import (
+    finite,
+    instance,
+    integer,
+    number,
+    optional_number,
+    validate_arguments,
+    vectors,
+)
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
@@ -30,7 +38,7 @@ MAX_HEIGHT_MM = 1e9  # of a camera above a floor
 MAX_FLOOR_DISTANCE = 100.0  # multiple of the height; rays beyond are treated as horizontal
 
 
-@checked
+@validate_arguments
 def direction_uncertainty(
     camera: Sensor | CameraModel,
     pixels: ArrayLike,
@@ -83,7 +91,7 @@ def direction_uncertainty(
     return direction_sigma_deg(known.model, known.covariance, directions, known.field_deg)
 
 
-@checked
+@validate_arguments
 def floor_uncertainty(
     camera: Sensor | CameraModel,
     pixels: ArrayLike,
@@ -186,7 +194,7 @@ class UncertaintyMap:
         }
 
 
-@checked
+@validate_arguments
 def uncertainty_map(
     camera: Sensor | CameraModel,
     *,
@@ -228,7 +236,7 @@ def uncertainty_map(
     >>> om.uncertainty_map(model, covariance=[[0.0116**2]], steps=16).summary()["median_deg"] < 0.2
     True
     """
-    whole("steps", steps, 1, MAX_GRID_STEPS)
+    integer("steps", steps, 1, MAX_GRID_STEPS)
     width, height = camera.image_size
     step = max(width, height) / steps
     columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import check_fields, checked, number
+from ..base.arguments import check_fields, number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.linear_algebra import matrix_product
 from ..base.typing import Array
@@ -84,7 +84,7 @@ class Mount:
                     f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg"
                 )
 
-    @checked
+    @validate_arguments
     def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
         """Convert an elevation range (low, high), deg above the horizon, to field angles (deg).
 
@@ -107,7 +107,7 @@ class Mount:
         low, high = elevation_deg
         return (90.0 + low, 90.0 + high) if self.camera_looks == "up" else (90.0 - high, 90.0 - low)
 
-    @checked
+    @validate_arguments
     def elevations_deg(self, omega_deg: tuple[float, float]) -> tuple[float, float]:
         """Convert a range of field angles to elevations, deg.
 
@@ -129,7 +129,7 @@ class Mount:
         """True if pitch or roll is not 0."""
         return bool(self.pitch_deg or self.roll_deg)
 
-    @checked
+    @validate_arguments
     def lean_of_view(self, pan_deg: float) -> tuple[float, float]:
         """Return pitch and roll (deg) of a view panned in the sensor's frame without levelling.
 

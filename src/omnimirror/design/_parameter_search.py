@@ -357,7 +357,7 @@ class ParameterSpace:
                 np.nan_to_num(np.stack(constraints, axis=1)),
             )
 
-        return solve_minimax(values, rows, y, self.bounds, tolerance=CLOSE, most_steps=STEPS)
+        return solve_minimax(values, rows, y, self.bounds, tolerance=CLOSE, max_steps=STEPS)
 
     def _moved(self, y: Array, name: str, asked: float, way: int) -> float:
         """Return the relative change of a number."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import check_fields, float_of, instance, shown
+from ..base.arguments import check_fields, format_value, instance, parse_float
 from ..base.errors import InvalidParameter
 from ..cameras.camera import Camera
 from ..cameras.frames import Mount
@@ -73,11 +73,11 @@ class BorderColour:
             )
             text = ",".join(parts)
         try:
-            values = tuple(float_of(part) for part in parts)
+            values = tuple(parse_float(part) for part in parts)
         except ValueError:
             values = ()
         if len(values) not in (1, 3) or not np.isfinite(values).all():
-            raise InvalidParameter(f"{shown(border)} is no colour; {VALID_COLOURS}")
+            raise InvalidParameter(f"{format_value(border)} is no colour; {VALID_COLOURS}")
         return cls(text, values, False)
 
     def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import instance, shown
+from ..base.arguments import format_value, instance
 from ..base.errors import InvalidParameter
 from ..base.native import backend
 from ..base.typing import Mask
@@ -172,7 +172,7 @@ def check_border(border: Border) -> None:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
         raise InvalidParameter(
-            f"border = {shown(border)} is no colour; valid are a number, or one for every channel"
+            f"border = {format_value(border)} is no colour; valid are a number, or one for every channel"
         )
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import av
 
-from ..base.arguments import checked
+from ..base.arguments import validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.files import is_same_file
 from ..cameras.camera import Camera
@@ -127,7 +127,7 @@ class Listener:
 SILENT = Listener()
 
 
-@checked
+@validate_arguments
 def dewarp_video(
     source: str | Path,
     outputs: str | Path | Sequence[str | Path],

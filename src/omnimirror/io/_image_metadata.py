@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.files import decompressed
+from ..base.files import decompress
 from .exif import (
     EXPOSURE,
     ORIENTATION_TAG,
@@ -298,7 +298,7 @@ def _of_png(data: bytes) -> tuple[bytes | None, bytes]:
         (length,) = struct.unpack_from(">I", data, at)
         kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
         if kind == b"iCCP":
-            profile = decompressed(body[body.index(b"\0") + 2 :], MAX_PROFILE_BYTES)
+            profile = decompress(body[body.index(b"\0") + 2 :], MAX_PROFILE_BYTES)
         elif kind == b"eXIf":
             block = body
         at += 12 + length

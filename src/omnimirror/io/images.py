@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import file_name, instance
 from ..base.errors import MediaError, OmnimirrorError
-from ..base.files import read_bytes, replacing
+from ..base.files import atomic_output, read_bytes
 from . import _image_metadata, exr
 from ._image_metadata import METADATA_WRITERS, ImageMetadata, embed_metadata, read_metadata
 from ._panorama import GPano
@@ -473,7 +473,7 @@ def write_image(
             f"{path} cannot hold a colour profile or EXIF; valid are {', '.join(METADATA_WRITERS)}"
         )
     try:
-        with replacing(path) as temporary:
+        with atomic_output(path) as temporary:
             if temporary.suffix.lower() == ".exr":
                 exr.write_exr(temporary, image)
             else:

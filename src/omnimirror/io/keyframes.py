@@ -13,9 +13,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ..base import files
-from ..base.arguments import float_of, shown
+from ..base.arguments import format_value, parse_float
 from ..base.caching import cached_property
-from ..base.errors import MediaError, SpecError, shortened
+from ..base.errors import MediaError, SpecError, abbreviate
 
 Interpolation = Literal["smooth", "linear"]
 
@@ -79,7 +79,7 @@ class Keyframes:
         """
         path = Path(path)
         text = files.read_text(
-            path, "keyframes", MediaError, f"there are no keyframes {shown(str(path))}"
+            path, "keyframes", MediaError, f"there are no keyframes {format_value(str(path))}"
         )
         if path.suffix.lower() not in (".csv", ".toml"):
             raise MediaError(f"keyframes are read from .csv and .toml files, and {path} is neither")
@@ -153,7 +153,7 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
     >>> parse_csv("time_s,pan_deg\\n0,0\\n2,90").at(1.0)
     {'pan_deg': 45.0}
     """
-    source = shortened(source)
+    source = abbreviate(source)
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
@@ -185,7 +185,7 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
     >>> parse_toml("[[keyframe]]\\ntime_s = 0\\npan_deg = 5").at(1.0)
     {'pan_deg': 5.0}
     """
-    source = shortened(source)
+    source = abbreviate(source)
     try:
         data = files.parse_toml(text, source)
     except SpecError as e:
@@ -213,7 +213,7 @@ def keyframes_of(
     interpolation = data.pop("interpolation", "smooth")
     if interpolation not in get_args(Interpolation):
         raise MediaError(
-            f"interpolation = {shown(interpolation)} in {source} is not one of smooth, linear"
+            f"interpolation = {format_value(interpolation)} in {source} is not one of smooth, linear"
         )
     tables = data.pop("keyframe", [])
     if data or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
@@ -274,7 +274,7 @@ def _keyframes(
 def _number(name: str, value: Any, where: str) -> float:
     try:
         number = (
-            float_of(value)
+            parse_float(value)
             if isinstance(value, str)
             else math.nan
             if isinstance(value, bool)
@@ -283,5 +283,5 @@ def _number(name: str, value: Any, where: str) -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise MediaError(f"{where} has {name} = {shown(value)}, which is not a number")
+        raise MediaError(f"{where} has {name} = {format_value(value)}, which is not a number")
     return number

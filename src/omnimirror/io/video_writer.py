@@ -16,7 +16,7 @@ from av.audio.stream import AudioStream
 from av.packet import Packet
 
 from ..base.errors import MediaError
-from ..base.files import replacing
+from ..base.files import atomic_output
 from ._panorama import GPano
 from .batch import WRITABLE_VIDEO_SUFFIXES
 from .image_sequences import NUMBER_PATTERN, SEQUENCE_SUFFIXES, numbered, numbers_of
@@ -141,7 +141,7 @@ class VideoWriter:
         """Remarks on the file for the user, in sentences."""
         self._stack: ExitStack | None = ExitStack()
         with media_errors(path), self._stack:
-            self._temporary = self._stack.enter_context(replacing(self.path, self._rescue))
+            self._temporary = self._stack.enter_context(atomic_output(self.path, self._rescue))
             self._encoder = Encoder(str(self._temporary), size, frame_rate, **encoding)
             self._encoder.target = str(path)
             if self._encoder.lost:

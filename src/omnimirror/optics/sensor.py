@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import finite, instance, numbers, places, shown, vectors
+from ..base.arguments import finite, format_value, instance, numbers, positions, vectors
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from ..base.notebook_card import Line, card, field_range, line_drawing, origin
@@ -111,9 +111,9 @@ class Sensor:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):
             instance(name, getattr(self, name), kind, f"one of omnimirror's {name}s")
         instance("housing", self.housing, Housing, "a Housing of omnimirror.optics.housing")
-        if numbers("mirror_distance_mm", self.mirror_distance_mm, "(it takes one)").ndim:
+        if numbers("mirror_distance_mm", self.mirror_distance_mm, "a number").ndim:
             raise InvalidParameter(
-                f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number"
+                f"mirror_distance_mm = {format_value(self.mirror_distance_mm)} is not one number"
             )
         if self.lens.TELECENTRIC:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
@@ -455,12 +455,12 @@ class Sensor:
         return clear_field_deg(self.field_deg, self.obscured)
 
     @property
-    def hidden_to_deg(self) -> float:
+    def obscured_to_deg(self) -> float:
         """Upper field angle, degrees, of the obscured centre, or of the field's start."""
         return self.clear_field_deg[0]
 
     @property
-    def hidden_percent(self) -> float:
+    def obscured_percent(self) -> float:
         """Obscured fraction of the area of the image circle, %."""
         return sum(ring.picture_percent for ring in self.obscured)
 
@@ -726,7 +726,7 @@ class Sensor:
         InvalidParameter
             If the pixels or pupil points have another shape.
         """
-        pixels, pupil = vectors("pixels", pixels, 2), places("pupil", pupil)
+        pixels, pupil = vectors("pixels", pixels, 2), positions("pupil", pupil)
         _check_pupil(pupil, pixels)
         flat, depth = self.image_plane.flat_mm(pixels)
         origins, directions = self.optical_train.rays_of_image(flat, pupil)
@@ -944,7 +944,7 @@ def _field_properties(sensor: Sensor) -> dict[str, str]:
         "Resolution": f"{rate.min():.3g} to {rate.max():.3g} px/° radial",
     }
     return (
-        {**properties, "Obscuration": f"{sensor.hidden_percent:.3g} % of the image"}
+        {**properties, "Obscuration": f"{sensor.obscured_percent:.3g} % of the image"}
         if sensor.obscured
         else properties
     )

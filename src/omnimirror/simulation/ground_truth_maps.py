@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import checked
+from ..base.arguments import validate_arguments
 from ..base.colour import Light
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
@@ -64,7 +64,7 @@ class Truth(NamedTuple):
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
 
 
-@checked
+@validate_arguments
 def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
     """Return the ground truth of each pixel centre by its chief ray.
 

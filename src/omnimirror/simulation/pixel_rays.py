@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import numbers, shown
+from ..base.arguments import format_value, numbers
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
@@ -66,14 +66,16 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
     for name, value in (("samples", samples), ("seed", seed)):
-        if numbers(name, value, "(it takes one)").ndim:
-            raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
+        if numbers(name, value, "a number").ndim:
+            raise InvalidParameter(f"{name} = {format_value(value)} is not one whole number")
     if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
         raise InvalidParameter(
-            f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
+            f"samples = {format_value(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
         )
     if not (0 <= seed < 1 << 32 and int(seed) == seed):
-        raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")
+        raise InvalidParameter(
+            f"seed = {format_value(seed)} is not a whole number from 0 to {2**32 - 1}"
+        )
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:

@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ...base.arguments import float_of
+from ...base.arguments import parse_float
 from ...design.catalogue import TYPICAL
 from ...design.designer import SearchOptions
 from ...design.freeform import SHAPE
@@ -120,7 +120,7 @@ def distances(text: str) -> float | tuple[float, float]:
     (inf, (500.0, inf))
     """
     try:
-        numbers = [float_of(part) for part in text.split(":")]
+        numbers = [parse_float(part) for part in text.split(":")]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(n > 0 for n in numbers):
@@ -152,11 +152,13 @@ def limit(text: str) -> AskedLimit:
     try:
         if match is None:
             raise ValueError
-        entries: dict[str, Any] = {} if match[2] is None else {"cycles_per_px": float_of(match[2])}
+        entries: dict[str, Any] = (
+            {} if match[2] is None else {"cycles_per_px": parse_float(match[2])}
+        )
         if match[5]:
-            ends = [float_of(match[5]), float_of(match[6] or match[5])]
+            ends = [parse_float(match[5]), parse_float(match[6] or match[5])]
             entries["elevation_deg" if match[4] else "omega_deg"] = ends
-        return match[1], float_of(match[3]), entries
+        return match[1], parse_float(match[3]), entries
     except ValueError:
         raise click.BadParameter(
             f"{text!r} is not a limit QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, such as "

@@ -15,7 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import WrongKind, checked, choice, instance, optional_number, shown
+from ...base.arguments import (
+    InvalidType,
+    choice,
+    format_value,
+    instance,
+    optional_number,
+    validate_arguments,
+)
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import Mount, turned
@@ -165,7 +172,7 @@ TOGETHER = (
 OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 
 
-@checked
+@validate_arguments
 def calibrate_camera(
     pictures: Sequence[Detection] | Sequence[Picture | str | Path] = (),
     board: Board | None = None,
@@ -396,8 +403,8 @@ def _with_names(detections: Sequence[Detection]) -> list[Detection]:
 
 def _prior(given: Any) -> Prior:
     if not (isinstance(given, tuple) and len(given) == len(Prior._fields)):
-        raise WrongKind(
-            f"{shown(given)} among the priors is not a name, a value and its standard deviation"
+        raise InvalidType(
+            f"{format_value(given)} among the priors is not a name, a value and its standard deviation"
         )
     return Prior(*given)
 
@@ -428,7 +435,7 @@ def _wanted(
         return (model,)
     if not isinstance(model, CameraModel):
         raise InvalidParameter(
-            f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}"
+            f"model = {format_value(model)} is no model and no name of one: auto, {', '.join(KINDS)}"
         )
     if tuple(model.image_size) != tuple(size):
         (w, h), (width, height) = model.image_size, size

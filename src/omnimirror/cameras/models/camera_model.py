@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import choice, finite, shown
+from ...base.arguments import choice, finite, format_value
 from ...base.errors import InvalidParameter
 from ...base.notebook_card import Line, card, field_range, line_drawing, origin
 from ...base.parameters import Uncertainty
@@ -165,7 +165,7 @@ class CameraModel(ABC):
     def _check_camera(self) -> None:
         if finite("image_size", self.image_size).shape != (2,):
             raise InvalidParameter(
-                f"image_size = {shown(self.image_size)} is no pair of numbers, (width, height)"
+                f"image_size = {format_value(self.image_size)} is no pair of numbers, (width, height)"
             )
         for name, length in zip(("width", "height"), self.image_size, strict=True):
             if not (1 <= length <= MAX_IMAGE_PX and int(length) == length):

@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
 
-from ...base.arguments import file_name, finite, float_of, shown
+from ...base.arguments import file_name, finite, format_value, parse_float
 from ...base.caching import cached_property
 from ...base.errors import (
     InvalidParameter,
     OmnimirrorError,
     OmnimirrorWarning,
     SpecError,
-    shortened,
+    abbreviate,
 )
 from ...base.files import read_text
 from ...base.parameters import Uncertainty
@@ -100,11 +100,11 @@ class OCam(RadialModel):
         self._check_radial()
         if finite("polynomial", self.polynomial).ndim != 1:
             raise InvalidParameter(
-                f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)"
+                f"polynomial = {format_value(self.polynomial)} is no row of numbers, (n,)"
             )
         if finite("affine", self.affine).shape != (3,):
             raise InvalidParameter(
-                f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0"
+                f"affine = {format_value(self.affine)} is not c, d and e, near 1, 0 and 0"
             )
         if not (
             len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0
@@ -250,7 +250,7 @@ def load_ocam(
     model, inverse = parse_polynomials(text, str(path))
     camera = _placed(model, optics, mount, rim_radius_px)
     for doubt in (*inverse_polynomial_warnings(camera, inverse), *plausibility_warnings(camera)):
-        warnings.warn(f"{shortened(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
+        warnings.warn(f"{abbreviate(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
     return camera
 
 
@@ -300,7 +300,7 @@ class _Lines:
     """Iterator over the numeric lines of a file, with errors that name them."""
 
     def __init__(self, text: str, source: str) -> None:
-        self.source = shortened(source)
+        self.source = abbreviate(source)
         self.number = 0
         stripped = (
             (i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1)
@@ -334,7 +334,7 @@ class _Lines:
         values = []
         for word in words:
             try:
-                values.append(float_of(word))
+                values.append(parse_float(word))
             except ValueError:
                 values.append(np.nan)
             if not np.isfinite(values[-1]):

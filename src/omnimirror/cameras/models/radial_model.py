@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import finite, instance, number, optional_number, places, shown, vectors
+from ...base.arguments import (
+    finite,
+    format_value,
+    instance,
+    number,
+    optional_number,
+    positions,
+    vectors,
+)
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
@@ -378,7 +386,7 @@ class RadialModel(CameraModel):
             If the angles are not one-dimensional.
         """
         return self.scale_px * self.distortion.radius(
-            self._law_radius(places("omega", omega, is_row=True))
+            self._law_radius(positions("omega", omega, is_row=True))
         )
 
     def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
@@ -400,7 +408,7 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the angles are not one-dimensional.
         """
-        omega = places("omega", omega, is_row=True)
+        omega = positions("omega", omega, is_row=True)
         law = self._law(omega)
         rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
         return (
@@ -427,7 +435,7 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the radii are not one-dimensional.
         """
-        radius = places("radius_px", radius_px, is_row=True) / self.scale_px
+        radius = positions("radius_px", radius_px, is_row=True) / self.scale_px
         return self._law_inverse(undistorted_radius(self.distortion, radius, self._plane_end))
 
     @property
@@ -558,7 +566,7 @@ class RadialModel(CameraModel):
         self._check_camera()
         if finite("centre_px", self.centre_px, -MAX_PX, MAX_PX, unit="px").shape != (2,):
             raise InvalidParameter(
-                f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)"
+                f"centre_px = {format_value(self.centre_px)} is no pair of numbers, (u, v)"
             )
         optional_number("rim_radius_px", self.rim_radius_px, above=0.0, high=MAX_PX, unit="px")
         instance("mount", self.mount, Mount, "a Mount")
@@ -634,6 +642,6 @@ class FocalModel(RadialModel):
         focal = finite("focal_px", self.focal_px, high=MAX_PX, unit="px")
         if focal.shape != (2,) or not focal.min() >= MIN_FOCAL_PX:
             raise InvalidParameter(
-                f"focal_px = {shown(self.focal_px)} is not valid; it is valid as (fx, fy), both above 0 px"
+                f"focal_px = {format_value(self.focal_px)} is not valid; it is valid as (fx, fy), both above 0 px"
             )
         number("skew_px", self.skew_px, low=-MAX_PX, high=MAX_PX, unit="px")

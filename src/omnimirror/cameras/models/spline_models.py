@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import finite, number, shown, whole
+from ...base.arguments import finite, format_value, integer, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
@@ -179,7 +179,7 @@ class SplineModel(RadialModel):
         radii = finite("radii_px", self.radii_px, high=MAX_PX, unit="px")
         if radii.ndim != 1 or len(radii) < MIN_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
             raise InvalidParameter(
-                f"radii_px = {shown(self.radii_px)} is no row of {MIN_KNOTS} or more radii that grow from knot to knot"
+                f"radii_px = {format_value(self.radii_px)} is no row of {MIN_KNOTS} or more radii that grow from knot to knot"
             )
         for name in ("stretch_x", "shear"):
             number(name, getattr(self, name), low=-0.5, high=0.5)
@@ -257,7 +257,7 @@ def _initial_table(
         )
     end = float(np.radians(field / 2))
     count = (
-        _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, MIN_KNOTS)
+        _enough_knots(camera, fewest, end) if knots is None else integer("knots", knots, MIN_KNOTS)
     )
     omega = np.minimum(np.arange(1, count + 1) / count * end, camera.model_end)
     half = (camera.stretch + camera.stretch.T) / 2
@@ -450,7 +450,7 @@ class ViewpointSpline(SplineModel):
         heights = finite("viewpoints_mm", self.viewpoints_mm, -MAX_MM, MAX_MM, unit="mm")
         if heights.shape != (len(self.radii_px),):
             raise InvalidParameter(
-                f"viewpoints_mm = {shown(self.viewpoints_mm)} does not give one height for each of the "
+                f"viewpoints_mm = {format_value(self.viewpoints_mm)} does not give one height for each of the "
                 f"{len(self.radii_px)} knots"
             )
 

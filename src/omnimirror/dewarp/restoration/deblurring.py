@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_fields, checked, instance
+from ...base.arguments import check_fields, instance, validate_arguments
 from ...base.caching import cached_property
 from ...base.colour import Light, linear_from_srgb, srgb_from_linear
 from ...base.errors import InvalidParameter
@@ -119,7 +119,7 @@ UNSEEN = "it does not show how much blur it has"
 NO_MORE = "it shows no more blur"
 
 
-@checked
+@validate_arguments
 def restore(
     camera: Camera,
     image: Picture,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.typing import Array, Mask
@@ -341,7 +341,7 @@ class Noise(NamedTuple):
         return self._replace(by_pixel=self.by_pixel[rows, columns])
 
 
-@checked
+@validate_arguments
 def estimate_noise(
     picture: Picture, file: str | Path | None = None, *, where: Mask | None = None
 ) -> Noise:

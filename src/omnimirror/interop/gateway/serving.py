@@ -7,7 +7,7 @@ import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.errors import InvalidParameter, MediaError
 from ...cameras.camera import Camera
 from ...dewarp.interfaces import Interpolation
@@ -21,7 +21,7 @@ from .live_views import Gateway
 from .routes import create_app
 
 
-@checked
+@validate_arguments
 def serve_views(
     source: str,
     views: Mapping[str, NamedView],

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_fields, checked, file_name, finite
+from ...base.arguments import check_fields, file_name, finite, validate_arguments
 from ...base.colour import Light, hex_colour
 from ...base.errors import InvalidParameter, MediaError, SpecError
 from ...base.files import read_tables
@@ -101,7 +101,7 @@ class MovingBox:
         return Pose(**self.path.at(time_s))
 
 
-@checked
+@validate_arguments
 def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
     """Read moving boxes from a TOML file with one table per name.
 

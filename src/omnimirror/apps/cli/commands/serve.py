@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ....base.errors import OmnimirrorError
-from ....base.native import MOST_THREADS
+from ....base.native import MAX_THREADS
 from ....dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ....interop.named_views import load_views
 from .._camera_options import CameraOptions
@@ -57,7 +57,7 @@ class GatewayOptions(ListenOptions):
 )
 @click.option(
     "--threads",
-    type=WholeRange(1, MOST_THREADS),
+    type=WholeRange(1, MAX_THREADS),
     metavar="N",
     help="Number of dewarping threads.  [default: one per processor core]",
 )
