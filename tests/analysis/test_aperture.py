@@ -372,7 +372,7 @@ def test_reflectance_of_metals_is_fresnels():
         (
             lambda: om.spots(SPH, [10.0], object_distance_mm=-1.0),
             InvalidParameter,
-            "object_distance_mm = -1",
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -1",
         ),
         (
             lambda: om.spots(SPH, [10.0], focus_mm=[5.0]),
@@ -380,11 +380,15 @@ def test_reflectance_of_metals_is_fresnels():
             "focus_distance_mm = 5 is not beyond",
         ),
         (lambda: om.spots(TILTED), InvalidParameter, "decentred or tilted"),
-        (lambda: om.mtf(SPH, [10.0], kind="both"), InvalidParameter, "kind = 'both' is not known"),
+        (
+            lambda: om.mtf(SPH, [10.0], kind="both"),
+            InvalidParameter,
+            "kind must be one of diffraction, geometric; got 'both'",
+        ),
         (
             lambda: om.mtf(SPH, [10.0], cycles_per_px=[-0.1]),
             InvalidParameter,
-            "cycles_per_px.* = -0.1 is not valid",
+            r"cycles_per_px\[0\] must be between 0 and 1e\+06; got -0\.1",
         ),
         (
             lambda: om.mtf(SPH, [10.0], wavelength_nm=5.0),
@@ -399,7 +403,7 @@ def test_reflectance_of_metals_is_fresnels():
         (
             lambda: om.psf(SPH, 10.0, width_px=-3.0),
             InvalidParameter,
-            "width_px = -3.0 is not valid",
+            r"width_px must be greater than 0 px and finite; got -3\.0",
         ),
         (lambda: om.psf(SPH, 10.0, width_px=1e5), InvalidParameter, "step_px from 50"),
         (

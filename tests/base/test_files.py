@@ -91,7 +91,10 @@ def test_permissions_are_those_of_any_new_file(tmp_path):
 
 
 def test_a_folder_is_not_a_file_name(tmp_path):
-    with pytest.raises(OmnimirrorError, match="it is a folder, and a file name is needed"):
+    with pytest.raises(
+        OmnimirrorError,
+        match="cannot write test_a_folder_is_not_a_file_na0: the name must be that of a file; got a folder",
+    ):
         write_text(tmp_path, "x")
     assert list(tmp_path.iterdir()) == []
 
@@ -106,7 +109,7 @@ def test_json_is_written_in_utf_8_as_people_read_it(tmp_path):
 @pytest.mark.parametrize("digits", [str(2**63), str(-(2**63) - 1), "9" * 4400])
 def test_whole_numbers_of_toml_have_64_bits(digits):
     """Also reject thousands of digits, which Python does not convert."""
-    with pytest.raises(SpecError, match=r"^a.toml holds a whole number of more than 64 bits"):
+    with pytest.raises(SpecError, match=r"a\.toml: integers must have at most 64 bits"):
         files.parse_toml(f"a = [{{b = {digits}}}]", "a.toml")
     for valid in (2**63 - 1, -(2**63)):
         assert files.parse_toml(f"a = {valid}", "a.toml") == {"a": valid}
@@ -151,7 +154,7 @@ def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
         (
             tmp_path / "huge",
             MAX_TEXT_BYTES,
-            r"must not be larger than 64 MB; got 1048576 MB; reduce or split it",
+            "the file must be at most 64 MB",
         ),
         (tmp_path / "fits", 4, "larger"),
         (tmp_path, 5, "it is a folder"),
@@ -166,7 +169,7 @@ def test_text_is_read_as_it_was_meant(tmp_path):
     assert read_text(tmp_path / "dos.txt", "table") == "one\ntwo\n"
     (tmp_path / "latin.txt").write_bytes(b"caf\xe9")
     with pytest.raises(
-        OmnimirrorError, match=r"cannot read the table .*latin\.txt: it is not a text file"
+        OmnimirrorError, match=r"cannot read the table latin\.txt: the file must be text in UTF-8"
     ):
         read_text(tmp_path / "latin.txt", "table")
     with pytest.raises(OmnimirrorError, match=r"cannot read the table .*none\.txt: No such file"):
@@ -177,7 +180,7 @@ def test_files_without_a_nominal_size_are_read_up_to_the_limit():
     with open("/proc/self/status", "rb") as file:
         content = file.read()
     assert read_bytes("/proc/self/status", 1 << 20).splitlines()[0] == content.splitlines()[0]
-    with pytest.raises(OSError, match="must not be larger than 9 bytes; reduce or split it"):
+    with pytest.raises(OSError, match="the file must be at most 9 bytes; reduce or split it"):
         read_bytes("/proc/self/status", 9)
 
 
@@ -197,9 +200,7 @@ def test_the_declared_content_of_an_archive_is_limited(tmp_path):
         for name in ("one", "two"):
             archive.writestr(name, bytes(1 << 20))
     check_file(tmp_path / "a.x3p", 1 << 14, 2 << 20)
-    with pytest.raises(
-        OSError, match="its content must not be larger than 1 MB; got 2 MB; reduce or split it"
-    ):
+    with pytest.raises(OSError, match="the content must be at most 1 MB"):
         check_file(tmp_path / "a.x3p", 1 << 14, (2 << 20) - 1)
     data = bytearray((tmp_path / "a.x3p").read_bytes())
     data[data.index(b"PK\x01\x02")] = 0
@@ -212,7 +213,7 @@ def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
     assert decompress(packed, 1000) == bytes(1000)
     for data, most, reason in [
-        (packed, 999, "content must not be larger than 999 bytes"),
+        (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
         (packed[:-5], 1000, "it is cut short"),
         (b"x" + packed, 1000, "it is damaged"),
     ]:
@@ -243,7 +244,9 @@ def test_nesting_is_limited_to_32_levels(kind):
     parse = PARSERS[kind.rpartition(".")[2]]
     assert parse(NESTED[kind](32)) is not None
     for levels in (33, 34, 3_000, 100_000):
-        with pytest.raises(ValueError, match="must not be nested more than 32 levels deep"):
+        with pytest.raises(
+            ValueError, match="a: tables and lists must be nested at most 32 levels deep"
+        ):
             parse(NESTED[kind](levels))
 
 
@@ -252,15 +255,21 @@ def test_nesting_is_limited_to_32_levels(kind):
     [
         (
             "a: &x [1, 2]\nb: *x\n",
-            r"a.yaml line 2: references \(\*x\) are not read; write the value out",
+            r"a\.yaml line 2: aliases \(\*x\) are not supported; repeat the value",
         ),
-        ("[" + "1," * 100_000 + "1]", "a.yaml must not hold more than 100000 values; got more"),
+        (
+            "[" + "1," * 100_000 + "1]",
+            r"a\.yaml must contain at most 100000 values; got more up to line 1",
+        ),
         (
             "a: " + "x" * (5 << 20),
-            "a.yaml must not be larger than 4 MB; got 6 MB; reduce or split it",
+            r"a\.yaml must be at most 4 MB",
         ),
-        ("a: [1, 2\n", "a.yaml line 2 is not valid YAML"),
-        ("a: \x01\n", "a.yaml is not valid YAML"),
+        ("a: [1, 2\n", r"a\.yaml line 2 must be valid YAML: did not find expected ',' or '\]'"),
+        (
+            "a: \x01\n",
+            r"a\.yaml must be valid YAML: unacceptable character #x0001: control characters are not allow",
+        ),
     ],
 )
 def test_yaml_has_limits(text, sentence):
@@ -277,11 +286,11 @@ def test_yaml_within_the_limits_is_read():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a = [" + "1," * (3 << 20) + "]", "a.toml must not be larger than 4 MB; got 7 MB"),
-        ("a = 9223372036854775808", "a.toml holds a whole number of more than 64 bits"),
-        ("a = [[-9223372036854775809]]", "a.toml holds a whole number of more than 64 bits"),
-        ("a = " + "9" * 5000, "a.toml holds a whole number of more than 64 bits"),
-        ("a = ", "a.toml is not valid TOML"),
+        ("a = [" + "1," * (3 << 20) + "]", r"a\.toml must be at most 4 MB"),
+        ("a = 9223372036854775808", r"a\.toml: integers must have at most 64 bits"),
+        ("a = [[-9223372036854775809]]", r"a\.toml: integers must have at most 64 bits"),
+        ("a = " + "9" * 5000, r"a\.toml: integers must have at most 64 bits"),
+        ("a = ", r"a\.toml must be valid TOML: Invalid value \(at end of document\)"),
     ],
 )
 def test_toml_has_limits(text, sentence):

@@ -109,7 +109,7 @@ def test_one_that_fails_leaves_the_others_alone():
         "5.jpg": "an unforeseen ZeroDivisionError: by zero",
         "6.jpg": "6.jpg: No space left on device",
     }
-    assert (results.exit_code, results.not_begun, told[-1]) == (1, [], (20, 20))
+    assert (results.exit_code, results.not_started, told[-1]) == (1, [], (20, 20))
     assert run_parallel([]).exit_code == 0
 
 
@@ -145,7 +145,7 @@ def job(n):
         pathlib.Path({str(tmp_path)!r}, str(n)).touch()
     return Job(str(n), run)
 results = run_parallel([job(n) for n in range(20)], 2)
-print(len(results.done), len(results.not_begun), results.exit_code, flush=True)
+print(len(results.done), len(results.not_started), results.exit_code, flush=True)
 """
     run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert [run.stdout.readline() for _ in range(2)] == ["begun\n"] * 2

@@ -108,7 +108,7 @@ def test_a_timecode_is_kept(tmp_path, suffix):
     for start_s, expected in ((0, "10:20:30:05"), (0.2, "10:20:30:10")):
         out = tmp_path / f"b{suffix}"
         with VideoReader(source, start_s) as reader:
-            process(reader.items(), VideoWriter.like(reader, out), lambda made, time_s: made)
+            process(reader.items(), VideoWriter.from_source(reader, out), lambda made, time_s: made)
         with av.open(str(out)) as container:
             notes = [container.metadata, *(stream.metadata for stream in container.streams)]
         told = {text for note in notes for key, text in note.items() if key.lower() == "timecode"}
@@ -117,7 +117,10 @@ def test_a_timecode_is_kept(tmp_path, suffix):
 
 def test_a_timecode_that_cannot_be_kept_is_said(tmp_path):
     source = make_video(tmp_path / "a.mov", 3, timecode="10:20:30:05")
-    with VideoReader(source) as reader, VideoWriter.like(reader, tmp_path / "b.ts") as writer:
+    with (
+        VideoReader(source) as reader,
+        VideoWriter.from_source(reader, tmp_path / "b.ts") as writer,
+    ):
         writer.write(frame_of_image(np.zeros((SIZE[1], SIZE[0]), np.uint8)))
     assert "the timecode is lost" in writer.notes[0]
 

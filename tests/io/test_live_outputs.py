@@ -42,7 +42,7 @@ def y4m_of(data):
     return head.decode(), frames
 
 
-@pytest.mark.parametrize("pixels", ["planes", "picture"])
+@pytest.mark.parametrize("pixels", ["planes", "image"])
 def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
     pipe = io.BytesIO()
     with VideoReader(clip) as reader:
@@ -56,7 +56,7 @@ def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
     expected = [b"".join(plane.tobytes() for plane in planes(frame)) for frame in before]
     tolerance = 0 if pixels == "planes" else 3
     for frame, wanted in zip(frames, expected, strict=True):
-        if pixels == "picture" and not 60 < wanted[0] < 180:
+        if pixels == "image" and not 60 < wanted[0] < 180:
             continue  # outside the RGB gamut: blue, green and red were clipped
         difference = np.frombuffer(frame, np.uint8).astype(int) - np.frombuffer(wanted, np.uint8)
         assert np.abs(difference).max() <= tolerance
@@ -125,7 +125,9 @@ except BrokenPipeError:
 def test_two_sinks_take_the_same_frames(clip, tmp_path):
     pipe = io.BytesIO()
     with VideoReader(clip) as reader:
-        sink = Tee(VideoWriter.like(reader, tmp_path / "a.mp4"), PipeSink("y4m", 25, stream=pipe))
+        sink = Tee(
+            VideoWriter.from_source(reader, tmp_path / "a.mp4"), PipeSink("y4m", 25, stream=pipe)
+        )
         outcome = process(reader.items(), sink, lambda p, t: p)
     assert (
         outcome.frames
@@ -140,7 +142,9 @@ def test_two_files_have_the_sound_both(tmp_path):
     names = [tmp_path / "a.mp4", tmp_path / "b.mkv"]
     with VideoReader(clip) as reader:
         process(
-            reader.items(), Tee(*(VideoWriter.like(reader, name) for name in names)), lambda p, t: p
+            reader.items(),
+            Tee(*(VideoWriter.from_source(reader, name) for name in names)),
+            lambda p, t: p,
         )
     expected = [data for _, data in sound_of(clip)]
     for name in names:

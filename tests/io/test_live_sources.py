@@ -13,7 +13,7 @@ import pytest
 
 from omnimirror.base.errors import MediaError
 from omnimirror.io.live_outputs import StreamSink
-from omnimirror.io.live_sources import TICKS, LiveSource, checked
+from omnimirror.io.live_sources import TICKS, LiveSource, resolve_source
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_writer import VideoWriter
 from tests.everyday import few
@@ -23,14 +23,14 @@ HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
 PATIENCE = {
     "timeout_s": 30.0,
     "patience_s": 300.0,
-    "first_wait_s": 0.05,
+    "min_delay_s": 0.05,
 }  # sufficient for slow machines
 
 
 @pytest.fixture(scope="module")
 def transport(tmp_path_factory):
     """4 s of MPEG-TS with two key frames per second."""
-    return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_sound=False).read_bytes()
+    return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_audio=False).read_bytes()
 
 
 @contextmanager
@@ -99,7 +99,7 @@ def test_a_stream_that_breaks_is_found_again(transport):
     told = []
     with (
         server([HEAD, *paced(half, 1.0)], [], [], [HEAD, *paced(transport, 2.0), 5.0]) as url,
-        LiveSource(url, **PATIENCE, report=told.append) as source,
+        LiveSource(url, **PATIENCE, on_warning=told.append) as source,
     ):
         before = 0
         for frame in source.frames():
@@ -122,7 +122,7 @@ def test_a_stream_that_falls_silent_is_lost(transport):
     with (
         server([HEAD, transport, 30.0], [HEAD, *paced(transport, 1.0), 5.0]) as url,
         LiveSource(
-            url, timeout_s=1.5, patience_s=300, first_wait_s=0.05, report=told.append
+            url, timeout_s=1.5, patience_s=300, min_delay_s=0.05, on_warning=told.append
         ) as source,
     ):
         for _ in source.frames():
@@ -167,7 +167,7 @@ def test_a_live_stream_is_recorded(transport, tmp_path):
     ):
         source.first()
         sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
-        outcome = process(source.frames(), sink, lambda picture, time_s: picture, ahead=0)
+        outcome = process(source.frames(), sink, lambda picture, time_s: picture, queue_size=0)
     frames = pictures_of(tmp_path / "a.mp4")
     assert len(frames) == outcome.frames == 100 - source.dropped
     assert 0.3 < frames[-1].time - frames[0].time < 4
@@ -175,7 +175,7 @@ def test_a_live_stream_is_recorded(transport, tmp_path):
 
 def test_nobody_there_is_one_sentence():
     url = f"http://127.0.0.1:{free_port()}/live.ts"
-    with LiveSource(url, timeout_s=1, patience_s=0.6, first_wait_s=0.05) as source:
+    with LiveSource(url, timeout_s=1, patience_s=0.6, min_delay_s=0.05) as source:
         with pytest.raises(
             MediaError, match=r"nothing has come from http.* for .* s: Connection refused"
         ) as e:
@@ -227,7 +227,7 @@ def test_what_is_no_source_is_refused(url, message):
     "url", ["udp://@:1234", "tcp://:1234?listen", "http://[::1]:80/x", "rtsp://me:p@ss@door/1"]
 )
 def test_what_may_be_a_source_is_taken(url):
-    assert checked(url) == (url, None)
+    assert resolve_source(url) == (url, None)
 
 
 @pytest.mark.parametrize("opening_s", [None, 0.3])
@@ -243,9 +243,9 @@ def test_what_never_answers_is_given_up(opening_s):
             1.0,
             patience_s,
             opening_s=opening_s,
-            first_wait_s=0.02,
-            longest_wait_s=0.02,
-            report=told.append,
+            min_delay_s=0.02,
+            max_delay_s=0.02,
+            on_warning=told.append,
         ) as source,
         pytest.raises(MediaError, match="nothing has come from http://127"),
     ):
@@ -261,7 +261,7 @@ def test_a_file_that_is_no_video_and_a_door_that_is_locked_are_given_up_at_once(
     with server([b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"]) as locked:
         for url in (f"file://{tmp_path}/passwd", locked):
             with (
-                LiveSource(url, patience_s=math.inf, report=told.append) as source,
+                LiveSource(url, patience_s=math.inf, on_warning=told.append) as source,
                 pytest.raises(MediaError, match="cannot read"),
             ):
                 source.first()
@@ -310,7 +310,7 @@ def test_what_we_send_is_received(scheme):
     # waits forever.
     options = {"rtsp_flags": "listen", "listen_timeout": "300"} if scheme == "rtsp" else {}
     timeout_s = 300 if scheme == "rtsp" else 30
-    with LiveSource(url, timeout_s, patience_s=300, first_wait_s=0.05, options=options) as source:
+    with LiveSource(url, timeout_s, patience_s=300, min_delay_s=0.05, options=options) as source:
         sender = push(url + "?pkt_size=1316" * (scheme == "udp"), 100_000)
         try:
             for frame in source.frames():

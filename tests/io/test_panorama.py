@@ -22,7 +22,7 @@ RNG = np.random.default_rng(5)
 GPANO = "{http://ns.google.com/photos/1.0/panorama/}"
 GSPHERICAL = "{http://ns.google.com/videos/1.0/spherical/}"
 PART = GPano.of_view(
-    (60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, lean_deg=(12.5, -3.25)
+    (60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, tilt_deg=(12.5, -3.25)
 )
 
 # -- geometry

@@ -51,9 +51,11 @@ def same(pixels, time_s):
     return pixels
 
 
-def through(source, path, function=same, pixels="picture", **more):
+def through(source, path, function=same, pixels="image", **more):
     with VideoReader(source) as reader:
-        return process(reader.items(), VideoWriter.like(reader, path, **more), function, pixels)
+        return process(
+            reader.items(), VideoWriter.from_source(reader, path, **more), function, pixels
+        )
 
 
 @pytest.mark.parametrize(("rate", "suffix"), [(2, ".mp4"), (2, ".mov"), (25, ".m4v"), (25, ".mkv")])
@@ -83,12 +85,12 @@ def test_players_show_all_frames_however_many_there_are(tmp_path, rate, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".ts"])
-@pytest.mark.parametrize("pixels", ["picture", "planes"])
+@pytest.mark.parametrize("pixels", ["image", "planes"])
 def test_everything_but_the_pixels_is_kept(clip, tmp_path, suffix, pixels):
     out = tmp_path / f"out{suffix}"
     outcome = through(clip, out, pixels=pixels)
     before, after = pictures_of(clip), pictures_of(out)
-    assert (outcome.frames, outcome.stopped, len(after)) == (50, False, 50)
+    assert (outcome.frames, outcome.is_stopped, len(after)) == (50, False, 50)
     # Matroska and MPEG-TS start at 0 or later, and shift images and sound equally.
     sound, copied = sound_of(clip), sound_of(out)
     shift = after[0].pts * after[0].time_base - before[0].pts * before[0].time_base
@@ -184,7 +186,7 @@ def test_frames_of_every_kind_are_turned_as_images_are(number, name, size):
 
 @pytest.mark.parametrize("space", [1, 5])
 @pytest.mark.parametrize("colour_range", [1, 2])
-@pytest.mark.parametrize("pixels", ["picture", "planes"])
+@pytest.mark.parametrize("pixels", ["image", "planes"])
 def test_colours_stay_the_same(tmp_path, space, colour_range, pixels):
     source = make_video(tmp_path / "a.mp4", 5, colour_range=colour_range, colour_space=space)
     through(source, tmp_path / "b.mp4", pixels=pixels, crf=5)
@@ -197,7 +199,7 @@ def test_colours_stay_the_same(tmp_path, space, colour_range, pixels):
 
 def test_full_range_is_converted_where_the_target_cannot_say_it(tmp_path):
     source = make_video(tmp_path / "a.mp4", 5, colour_range=2)
-    for pixels in ("picture", "planes"):
+    for pixels in ("image", "planes"):
         through(
             source,
             tmp_path / "b.mkv",
@@ -232,7 +234,7 @@ def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, f
     source = clip if suffix == ".mp4" else make_video(tmp_path / "a.mkv")
     with VideoReader(source, start, duration) as reader:
         assert abs(reader.expected_frames - count) <= 1
-        process(reader.items(), VideoWriter.like(reader, tmp_path / "b.mp4"), same)
+        process(reader.items(), VideoWriter.from_source(reader, tmp_path / "b.mp4"), same)
     frames = pictures_of(tmp_path / "b.mp4")
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(first, first + count)]
     assert frames[0].time == pytest.approx(first / 25 - start, abs=1e-3)
@@ -247,7 +249,7 @@ def test_a_file_can_be_read_again_and_frames_alone(clip):
         assert (
             reader.expected_frames == len(list(reader.frames())) == len(list(reader.frames())) == 50
         )
-    with VideoReader(clip, with_sound=False) as reader:
+    with VideoReader(clip, with_audio=False) as reader:
         assert all(isinstance(item, av.VideoFrame) for item in reader.items())
 
 
@@ -291,12 +293,12 @@ def test_progress_tells_how_far_it_is(clip, tmp_path):
     with VideoReader(clip) as reader:
         process(
             reader.items(),
-            VideoWriter.like(reader, tmp_path / "b.mp4"),
+            VideoWriter.from_source(reader, tmp_path / "b.mp4"),
             same,
-            progress=told.append,
+            on_progress=told.append,
             total=50,
         )
-    assert (told[-1].done, told[-1].total, told[-1].left_s) == (50, 50, 0)
+    assert (told[-1].done, told[-1].total, told[-1].remaining_s) == (50, 50, 0)
     assert told[-1].rate > 0
 
 
@@ -308,10 +310,10 @@ def coded(path, codec, pixel_format, colour=None):
         quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
         stream = container.add_stream(codec, rate=25, options=quiet)
         stream.width, stream.height, stream.pix_fmt = *SIZE, pixel_format
-        (colour or ColourCoding()).put_on(stream.codec_context)
+        (colour or ColourCoding()).apply_to(stream.codec_context)
         for i in range(2):
             frame = av.VideoFrame.from_ndarray(picture, format="rgba").reformat(format=pixel_format)
-            (colour or ColourCoding()).put_on(frame)
+            (colour or ColourCoding()).apply_to(frame)
             frame.pts, frame.time_base = i, Fraction(1, 25)
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
@@ -364,7 +366,7 @@ def test_depth_colours_and_transparency_are_kept_or_said(
 ):
     coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
     with VideoReader(tmp_path / source) as reader:
-        writer = VideoWriter.like(reader, tmp_path / out, **more)
+        writer = VideoWriter.from_source(reader, tmp_path / out, **more)
         process(reader.items(), writer, same, "frame")
     a, b = pictures_of(tmp_path / source)[0], pictures_of(tmp_path / out)[0]
     assert b.format.name == kept
@@ -383,7 +385,7 @@ def test_what_is_lost_of_hdr_is_said(tmp_path):
     coded(tmp_path / "a.mkv", "libx265", "yuv420p10le", HDR)
     with (
         VideoReader(tmp_path / "a.mkv") as reader,
-        VideoWriter.like(reader, tmp_path / "b.mkv", codec="mpeg4") as b,
+        VideoWriter.from_source(reader, tmp_path / "b.mkv", codec="mpeg4") as b,
     ):
         b.write(next(reader.frames()))
     assert "10 bits become 8, the picture is HDR, and its tags are lost;" in b.notes[0]
@@ -501,7 +503,7 @@ def test_a_part_that_is_not_there_is_refused(clip, start, duration):
 )
 def test_what_cannot_be_encoded_is_refused(clip, tmp_path, name, more, message):
     with VideoReader(clip) as reader, pytest.raises((MediaError, InvalidParameter), match=message):
-        VideoWriter.like(reader, tmp_path / name, **more)
+        VideoWriter.from_source(reader, tmp_path / name, **more)
     assert not list(tmp_path.iterdir())
 
 
@@ -583,7 +585,7 @@ def counted(picture, time_s):
 
 try:
     reader = VideoReader(source)
-    outcome = process(reader.items(), VideoWriter.like(reader, out), counted)
+    outcome = process(reader.items(), VideoWriter.from_source(reader, out), counted)
     print(outcome.exit_code, outcome.frames, flush=True)
 except OmnimirrorError as e:
     sys.exit(f"omnimirror: {e}")

@@ -89,7 +89,7 @@ def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
 
 def through(source, path, **cut):
     with VideoReader(source, **cut) as reader:
-        writer = VideoWriter.like(reader, path)
+        writer = VideoWriter.from_source(reader, path)
         process(reader.items(), writer, lambda frame, time_s: frame, "frame")
         return [*reader.notes, *writer.notes]
 
@@ -252,7 +252,7 @@ def graded(tmp_path):
 def copied(source, out, codec):
     with VideoReader(source) as reader:
         assert not reader.notes
-        writer = VideoWriter.like(reader, out, codec=codec)
+        writer = VideoWriter.from_source(reader, out, codec=codec)
         process(reader.items(), writer, lambda frame, time_s: frame, "frame")
     return writer.notes
 

@@ -263,7 +263,7 @@ def choice(name: str, value: Any, valid: Iterable[str]) -> None:
     words = list(valid)
     if not isinstance(value, str) or value not in words:
         raise InvalidParameter(
-            f"{name} must be one of {', '.join(words)}; got {format_value(value)}"
+            f"{name} must be one of {', '.join(w or repr(w) for w in words)}; got {format_value(value)}"
         )
 
 

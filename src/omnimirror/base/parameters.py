@@ -29,7 +29,8 @@ class Parameter:
         if self.choices:
             if not isinstance(value, str) or value not in self.choices:
                 raise InvalidParameter(
-                    f"{name} must be one of {', '.join(self.choices)}; got {format_value(value)}"
+                    f"{name} must be one of {', '.join(c or repr(c) for c in self.choices)}; "
+                    f"got {format_value(value)}"
                 )
             return
         if type(value) is float and self.low <= value <= self.high:

@@ -543,7 +543,7 @@ def _notes(source: Camera, written: Any, made: _StoredCamera) -> Iterable[str]:
         return
     if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
         return
-    if written.is_picture_reversed:
+    if written.is_image_reversed:
         yield (
             "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
             "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"

@@ -16,7 +16,7 @@ from ..base.parameters import Uncertainty
 from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Projection, Rays
 from ..cameras.frames import Mount
-from ..cameras.models.camera_model import CameraModel, Image, ModelParameter
+from ..cameras.models.camera_model import CameraModel, ModelParameter, PointImages
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
@@ -163,7 +163,7 @@ class SensorModel(CameraModel):
             other.__dict__[kept] = getattr(self, kept)
         return other
 
-    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
         """Compute the image of points (n, 3) mm in the camera frame.
 
         The origin of the frame is the nominal mirror vertex.

@@ -15,7 +15,7 @@ from ..base.arguments import finite, format_value, number, parse_float, validate
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import read_text
 from ..base.typing import Array, Mask
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..cameras.models.camera_model import CameraModel
 
 # -- Lines of user-written tables, with errors that name file and line -----------------------------
@@ -334,7 +334,10 @@ def _seen(
     """
     rays = model.backproject(pixels)
     world = model.mount.rotation()
-    directions, origins = turned(rays.directions, world), turned(rays.origins, world)
+    directions, origins = (
+        rotate_vectors(rays.directions, world),
+        rotate_vectors(rays.origins, world),
+    )
     towards, length = directions, np.ones(len(pixels))
     if np.isfinite(distance_mm):
         points = origins + distance_mm * directions

@@ -21,8 +21,8 @@ from ..io import GPano, write_image
 from ..io.batch import (
     IMAGE_SUFFIXES,
     VIDEO_SUFFIXES,
+    BatchResult,
     Job,
-    Results,
     expand_inputs,
     outputs_for,
     run_parallel,
@@ -116,7 +116,7 @@ def _in_depth(image: ImageArray, depth: str) -> ImageArray:
 class DewarpedImages:
     """Result of dewarping several images."""
 
-    results: Results
+    results: BatchResult
     """Completed, failed (with reasons) and unprocessed images."""
     was_there: int = 0
     """Number of skipped images with existing output."""

@@ -201,9 +201,9 @@ class DewarpRequest:
         ):
             return None
         mount = _mount_of(camera) if self.keep_lean else None
-        lean = (0.0, 0.0) if mount is None else mount.lean_of_view(view.pan_deg)
+        lean = (0.0, 0.0) if mount is None else mount.view_tilt_deg(view.pan_deg)
         return GPano.of_view(
-            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, lean_deg=lean
+            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean
         )
 
 
@@ -293,7 +293,7 @@ def without_tilt(camera: C) -> C:
     """
     if (mount := _mount_of(camera)) is None:
         raise InvalidParameter("this camera has no mount, so nothing is known of how it leans")
-    upright: C = replace(camera, mount=mount.upright)  # type: ignore[type-var]
+    upright: C = replace(camera, mount=mount.levelled)  # type: ignore[type-var]
     return upright
 
 

@@ -230,13 +230,13 @@ def _dewarp_file(
 ) -> DewarpedVideo:
     if recording.frame_rate is not None and not is_sequence(source):
         raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
-    with_sound = any(_is_video_file(output) for output in outputs)
+    with_audio = any(_is_video_file(output) for output in outputs)
     rate = 25.0 if recording.frame_rate is None else recording.frame_rate
     with VideoReader(
         source,
         recording.start_s or 0.0,
         recording.duration_s,
-        with_sound,
+        with_audio,
         rate,
         how.stored_orientation,
     ) as reader:
@@ -253,7 +253,7 @@ def _dewarp_file(
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, ImageSequenceWriter):
-            items = sink.lacking(items)
+            items = sink.missing_frames(items)
         outcome = _run(items, sink, turn, reader.expected_frames, listener)
         _report_stale_images(outputs, outcome.frames, recording, listener)
         return DewarpedVideo(turn.view, outcome)
@@ -268,7 +268,7 @@ def _dewarp_live_source(
 ) -> DewarpedVideo:
     if recording.start_s is not None:
         raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
-    live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
+    live = LiveSource(source, on_warning=listener.note, stored_orientation=how.stored_orientation)
     try:
         first = live.first()
         turn = ViewOverTime(
@@ -276,7 +276,7 @@ def _dewarp_live_source(
         )
         told = FrameProperties(
             live.frame_rate or UNKNOWN_RATE,
-            ColourCoding.told_by(first),
+            ColourCoding.of_video(first),
             MasteringDisplay.of(first.side_data),
         )
         sink = _sinks(outputs, turn, told, None, listener)
@@ -482,7 +482,7 @@ def _sink(
         encoding["panorama"] = turn.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
-    return VideoWriter.like(
+    return VideoWriter.from_source(
         source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding
     )
 
@@ -502,8 +502,8 @@ def _run(
         partial(turn, to_siting=sink.siting),
         "frame",
         total=total,
-        ahead=ahead,
-        progress=listener.progress,
+        queue_size=ahead,
+        on_progress=listener.progress,
     )
 
 

@@ -228,7 +228,7 @@ def _open_images(
         )
     from ..io.video_reader import VideoReader
 
-    with VideoReader(paths[0], with_sound=False) as reader:
+    with VideoReader(paths[0], with_audio=False) as reader:
         total = reader.expected_frames
     return _SourceImages(total, _video_frames(paths[0], every, stored_orientation))
 
@@ -239,7 +239,7 @@ def _video_frames(
     from ..io.video_frames import image_of_frame
     from ..io.video_reader import VideoReader
 
-    with VideoReader(video, with_sound=False, stored_orientation=stored_orientation) as reader:
+    with VideoReader(video, with_audio=False, stored_orientation=stored_orientation) as reader:
         for number, frame in enumerate(reader.frames()):
             if number % every == 0:
                 yield f"frame-{number:06d}.png", image_of_frame(frame)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-# -- EXIF metadata: parsing, and writing without entries that are invalid for a dewarped image -----
+# -- EXIF directories ------------------------------------------------------------------------------
 #
 # An EXIF block is a TIFF file without pixels: a directory of tags, and two more, for exposure and GPS
 # position. Entries on the stored pixels (orientation, size, thumbnail, resolution), on positions in
@@ -104,18 +104,18 @@ def _rational(entry: Entry | None) -> float | None:
     """
     if entry is None or entry.kind != RATIONAL or len(entry.values) != 8:
         return None
-    above, below = struct.unpack("<II", entry.values)
-    if above == INFINITE:
+    numerator, denominator = struct.unpack("<II", entry.values)
+    if numerator == INFINITE:
         return float("inf")
-    return above / below if above and below else None
+    return numerator / denominator if numerator and denominator else None
 
 
 def parse_exif(block: bytes) -> Exif | None:
     """Parse the valid entries of a block or of a TIFF file; None if it is damaged or has none.
 
     >>> from omnimirror.io.exif import Entry, Exif
-    >>> made = Exif({0x010F: Entry(2, 5, b"Ours\\0"), 0x0112: Entry(3, 1, b"\\6\\0")}, {}, {})
-    >>> parse_exif(made.block()).picture  # the orientation of the stored pixels does not hold
+    >>> exif = Exif({0x010F: Entry(2, 5, b"Ours\\0"), 0x0112: Entry(3, 1, b"\\6\\0")}, {}, {})
+    >>> parse_exif(exif.block()).picture  # without the orientation
     {271: Entry(kind=2, number=5, values=b'Ours\\x00')}
     """
     order = {b"II": "<", b"MM": ">"}.get(block[:2])
@@ -152,7 +152,7 @@ def _directory(block: bytes, order: str, at: int) -> Directory:
     (count,) = struct.unpack_from(order + "H", block, at)
     if count > MAX_ENTRIES:
         raise ValueError(count)
-    found: Directory = {}
+    entries: Directory = {}
     for i in range(count):
         place = at + 2 + 12 * i
         tag, kind, number = struct.unpack_from(order + "HHI", block, place)
@@ -164,11 +164,11 @@ def _directory(block: bytes, order: str, at: int) -> Directory:
             raise ValueError(tag)
         if order == ">" and unit > 1:
             data = b"".join(data[k : k + unit][::-1] for k in range(0, length, unit))
-        found[tag] = Entry(kind, number, data)
-    return found
+        entries[tag] = Entry(kind, number, data)
+    return entries
 
 
-# -- Orientation of an image: how its stored pixels are turned or mirrored for display (EXIF, tag 0x0112)
+# -- Orientation of the stored pixels (tag 0x0112) -------------------------------------------------
 
 Pixels = TypeVar("Pixels", bound=np.generic)
 
@@ -185,12 +185,12 @@ TIFF_SIGNATURES = {
 ORIENTATION_NAMES = {
     1: "as stored",
     2: "mirrored left to right",
-    3: "turned by 180 deg",
+    3: "rotated by 180 deg",
     4: "mirrored top to bottom",
     5: "mirrored along the diagonal from top left to bottom right",
-    6: "turned by 90 deg clockwise",
+    6: "rotated by 90 deg clockwise",
     7: "mirrored along the diagonal from top right to bottom left",
-    8: "turned by 90 deg anticlockwise",
+    8: "rotated by 90 deg counter-clockwise",
 }
 """Operation that each orientation requires for display."""
 STORED_ORIENTATION_HINT = (
@@ -207,14 +207,14 @@ def oriented(image: NDArray[Pixels], orientation: int) -> NDArray[Pixels]:
     >>> oriented(np.array([[1, 2, 3], [4, 5, 6]]), 6).tolist()
     [[4, 1], [5, 2], [6, 3]]
     """
-    turned: NDArray[Any] = (
+    view: NDArray[Any] = (
         np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
     )
     if orientation in (2, 3, 6, 7):
-        turned = turned[:, ::-1]
+        view = view[:, ::-1]
     if orientation in (3, 4, 7, 8):
-        turned = turned[::-1]
-    return turned
+        view = view[::-1]
+    return view
 
 
 def applied(orientation: int, is_stored: bool) -> str:
@@ -222,13 +222,11 @@ def applied(orientation: int, is_stored: bool) -> str:
     choice.
 
     >>> applied(3, True)
-    'as stored; their EXIF data requires that they are turned by 180 deg'
+    'as stored; the EXIF orientation is: rotated by 180 deg'
     """
     if is_stored:
-        return f"as stored; their EXIF data requires that they are {ORIENTATION_NAMES[orientation]}"
-    return (
-        f"{ORIENTATION_NAMES[orientation]}, as their EXIF data requires; {STORED_ORIENTATION_HINT}"
-    )
+        return f"as stored; the EXIF orientation is: {ORIENTATION_NAMES[orientation]}"
+    return f"{ORIENTATION_NAMES[orientation]} according to EXIF; {STORED_ORIENTATION_HINT}"
 
 
 def orientation_of_block(block: bytes) -> int:
@@ -248,9 +246,9 @@ def without_orientation(data: bytes) -> bytes:
 
 def _found(block: bytes) -> tuple[int, int, str]:
     """Return the orientation in the first directory of a TIFF structure, its offset and type."""
-    nothing = UPRIGHT, 0, "<H"
+    default = UPRIGHT, 0, "<H"
     if block[:4] not in TIFF_SIGNATURES:
-        return nothing
+        return default
     order, is_big = TIFF_SIGNATURES[block[:4]]
     size, head, value = (20, 8, 12) if is_big else (12, 2, 8)
     try:
@@ -264,8 +262,8 @@ def _found(block: bytes) -> tuple[int, int, str]:
                 return (
                     (orientation, entry + value, number)
                     if orientation in ORIENTATION_NAMES
-                    else nothing
+                    else default
                 )
     except struct.error:
         pass
-    return nothing
+    return default

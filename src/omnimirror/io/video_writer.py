@@ -33,9 +33,7 @@ DEFAULT_CODECS = {".webm": "libvpx-vp9"}
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
 CLUSTERS = {"cluster_time_limit": "1000"}
 MAX_RESCUED_FILES = 999
-LOSS_HINT = (
-    "--codec ffv1 in .mkv and prores_ks in .mov keep most, --pixel-format names another choice"
-)
+LOSS_HINT = "use --codec ffv1 with .mkv, --codec prores_ks with .mov, or --pixel-format"
 RECOVERABLE_OPTIONS = {
     ".mp4": FRAGMENTS,
     ".m4v": FRAGMENTS,
@@ -127,12 +125,12 @@ class VideoWriter:
         suffix = check_video_name(path)
         if panorama is not None and not can_be_spherical(path):
             raise MediaError(
-                f"{path} cannot say that it is a panorama; valid are {', '.join(SPHERICAL_SUFFIXES)}"
+                f"cannot write {path}: panorama metadata requires {', '.join(SPHERICAL_SUFFIXES)}"
             )
         if panorama is not None and panorama.cropped_size != size:
-            told = " x ".join(map(str, panorama.cropped_size))
+            expected = " x ".join(map(str, panorama.cropped_size))
             raise MediaError(
-                f"cannot write {path}: the video has {size[0]} x {size[1]} px, and the panorama {told} px"
+                f"cannot write {path}: size must be that of panorama, {expected} px; got {size[0]} x {size[1]} px"
             )
         self._panorama = panorama
         encoding.setdefault("codec", DEFAULT_CODECS.get(suffix, DEFAULT_CODEC))
@@ -144,29 +142,33 @@ class VideoWriter:
             self._temporary = self._stack.enter_context(atomic_output(self.path, self._rescue))
             self._encoder = Encoder(str(self._temporary), size, frame_rate, **encoding)
             self._encoder.target = str(path)
-            if self._encoder.lost:
-                self.notes.append(f"{path}: {self._encoder.lost}; {LOSS_HINT}")
-            if self._encoder.lost_tracks:
+            if self._encoder.losses:
+                self.notes.append(f"{path}: {self._encoder.losses}; {LOSS_HINT}")
+            if self._encoder.dropped_tracks:
                 self.notes.append(
-                    f"{path}: not kept are {self._encoder.lost_tracks}; .mkv keeps them"
+                    f"{path}: dropped {self._encoder.dropped_tracks}; .mkv supports them"
                 )
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
-                self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv keep it")
+                self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv support it")
             self._stack = self._stack.pop_all()
 
     @classmethod
-    def like(
-        cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **more: Any
+    def from_source(
+        cls,
+        source: VideoReader,
+        path: str | Path,
+        size: tuple[int, int] | None = None,
+        **options: Any,
     ) -> VideoWriter:
         """Create a writer with rate, times, bit depth, colour coding, rotation, metadata and tracks
         of a source.
 
-        ``more`` is passed to :class:`VideoWriter`, and overrides the source: a view drawn upright,
-        for example, requires ``rotation_deg=0``.
+        ``options`` are passed to :class:`VideoWriter`, and override the source: an upright view, for
+        example, requires ``rotation_deg=0``.
         """
         as_source = {
             "time_base": source.time_base,
-            "like": source.pixel_format,
+            "source_format": source.pixel_format,
             "colour": source.colour,
             "display": source.display,
             "rotation_deg": source.rotation_deg,
@@ -174,20 +176,20 @@ class VideoWriter:
             "audio": source.audio_streams,
             "subtitles": source.subtitle_streams,
             "chapters": source.chapters,
-            "begins_s": source.begins_s,
+            "start_time_s": source.start_time_s,
             "metadata": source.metadata,
         }
         return cls(
             path,
             size or source.size,
-            more.pop("frame_rate", source.frame_rate),
-            **{**as_source, **more},
+            options.pop("frame_rate", source.frame_rate),
+            **{**as_source, **options},
         )
 
     def _rescue(self, leftover: Path) -> Path | None:
         """Return a name for the output of a killed run, if it contains any frame."""
         try:
-            VideoReader(leftover, with_sound=False).close()
+            VideoReader(leftover, with_audio=False).close()
         except MediaError:
             return None
         stem, suffix = f"{self.path.stem}.rescued", self.path.suffix
@@ -197,7 +199,9 @@ class VideoWriter:
         )
         name = next((name for name in names if not name.exists()), None)
         if name is not None:
-            self.notes.append(f"what a run that was killed had done of {self.path} is {name} now")
+            self.notes.append(
+                f"the partial output of a terminated run for {self.path} was renamed to {name}"
+            )
         return name
 
     @property
@@ -236,7 +240,7 @@ class VideoWriter:
             return
         if not self.frames_written:
             self.abort()
-            raise MediaError(f"no frame was written to {self.path}")
+            raise MediaError(f"cannot write {self.path}: there are no frames")
         stack, self._stack = self._stack, None
         with media_errors(self.path), stack:
             try:
@@ -255,9 +259,9 @@ class VideoWriter:
             return
         stack, self._stack = self._stack, None
         self._encoder.discard()
-        given_up = MediaError("given up")
+        aborted = MediaError("aborted")
         with suppress(MediaError):
-            stack.__exit__(MediaError, given_up, None)
+            stack.__exit__(MediaError, aborted, None)
 
     def __enter__(self) -> VideoWriter:
         return self
@@ -288,14 +292,13 @@ def check_video_name(path: str | Path) -> str:
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITABLE_VIDEO_SUFFIXES:
-        what = f"videos of kind {suffix!r} are" if suffix else "a video without a suffix is"
         raise MediaError(
-            f"cannot write {path}: {what} not known; valid are {', '.join(WRITABLE_VIDEO_SUFFIXES)}"
+            f"cannot write {path}: the suffix must be one of {', '.join(WRITABLE_VIDEO_SUFFIXES)}; got {suffix!r}"
         )
     return suffix
 
 
-# -- Image sequences as video output, each image written atomically --------------------------------
+# -- Image sequences -------------------------------------------------------------------------------
 
 EXACT_CONVERSION = 2 | 0x2000 | 0x40000
 """FFmpeg's bilinear, full_chroma_int and accurate_rnd; without the last, 10-bit white is not exact.
@@ -318,14 +321,14 @@ class ImageSequenceWriter:
         Pattern whose suffix selects the format; ``%04d`` in its name is the number with four
         digits, from 1.
     size : (width, height) px
-    like
+    source_format
         Pixel format of the input.
     colour
         Colour coding of the input.
     panorama
         Panorama metadata of every image; ignored for formats without support.
     skip_existing
-        Skip the numbers of existing images; the caller filters frames with :meth:`lacking`.
+        Skip the numbers of existing images; the caller filters frames with :meth:`missing_frames`.
 
     Raises
     ------
@@ -337,9 +340,9 @@ class ImageSequenceWriter:
     >>> import tempfile
     >>> from omnimirror.io.video_frames import frame_of_image
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     pictures = NumberedPictures(folder + "/f%03d.png", (64, 48))
+    ...     sequence = ImageSequenceWriter(folder + "/f%03d.png", (64, 48))
     ...     for _ in range(2):
-    ...         pictures.write(frame_of_image(np.full((48, 64, 3), 128, np.uint8)))
+    ...         sequence.write(frame_of_image(np.full((48, 64, 3), 128, np.uint8)))
     ...     sorted(path.name for path in Path(folder).iterdir())
     ['f001.png', 'f002.png']
     """
@@ -350,7 +353,7 @@ class ImageSequenceWriter:
         self,
         pattern: str | Path,
         size: tuple[int, int],
-        like: str = "yuv420p",
+        source_format: str = "yuv420p",
         colour: ColourCoding | None = None,
         panorama: GPano | None = None,
         *,
@@ -359,37 +362,37 @@ class ImageSequenceWriter:
         self.pattern, self.frames_written = check_pattern(pattern), 0
         check_size(self.pattern, size)
         self._panorama = panorama
-        held = av.VideoFormat(like, 64, 64)
-        kind, of = PixelFormat.of(like), format_of(self.pattern)
+        coded = av.VideoFormat(source_format, 64, 64)
+        kind, of = PixelFormat.of(source_format), format_of(self.pattern)
         self._is_deep = kind.bits > 8 and "uint16" in of.depths
         self._has_alpha = of.has_alpha and (
-            any(part.is_alpha for part in held.components) or held.has_palette
+            any(part.is_alpha for part in coded.components) or coded.has_palette
         )
-        self._there = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
-        self._numbers = (number for number in count(1) if number not in self._there)
-        self.notes = [f"{pattern}: {lost}" for lost in self._losses(kind, of, colour)]
+        self._existing = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
+        self._numbers = (number for number in count(1) if number not in self._existing)
+        self.notes = [f"{pattern}: {loss}" for loss in self._losses(kind, of, colour)]
         """Remarks on the images for the user, in sentences."""
 
     def _losses(
         self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None
     ) -> Iterator[str]:
-        told = []
+        losses = []
         if kind.bits > 8 and not self._is_deep:
-            told.append(f"{kind.bits} bits become 8")
+            losses.append(f"{kind.bits} bits are reduced to 8")
         if kind.alpha and not of.has_alpha:
-            told.append("transparency is lost")
-        if told:
-            yield f"{', '.join(told)}; .png and .tif keep them"
+            losses.append("transparency is lost")
+        if losses:
+            yield f"{', '.join(losses)}; use .png or .tif"
         if colour is not None and colour.is_hdr:
-            yield "the picture is HDR, and pictures do not say so; a video keeps its tags"
+            yield "HDR tags are lost in images; write a video to keep them"
 
-    def lacking(self, items: Iterable[Item]) -> Iterator[Item]:
+    def missing_frames(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yield the frames of a video whose images do not exist yet."""
         number = 0
         for item in items:
             if isinstance(item, av.VideoFrame):
                 number += 1
-                if number not in self._there:
+                if number not in self._existing:
                     yield item
 
     def write(self, frame: av.VideoFrame) -> None:
@@ -402,12 +405,12 @@ class ImageSequenceWriter:
         """
         write_image(
             numbered(self.pattern, next(self._numbers)),
-            self._picture(frame),
+            self._image(frame),
             panorama=self._panorama,
         )
         self.frames_written += 1
 
-    def _picture(self, frame: av.VideoFrame) -> Image:
+    def _image(self, frame: av.VideoFrame) -> Image:
         if not self._is_deep:
             return converted(
                 frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION
@@ -431,8 +434,8 @@ class ImageSequenceWriter:
         MediaError
             No image was written, and none existed before.
         """
-        if not self.frames_written and not self._there:
-            raise MediaError(f"no frame was written to {self.pattern}")
+        if not self.frames_written and not self._existing:
+            raise MediaError(f"cannot write {self.pattern}: there are no frames")
 
     def abort(self) -> None:
         """Stop; written images are complete and are kept."""
@@ -441,8 +444,8 @@ class ImageSequenceWriter:
 def is_image_output(name: str | Path) -> bool:
     """Return whether the name of an output is that of an image or an image sequence.
 
-    >>> is_of_pictures("out/f%04d.jpg"), is_of_pictures("f.png"), is_of_pictures("f%d.gif"), is_of_pictures("f%d.mp4")
-    (True, True, True, False)
+    >>> [is_image_output(name) for name in ("out/f%04d.jpg", "f.png", "f%d.gif", "f%d.mp4")]
+    [True, True, True, False]
     """
     suffix = Path(name).suffix.lower()
     return suffix in SEQUENCE_SUFFIXES or (
@@ -459,21 +462,21 @@ def check_pattern(pattern: str | Path) -> Path:
         The pattern has no number or several, one without zero padding, or the suffix is unknown.
     """
     path = Path(pattern)
-    found = NUMBER_PATTERN.findall(path.name)
-    valid = "such as f%04d.png"
+    numbers = NUMBER_PATTERN.findall(path.name)
+    example = "such as f%04d.png"
     if path.suffix.lower() not in SEQUENCE_SUFFIXES:
         raise MediaError(
-            f"cannot write {pattern}: numbered pictures are {', '.join(SEQUENCE_SUFFIXES)}"
+            f"cannot write {pattern}: the suffix of an image sequence must be one of {', '.join(SEQUENCE_SUFFIXES)}"
         )
-    if not found:
-        raise MediaError(f"cannot write {pattern}: a video becomes numbered pictures, {valid}")
-    if len(found) > 1 or "%" in NUMBER_PATTERN.sub("", str(pattern)):
+    if not numbers:
+        raise MediaError(f"cannot write {pattern}: the name must contain a number, {example}")
+    if len(numbers) > 1 or "%" in NUMBER_PATTERN.sub("", str(pattern)):
         raise MediaError(
-            f"cannot write {pattern}: the name takes one number and no other %, {valid}"
+            f"cannot write {pattern}: the name must contain one number and no other %, {example}"
         )
-    zero, width = found[0]
+    zero, width = numbers[0]
     if width and (not zero or int(width) > 9):
         raise MediaError(
-            f"cannot write {pattern}: a number has up to 9 digits and zeros before it, {valid}"
+            f"cannot write {pattern}: the number must have at most 9 digits with leading zeros, {example}"
         )
     return path

@@ -17,7 +17,7 @@ from ..base.notebook_card import Line, card, field_range, line_drawing, origin
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Projection, Rays, inside_image
-from ..cameras.frames import Mount, turned
+from ..cameras.frames import Mount, rotate_vectors
 from .housing import Housing
 from .image_sensor import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective
@@ -546,7 +546,7 @@ class Sensor:
         return -self._axes[:, 2]
 
     @property
-    def is_picture_reversed(self) -> bool:
+    def is_image_reversed(self) -> bool:
         """True if the raw image is mirrored: text is reversed and markers are not detected.
 
         A second reflection restores the orientation.
@@ -602,8 +602,8 @@ class Sensor:
         s, (x, z) = np.sin(rays.omega), rays.last
         z = z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
-        origins[valid] = turned(np.stack([x * cos, x * sin, z], axis=-1), rotation)
-        directions[valid] = turned(
+        origins[valid] = rotate_vectors(np.stack([x * cos, x * sin, z], axis=-1), rotation)
+        directions[valid] = rotate_vectors(
             np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation
         )
         return Rays(origins, directions, valid)
@@ -626,7 +626,7 @@ class Sensor:
         InvalidParameter
             If the points have another shape.
         """
-        points = turned(vectors("points_mm", points_mm, 3), self._axes)
+        points = rotate_vectors(vectors("points_mm", points_mm, 3), self._axes)
         if not self.is_axial:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
@@ -653,7 +653,7 @@ class Sensor:
         InvalidParameter
             If the directions have another shape.
         """
-        towards = turned(vectors("directions", directions, 3), self._axes)
+        towards = rotate_vectors(vectors("directions", directions, 3), self._axes)
         if not self.is_axial:
             return self._project_in_space(towards, distant=True)
         x, y, z = np.moveaxis(towards, -1, 0)
@@ -793,8 +793,8 @@ class Sensor:
             self.optical_train.passes_lens(start, towards) if pupil.any() else True
         )
         rotation = self._axes.T
-        origins[valid] = turned(found.points, rotation)
-        directions[valid] = turned(found.directions, rotation)
+        origins[valid] = rotate_vectors(found.points, rotation)
+        directions[valid] = rotate_vectors(found.directions, rotation)
         valid[valid] = passes
         shape = pixels.shape[:-1]
         return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))

@@ -260,7 +260,7 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
 def mount_table(mount: Mount) -> dict[str, Any]:
     """Return the table [mount], without pitch and roll if they are 0."""
     table = dataclasses.asdict(mount)
-    if not mount.leans:
+    if not mount.is_tilted:
         del table["pitch_deg"], table["roll_deg"]
     return table
 

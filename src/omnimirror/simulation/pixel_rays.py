@@ -14,7 +14,7 @@ from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera, Projection, inside_image
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.shell_transmission import ShellTransit, passage
@@ -223,14 +223,14 @@ class ThroughShell:
             If a ray starts outside.
         """
         turn = self.sensor.mount.rotation()
-        points, towards = (turned(v, turn) for v in (origins_mm, directions))
+        points, towards = (rotate_vectors(v, turn) for v in (origins_mm, directions))
         light = np.zeros(points.shape)
         left = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
         points, towards, share = points[left], towards[left], np.ones(len(left))
         for _ in range(1 + MAX_GHOST_ORDER):
             left_by = passage(self.shell, points, towards)
             seen = self.scene.radiance(
-                turned(left_by.points, turn.T), turned(left_by.directions, turn.T)
+                rotate_vectors(left_by.points, turn.T), rotate_vectors(left_by.directions, turn.T)
             )
             light[left] += (share * left_by.passed)[:, None] * seen
             ghosts = self._ghosts(left_by)
@@ -356,7 +356,7 @@ def mirror_net(sensor: Sensor) -> Array:
     points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
     # A lens that views it via a second mirror has the opposite direction
     points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])
-    return turned(points, rotation.T).reshape(*across.shape[:2], 3)
+    return rotate_vectors(points, rotation.T).reshape(*across.shape[:2], 3)
 
 
 def check_clear(sensor: Sensor, scene: Scene) -> None:
@@ -450,7 +450,9 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
-    return PixelRays(turned(points, rotation), turned(directions, rotation), valid, hidden)
+    return PixelRays(
+        rotate_vectors(points, rotation), rotate_vectors(directions, rotation), valid, hidden
+    )
 
 
 def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:

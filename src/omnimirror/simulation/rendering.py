@@ -20,7 +20,7 @@ from ..base.colour import Light, SrgbImage, srgb_bytes
 from ..base.errors import InvalidParameter
 from ..base.native import backend
 from ..cameras.camera import Camera
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
@@ -337,8 +337,8 @@ def _trace_sensor(
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(
-        turned(points, rotation).reshape(*shape, 3),
-        turned(directions, rotation).reshape(*shape, 3),
+        rotate_vectors(points, rotation).reshape(*shape, 3),
+        rotate_vectors(directions, rotation).reshape(*shape, 3),
         weight.reshape(shape),
         fate.reshape(shape),
     )

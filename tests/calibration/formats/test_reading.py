@@ -171,8 +171,14 @@ def test_four_coefficients_without_a_model_are_ambiguous(tmp_path):
             "<!DOCTYPE a [<!ENTITY b 'cc'>]><opencv_storage><xi>&b;</xi></opencv_storage>",
             "must not declare",
         ),
-        ("<opencv_storage>\n<xi>1</opencv_storage>", r"line 2 is not valid XML: mismatched tag"),
-        ("<a>" * 100 + "</a>" * 100, "must not be nested more than 32 levels"),
+        (
+            "<opencv_storage>\n<xi>1</opencv_storage>",
+            r"a\.xml line 2 must be valid XML: mismatched tag",
+        ),
+        (
+            "<a>" * 100 + "</a>" * 100,
+            r"a\.xml: tables and lists must be nested at most 32 levels deep",
+        ),
         ("<a><xi>1</xi><xi>2</xi></a>", "xi stands in the file a second time"),
     ],
 )

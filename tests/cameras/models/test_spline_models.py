@@ -56,7 +56,7 @@ def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
     camera = Unified(xi, (200.0, 200.0), (320.0, 240.0), (640, 480))
     m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
     shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
-    spline = kind.like(camera)
+    spline = kind.from_model(camera)
     assert spline.field_deg / 2 == pytest.approx(shown, abs=0.5)
     omega = np.radians(np.linspace(0.1, 0.95 * shown, 50))
     ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
@@ -75,13 +75,13 @@ def test_a_spline_has_the_knots_that_it_takes(kind):
     steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
     even = Unified(4.0, (1500.0, 1500.0), (511.5, 511.5), (1024, 1024))
     for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
-        spline = kind.like(camera, field_deg=field)
+        spline = kind.from_model(camera, field_deg=field)
         omega = np.radians(np.linspace(0.1, field / 2, 500))
         ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
         off = spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
         assert np.nanmax(np.abs(off)) < 0.5
         assert (len(spline.radii_px) > 8) == more
-        assert len(kind.like(camera, 5, field).radii_px) == 5
+        assert len(kind.from_model(camera, 5, field).radii_px) == 5
 
 
 def test_what_is_nearer_than_the_rays_meet_is_not_seen():
@@ -135,7 +135,10 @@ def test_it_can_be_a_mirror_that_is_not_central(name):
 
 def test_a_spline_starts_like_another_model():
     unified = Unified(0.95, (220.0, 222.0), (322.0, 238.0), (640, 480), k1=-0.05)
-    for start in (RadialSpline.like(unified, 8, 220.0), ViewpointSpline.like(unified, 8, 220.0)):
+    for start in (
+        RadialSpline.from_model(unified, 8, 220.0),
+        ViewpointSpline.from_model(unified, 8, 220.0),
+    ):
         omega = np.linspace(0, np.radians(109.0), 50)
         for phi in (0.0, 1.0, 2.0):
             d = np.stack(
@@ -143,7 +146,7 @@ def test_a_spline_starts_like_another_model():
             )
             np.testing.assert_allclose(start.image(d).pixels, unified.image(d).pixels, atol=0.3)
     with pytest.raises(InvalidParameter, match="field_deg = 359 is wider"):
-        RadialSpline.like(unified, 8, 359.0)
+        RadialSpline.from_model(unified, 8, 359.0)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def until(state) -> None:
 
 
 def picture_of(film) -> np.ndarray:
-    return image_of_frame(next(VideoReader(str(film), with_sound=False).frames()))
+    return image_of_frame(next(VideoReader(str(film), with_audio=False).frames()))
 
 
 def as_picture(jpeg: bytes) -> np.ndarray:

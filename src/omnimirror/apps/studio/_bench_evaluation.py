@@ -25,7 +25,7 @@ from ...analysis.evaluation import Evaluation, evaluate, field_angles
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
 from ...cameras.camera import inside_image
-from ...cameras.frames import turned
+from ...cameras.frames import rotate_vectors
 from ...design.merits import length_mm
 from ...optics.housing import Dome, FlatWindow, Housing, Shell
 from ...optics.mirrors.as_built import MirrorPose
@@ -237,7 +237,7 @@ def _space_rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
         np.arccos(np.clip(cosines, -1, 1))
     )  # rounding errors can exceed 1
     at = sensor.mirror_pose.to_mirror(legs.mirror)
-    nodes = [turned(node, world.T) for node in (legs.lens, legs.second, legs.mirror, wall)]
+    nodes = [rotate_vectors(node, world.T) for node in (legs.lens, legs.second, legs.mirror, wall)]
     return np.stack(
         [
             omega,
@@ -286,8 +286,8 @@ def _ways_out(
         wall[seen], towards = left.points, towards.copy()
         towards[seen] = left.directions
     start, direction = (
-        turned(np.where(np.isfinite(wall), wall, points), world.T),
-        turned(towards, world.T),
+        rotate_vectors(np.where(np.isfinite(wall), wall, points), world.T),
+        rotate_vectors(towards, world.T),
     )
     far = np.full(len(points), AWAY * sensor.mirror.rim_radius_mm)
     inside = ((start >= ROOM.low) & (start <= ROOM.high)).all(axis=1)

@@ -111,10 +111,10 @@ def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
 
 def _listed(id: str, place: str, is_live: bool) -> Shown:
     if is_live:
-        from ...io.live_sources import checked, named
+        from ...io.live_sources import resolve_source, without_credentials
 
-        checked(place)
-        return Shown(id, named(place), "live", place)
+        resolve_source(place)
+        return Shown(id, without_credentials(place), "live", place)
     path = Path(place)
     return Shown(id, path.name, kind_of_file(path) or "picture", place)
 

@@ -200,7 +200,7 @@ def video_viewer_of(
         raise MediaError(
             f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}"
         )
-    video = VideoReader(path, with_sound=False, stored_orientation=stored_orientation)
+    video = VideoReader(path, with_audio=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
         raise MediaError(
             f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}"

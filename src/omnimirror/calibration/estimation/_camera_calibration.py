@@ -25,7 +25,7 @@ from ...base.arguments import (
 )
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...cameras.frames import Mount, turned
+from ...cameras.frames import Mount, rotate_vectors
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
 from ...cameras.models.sphere_models import Unified
@@ -143,12 +143,12 @@ def _parallax_at(
     central: Adjustment, other: Adjustment, pixels: Array, move: Motion, distance_mm: float
 ) -> ViewpointCost:
     rays, world = other.model.backproject(pixels), other.model.mount.rotation()
-    starts, ways = (turned(a[rays.valid], world) for a in (rays.origins, rays.directions))
+    starts, ways = (rotate_vectors(a[rays.valid], world) for a in (rays.origins, rays.directions))
     is_far = np.isinf(distance_mm)
     seen = ways @ move.rotation.T if is_far else move(starts + distance_mm * ways)
     image = central.model.image(seen, distant=bool(is_far))
     off_px = np.linalg.norm((image.pixels - pixels[rays.valid])[image.valid], axis=1)
-    looks = turned(
+    looks = rotate_vectors(
         central.model.backproject(pixels[rays.valid]).directions, central.model.mount.rotation()
     )
     off = np.linalg.norm(looks - seen / np.linalg.norm(seen, axis=1)[:, None], axis=1)
@@ -614,7 +614,7 @@ def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]
         return []
     remedy = (
         "choose the model sensor or viewpoint-spline"
-        if fit.model.looks_back
+        if fit.model.is_backward_facing
         else "choose viewpoint-spline"
     )
     return [

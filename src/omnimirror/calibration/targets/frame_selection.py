@@ -100,7 +100,7 @@ def choose_frames(
     number("every_s", every_s, above=0, unit="s")
     found: list[Detection] = []
     with VideoReader(
-        path, start_s, duration_s, with_sound=False, stored_orientation=stored_orientation
+        path, start_s, duration_s, with_audio=False, stored_orientation=stored_orientation
     ) as reader:
         expected = reader.expected_frames
         total = (

@@ -85,7 +85,7 @@ def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     planes = [colours[..., 0]] if colours.shape[2] == 1 else _shades(colours)
     total = 0.0
     for n, (plane, table) in enumerate(zip(planes, coding.tables, strict=False)):
-        coarser = coding.coarser if n else (1, 1)
+        coarser = coding.subsampling if n else (1, 1)
         held, counted = _binned(plane, coarser), _binned(inside.astype(float), coarser)
         whole = blocks_of(counted > WHOLE).all(axis=(2, 3))
         if whole.any():

@@ -24,7 +24,7 @@ from ...dewarp.screens import Plane, View
 from ...dewarp.video_files import dewarp_frame
 from ...dewarp.views import largest_zoom, resolution
 from ...dewarp.yuv import Siting
-from ...io.live_sources import TICKS, Playback, named
+from ...io.live_sources import TICKS, Playback, without_credentials
 from ...io.video_frames import planar
 from ..named_views import NamedView
 from .publishing import publish_stream
@@ -57,15 +57,15 @@ class LiveView:
 
     def __init__(
         self,
-        named: NamedView,
+        without_credentials: NamedView,
         camera: Camera,
         interpolation: Interpolation,
         wake: Callable[[], None],
     ) -> None:
-        self.named, self.camera, self._interpolation = named, camera, interpolation
-        self._dewarper = self._create_dewarper(named(camera))
+        self.named, self.camera, self._interpolation = without_credentials, camera, interpolation
+        self._dewarper = self._create_dewarper(without_credentials(camera))
         self.initial_view = self._dewarper.view
-        _check_video_size(named.name, self.size)
+        _check_video_size(without_credentials.name, self.size)
         self.jpeg = LatestOutput(wake, JpegEncoder())
         self.transport = TransportOutput(self.size, wake)
         self.frames = LatestOutput(wake, lambda frame: frame)
@@ -253,7 +253,7 @@ class Gateway:
         self.views = {
             name: LiveView(view, camera, interpolation, self.wake) for name, view in views.items()
         }
-        self.state = f"{named(source)} is idle, no clients"
+        self.state = f"{without_credentials(source)} is idle, no clients"
         self.frames_received = 0
         self._pool = ThreadPoolExecutor(workers or usable_cores(), "dewarping")
         self._camera = camera
@@ -284,7 +284,7 @@ class Gateway:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _open(self) -> None:
-        self.state = f"waiting for {named(self.source)}"
+        self.state = f"waiting for {without_credentials(self.source)}"
         self._playing = Playback(self.source, self._is_live, self._report)
         self._opened = time.monotonic()
         thread = threading.Thread(
@@ -311,7 +311,7 @@ class Gateway:
         if self._playing is not None:
             self._playing.stop()
             self._playing = None
-        self.state = f"{named(self.source)} is idle, no clients"
+        self.state = f"{without_credentials(self.source)} is idle, no clients"
         for view in self.views.values():
             view.release()
 
@@ -333,11 +333,11 @@ class Gateway:
         if (frame.width, frame.height) != self._camera.image_size:
             width, height = self._camera.image_size
             raise InvalidParameter(
-                f"frames of {named(self.source)} must have the size of the camera, "
+                f"frames of {without_credentials(self.source)} must have the size of the camera, "
                 f"{width} x {height} px; got {frame.width} x {frame.height} px"
             )
         self.frames_received += 1
-        self.state = f"{named(self.source)} is playing"
+        self.state = f"{without_credentials(self.source)} is playing"
         frame = planar(frame)  # converted once for all views
         elapsed_s = time.monotonic() - self._start
         frame.time_base, frame.pts = TICKS, round(elapsed_s / TICKS)
