@@ -156,7 +156,7 @@ def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
             MAX_TEXT_BYTES,
             "the file must be at most 64 MB",
         ),
-        (tmp_path / "fits", 4, "larger"),
+        (tmp_path / "fits", 4, "the file must be at most 4 bytes"),
         (tmp_path, 5, "it is a folder"),
         ("a\0b", 5, "no file can have that name"),
     ]:
@@ -205,7 +205,9 @@ def test_the_declared_content_of_an_archive_is_limited(tmp_path):
     data = bytearray((tmp_path / "a.x3p").read_bytes())
     data[data.index(b"PK\x01\x02")] = 0
     (tmp_path / "a.x3p").write_bytes(data)
-    with pytest.raises(OSError, match="it is a damaged archive"):
+    with pytest.raises(
+        OSError, match=r"damaged archive \(Bad magic number for central directory\)"
+    ):
         check_file(tmp_path / "a.x3p", 1 << 14, 2 << 20)
 
 
@@ -214,7 +216,7 @@ def test_compressed_data_is_limited():
     assert decompress(packed, 1000) == bytes(1000)
     for data, most, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
-        (packed[:-5], 1000, "it is cut short"),
+        (packed[:-5], 1000, "truncated data"),
         (b"x" + packed, 1000, "it is damaged"),
     ]:
         with pytest.raises(ValueError, match=reason):
@@ -245,7 +247,7 @@ def test_nesting_is_limited_to_32_levels(kind):
     assert parse(NESTED[kind](32)) is not None
     for levels in (33, 34, 3_000, 100_000):
         with pytest.raises(
-            ValueError, match="a: tables and lists must be nested at most 32 levels deep"
+            ValueError, match="tables and lists must be nested at most 32 levels deep"
         ):
             parse(NESTED[kind](levels))
 
@@ -490,5 +492,5 @@ def test_leftovers_of_other_owners_stay(tmp_path, monkeypatch):
     ],
 )
 def test_errors_of_xml_name_the_line(text, line):
-    with pytest.raises(SpecError, match=f"^file line {line} is not valid XML: "):
+    with pytest.raises(SpecError, match=f"^file line {line} must be valid XML: "):
         files.parse_xml(text, "file")

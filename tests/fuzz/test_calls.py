@@ -683,7 +683,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: om.register_view("panorama", om.views.dome),
-            "there is a view 'panorama' already; choose another",
+            "the name of a view must be unique; got 'panorama'",
         ),
         (
             lambda _: om.find_boards(

@@ -50,7 +50,7 @@ class Sample:
         Ray origins.
     directions : (n, 3) unit vectors
         Ray directions.
-    looks_back
+    is_backward_facing
         Whether the image centre looks towards -Z.
     mount
         Orientation of the camera.
@@ -59,7 +59,7 @@ class Sample:
     pixels: Array
     origins: Array
     directions: Array
-    looks_back: bool
+    is_backward_facing: bool
     mount: Mount
 
     @property
@@ -178,7 +178,7 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
     """Return whether the image centre looks towards -Z, from the camera or from its central pixels."""
-    said = getattr(camera, "looks_back", None)
+    said = getattr(camera, "is_backward_facing", None)
     if isinstance(said, bool):
         return said
     centre = np.array(

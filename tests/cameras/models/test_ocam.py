@@ -68,22 +68,40 @@ def test_reads_windows_lines_a_byte_order_mark_and_comments_behind_numbers(tmp_p
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("5 -1.3", "4 -1.3"), r"line 3: the direct polynomial announces 4 coefficients and has 5"),
-        (("3 266", "x 266"), r"line 6: expected the inverse polynomial.*'x' is not a number"),
-        (("3 266", "nan 266"), r"line 6: .*'nan' is not a number"),
+        (
+            ("5 -1.3", "4 -1.3"),
+            "line 3: the direct polynomial must have the number of coefficients",
+        ),
+        (("3 266", "x 266"), "line 6: the inverse polynomial .* must be numbers; got 'x'"),
+        (("3 266", "nan 266"), "line 6: the inverse polynomial .* must be numbers; got 'nan'"),
         (
             ("382.294245 ", ""),
-            r"line 9: expected the centre \(row and column\): 2 numbers, and there are 1",
+            r"OCamCalib file line 9: the centre \(row and column\) must be 2 numbers; got 1",
         ),
         (
             ("0.000008", "0.000008 1"),
-            r"line 11: expected the affine parameters.*3 numbers, and there are 4",
+            r"OCamCalib file line 11: the affine parameters \(c, d and e\) must be 3 numbers; got 4",
         ),
-        (("768 1024", "768.5 1024"), r"line 14: the image size 768.5 1024 is not in whole pixels"),
-        (("768 1024", "0 1024"), r"image height = 0 is not a whole number of pixels"),
-        (("768 1024", ""), r"ends before the image size \(height and width\)"),
-        (("-1.314797e+002", "1.314797e+002"), r"does not begin with a negative number"),
-        (("0.999845", "0"), r"affine = .* flattens the picture"),
+        (
+            ("768 1024", "768.5 1024"),
+            r"OCamCalib file line 14: the image size must be integers; got 768\.5 1024",
+        ),
+        (
+            ("768 1024", "0 1024"),
+            "OCamCalib file: image height must be an integer between 1 and 100000 px; got 0",
+        ),
+        (
+            ("768 1024", ""),
+            r"OCamCalib file must contain the image size \(height and width\); got the end of the file",
+        ),
+        (
+            ("-1.314797e+002", "1.314797e+002"),
+            r"OCamCalib file: polynomial must begin with a negative number, f\(0\) < 0",
+        ),
+        (
+            ("0.999845", "0"),
+            r"OCamCalib file: affine must be an invertible matrix \(c, d, e\) near \(1, 0, 0\); got \(0\.0, 4\.4e-05, 8e-06\)",
+        ),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_line(change, message):
@@ -219,6 +237,6 @@ def test_what_other_programs_write_after_the_known_blocks_is_left_alone():
 @pytest.mark.parametrize("coefficient", ["1e308", "-1e200"])
 def test_coefficients_that_overflow_are_one_sentence(coefficient):
     with pytest.raises(
-        SpecError, match="which is no coefficient of a camera; they are valid below"
+        SpecError, match=r"polynomial must have coefficients with magnitudes less than 1e\+100; got"
     ):
         parse_ocam(f"3 -100 0 {coefficient}\n2 100 50\n59.5 79.5\n1 0 0\n120 160\n")

@@ -145,19 +145,31 @@ def test_a_spline_starts_like_another_model():
                 [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), -np.cos(omega)], axis=-1
             )
             np.testing.assert_allclose(start.image(d).pixels, unified.image(d).pixels, atol=0.3)
-    with pytest.raises(InvalidParameter, match="field_deg = 359 is wider"):
+    with pytest.raises(
+        InvalidParameter,
+        match=r"field_deg must be at most 262\.039 deg, the field of the model; got 359",
+    ):
         RadialSpline.from_model(unified, 8, 359.0)
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"radii_px": (10.0, 20.0)}, "no row of 3 or more radii that grow"),
-        ({"radii_px": (10.0, 20.0, 15.0, 30.0, 40.0)}, "no row of 3 or more radii that grow"),
-        ({"viewpoints_mm": (1.0, 2.0)}, "does not give one height for each of the 5 knots"),
-        ({"field_deg": 361.0}, "field_deg = 361"),
-        ({"stretch_x": 0.6}, "stretch_x = 0.6"),
-        ({"p1": np.nan}, "p1 = nan"),
+        (
+            {"radii_px": (10.0, 20.0)},
+            r"radii_px must be at least 3 increasing radii greater than 0; got \(10\.0, 20\.0\)",
+        ),
+        (
+            {"radii_px": (10.0, 20.0, 15.0, 30.0, 40.0)},
+            "radii_px must be at least 3 increasing radii",
+        ),
+        (
+            {"viewpoints_mm": (1.0, 2.0)},
+            r"viewpoints_mm must have one value for each of the 5 knots; got \(1\.0, 2\.0\)",
+        ),
+        ({"field_deg": 361.0}, r"field_deg must be between 0\.001 and 360 deg; got 361\.0"),
+        ({"stretch_x": 0.6}, r"stretch_x must be between -0\.5 and 0\.5; got 0\.6"),
+        ({"p1": np.nan}, r"p1 must be between -1e\+12 and 1e\+12 1/px; got nan"),
     ],
 )
 def test_what_is_no_spline_is_refused(wrong, message):

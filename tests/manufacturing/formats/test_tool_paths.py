@@ -99,7 +99,7 @@ def test_nose_larger_than_concave_radius_is_rejected():
         *(
             (
                 {name: value * (1 + off)},
-                rf"{name} = .* {unit} is outside {low:g} to {high:g} {unit}",
+                rf"{name} must be between {low:g} and {high:g} {unit}; got",
             )
             for name, unit, low, high in (
                 ("radius_mm", "mm", 1e-3, 100.0),

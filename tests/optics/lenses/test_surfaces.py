@@ -317,7 +317,9 @@ BOUNDS = {
 def test_columns_are_refused_outside_their_bounds(name):
     low, high = BOUNDS[name]
     for value in (low - 1e-4, high + 0.1):
-        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+        with pytest.raises(
+            InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")
+        ):
             plano_convex(**{name: (value,) * 3})
 
 

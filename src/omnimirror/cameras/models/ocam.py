@@ -115,7 +115,7 @@ class OCam(RadialModel):
             )
         if not np.max(np.abs(self.polynomial)) < MAX_OCAM_COEFFICIENT:
             raise InvalidParameter(
-                f"the coefficients of polynomial must be less than {MAX_OCAM_COEFFICIENT:g}; "
+                f"polynomial must have coefficients with magnitudes less than {MAX_OCAM_COEFFICIENT:g}; "
                 f"got {max(self.polynomial, key=abs):g}"
             )
         if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.matrix)) < 1e-3:
