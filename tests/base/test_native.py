@@ -50,7 +50,7 @@ def test_the_environment_chooses():
 def test_instructions_that_there_are_not_are_refused(monkeypatch):
     monkeypatch.setenv("OMNIMIRROR_NATIVE", "mmx")
     with pytest.raises(
-        InvalidParameter, match="OMNIMIRROR_NATIVE must be 0 or an instruction set .*; got 'mmx'"
+        InvalidParameter, match=r"OMNIMIRROR_NATIVE must be 0 or an instruction set .*; got 'mmx'"
     ):
         _ = Backend().name
 

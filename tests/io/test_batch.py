@@ -59,7 +59,7 @@ def test_pictures_that_are_only_looked_at_may_be_of_more_kinds(tmp_path, suffix)
     (file,) = expand_inputs([tmp_path], READABLE_IMAGE_SUFFIXES)
     seen = read_image(file)
     assert np.abs(seen.reshape(48, 72, -1).astype(int) - picture[..., None]).max() <= 1
-    with pytest.raises(MediaError, match="there is no picture in the folder"):
+    with pytest.raises(MediaError, match="must contain files with a suffix of"):
         expand_inputs([tmp_path])
 
 
@@ -68,14 +68,14 @@ def test_what_stands_for_no_file_is_refused(folder, pattern):
     with pytest.raises(MediaError, match="there is no file"):
         expand_inputs(["a.jpg", pattern])
     (folder / "empty").mkdir()
-    with pytest.raises(MediaError, match="there is no picture in the folder empty"):
+    with pytest.raises(MediaError, match="the folder empty must contain files"):
         expand_inputs(["empty"])
 
 
 def test_results_have_names_of_their_own(folder):
     sources = expand_inputs(["?.jpg"])
     assert outputs_for(sources, "out", ".png") == [Path("out/a.png"), Path("out/b.png")]
-    with pytest.raises(MediaError, match=r"a.jpg and sub/a.jpg would both become out/a.jpg"):
+    with pytest.raises(MediaError, match="outputs must be different files"):
         outputs_for([Path("a.jpg"), Path("sub/a.jpg")], "out")
     with pytest.raises(MediaError, match="would be written over by its own result"):
         output_for("a.jpg", ".")
@@ -106,7 +106,7 @@ def test_one_that_fails_leaves_the_others_alone():
     assert results.done == [f"{n}.jpg" for n in sorted(done)]
     assert results.failed == {
         "3.jpg": "3.jpg is empty",
-        "5.jpg": "an unforeseen ZeroDivisionError: by zero",
+        "5.jpg": "unexpected ZeroDivisionError: by zero",
         "6.jpg": "6.jpg: No space left on device",
     }
     assert (results.exit_code, results.not_started, told[-1]) == (1, [], (20, 20))

@@ -117,13 +117,41 @@ def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
 @pytest.mark.parametrize(
     ("source", "output", "message"),
     [
-        ("in.mp4", "f.png", "a video becomes numbered pictures, such as f%04d.png"),
-        ("in.mp4", "f%s.png", "a video becomes numbered pictures"),
-        ("in.mp4", "f%d-%d.png", "takes one number and no other %"),
-        ("in.mp4", "100%/f%d.png", "takes one number and no other %"),
-        ("in.mp4", "f%4d.png", "zeros before it"),
-        ("in.mp4", "f%099999999d.png", "up to 9 digits"),
-        ("in.mp4", "f%04d.gif", "numbered pictures are .png, .jpg"),
+        (
+            "in.mp4",
+            "f.png",
+            "cannot write f.png: the name must contain a number, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%s.png",
+            "cannot write f%s.png: the name must contain a number, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%d-%d.png",
+            "cannot write f%d-%d.png: the name must contain one number and no other %, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "100%/f%d.png",
+            "cannot write 100%/f%d.png: the name must contain one number and no other %, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%4d.png",
+            "cannot write f%4d.png: the number must have at most 9 digits with leading zeros, such as f",
+        ),
+        (
+            "in.mp4",
+            "f%099999999d.png",
+            "cannot write f%099999999d.png: the number must have at most 9 digits with leading zeros, s",
+        ),
+        (
+            "in.mp4",
+            "f%04d.gif",
+            "cannot write f%04d.gif: the suffix of an image sequence must be one of .png, .jpg, .jpeg, ",
+        ),
         ("f%04d.png", "./f%03d.png", "may write over the pictures f%04d.png"),
     ],
 )
@@ -174,8 +202,8 @@ def test_transparency_is_kept(tmp_path):
 def test_what_is_lost_is_said(tmp_path):
     hdr = ColourCoding(1, 9, 9, 16)
     said = ImageSequenceWriter(tmp_path / "%d.jpg", (64, 48), "yuva444p10le", hdr).notes
-    assert "10 bits become 8, transparency is lost; .png and .tif keep them" in said[0]
-    assert "the picture is HDR, and pictures do not say so" in said[1]
+    assert "%d.jpg: 10 bits are reduced to 8, transparency is lost; use .png or .tif" in said[0]
+    assert "HDR tags are lost in images" in said[1]
     assert not ImageSequenceWriter(tmp_path / "%d.png", (64, 48), "yuva444p10le").notes
     with pytest.raises(MediaError, match="up to 65500 px a side"):
         ImageSequenceWriter(tmp_path / "%d.jpg", (70_000, 48))

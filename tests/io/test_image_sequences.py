@@ -77,7 +77,7 @@ def test_a_picture_that_is_missing_is_named(shots):
     assert f"{shots / 'f010.png'} is missing" in fails(
         "dewarp", shots / "f%03d.png", *BALL, "-o", shots / "o.mp4"
     )
-    with pytest.raises(MediaError, match=r"there is no picture .*g%d"):
+    with pytest.raises(MediaError, match="the image sequence must have at least one image"):
         VideoReader(shots / "g%d.png")
     with pytest.raises(InvalidParameter, match="frame rate of 0 is not valid"):
         VideoReader(shots / "f%03d.png", frame_rate=0)

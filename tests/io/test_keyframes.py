@@ -81,7 +81,7 @@ def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
 def test_a_value_that_cannot_be_zero_must_be_in_the_first_keyframe(parse, text, name):
     with pytest.raises(
         MediaError,
-        match=f"{name} must be in the first keyframe of keyframes; got it first in .*line",
+        match=f"{name} must be in the first keyframe of keyframes; got it only from .*line",
     ):
         parse(text.format(name))
 
@@ -124,46 +124,70 @@ def test_pan_turns_the_short_way(pans, share):
 @pytest.mark.parametrize(
     ("parse", "text", "message"),
     [
-        (parse_csv, "", "holds no keyframes; its first line"),
-        (parse_csv, "time_s,pan_deg\n", "holds no keyframes"),
-        (parse_csv, "pan_deg\n1", "line 1 of keyframes has no time_s"),
+        (
+            parse_csv,
+            "",
+            "keyframes must contain keyframes, with a header such as time_s,pan_deg,tilt_deg",
+        ),
+        (parse_csv, "time_s,pan_deg\n", "keyframes must contain keyframes"),
+        (parse_csv, "pan_deg\n1", "line 1 of keyframes must contain time_s"),
         (
             parse_csv,
             "time_s,pan\n1,1",
-            "line 1 of keyframes has 'pan'; valid are time_s, pan_deg, tilt_deg",
+            "line 1 of keyframes: the names must be from time_s, pan_deg, tilt_deg, roll_deg, hfov_deg,",
         ),
         (
             parse_csv,
             "time_s,pan_deg\n0,1\n1,x",
-            "line 3 of keyframes has pan_deg = 'x', which is not a number",
+            "line 3 of keyframes: pan_deg must be a number; got 'x'",
         ),
-        (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes has no time_s"),
-        (parse_csv, "time_s,pan_deg\n0,1,2", "line 2 of keyframes has 3 values"),
+        (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes must contain time_s"),
+        (
+            parse_csv,
+            "time_s,pan_deg\n0,1,2",
+            "line 2 of keyframes must have at most 2 values, as the header; got 3",
+        ),
         (
             parse_csv,
             "time_s,pan_deg\n1,1\n1,2",
-            "line 3 of keyframes is at 1 s, and the one before at 1 s",
+            "line 3 of keyframes: time_s must be greater than that of the previous keyframe, 1 s; got 1 s",
         ),
-        (parse_csv, "time_s,pan_deg\n0,inf", "not a number"),
+        (
+            parse_csv,
+            "time_s,pan_deg\n0,inf",
+            "line 2 of keyframes: pan_deg must be a number; got 'inf'",
+        ),
         (parse_toml, "x = ", r"keyframes must be valid TOML: Invalid value \(at end of document\)"),
-        (parse_toml, "", "holds no keyframes"),
-        (parse_toml, "interpolation = 'cubic'", "not one of smooth, linear"),
-        (parse_toml, "keyframe = 3", "should hold"),
-        (parse_toml, "other = 3", "should hold"),
+        (parse_toml, "", "keyframes must contain keyframes"),
+        (
+            parse_toml,
+            "interpolation = 'cubic'",
+            "keyframes: interpolation must be smooth or linear; got 'cubic'",
+        ),
+        (
+            parse_toml,
+            "keyframe = 3",
+            r"keyframes must contain only \[\[keyframe\]\] tables and optionally interpolation",
+        ),
+        (
+            parse_toml,
+            "other = 3",
+            r"keyframes must contain only \[\[keyframe\]\] tables and optionally interpolation",
+        ),
         (
             parse_toml,
             TOML + "[[keyframe]]\npan_deg = 1",
-            "keyframe in line 12 of keyframes has no time_s",
+            "the keyframe in line 12 of keyframes must contain time_s",
         ),
         (
             parse_toml,
             TOML + "[[keyframe]]\ntime_s = 3\nzoom = 1",
-            "in line 12 of keyframes has 'zoom'",
+            "the keyframe in line 12 of keyframes: the names must be from time_s, pan_deg, tilt_deg, ro",
         ),
         (
             parse_toml,
             TOML + "[[keyframe]]\ntime_s = true",
-            "in line 12 of keyframes has time_s = True",
+            "the keyframe in line 12 of keyframes: time_s must be a number; got True",
         ),
     ],
 )
@@ -174,7 +198,7 @@ def test_errors_name_the_line(parse, text, message):
 
 
 def test_files_that_are_none(tmp_path):
-    with pytest.raises(MediaError, match="there are no keyframes"):
+    with pytest.raises(MediaError, match="path must be an existing keyframe file"):
         Keyframes.load(tmp_path / "a.csv")
     (tmp_path / "a.txt").write_text(CSV)
     with pytest.raises(MediaError, match="is neither"):
@@ -184,7 +208,7 @@ def test_files_that_are_none(tmp_path):
 
 
 def test_keyframes_without_lines_are_counted_from_1():
-    with pytest.raises(MediaError, match=r"^keyframe 2 of moves has no time_s"):
+    with pytest.raises(MediaError, match="keyframe 2 of moves must contain time_s"):
         keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves")
     with pytest.raises(MediaError, match=r"^the keyframe in line 7 of moves has no time_s"):
         keyframes_of(

@@ -120,7 +120,7 @@ def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
     expected = straight(tmp_path / "upright.png", tmp_path / "a.png")
     told = straight(turned[1], tmp_path / "b.png")
     assert "orient" not in expected
-    assert "turned by 90 deg clockwise, as their EXIF data requires; --stored-orientation" in told
+    assert "rotated by 90 deg clockwise according to EXIF; --stored-orientation" in told
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
     )
@@ -149,7 +149,10 @@ def test_dewarping_stored_pixels_names_the_option(tmp_path, turned):
     told = ImageDewarper(DewarpRequest(tall, stored_orientation=True))(
         turned[1], tmp_path / "b.png"
     )
-    assert "as stored; their EXIF data requires" in told
+    assert (
+        "b.png: panorama (elevation -90 to 50 deg), 134 x 52 px, all of it inside the field, as sto"
+        in told
+    )
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
     )
@@ -195,8 +198,8 @@ def test_commands_report_it(tmp_path, turned, command, capsys):
         "lines": ["lines", path, "--rim", "70", "50", "40"],
     }[command]
     for option, told in (
-        ([], "turned by 90 deg clockwise, as their EXIF"),
-        ([STORED], "as stored; their EXIF"),
+        ([], "rotated by 90 deg clockwise according to EXIF"),
+        ([STORED], "as stored; the EXIF"),
     ):
         run = CliRunner().invoke(app, [*map(str, words), *option])
         assert f"1 of 1 images {told}" in run.stderr, run.output

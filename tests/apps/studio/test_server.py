@@ -69,7 +69,7 @@ def test_the_rim_of_a_picture_that_is_handed_up(client):
     assert not client.post("/api/rim", content=empty).json()["is_sure"]
     refused = client.post("/api/rim", content=b"no picture")
     assert refused.status_code == 400
-    assert "is not a picture" in sentence(refused)
+    assert "cannot read the image" in sentence(refused)
 
 
 def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
@@ -287,7 +287,7 @@ def test_a_truncated_picture_is_refused(client):
     ].tobytes()
     answer = client.post("/api/pictures", params={"name": "../../half.jpg"}, content=whole[:-400])
     assert answer.status_code == 400
-    assert sentence(answer) == "the picture half.jpg is cut short: its end is missing"
+    assert sentence(answer) == "cannot read the image half.jpg: the file is truncated"
 
 
 def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):

@@ -190,7 +190,7 @@ def test_wrong_xml_is_refused(tmp_path, text, message):
 def test_damaged_gzip_is_refused(tmp_path):
     for i, data in enumerate((gzip.compress(QUOTED.encode())[:-9], b"\x1f\x8b" + b"x" * 40)):
         (tmp_path / f"{i}.yml.gz").write_bytes(data)
-        with pytest.raises(SpecError, match=r"damaged|cut short"):
+        with pytest.raises(SpecError, match=r"damaged|truncated"):
             read(tmp_path / f"{i}.yml.gz")
 
 
@@ -525,11 +525,11 @@ def test_a_consistent_file_has_no_notes(tmp_path):
         ({"inverse_scale": 0.7}, r"inverse polynomial .* up to 115 px"),
         (
             {"centre": "515.32 382.29"},
-            r"centre \(382\.3, 515\.3\) lies 185 px from the middle .* swapped it lies 4",
+            r"centre \(382\.3, 515\.3\) is 185 px from the centre .* 4[.\d]* px with swapped",
         ),
         (
             {"size": "1024 768"},
-            r"centre \(515\.3, 382\.3\) lies 185 px from the middle .* swapped it lies 4",
+            r"centre \(515\.3, 382\.3\) is 185 px from the centre .* 4[.\d]* px with swapped",
         ),
         (
             {"affine": "0.884 0 0"},
@@ -539,7 +539,7 @@ def test_a_consistent_file_has_no_notes(tmp_path):
             {"affine": "1 0.2 0"},
             r"stretched by 22\.1 %",
         ),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
-        ({"centre": "-50 515"}, r"centre \(515, -50\) lies outside the image"),
+        ({"centre": "-50 515"}, r"centre \(515, -50\) is outside the"),
     ],
 )
 def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magnitude):

@@ -100,7 +100,7 @@ def test_reads_windows_lines_a_byte_order_mark_and_comments_behind_numbers(tmp_p
         ),
         (
             ("0.999845", "0"),
-            r"OCamCalib file: affine must be an invertible matrix \(c, d, e\) near \(1, 0, 0\); got \(0\.0, 4\.4e-05, 8e-06\)",
+            r"affine must be an invertible matrix .*; got \(0\.0, 4\.4e-05, 8e-06\)",
         ),
     ],
 )
