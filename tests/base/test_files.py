@@ -32,7 +32,7 @@ from omnimirror.base.files import (
 )
 
 
-def test_a_file_appears_whole_or_not_at_all(tmp_path):
+def test_atomic_output_is_complete_or_absent(tmp_path):
     path = tmp_path / "new" / "table.csv"
     write_text(path, "first")
 
@@ -63,7 +63,7 @@ class _Stop:
         return self
 
 
-def test_a_signal_at_any_moment_leaves_one_whole_file_and_nothing_beside_it(tmp_path):
+def test_signal_leaves_one_complete_file(tmp_path):
     path = tmp_path / "table.csv"
     moments = []
     for moment in range(1, 1000):
@@ -84,13 +84,13 @@ def test_a_signal_at_any_moment_leaves_one_whole_file_and_nothing_beside_it(tmp_
     assert set(moments) == {"first", "second"}  # before and after the replacement
 
 
-def test_permissions_are_those_of_any_new_file(tmp_path):
+def test_new_file_permissions_follow_umask(tmp_path):
     write_text(tmp_path / "a.txt", "a")
     (tmp_path / "b.txt").write_text("b")
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "b.txt").stat().st_mode
 
 
-def test_a_folder_is_not_a_file_name(tmp_path):
+def test_folder_as_output_raises(tmp_path):
     with pytest.raises(
         OmnimirrorError,
         match="cannot write test_a_folder_is_not_a_file_na0: the name must be that of a file; got a folder",
@@ -99,7 +99,7 @@ def test_a_folder_is_not_a_file_name(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_json_is_written_in_utf_8_as_people_read_it(tmp_path):
+def test_json_is_readable_utf_8(tmp_path):
     files.write_json(tmp_path / "a.json", {"unit": "µm", "range": (1.0, np.inf)})
     assert (tmp_path / "a.json").read_text(encoding="utf-8") == (
         '{\n "unit": "µm",\n "range": [\n  1.0,\n  "inf"\n ]\n}\n'
@@ -107,7 +107,7 @@ def test_json_is_written_in_utf_8_as_people_read_it(tmp_path):
 
 
 @pytest.mark.parametrize("digits", [str(2**63), str(-(2**63) - 1), "9" * 4400])
-def test_whole_numbers_of_toml_have_64_bits(digits):
+def test_toml_integers_have_64_bits(digits):
     """Also reject thousands of digits, which Python does not convert."""
     with pytest.raises(SpecError, match=r"a\.toml: integers must have at most 64 bits"):
         files.parse_toml(f"a = [{{b = {digits}}}]", "a.toml")
@@ -141,7 +141,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(args, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
+def test_only_regular_files_of_limited_size_are_read(tmp_path):
     """A pipe blocks the reader, a device is endless, and a sparse file can exceed the memory."""
     os.mkfifo(tmp_path / "pipe")
     with open(tmp_path / "huge", "wb") as file:
@@ -164,7 +164,7 @@ def test_what_is_read_is_an_ordinary_file_of_a_bounded_size(tmp_path):
             read_bytes(name, most)
 
 
-def test_text_is_read_as_it_was_meant(tmp_path):
+def test_text_encodings_and_line_ends(tmp_path):
     (tmp_path / "dos.txt").write_bytes(b"\xef\xbb\xbfone\r\ntwo\r")
     assert read_text(tmp_path / "dos.txt", "table") == "one\ntwo\n"
     (tmp_path / "latin.txt").write_bytes(b"caf\xe9")
@@ -176,7 +176,7 @@ def test_text_is_read_as_it_was_meant(tmp_path):
         read_text(tmp_path / "none.txt", "table")
 
 
-def test_files_without_a_nominal_size_are_read_up_to_the_limit():
+def test_files_without_nominal_size_are_limited():
     with open("/proc/self/status", "rb") as file:
         content = file.read()
     assert read_bytes("/proc/self/status", 1 << 20).splitlines()[0] == content.splitlines()[0]
@@ -184,7 +184,7 @@ def test_files_without_a_nominal_size_are_read_up_to_the_limit():
         read_bytes("/proc/self/status", 9)
 
 
-def test_a_file_exchanged_for_a_pipe_while_it_is_opened_is_rejected(tmp_path, monkeypatch):
+def test_file_replaced_by_pipe_during_open_is_rejected(tmp_path, monkeypatch):
     path = tmp_path / "a"
     path.write_bytes(b"1")
     before = os.stat(path)
@@ -195,7 +195,7 @@ def test_a_file_exchanged_for_a_pipe_while_it_is_opened_is_rejected(tmp_path, mo
         read_bytes(path, 5)
 
 
-def test_the_declared_content_of_an_archive_is_limited(tmp_path):
+def test_archive_content_is_limited(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.x3p", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("one", "two"):
             archive.writestr(name, bytes(1 << 20))
@@ -279,7 +279,7 @@ def test_yaml_has_limits(text, sentence):
         compose_yaml(text, "a.yaml")
 
 
-def test_yaml_within_the_limits_is_read():
+def test_yaml_within_limits_is_parsed():
     node = compose_yaml("[" + "1," * 99_998 + "]", "a.yaml")
     assert len(node.value) == 99_998
     assert compose_yaml("", "a.yaml") is None
@@ -300,7 +300,7 @@ def test_toml_has_limits(text, sentence):
         parse_toml(text, "a.toml")
 
 
-def test_toml_within_the_limits_is_read():
+def test_toml_within_limits_is_parsed():
     text = (
         "a = [-9223372036854775808, 9223372036854775807]\nb = '" + "c." * 99 + "'\n# " + "d." * 99
     )
@@ -308,7 +308,7 @@ def test_toml_within_the_limits_is_read():
 
 
 @pytest.mark.parametrize("kind", ["pipe", "zero"])
-def test_no_command_waits_for_a_pipe_or_reads_without_end(kind, tmp_path):
+def test_commands_reject_pipes_and_devices(kind, tmp_path):
     """Every file that a command line can name, and every file that such a file can name."""
     from click.testing import CliRunner
 
@@ -372,7 +372,7 @@ def test_no_command_waits_for_a_pipe_or_reads_without_end(kind, tmp_path):
         assert "a pipe or a device" in str(run.exception), (words, run.output, run.exception)
 
 
-def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
+def test_symbolic_link_is_kept_and_target_replaced(tmp_path):
     (tmp_path / "far").mkdir()
     target = tmp_path / "far" / "table.csv"
     target.write_text("old")
@@ -394,14 +394,14 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
     assert sorted(p.name for p in (tmp_path / "far").iterdir()) == ["made.csv", "table.csv"]
 
 
-def test_a_loop_of_links_is_a_sentence(tmp_path):
+def test_circular_link_raises(tmp_path):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     with pytest.raises(OmnimirrorError, match="symbolic links"):
         write_text(tmp_path / "a", "x")
 
 
-def test_pipes_and_devices_are_written_through(tmp_path):
+def test_pipes_and_devices_are_written_directly(tmp_path):
     pipe = tmp_path / "pipe.csv"
     os.mkfifo(pipe)
     got = []
@@ -420,7 +420,7 @@ def test_pipes_and_devices_are_written_through(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
-def test_standard_output_goes_on_where_it_stands(name, tmp_path):
+def test_standard_output_continues_at_its_position(name, tmp_path):
     script = (
         "from omnimirror.base.files import write_text; "
         f"print('before'); write_text({name!r}, 'rows'); print('after')"
@@ -441,7 +441,7 @@ with atomic_output(sys.argv[1]) as temporary:
 """
 
 
-def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_path):
+def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
     output = tmp_path / "out.mp4"
     for name in (output, tmp_path / "other.mp4"):
         run = subprocess.run([sys.executable, "-c", KILLED, name], check=False)
@@ -465,7 +465,7 @@ def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_pat
     assert {p.name for p in tmp_path.iterdir()} == {"out.mp4", *others, *theirs}
 
 
-def test_leftovers_of_other_owners_stay(tmp_path, monkeypatch):
+def test_leftovers_of_other_owners_are_kept(tmp_path, monkeypatch):
     output = tmp_path / "out.mp4"
     assert (
         subprocess.run([sys.executable, "-c", KILLED, output], check=False).returncode
@@ -491,6 +491,6 @@ def test_leftovers_of_other_owners_stay(tmp_path, monkeypatch):
         ("<a/>\n<b/>\n\n\n", 2),
     ],
 )
-def test_errors_of_xml_name_the_line(text, line):
+def test_xml_errors_contain_line(text, line):
     with pytest.raises(SpecError, match=f"^file line {line} must be valid XML: "):
         files.parse_xml(text, "file")

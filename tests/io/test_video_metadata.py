@@ -148,7 +148,7 @@ def test_tracks_are_kept(tmp_path, source, target):
 
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".mov"])
 @pytest.mark.parametrize("begins_ms", [1200, 40])
-def test_the_time_of_the_beginning_is_kept(tmp_path, begins_ms, target):
+def test_start_time_is_kept(tmp_path, begins_ms, target):
     make_film(tmp_path / "a.mkv", begins_ms)
     through(tmp_path / "a.mkv", tmp_path / f"b{target}")
     with av.open(str(tmp_path / "a.mkv")) as before, av.open(str(tmp_path / f"b{target}")) as after:
@@ -167,7 +167,7 @@ def test_the_time_of_the_beginning_is_kept(tmp_path, begins_ms, target):
     )
 
 
-def test_a_part_begins_at_zero_with_its_chapters_and_texts(tmp_path):
+def test_part_starts_at_zero_with_chapters_and_subtitles(tmp_path):
     make_film(tmp_path / "a.mkv", 1200)
     through(tmp_path / "a.mkv", tmp_path / "b.mkv", start_s=0.8, duration_s=1.0)
     chapters, _, _, texts = tracks_of(tmp_path / "b.mkv")
@@ -177,7 +177,7 @@ def test_a_part_begins_at_zero_with_its_chapters_and_texts(tmp_path):
         assert container.start_time < 2000
 
 
-def test_dewarping_keeps_them(tmp_path):
+def test_dewarping_keeps_tracks(tmp_path):
     make_film(tmp_path / "a.mkv", 1200)
     om.dewarp_video(
         tmp_path / "a.mkv",
@@ -202,7 +202,7 @@ def test_losses_are_reported(tmp_path):
     assert through(tmp_path / "a.mkv", tmp_path / "b.mp4") == []
 
 
-def test_tracks_that_nothing_keeps_are_named(tmp_path):
+def test_dropped_tracks_are_reported(tmp_path):
     make_film(tmp_path / "a.mkv", subtitles=False)
     with av.open(str(tmp_path / "a.mkv")) as film, av.open(str(tmp_path / "b.mkv"), "w") as out:
         source = film.streams.video[0]
@@ -258,7 +258,7 @@ def copied(source, out, codec):
 
 
 @pytest.mark.parametrize("codec", ["libx265", "libx264", "libsvtav1"])
-def test_it_is_kept(graded, tmp_path, codec):
+def test_mastering_display_is_kept(graded, tmp_path, codec):
     assert not copied(graded, tmp_path / "out.mp4", codec)
     with av.open(str(tmp_path / "out.mp4")) as container:
         beside = next(container.decode(video=0)).side_data
@@ -272,7 +272,7 @@ def test_it_is_kept(graded, tmp_path, codec):
     assert light == (1000, 400)
 
 
-def test_what_cannot_be_kept_is_said(graded, tmp_path):
+def test_lost_mastering_display_is_reported(graded, tmp_path):
     assert (
         "out.mkv: HDR metadata of the mastering display are lost; use --codec ffv1 with .mkv, --cod"
         in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
@@ -290,7 +290,7 @@ def test_what_cannot_be_kept_is_said(graded, tmp_path):
 
 
 @pytest.mark.parametrize("pixel_format", [None, "yuv420p10le"])
-def test_a_stream_keeps_what_it_tells_of_colours_and_display(graded, tmp_path, pixel_format):
+def test_stream_keeps_colour_coding_and_display(graded, tmp_path, pixel_format):
     """A file given by its URL is read as a stream."""
     notes = []
     om.dewarp_video(
@@ -311,7 +311,7 @@ def test_a_stream_keeps_what_it_tells_of_colours_and_display(graded, tmp_path, p
     assert any("HDR with 8 bits causes banding" in note for note in notes) == (pixel_format is None)
 
 
-def test_half_of_it_is_told_where_it_can_be():
+def test_partial_mastering_display_is_written_if_supported():
     assert MasteringDisplay(light=(1000, 400)).options("libx264") == "cll=1000,400"
     assert MasteringDisplay(primaries=(Fraction(1, 3),) * 8).options("libx265") is None
     assert MasteringDisplay().options("libx265") == ""

@@ -16,7 +16,7 @@ CAMERA = ViewpointSpline(RADII, HEIGHTS, 230.0, (320.0, 238.0), (640, 480))
 KNOTS = np.radians(115.0) * np.arange(1, 6) / 5
 
 
-def test_the_radius_is_the_odd_spline_through_the_knots():
+def test_radius_is_odd_spline():
     """SciPy spline through knots mirrored about the axis."""
     mirrored = CubicSpline(
         np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII]
@@ -28,7 +28,7 @@ def test_the_radius_is_the_odd_spline_through_the_knots():
     np.testing.assert_allclose(found.pixels[:-1, 0] - 320.0, mirrored(omega[:-1]), atol=1e-10)
 
 
-def test_the_viewpoint_is_the_even_spline_through_the_knots():
+def test_viewpoint_is_even_spline():
     mirrored = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])
     symmetry = CAMERA.symmetry
     omega = np.linspace(0.01, symmetry.omega_max, 200)
@@ -37,7 +37,7 @@ def test_the_viewpoint_is_the_even_spline_through_the_knots():
 
 
 @pytest.mark.parametrize("distance_mm", [15.0, 100.0, 1e4])
-def test_points_on_a_ray_are_seen_by_it(distance_mm):
+def test_points_on_ray_project_to_pixel(distance_mm):
     omega = np.linspace(0, 0.999 * CAMERA.model_end, 100)
     heights = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])(omega)
     points = np.stack(
@@ -52,7 +52,7 @@ def test_points_on_a_ray_are_seen_by_it(distance_mm):
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
 @pytest.mark.parametrize("xi", [0.0, 0.5, 0.95, 1.0])
-def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
+def test_unbounded_model_is_fitted_within_image(xi, kind):
     camera = Unified(xi, (200.0, 200.0), (320.0, 240.0), (640, 480))
     m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
     shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
@@ -69,7 +69,7 @@ def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
 
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
-def test_a_spline_has_the_knots_that_it_takes(kind):
+def test_fitted_spline_has_sufficient_knots(kind):
     """Radii of a single-viewpoint mirror increase progressively towards the rim; nearly linear ones
     need few knots."""
     steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
@@ -84,14 +84,14 @@ def test_a_spline_has_the_knots_that_it_takes(kind):
         assert len(kind.from_model(camera, 5, field).radii_px) == 5
 
 
-def test_what_is_nearer_than_the_rays_meet_is_not_seen():
+def test_points_within_caustic_are_invalid():
     assert 1.0 < CAMERA.nearest_mm < 15.0
     for factor in (0.99, 1.01):
         point = [[0.0, 0.0, -CAMERA._heights(np.zeros(1))[0] - factor * CAMERA.nearest_mm]]
         assert CAMERA.image(point).valid.tolist() == [factor > 1]
 
 
-def test_one_viewpoint_is_the_central_model():
+def test_constant_viewpoint_equals_central_model():
     central = RadialSpline(RADII, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
     shifted = ViewpointSpline(
         RADII, (3.0,) * 5, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5
@@ -103,7 +103,7 @@ def test_one_viewpoint_is_the_central_model():
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
-def test_it_can_be_a_mirror_that_is_not_central(name):
+def test_viewpoint_spline_fits_noncentral_mirror(name):
     """Points at finite distances by the rays of the sensor: the spline of eight knots has small
     errors, a central one much larger ones."""
     sensor = om.load_sensor(name)
@@ -133,7 +133,7 @@ def test_it_can_be_a_mirror_that_is_not_central(name):
     assert np.sqrt(np.mean(central**2)) > 10 * np.sqrt(np.mean(errors**2))
 
 
-def test_a_spline_starts_like_another_model():
+def test_spline_from_model():
     unified = Unified(0.95, (220.0, 222.0), (322.0, 238.0), (640, 480), k1=-0.05)
     for start in (
         RadialSpline.from_model(unified, 8, 220.0),
@@ -172,6 +172,6 @@ def test_a_spline_starts_like_another_model():
         ({"p1": np.nan}, r"p1 must be between -1e\+12 and 1e\+12 1/px; got nan"),
     ],
 )
-def test_what_is_no_spline_is_refused(wrong, message):
+def test_invalid_spline_raises(wrong, message):
     with pytest.raises(InvalidParameter, match=message):
         replace(CAMERA, **wrong)
