@@ -352,7 +352,7 @@ def test_unsupported_stream_address_raises():
     for url in ("room.mp4", "gopher://x"):
         with pytest.raises(
             MediaError,
-            match="the scheme of a stream must be one of udp, tcp, http, rtsp, rtmp, srt; got 'gopher://x'",
+            match="the scheme of a stream must be one of udp, tcp, http, rtsp, rtmp, srt; got",
         ):
             StreamSink(url, SIZE, 25)
     with pytest.raises(MediaError, match=r"cannot write http://.*: Connection refused"):
