@@ -429,6 +429,6 @@ def test_an_object_nowhere_is_refused(distance):
     ):
         with pytest.raises(
             InvalidParameter,
-            match="object_distance_mm must be at least 1e-09 mm, or inf; got 0",
+            match="object_distance_mm must be at least 1e-09 mm, or inf; got -5",
         ):
             ask(object_distance_mm=distance)

@@ -704,11 +704,11 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: keyframes.Keyframes.load("keyframes.txt"),
-            "are read from .csv and .toml files, and .* neither",
+            r"keyframes must be a \.csv or \.toml file",
         ),
         (
             lambda _: first_number(Path("p%03d.png")),
-            "p002.png is missing among the pictures p%03d.png",
+            "must be numbered without gaps; .*p002.png is missing",
         ),
         (
             lambda _: om.dewarp_video(

@@ -69,9 +69,7 @@ def test_invalid_files_raise_with_name_and_condition(tmp_path, text, sentence):
 
 
 def test_missing_file_raises():
-    with pytest.raises(
-        SpecError, match=r"path must be an existing file of views; got 'nowhere\.toml'"
-    ):
+    with pytest.raises(SpecError, match=r"path must be an existing file of views"):
         om.load_views("nowhere.toml")
 
 

@@ -205,9 +205,7 @@ def test_image_losses_are_reported(tmp_path):
     assert "%d.jpg: 10 bits are reduced to 8, transparency is lost; use .png or .tif" in said[0]
     assert "HDR tags are lost in images" in said[1]
     assert not ImageSequenceWriter(tmp_path / "%d.png", (64, 48), "yuva444p10le").notes
-    with pytest.raises(
-        MediaError, match=r"\.jpg images must have at most 65500 px per side"
-    ):
+    with pytest.raises(MediaError, match=r"\.jpg images must have at most 65500 px per side"):
         ImageSequenceWriter(tmp_path / "%d.jpg", (70_000, 48))
 
 

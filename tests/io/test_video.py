@@ -548,9 +548,9 @@ def test_frames_of_other_size_or_type_raise(tmp_path):
         MediaError, match=r"image must be uint8 of shape \(h, w\), \(h, w, 3\) or \(h, w, 4\)"
     ):
         frame_of_image(np.zeros((24, 32, 3), np.uint16))
-    with pytest.raises(MediaError, match="are not one 4:2:0 picture"):
+    with pytest.raises(MediaError, match="planes must have the shapes of a 4:2:0 image"):
         frame_of_planes((np.zeros((24, 32), np.uint8),) * 3)
-    with pytest.raises(MediaError, match="rgb24 have no planes"):
+    with pytest.raises(MediaError, match=r"must be nv12 or planar YUV .*; got rgb24"):
         planes(av.VideoFrame(8, 8, "rgb24"))
 
 

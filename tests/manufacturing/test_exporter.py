@@ -270,8 +270,8 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         (["--thread", "M6", "--bore-diameter-mm", "5"], "bore_diameter_mm must not be given"),
         (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "got a hole"),
         (["--support", "tube", "--support-diameter-mm", "50"], "does not take in the mirror"),
-        (["--thickness-mm", "nan"], "thickness_mm = nan"),
-        (["--digits", "40"], "digits = 40"),
+        (["--thickness-mm", "nan"], "thickness_mm must be between 0.001 and 10000 mm; got nan"),
+        (["--digits", "40"], "digits must be an integer between 0 and 15; got 40"),
     ],
 )
 def test_invalid_options_print_one_message_and_write_no_file(

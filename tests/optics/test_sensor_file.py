@@ -349,9 +349,7 @@ def test_files_that_cannot_be_read(tmp_path):
     ):
         load_sensor("paper-sferical")
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(
-        SpecError, match=r"cannot read the sensor file b\.toml: the file must be text in UTF-8"
-    ):
+    with pytest.raises(SpecError, match=r"the file must be text in UTF-8"):
         load_sensor(tmp_path / "b.toml")
     with pytest.raises(SpecError, match=r"cannot read the sensor file|there is no sensor file"):
         load_sensor(tmp_path)

@@ -458,9 +458,7 @@ def test_what_is_asked_for_is_checked():
         calibrated(detections(count=3), model="unfied")
     with pytest.raises(InvalidParameter, match="model = 'sensor' is a mirror before a lens"):
         calibrated(detections(count=3), model="sensor", optics="fisheye")
-    with pytest.raises(
-        InvalidParameter, match=r"optics = 'lens' is not known; valid are mirror, fisheye"
-    ):
+    with pytest.raises(InvalidParameter, match="optics must be one of mirror, fisheye; got 'lens'"):
         calibrated(detections(count=3), optics="lens")
 
 
