@@ -388,9 +388,11 @@ def test_what_is_no_mirror_is_refused(quartic):
         om.register_mirror(3)
     with pytest.raises(InvalidParameter, match="the name of a mirror must be unique; got 'sphere'"):
         om.register_mirror(dataclass(frozen=True)(type("Other", (Quartic,), {"KIND": "sphere"})))
-    with pytest.raises(InvalidParameter, match="the name of a .* must be unique"):
+    with pytest.raises(InvalidParameter, match=r"the name of a .* must be unique"):
         om.register_view("panorama", lambda camera: None)
-    with pytest.raises(InvalidParameter, match="a quantity 'aspect' already"):
+    with pytest.raises(
+        InvalidParameter, match="the name of a quantity must be unique; got 'aspect'"
+    ):
         om.register_quantity(LIMITABLE["aspect"])
     with pytest.raises(TypeError, match=r"no omnimirror\.design\.Limitable"):
         om.register_quantity("aspect")

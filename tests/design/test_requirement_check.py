@@ -276,7 +276,7 @@ def test_what_cannot_be_judged_is_said():
             match=r"sensor must be a sensor, such as om\.load_sensor gives; got None",
         ):
             om.judge(WANTED, odd)
-        with pytest.raises(OmnimirrorError, match="must be .*; got"):
+        with pytest.raises(OmnimirrorError, match=r"must be .*; got"):
             om.judge(odd, SPHERE)
 
 

@@ -187,7 +187,7 @@ def test_what_is_no_picture_is_refused(tmp_path):
         np.zeros((8, 8), int),
         [[1, 2]],
     ):
-        with pytest.raises(InvalidParameter, match="is not valid|must be an array"):
+        with pytest.raises(InvalidParameter, match=r"is not valid|must be an array"):
             om.estimate_noise(wrong)
     with pytest.raises(InvalidParameter, match="1 values that are NaN"):
         om.estimate_noise(np.full((1, 1), np.nan, np.float32))
