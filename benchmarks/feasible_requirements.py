@@ -32,8 +32,8 @@ AT_MOST = (
     "total_blur_px",
     "viewpoint_spread_mm",
     "sag_mm",
-    "whole_height_mm",
-    "whole_diameter_mm",
+    "overall_height_mm",
+    "overall_diameter_mm",
 )
 AT_LEAST = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
 MIRRORS = (

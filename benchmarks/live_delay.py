@@ -128,7 +128,7 @@ def decoded(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
 def viewed(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
     """Yield the same frames after their views have been computed."""
     with LiveSource(
-        url, timeout_s=10.0, first_wait_s=0.05, reconnect=False, options=options
+        url, timeout_s=10.0, min_delay_s=0.05, reconnect=False, options=options
     ) as source:
         for i, frame in enumerate(source.frames()):
             view = om.screens.Plane(SIZE, 0.5 * i, -20.0)

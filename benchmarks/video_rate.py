@@ -84,7 +84,7 @@ def convert(
 ) -> None:
     """Convert a video file with a function of frames."""
     with VideoReader(source) as reader:
-        sink = VideoWriter.like(reader, output, SIZE, codec=codec, options=options)
+        sink = VideoWriter.from_source(reader, output, SIZE, codec=codec, options=options)
         process(reader.items(), sink, function, "frame")
 
 

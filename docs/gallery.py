@@ -29,6 +29,7 @@ SECTIONS = {
     "simulate": "Simulation",
     "measure": "Measurement, calibration and tolerancing",
 }
+PROPER_NAMES = {"mtf": "MTF", "opencv": "OpenCV"}
 WIDTH, QUALITY = 600, 80  # images on the page: width in px, WebP quality
 INTRODUCTION = """# Gallery
 
@@ -44,6 +45,16 @@ def examples() -> list[Path]:
     ]
 
 
+def heading(stem: str) -> str:
+    """Return the heading of an example, from the name of its file.
+
+    >>> heading("mtf_over_the_field"), heading("opencv_remap")
+    ('MTF over the field', 'OpenCV remap')
+    """
+    first, *others = stem.split("_")
+    return " ".join([PROPER_NAMES.get(first, first.capitalize()), *others])
+
+
 def page() -> str:
     """Return the text of the page."""
     parts, folder = [INTRODUCTION], ""
@@ -54,7 +65,7 @@ def page() -> str:
         source = path.read_text(encoding="utf-8")
         title = (ast.get_docstring(ast.parse(source)) or "").rstrip(".")
         code = source.split('"""\n', 2)[-1].strip()
-        name = path.stem.replace("_", " ").capitalize()
+        name = heading(path.stem)
         parts.append(
             f"### {name}\n\n{title}.\n\n![{title}](images/gallery/{path.stem}.webp)\n\n```python\n{code}\n```\n"
         )

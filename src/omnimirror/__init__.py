@@ -365,7 +365,7 @@ if not TYPE_CHECKING:  # type checkers see the names above and must reject all o
             try:
                 return getattr(import_module(f".{_HOMES[name]}", __name__), name)
             except ImportError as error:
-                explained = import_module(".base.errors", __name__).explained_import_error(error)
+                explained = import_module(".base.errors", __name__).explain_import_error(error)
                 if explained is error:
                     raise
                 raise explained from None

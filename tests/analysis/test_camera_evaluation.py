@@ -71,7 +71,9 @@ def test_what_is_not_seen_is_refused():
         OutsideField, match="omega_deg = 160 is not seen; the camera sees 0 to 150 deg"
     ):
         om.evaluate_camera(camera, [10.0, 160.0])
-    with pytest.raises(InvalidParameter, match="is not a calibrated camera"):
+    with pytest.raises(
+        InvalidParameter, match=r"camera must be a calibrated camera, such as om\.load_camera gives"
+    ):
         om.evaluate_camera(om.load_sensor("paper-spherical"))
 
 

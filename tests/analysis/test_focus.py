@@ -186,39 +186,55 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
         lambda: Orthographic(0.06, 4.0, 20.0).depth_of_field(0.0052, mode=mode),
         lambda: best_apertures(SPH, mode=mode),
     ):
-        with pytest.raises(
-            InvalidParameter, match=r"mode = .* is not known; valid are exact, paper"
-        ):
+        with pytest.raises(InvalidParameter, match="mode must be one of exact, paper; got "):
             ask()
 
 
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"image_radius_px": -5.0}, "image_radius_px = -5.0 is not valid; it is valid above 0 px"),
-        ({"image_radius_px": 0}, "image_radius_px = 0 is not valid"),
-        ({"image_radius_px": 1e-165}, "image_radius_px = 1e-165 is not valid"),
-        ({"image_radius_px": float("nan")}, "image_radius_px = nan is not valid"),
-        ({"image_radius_px": "500"}, "image_radius_px = '500' cannot be read as numbers"),
-        ({"omega_deg": []}, "omega_deg is empty"),
-        ({"omega_deg": [[0.0, 1.0]]}, r"omega_deg has shape \(1, 2\)"),
-        ({"omega_deg": [10**400]}, "omega_deg = .* cannot be read as numbers"),
+        (
+            {"image_radius_px": -5.0},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got -5\.0",
+        ),
+        (
+            {"image_radius_px": 0},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 0",
+        ),
+        (
+            {"image_radius_px": 1e-165},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 1e-165",
+        ),
+        (
+            {"image_radius_px": float("nan")},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got nan",
+        ),
+        ({"image_radius_px": "500"}, "image_radius_px must be a number; got '500'"),
+        ({"omega_deg": []}, "omega_deg must contain at least one number"),
+        (
+            {"omega_deg": [[0.0, 1.0]]},
+            r"omega_deg must be a number or have the shape \(n,\); got shape \(1, 2\)",
+        ),
+        ({"omega_deg": [10**400]}, r"omega_deg must be numbers of shape \(n,\)"),
         (
             {"omega_deg": np.ma.masked_array([9.0, 10.0], [False, True])},
-            "omega_deg = .* cannot be read as numbers",
+            r"omega_deg must be numbers of shape \(n,\)",
         ),
         (
             {"object_distance_mm": [100.0, 200.0]},
             "object_distance_mm has 2 values for 1001 field angles",
         ),
-        ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
+        (
+            {"object_distance_mm": -1.0},
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -1",
+        ),
         (
             {"object_distance_mm": 2e-309},
-            "object_distance_mm = 2e-309 is not a distance; it is valid above 0 ",
+            "object_distance_mm must be at least 1e-09 mm, or inf; got 2e-309",
         ),
         (
             {"merit": "sharpest"},
-            "merit = 'sharpest' is not known; valid are worst_floored_area_deg2",
+            "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2",
         ),
     ],
 )

@@ -233,17 +233,17 @@ def test_object_distances_may_differ_by_row():
         (
             {"omega_deg": [1.0], "object_distance_mm": 0.0},
             InvalidParameter,
-            "object_distance_mm = 0",
+            "object_distance_mm must be at least 1e-09 mm, or inf; got 0",
         ),
         (
             {"omega_deg": [1.0], "object_distance_mm": -5.0},
             InvalidParameter,
-            "object_distance_mm = -5",
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -5",
         ),
         (
             {"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]},
             InvalidParameter,
-            "object_distance_mm = -5 is not a distance; it is valid above 0",
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -5",
         ),
         (
             {"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]},
@@ -255,13 +255,21 @@ def test_object_distances_may_differ_by_row():
             InvalidParameter,
             "focus_distance_mm = 11 is not beyond",
         ),
-        ({"omega_deg": [1.0], "mode": "rough"}, InvalidParameter, "mode = 'rough'"),
-        ({"omega_deg": [1.0], "tolerance_px": 0.0}, InvalidParameter, "tolerance_px = 0"),
+        (
+            {"omega_deg": [1.0], "mode": "rough"},
+            InvalidParameter,
+            "mode must be one of exact, paper; got 'rough'",
+        ),
+        (
+            {"omega_deg": [1.0], "tolerance_px": 0.0},
+            InvalidParameter,
+            r"tolerance_px must be greater than 0 px and finite; got 0\.0",
+        ),
         ({"omega_deg": [1.0], "wavelength_nm": -1.0}, InvalidParameter, "wavelength_nm = -1"),
         (
             {"omega_deg": [1.0], "focus_mm": "auto", "merit": "best"},
             InvalidParameter,
-            "merit = 'best'",
+            "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2",
         ),
         (
             {"omega_deg": [1.0, 2.0], "focus_mm": "auto", "object_distance_mm": [9.0, 8.0]},

@@ -42,20 +42,20 @@ def in_threads(*acts: Callable[[], object]) -> list[object]:
     return found
 
 
-def test_a_value_is_worked_out_once_and_documented():
+def test_cached_property_computes_once_and_keeps_docstring():
     link = Link(Link())
     assert (link.left, link.left, link.times) == (1, 1, 1)
     assert Link.left.__doc__ == "Number of links to the end."
 
 
-def test_threads_that_need_two_values_crosswise_end():
+def test_cached_properties_of_two_threads_do_not_deadlock():
     """Both start before either continues: one lock per value of the class would deadlock."""
     begun = Barrier(2)
     one, two = Link(Link(), begun), Link(Link(), begun)
     assert in_threads(lambda: one.left, lambda: two.right) == [1, 1]
 
 
-def test_sensors_are_asked_by_many_threads_at_once():
+def test_sensors_are_thread_safe():
     names = ["folded-hyperboloidal", "paper-spherical", "folded-spherical", "paper-equidistant"] * 2
     sensors = [om.load_sensor(name) for name in names]
     begun = Barrier(len(sensors))

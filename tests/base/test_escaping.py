@@ -96,7 +96,7 @@ def readable(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_python_source_holds_the_name_and_nothing_else(name):
+def test_python_source_contains_name_as_data(name):
     text = NAMES[name]
     assert ast.literal_eval(escaping.python_string(text)) == text
     for quotes in ('"""', "'''"):
@@ -111,7 +111,7 @@ def test_python_source_holds_the_name_and_nothing_else(name):
     assert kinds == [tokenize.ENCODING, tokenize.COMMENT, tokenize.NL, tokenize.ENDMARKER]
 
 
-def test_c_source_holds_all_names(tmp_path):
+def test_c_source_contains_all_names(tmp_path):
     """Comments are closed and strings contain the bytes of the name, by a C99 compiler with
     trigraphs."""
     lines = ["#include <stdio.h>", "int main(void) {", "int n = 0;"]
@@ -141,7 +141,7 @@ def test_c_source_holds_all_names(tmp_path):
     assert escaping.c_string("a\udcff") == '"a\\377"'
 
 
-def test_shells_take_every_name_as_one_word(tmp_path):
+def test_shells_parse_every_name_as_one_word(tmp_path):
     words = [text for text in NAMES.values() if "\ud800" not in text]
     command = escaping.shell_command(["printf", "%s\\0", *words, "\udcff", "", "a\n", "-n"])
     for shell in ("dash", "bash"):
@@ -157,7 +157,7 @@ def test_shells_take_every_name_as_one_word(tmp_path):
         ]
         assert not ran.stderr
     assert not list(tmp_path.iterdir())
-    assert escaping.visible(command, keep="\n") == command
+    assert escaping.escape_invisible(command, keep="\n") == command
 
 
 class Elements(HTMLParser):
@@ -180,9 +180,9 @@ class Elements(HTMLParser):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_markup_and_data_hold_the_name(name):
+def test_markup_and_data_contain_name(name):
     text = NAMES[name]
-    shown = escaping.visible(text, keep="\n\t")
+    shown = escaping.escape_invisible(text, keep="\n\t")
     page = Elements(f'<i title="{escaping.html_text(text)}">{escaping.html_text(text)}</i>')
     assert (page.elements, page.text, page.attributes) == (["i"], shown, {"title": shown})
     root = ElementTree.fromstring(
@@ -202,13 +202,13 @@ def test_markup_and_data_hold_the_name(name):
     )
     assert yaml.safe_load(
         f"# {escaping.line_comment(text)}\nname: {escaping.yaml_string(text)}\n"
-    ) == {"name": escaping.visible(text)}
+    ) == {"name": escaping.escape_invisible(text)}
     assert yaml.safe_load(f"- {escaping.yaml_string('no')}") == ["no"]
     into = io.StringIO()
     csv.writer(into).writerow(["x", escaping.csv_cell(text), "y"])
     ((_, cell, _),) = csv.reader(io.StringIO(into.getvalue()))
     assert cell.lstrip()[:1] not in ("=", "+", "-", "@", "\t", "\r")
-    assert cell in (escaping.visible(text), f"'{escaping.visible(text)}")
+    assert cell in (escaping.escape_invisible(text), f"'{escaping.escape_invisible(text)}")
     tokens = (
         MarkdownIt()
         .enable("table")
@@ -221,7 +221,7 @@ def test_markup_and_data_hold_the_name(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_drawings_and_programs_hold_the_name(name):
+def test_drawings_and_programs_contain_name(name):
     text = NAMES[name]
     line = escaping.label(text)
     assert re.fullmatch(r"[ -$&'*-:<->@-}]*", escaping.gcode_comment(text))
@@ -245,11 +245,11 @@ def test_drawings_and_programs_hold_the_name(name):
         )
     assert not re.search(r'["\\]', escaping.gstreamer_comment(text))
     assert len(line) <= escaping.MAX_LABEL
-    assert readable(line)[:40] == readable(escaping.visible(" ".join(text.split())))[:40]
+    assert readable(line)[:40] == readable(escaping.escape_invisible(" ".join(text.split())))[:40]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_names_of_files_are_plain_and_short(name):
+def test_file_names_are_plain_and_short(name):
     stem = escaping.file_stem(NAMES[name], "sensor")
     assert re.fullmatch(r"[\w+][\w.+-]*", stem)
     assert len(stem.encode()) <= escaping.MAX_STEM
@@ -259,7 +259,7 @@ def test_names_of_files_are_plain_and_short(name):
         header,
         re.ASCII,
     )
-    assert unquote(whole[2] or whole[1]) == f"{escaping.visible(NAMES[name])}.csv"
+    assert unquote(whole[2] or whole[1]) == f"{escaping.escape_invisible(NAMES[name])}.csv"
 
 
 # -- registered writers
@@ -348,8 +348,8 @@ def checked(path: Path, plain: Path, name: str) -> None:
     elif kind == ".exr":
         with OpenEXR.File(str(path)) as file:
             assert file.header().get(
-                "omnimirror:camera", escaping.visible(name)
-            ) == escaping.visible(name)
+                "omnimirror:camera", escaping.escape_invisible(name)
+            ) == escaping.escape_invisible(name)
     elif kind == ".npz":
         stored = np.load(path)
         assert "camera" not in stored or str(stored["camera"]) == name.rstrip("\0")
@@ -460,7 +460,7 @@ def checks(write: Any, kind: str, name: str, folder: Path) -> None:
 @pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.parametrize("name", EVERYDAY)
 @pytest.mark.parametrize(("write", "kind"), few(ALL, *EVERYDAY_WRITERS))
-def test_every_writer_writes_what_its_program_reads(write, kind, name, tmp_path):
+def test_every_writer_output_is_readable(write, kind, name, tmp_path):
     checks(write, kind, EVERYDAY[name], tmp_path)
 
 
@@ -468,7 +468,7 @@ def test_every_writer_writes_what_its_program_reads(write, kind, name, tmp_path)
 @pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("write", "kind"), ALL)
-def test_every_writer_takes_every_name(write, kind, name, tmp_path):
+def test_every_writer_accepts_every_name(write, kind, name, tmp_path):
     checks(write, kind, NAMES[name], tmp_path)
 
 
@@ -487,7 +487,7 @@ def export_note(plan: Any, part: Any, path: Path) -> Content:
 
 
 @pytest.mark.parametrize("name", EVERYDAY)
-def test_writers_of_other_packages_are_checked_alike(name, tmp_path):
+def test_external_writers_are_checked(name, tmp_path):
     """Formats registered by other packages are covered by the preceding tests."""
     plugin = ExportFormat(note_of, (".py",), "Python")
     for write, known, kind in (
@@ -518,7 +518,7 @@ HOSTILE_STEMS = (
 @pytest.mark.parametrize(
     "kind", ["c99", "openmv", "gstreamer", "obs", "glsl", "blender", "mitsuba"]
 )
-def test_scripts_find_their_files_by_any_name(kind, stem, tmp_path):
+def test_scripts_find_files_with_any_name(kind, stem, tmp_path):
     write, known = (
         (om.write_rays, RAY_FORMATS) if kind in RAY_FORMATS else (om.write_maps, MAP_FORMATS)
     )
@@ -549,7 +549,7 @@ def test_scripts_find_their_files_by_any_name(kind, stem, tmp_path):
 
 @pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.parametrize("kind", few(["step", "dxf", "zmx", "csv", "svg"], "step", "csv", "zmx"))
-def test_the_kind_of_a_mirror_of_another_package_is_escaped(kind, tmp_path):
+def test_external_mirror_kind_is_escaped(kind, tmp_path):
     hostile = type("Hostile", (Sphere,), {"KIND": CODE})(
         SMALL.mirror.radius_mm, SMALL.mirror.rim_radius_mm
     )
@@ -566,7 +566,7 @@ def test_the_kind_of_a_mirror_of_another_package_is_escaped(kind, tmp_path):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", list(CAMERA_FORMATS))
-def test_camera_files_are_read_back_with_the_name(kind, name, tmp_path):
+def test_camera_file_round_trip_keeps_name(kind, name, tmp_path):
     """Every model of a format, under the name of a camera of another file."""
     for layout in CAMERA_FORMATS[kind].layouts.values():
         camera = next(
@@ -579,10 +579,10 @@ def test_camera_files_are_read_back_with_the_name(kind, name, tmp_path):
             assert len(ours) >= len(theirs)
         else:
             assert ours.count("\n") == theirs.count("\n")
-            assert escaping.visible(ours, keep="\n\t") == ours
+            assert escaping.escape_invisible(ours, keep="\n\t") == ours
         if kind in ("ros", "camodocal"):
             ours = ours.removeprefix("%YAML:1.0\n")  # directive of OpenCV
-            assert yaml.safe_load(ours)["camera_name"] == escaping.visible(NAMES[name])
+            assert yaml.safe_load(ours)["camera_name"] == escaping.escape_invisible(NAMES[name])
 
 
 CAMERAS = (
@@ -623,7 +623,7 @@ def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "name", few(NAMES, "python", "controls", "rich", "letters", "bidirectional")
 )
-def test_the_terminal_obeys_no_name(name, tmp_path):
+def test_terminal_obeys_no_control_sequences(name, tmp_path):
     file = tmp_path / "a.toml"
     if name == "surrogate":
         pytest.skip("TOML has no surrogates")
@@ -634,10 +634,10 @@ def test_the_terminal_obeys_no_name(name, tmp_path):
     assert om.load_sensor(file).name == NAMES[name]
     done = omnimirror("compare", file, "paper-spherical")
     assert done.returncode == 0, done.stderr
-    assert escaping.visible(done.stdout, keep="\n\t ") == done.stdout
+    assert escaping.escape_invisible(done.stdout, keep="\n\t ") == done.stdout
 
 
-def test_the_name_of_a_sensor_file_is_never_executed(tmp_path):
+def test_sensor_file_name_is_not_executed(tmp_path):
     """Regression test: ``rays`` and ``maps`` with a name that is Python code, and execution of the
     scripts."""
     (tmp_path / "a.toml").write_text(
@@ -664,13 +664,13 @@ def test_the_name_of_a_sensor_file_is_never_executed(tmp_path):
     "character",
     ["\x00", "\x85", "\u202e", "\ufffe", "\uffff", "\U0001fffe", "\U000e0001", "\U0010ffff"],
 )
-def test_characters_without_a_form_are_escaped_in_toml_and_come_back(character):
+def test_invisible_characters_round_trip_in_toml(character):
     code = escaping.toml_string(f"a{character}b")
     assert code.isascii()
     assert tomllib.loads(f"a = {code}") == {"a": f"a{character}b"}
 
 
-def test_labels_of_figures_have_40_characters():
+def test_figure_labels_have_at_most_40_characters():
     assert escaping.plot_text("x" * 40) == "x" * 40
     assert escaping.plot_text("x" * 41) == "x" * 37 + "..."
 
@@ -683,7 +683,7 @@ def test_labels_of_figures_have_40_characters():
         (19, r"\X4\0001F600\X0\..."),
     ],
 )
-def test_names_in_step_files_are_cut_between_encoded_characters(longest, expected):
+def test_step_names_are_cut_between_encoded_characters(longest, expected):
     """ISO 10303-21, 6.4.3.3: eight hexadecimal digits per character in a frame of 16; a label has
     at least one character."""
     assert escaping.step_string("\U0001f600" * 9, longest) == expected

@@ -13,7 +13,7 @@ from omnimirror.base.linear_algebra import MAX_MULTIPLICATIONS, matrix_product
 @pytest.mark.parametrize(
     ("rows", "shape"), [(0, (3, 3)), (1, (3, 3)), (40_000, (3, 3)), (2_000, (169, 2))]
 )
-def test_pieces_are_the_whole(rows, shape, kind):
+def test_matrix_product_in_blocks(rows, shape, kind):
     rng = np.random.default_rng(rows)
     values, matrix = (
         rng.normal(size=(rows, shape[0])).astype(kind),
@@ -30,7 +30,7 @@ def test_pieces_are_the_whole(rows, shape, kind):
 
 
 @pytest.mark.parametrize("columns", [2, 500])
-def test_a_matrix_larger_than_a_piece_is_taken_row_by_row(columns):
+def test_matrix_larger_than_block_is_multiplied_by_rows(columns):
     rng = np.random.default_rng(columns)
     values, matrix = (
         rng.normal(size=(3, MAX_MULTIPLICATIONS // columns + 1)),
@@ -42,7 +42,7 @@ def test_a_matrix_larger_than_a_piece_is_taken_row_by_row(columns):
 IDLE = """
 import os, threading
 import numpy as np
-from omnimirror.base.linear_algebra import product
+from omnimirror.base.linear_algebra import matrix_product
 
 def others():
     mine, ticks = threading.get_native_id(), 0
@@ -55,13 +55,13 @@ def others():
 values, matrix = np.ones((300_000, 24)), np.ones((24, 2))
 before = others()
 for _ in range(20):
-    product(values, matrix)
+    matrix_product(values, matrix)
 print(others() - before)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are told by /proc")
-def test_no_other_thread_works():
+def test_matrix_product_uses_no_other_thread():
     """The plain product would cause hundreds of ticks in busy-waiting threads."""
     ran = subprocess.run([sys.executable, "-c", IDLE], capture_output=True, text=True, check=True)
     assert int(ran.stdout) <= 1

@@ -40,20 +40,22 @@ def name_told(choice: str) -> tuple[str, str]:
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
-def test_the_environment_chooses():
+def test_environment_selects_instruction_set():
     assert name_told("0") == ("opencv", "")
     assert name_told("plain") == ("plain", "")
     assert name_told("") == (backend.name, "")
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
-def test_instructions_that_there_are_not_are_refused(monkeypatch):
+def test_unknown_instruction_set_raises(monkeypatch):
     monkeypatch.setenv("OMNIMIRROR_NATIVE", "mmx")
-    with pytest.raises(InvalidParameter, match="'mmx' names no instructions of this machine"):
+    with pytest.raises(
+        InvalidParameter, match=r"OMNIMIRROR_NATIVE must be 0 or an instruction set .*; got 'mmx'"
+    ):
         _ = Backend().name
 
 
-def test_what_is_missing_is_said_once(monkeypatch, caplog):
+def test_missing_kernels_are_reported_once(monkeypatch, caplog):
     monkeypatch.setitem(sys.modules, "omnimirror.base._native", None)
     monkeypatch.delattr("omnimirror.base._native", raising=False)
     monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
@@ -63,12 +65,12 @@ def test_what_is_missing_is_said_once(monkeypatch, caplog):
         assert not missing.is_compiled
         missing.set_threads(missing.threads)
     assert [r.levelname for r in caplog.records] == ["WARNING"]
-    assert "OpenCV, several times slower" in caplog.text
-    with pytest.raises(RuntimeError, match=r"ask backend\.is_compiled first"):
+    assert "the compiled kernels are missing: images are dewarped by OpenCV" in caplog.text
+    with pytest.raises(RuntimeError, match=r"check backend\.is_compiled first"):
         _ = missing.kernels
 
 
-def test_kernels_of_another_version_are_left_alone(monkeypatch, caplog):
+def test_kernels_of_other_version_are_ignored(monkeypatch, caplog):
     monkeypatch.setitem(
         sys.modules, "omnimirror.base._native", SimpleNamespace(INTERFACE=INTERFACE - 1)
     )
@@ -78,10 +80,10 @@ def test_kernels_of_another_version_are_left_alone(monkeypatch, caplog):
     assert "another version" in caplog.text
 
 
-def test_the_number_of_threads_is_checked():
+def test_thread_count_is_checked():
     for count in (0, -1, 1025):
         with pytest.raises(
-            InvalidParameter, match=f"{count} threads are not valid; valid are 1 to 1024"
+            InvalidParameter, match=f"count must be between 1 and 1024 threads; got {count}"
         ):
             backend.set_threads(count)
 
@@ -89,7 +91,7 @@ def test_the_number_of_threads_is_checked():
 @pytest.mark.skipif(
     not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here"
 )
-def test_as_many_threads_as_the_process_may_use_cores():
+def test_threads_equal_available_cores():
     """A process with affinity to one core, as by taskset, starts no second thread that would wait
     for the first."""
     script = (
@@ -110,8 +112,8 @@ def test_as_many_threads_as_the_process_may_use_cores():
         ("0 0", 10**6),
     ],
 )
-def test_no_more_than_the_container_may_use(monkeypatch, tmp_path, said, least):
-    monkeypatch.setattr(native, "QUOTA", tmp_path / "cpu.max")
+def test_threads_respect_container_limit(monkeypatch, tmp_path, said, least):
+    monkeypatch.setattr(native, "CPU_QUOTA_FILE", tmp_path / "cpu.max")
     without = usable_cores()  # the file does not exist
     (tmp_path / "cpu.max").write_text(said, encoding="ascii")
     assert usable_cores() == max(1, min(without, least))
@@ -125,7 +127,7 @@ needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is 
 
 @needs_compiled
 @pytest.mark.parametrize("seed", few(range(8), 0))
-def test_hostile_arguments_crash_nothing(seed):
+def test_invalid_kernel_arguments_do_not_crash(seed):
     command = [
         sys.executable,
         "-m",
@@ -144,7 +146,7 @@ def test_hostile_arguments_crash_nothing(seed):
 @pytest.mark.parametrize(
     "name", sorted(dict(functions_of(backend.module))) if backend.is_compiled else []
 )
-def test_every_array_is_checked(name):
+def test_every_kernel_array_is_checked(name):
     """All bindings reject misaligned arrays and arrays with another number of axes."""
     function = dict(functions_of(backend.module))[name]
     recipes = Recipes(Buffers(np.random.default_rng(0)), backend.module)
@@ -268,7 +270,7 @@ def constants_of(text: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("file", SHARED)
-def test_constants_of_the_compiled_part_are_those_of_python(file):
+def test_compiled_constants_equal_python(file):
     found = constants_of((SOURCES / file).read_text())
     for name, value in SHARED[file].items():
         assert found[name] == pytest.approx(value, rel=1e-15), name

@@ -22,7 +22,7 @@ def bounds(dim):
 
 
 @pytest.mark.parametrize("degree", [3, 5, 7])
-def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
+def test_minimax_polynomial_is_chebyshev(degree):
     """x^n minus lower powers has the minimum deviation 2^(1-n) from 0 over [-1, 1]."""
     x = np.cos(np.linspace(0, np.pi, 421))
     powers = x[:, None] ** np.arange(degree)
@@ -38,7 +38,7 @@ def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
     assert found.value == pytest.approx(2.0 ** (1 - degree), rel=1e-4)
 
 
-def test_a_curved_minimax_problem_of_the_textbooks():
+def test_minimax_textbook_problem():
     """First problem of Charalambous and Bandler: the minimax value is 1.9522245."""
 
     def values(y):
@@ -59,7 +59,7 @@ def test_a_curved_minimax_problem_of_the_textbooks():
     assert list(found.history) == sorted(found.history, reverse=True)
 
 
-def test_a_spread_counts_from_a_free_level():
+def test_spread_has_free_level():
     """Points sin and cos + level: the spread of a - y x is minimal for the slope of the secant."""
     x = np.linspace(0, 1, 201)
     found = solve_minimax(
@@ -78,7 +78,7 @@ def test_a_spread_counts_from_a_free_level():
 
 
 @pytest.mark.parametrize("method", [solve_minimax, minimise_mean])
-def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
+def test_constraints_hold_from_infeasible_start(method):
     """The nearest point to (3, 0) of the disk of radius 1."""
 
     def values(y):
@@ -93,7 +93,7 @@ def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
     assert found.violation < 1e-6
 
 
-def test_a_mean_is_the_least_where_its_derivative_vanishes():
+def test_mean_minimum_has_zero_derivative():
     def values(y):
         return ObjectiveValues(
             np.array([np.cosh(y[0] - 0.7) + (y[1] - y[0] ** 2) ** 2]), np.full(1, -1.0)
@@ -110,7 +110,7 @@ def test_a_mean_is_the_least_where_its_derivative_vanishes():
 
 
 @pytest.mark.parametrize("is_spread", [False, True])
-def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, monkeypatch):
+def test_row_selection_satisfies_all_rows(is_spread, monkeypatch):
     """Compared with the programme of all rows, written independently; the solver receives at most
     2.5 % of them."""
     x, rng = np.linspace(-1, 1, 4001), np.random.default_rng(7)
@@ -142,8 +142,8 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
         np.testing.assert_allclose(step, whole.x[:dim], atol=1e-6)
 
 
-@pytest.mark.parametrize("most_steps", [0, 1, 2, 200])
-def test_straight_functions_take_one_evaluation_a_step(most_steps):
+@pytest.mark.parametrize("max_steps", [0, 1, 2, 200])
+def test_linear_functions_need_one_evaluation_per_step(max_steps):
     """|y - 3| from 0: the step doubles from 0.1 to at most 1, each has the predicted gain, and none
     is repeated."""
     evaluated, told = [], []
@@ -161,16 +161,16 @@ def test_straight_functions_take_one_evaluation_a_step(most_steps):
         )
 
     found = solve_minimax(
-        values, rows, np.zeros(1), bounds(1), most_steps=most_steps, on_step=told.append
+        values, rows, np.zeros(1), bounds(1), max_steps=max_steps, on_step=told.append
     )
-    path = np.minimum(np.cumsum([0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]), 3.0)[: most_steps + 1]
+    path = np.minimum(np.cumsum([0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]), 3.0)[: max_steps + 1]
     np.testing.assert_allclose(evaluated, path, atol=1e-9)
     np.testing.assert_allclose(found.history, 3 - path, atol=1e-9)
     assert told == list(found.history[1:])
     assert found.violation == 0.0
 
 
-def test_values_that_are_not_finite_are_refused_as_a_step():
+def test_steps_to_non_finite_values_are_rejected():
     """-log y decreases up to y = 2, where it is undefined: the trust region shrinks until the step
     ends before."""
 

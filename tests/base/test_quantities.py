@@ -35,7 +35,7 @@ UNITS = {
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
-def test_a_name_ends_with_its_unit(name):
+def test_quantity_name_ends_with_unit(name):
     unit = next((unit for end, unit in UNITS.items() if f"_{name}".endswith(f"_{end}")), "")
     assert QUANTITIES[name].unit == unit
     assert QUANTITIES[name].name == name
@@ -43,32 +43,36 @@ def test_a_name_ends_with_its_unit(name):
     assert QUANTITIES[name].meaning
 
 
-def test_no_two_quantities_are_explained_alike():
+def test_quantity_descriptions_are_unique():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
     per_angle = (
-        quantities.PER_ANGLE,
-        quantities.OF_BOTH_SIDES,
-        quantities.OF_LENS,
-        quantities.OF_A_CALIBRATION,
+        quantities.FIELD_QUANTITIES,
+        quantities.DERIVED_QUANTITIES,
+        quantities.LENS_QUANTITIES,
+        quantities.CALIBRATION_QUANTITIES,
     )
-    of_sensors = (quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OF_BUILT_SENSORS)
-    groups = (*per_angle, *of_sensors, quantities.OVER_THE_FIELD)
+    of_sensors = (
+        quantities.SENSOR_QUANTITIES,
+        quantities.APERTURE_QUANTITIES,
+        quantities.AS_BUILT_QUANTITIES,
+    )
+    groups = (*per_angle, *of_sensors, quantities.REDUCED_QUANTITIES)
     assert sum(map(len, groups)) == len(QUANTITIES)
 
 
-def test_the_columns_are_those_of_an_evaluation():
+def test_field_quantities_are_evaluation_columns():
     import omnimirror as om
 
     result = om.evaluate(sensor_of("hyperboloid"), [20.0, 60.0])
     arrays = [
         name for name in Evaluation.__annotations__ if isinstance(getattr(result, name), np.ndarray)
     ]
-    assert arrays == [q.name for q in quantities.PER_ANGLE]
+    assert arrays == [q.name for q in quantities.FIELD_QUANTITIES]
     assert all(f"{name} : (n,)" in Evaluation.__doc__ for name in arrays)
 
 
-def test_a_head_is_the_short_one_where_there_is_one():
+def test_heading_is_head_or_symbol():
     assert all(
         quantity.heading == (quantity.head if quantity.head else quantity.symbol)
         for quantity in QUANTITIES.values()
@@ -76,13 +80,13 @@ def test_a_head_is_the_short_one_where_there_is_one():
     assert {bool(quantity.head) for quantity in QUANTITIES.values()} == {True, False}
 
 
-def test_every_table_takes_its_words_from_here():
+def test_tables_use_quantities():
     assert set(COMPARED) | set(BATCH_COLUMNS) <= set(QUANTITIES)
     assert set(LIMITABLE) | set(FOCUS_MERITS) | set(DESIGN_MERITS) <= set(QUANTITIES)
     assert all(limitable.quantity is QUANTITIES[name] for name, limitable in LIMITABLE.items())
 
 
-def test_one_thing_has_one_value_wherever_it_is_asked_for():
+def test_quantity_has_same_value_everywhere():
     """A focus merit, a design merit, a row of the comparison and a limit of the same name are
     equal."""
     import omnimirror as om
@@ -112,14 +116,14 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
 @pytest.mark.parametrize(
     ("page", "names"),
     [
-        ("tolerance", [q.name for q in quantities.OF_BUILT_SENSORS]),
+        ("tolerance", [q.name for q in quantities.AS_BUILT_QUANTITIES]),
         ("design", LIMITABLE),
         ("optimisation", DESIGN_MERITS),
         ("evaluation", FOCUS_MERITS),
         ("evaluation", COLUMNS),
     ],
 )
-def test_the_pages_name_every_quantity(page, names):
+def test_pages_document_every_quantity(page, names):
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
     shortened = "`image_t_x_mm` .. `image_s_z_mm`"
     assert [

@@ -215,7 +215,11 @@ def test_priors_are_tolerances_of_the_design():
         ),
         ((), None, "nothing of 'sphere' is free"),
         (("focal",), (("mirror.radius_mm", 50.0, 1.0),), "needs it free"),
-        (("focal",), (("lens.focal_length_mm", 11.0, 0.0),), "above 0"),
+        (
+            ("focal",),
+            (("lens.focal_length_mm", 11.0, 0.0),),
+            r"sigma of lens\.focal_length_mm must be greater than 0 and finite; got 0\.0",
+        ),
     ],
 )
 def test_errors_say_what_would_be_valid(free, priors, words):

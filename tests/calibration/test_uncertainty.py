@@ -102,10 +102,16 @@ def test_a_calibrated_sensor_keeps_its_covariance_in_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"names": ["lens.k1"], "covariance": [[1.0, 0.0]]}, "covariance is no matrix"),
+        (
+            {"names": ["lens.k1"], "covariance": [[1.0, 0.0]]},
+            r"sensor file line 27: covariance must have the shape \(1, 1\) for 1 names",
+        ),
         ({"names": ["lens.k1"], "covariance": [[-1.0]]}, "negative eigenvalue"),
         ({"names": ["lens.k1"]}, "uncertainty.covariance is missing"),
-        ({"names": ["a", "a"], "covariance": [[1.0, 0.0], [0.0, 1.0]]}, "each once"),
+        (
+            {"names": ["a", "a"], "covariance": [[1.0, 0.0], [0.0, 1.0]]},
+            r"sensor file line 27: names must be different names of parameters; got \('a', 'a'\)",
+        ),
     ],
 )
 def test_a_wrong_table_is_refused_at_its_line(table, words):

@@ -39,7 +39,7 @@ CAMERAS = {
     "double-sphere": DoubleSphere(0.3, 0.6, F, C, SIZE),
     "kannala-brandt": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, **FISHEYE),
     "kannala-brandt-no-skew": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, **FISHEYE),
-    "radial-spline": RadialSpline.like(Unified(0.93, F, C, SIZE), 8, 230.0),
+    "radial-spline": RadialSpline.from_model(Unified(0.93, F, C, SIZE), 8, 230.0),
     "rational": RationalPinhole(
         (600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002
     ),

@@ -422,7 +422,7 @@ def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(mo
         getattr(model, "optics", "mirror") == "mirror" and getattr(model, "secondary", None) is None
     )
     assert is_clockwise_in_picture == (is_mirror == flipped)
-    assert model.is_picture_reversed == (not is_clockwise_in_picture)
+    assert model.is_image_reversed == (not is_clockwise_in_picture)
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)

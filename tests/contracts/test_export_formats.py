@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.base.files import MARK
+from omnimirror.base.files import TEMPORARY_MARK
 from omnimirror.interop.export_formats import write_formats
 from omnimirror.interop.ray_tables import RAY_FORMATS
 from omnimirror.optics.mirrors.as_built import MirrorPose
@@ -138,7 +138,7 @@ def test_an_error_leaves_no_files(tmp_path, monkeypatch):
     known = {**RAY_FORMATS, "npz": replace(RAY_FORMATS["npz"], write=fail)}
     with pytest.raises(OmnimirrorError, match="the disk is full"):
         write_formats(om.ray_table(SENSOR, 64), known, "a", tmp_path, ["exr", "npz"])
-    assert not [p for p in tmp_path.rglob("*") if p.is_file() or MARK in p.name]
+    assert not [p for p in tmp_path.rglob("*") if p.is_file() or TEMPORARY_MARK in p.name]
 
 
 def test_missing_package_raises_with_remedy(tmp_path):

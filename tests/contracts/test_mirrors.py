@@ -214,6 +214,6 @@ def test_conics_are_refused_outside_their_bounds(kind, name, low, high):
     for value in (0.9 * low, high + 0.5):
         with pytest.raises(
             InvalidParameter,
-            match=re.escape(f"{name} = {value:g} mm is outside {low:g} to {high:g} mm"),
+            match=re.escape(f"{name} must be between {low:g} and {high:g} mm; got {value:g}"),
         ):
             replace(EXAMPLES[kind][0], **{name: value})

@@ -536,7 +536,7 @@ def test_places_that_cannot_be_are_refused(shape):
         (lambda: CubeMap((2, 1), "3x2"), "holds no square faces"),
         (
             lambda: CubeMap((6, 1), "row"),
-            "layout = 'row' is not known; valid are cross, strip, 3x2",
+            "layout must be one of cross, strip, 3x2; got 'row'",
         ),
         (lambda: CubeMap((6, 1), "strip", offset_mm=(1.0, 0.0, 0.0)), "moves nothing"),
         (

@@ -207,7 +207,7 @@ def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, m
         )
 
 
-SIZES = ("whole_diameter_mm", "whole_height_mm", "whole_mass_g")
+SIZES = ("overall_diameter_mm", "overall_height_mm", "mirror_body_mass_g")
 
 
 @pytest.mark.parametrize("kind", ["perspective", "telecentric", "triplet in a dome"])
@@ -253,7 +253,7 @@ def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
     once = om.SearchOptions(starts=1)
     free = om.design_sensor(asked, search=once).sensor
     held = om.design_sensor(
-        replace(asked, limits=(om.Limit("whole_height_mm", at_most=120.0),)), search=once
+        replace(asked, limits=(om.Limit("overall_height_mm", at_most=120.0),)), search=once
     )
     assert outer_size(free).height_mm > 135
     assert held.is_met
@@ -289,7 +289,7 @@ def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
 )
 def test_what_cannot_be_kept_is_told_and_the_lens_stays(asked, way):
     """A real lens has no free parameters; the advice concerns the other requirements."""
-    limits = (om.Limit("length_mm", at_most=60.0), om.Limit("hidden_percent", at_most=90.0))
+    limits = (om.Limit("length_mm", at_most=60.0), om.Limit("obscured_percent", at_most=90.0))
     mirror = om.MirrorRequirements(rim_radius_mm=30, **way)
     own = replace(asked, mirror=mirror, limits=limits, lens=replace(asked.lens, theta_max_deg=12.0))
     design = om.design_sensor(own, search=om.SearchOptions(starts=1))

@@ -39,26 +39,28 @@ def rows(requirements, sensor):
 
 def test_sizes_and_mass_are_those_of_solids():
     """Spherical cap with 5 mm behind it in a dome, by textbook formulas."""
-    names = ("whole_diameter_mm", "whole_height_mm", "whole_mass_g")
+    names = ("overall_diameter_mm", "overall_height_mm", "mirror_body_mass_g")
     asked = parse_requirements(TEXT + "".join(limited(name, 1e3) for name in names))
     sensor = om.load_sensor("paper-spherical")
     M, A, m = sensor.mirror.rim_radius_mm, sensor.mirror.radius_mm, sensor.mirror_distance_mm
     height = A - np.sqrt(A**2 - M**2)
     cap = np.pi * height**2 * (A - height / 3)
     found = rows(asked, sensor)
-    assert found["whole_diameter_mm"] == pytest.approx(2 * M)
-    assert found["whole_height_mm"] == pytest.approx(sensor.lens.image_distance + m + height + 5)
+    assert found["overall_diameter_mm"] == pytest.approx(2 * M)
+    assert found["overall_height_mm"] == pytest.approx(sensor.lens.image_distance + m + height + 5)
     body = np.pi * M**2 * (height + 5) - (np.pi * M**2 * height - cap)
-    assert found["whole_mass_g"] == pytest.approx(2.70e-3 * body, rel=1e-6)
+    assert found["mirror_body_mass_g"] == pytest.approx(2.70e-3 * body, rel=1e-6)
     acrylic = replace(sensor, thermal=om.Thermal(mirror_material="acrylic"))
-    assert rows(asked, acrylic)["whole_mass_g"] == pytest.approx(1.19e-3 * body, rel=1e-6)
+    assert rows(asked, acrylic)["mirror_body_mass_g"] == pytest.approx(1.19e-3 * body, rel=1e-6)
     domed = replace(sensor, housing=Housing(shell=Dome(diameter_mm=320.0)))
-    assert rows(asked, domed)["whole_diameter_mm"] == pytest.approx(320.0)
+    assert rows(asked, domed)["overall_diameter_mm"] == pytest.approx(320.0)
     behind_a_window = replace(sensor, housing=Housing(shell=FlatWindow()))
     assert outer_size(behind_a_window).diameter_mm == pytest.approx(2 * M)
 
 
-@pytest.mark.parametrize(("quantity", "most"), [("whole_mass_g", 40.0), ("whole_height_mm", 120.0)])
+@pytest.mark.parametrize(
+    ("quantity", "most"), [("mirror_body_mass_g", 40.0), ("overall_height_mm", 120.0)]
+)
 def test_a_design_keeps_them(quantity, most):
     """Larger mirrors with this lens are sharper: a blur limit favours those, and size and mass
     limits oppose it."""
@@ -84,7 +86,7 @@ def test_the_height_begins_at_the_imager_of_a_lens_of_surfaces(tmp_path):
 
 def test_they_belong_to_no_part_of_the_field():
     with pytest.raises(OmnimirrorError, match="it is of the whole sensor"):
-        om.Limit("whole_mass_g", at_most=40.0, omega_deg=(10.0, 20.0))
+        om.Limit("mirror_body_mass_g", at_most=40.0, omega_deg=(10.0, 20.0))
     assert outer_size(om.load_sensor("paper-spherical")).diameter_mm > 80
 
 

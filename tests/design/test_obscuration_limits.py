@@ -41,44 +41,44 @@ def test_the_hidden_share_is_that_of_pixels_whose_rays_are_stopped(name):
     within = np.hypot(u, v) < sensor.rim_radius_px * (1 - 1e-9)
     pixels = np.stack([u[within], v[within]], axis=-1) + sensor.imager.centre
     hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
-    limit = om.Limit("hidden_percent", at_most=50.0)
+    limit = om.Limit("obscured_percent", at_most=50.0)
     (row,) = om.judge(asked(limit, rim=43.9), sensor).limits
     assert row.reached == pytest.approx(100 * hidden.mean(), abs=0.15)
-    assert row.reached == sensor.hidden_percent
+    assert row.reached == sensor.obscured_percent
     rows = {row.quantity.name: row.values for row in om.compare([sensor]).rows}
-    assert rows["hidden_percent"] == (sensor.hidden_percent,)
+    assert rows["obscured_percent"] == (sensor.obscured_percent,)
 
 
 def test_the_middle_is_hidden_as_far_as_rays_say():
     sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS["camera"])
-    h = om.evaluate(sensor, [sensor.hidden_to_deg - 0.01, sensor.hidden_to_deg + 0.01]).h_px
+    h = om.evaluate(sensor, [sensor.obscured_to_deg - 0.01, sensor.obscured_to_deg + 0.01]).h_px
     pixels = np.array(sensor.imager.centre) + np.array([[h[0], 0.0], [0.0, h[1]]])
     assert sensor.hidden_by(pixels)["camera"].tolist() == [True, False]
     bare = om.load_sensor("paper-spherical")
-    assert (bare.hidden_to_deg, bare.hidden_percent) == (0.0, 0)
+    assert (bare.obscured_to_deg, bare.obscured_percent) == (0.0, 0)
 
 
 def test_a_design_keeps_what_may_be_hidden():
     """Smaller mirrors have more obscuration: a length limit favours those, and the obscuration
     limit opposes it."""
     short = om.Limit("length_mm", at_most=200.0)
-    most = om.design_sensor(asked(short)).sensor.hidden_percent
-    design = om.design_sensor(asked(short, om.Limit("hidden_percent", at_most=most / 2)))
+    most = om.design_sensor(asked(short)).sensor.obscured_percent
+    design = om.design_sensor(asked(short, om.Limit("obscured_percent", at_most=most / 2)))
     assert design.is_met
-    assert design.sensor.hidden_percent <= most / 2 * (1 + 1e-6)
+    assert design.sensor.obscured_percent <= most / 2 * (1 + 1e-6)
     (_, row) = design.verdict.limits
-    assert row.reached == pytest.approx(design.sensor.hidden_percent, rel=1e-12)
+    assert row.reached == pytest.approx(design.sensor.obscured_percent, rel=1e-12)
 
 
 def test_nothing_hidden_can_be_asked_for():
-    limit = om.Limit("hidden_to_deg", at_most=0.0)
+    limit = om.Limit("obscured_to_deg", at_most=0.0)
     verdict = om.judge(asked(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical"))
     assert verdict.limits[0].is_met
 
 
 def test_a_part_of_the_field_does_not_apply():
     with pytest.raises(InvalidParameter, match="omega_deg does not apply to it"):
-        om.Limit("hidden_percent", at_most=3.0, omega_deg=(0.0, 20.0))
+        om.Limit("obscured_percent", at_most=3.0, omega_deg=(0.0, 20.0))
 
 
 def test_a_design_without_limits_says_what_its_camera_hides():

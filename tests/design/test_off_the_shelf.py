@@ -431,7 +431,10 @@ def test_a_search_without_parts_or_balls_is_refused():
             (",8,1.4,16", ",eight,1.4,16"),
             "line 2: column focal_length_mm = 'eight' is not a number",
         ),
-        ((",8,1.4,16", ",-8,1.4,16"), "line 2: C 8 mm, iris: focal_length_mm = -8 mm is outside"),
+        (
+            (",8,1.4,16", ",-8,1.4,16"),
+            r"shelf\.csv line 2: C 8 mm, iris: focal_length_mm must be between 0\.1 and 10000 mm; got -8",
+        ),
         ((",8,1.4,16", ",8,1.4,"), "line 2: column f_number_max is missing"),
         (
             ("3840,2160", "3840.5,2160"),

@@ -45,7 +45,7 @@ def test_a_mount_leans_about_forward_and_then_about_left(looks, angles):
     np.testing.assert_allclose(
         mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15
     )
-    assert mount.upright == Mount(looks, 33.0)
+    assert mount.levelled == Mount(looks, 33.0)
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
@@ -64,7 +64,7 @@ def test_points_lie_where_the_shortest_path_over_a_leaning_mirror_puts_them(look
 )
 def test_what_is_no_lean_is_refused(wrong):
     with pytest.raises(
-        InvalidParameter, match=r"is no lean; it is valid from -|pitch_deg = nan is not a number"
+        InvalidParameter, match=r"must be between -|pitch_deg must be a number; got nan"
     ):
         Mount(**wrong)
 
@@ -191,7 +191,7 @@ def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
 def test_the_pose_of_a_panorama_that_was_not_levelled_levels_it(pan, angles):
     """GPano: pitch of the centre above the horizon, and a roll that rotates the horizon
     counter-clockwise."""
-    pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).lean_of_view(pan)
+    pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).view_tilt_deg(pan)
     panned = (
         om.screens.Sphere((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)
     )  # directions of its tilted pixels
@@ -241,7 +241,7 @@ def test_the_command_line_levels_and_says_so(folder):
     assert pose_told() == (PITCH, ROLL)
     dewarp("--sensor", "leaning.toml", "--keep-lean", "--pan-deg", "90", *view)
     assert pose_told() == pytest.approx(
-        Mount(pitch_deg=PITCH, roll_deg=ROLL).lean_of_view(90.0), abs=1e-3
+        Mount(pitch_deg=PITCH, roll_deg=ROLL).view_tilt_deg(90.0), abs=1e-3
     )
 
 
@@ -256,7 +256,7 @@ def test_balls_and_angles_from_the_axis_are_levelled_too(folder):
 def test_what_is_no_lean_is_one_sentence_on_the_command_line(folder, capsys):
     for text, sentence in (
         ("10", "'10' is not PITCH,ROLL in degrees"),
-        ("95,0", "pitch_deg = 95 is no lean"),
+        ("95,0", "pitch_deg must be between -90 and 90 deg; got 95"),
     ):
         with pytest.raises(SystemExit, match=r"^[12]$"):
             main(["dewarp", "a.png", "--sensor", "plumb.toml", "--level", text, "-o", "no.png"])
@@ -266,6 +266,6 @@ def test_what_is_no_lean_is_one_sentence_on_the_command_line(folder, capsys):
 def test_a_lean_stands_in_the_sensor_file():
     sensor = leaning_of(om.load_sensor("paper-spherical"))
     assert parse_sensor(format_sensor(sensor)) == sensor
-    assert "pitch_deg" not in format_sensor(replace(sensor, mount=sensor.mount.upright))
+    assert "pitch_deg" not in format_sensor(replace(sensor, mount=sensor.mount.levelled))
     with pytest.raises(OmnimirrorError, match=r"mount\.pitch_deg = 100\.0: it should be"):
         parse_sensor(format_sensor(sensor).replace("pitch_deg = 24.0", "pitch_deg = 100.0"))

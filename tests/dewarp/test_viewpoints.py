@@ -130,8 +130,8 @@ def test_distant_screens_have_no_viewpoint():
     [
         ("best", "is not 'exact', 'single' or a height over the vertex in mm"),
         ("", "is not 'exact', 'single' or a height over the vertex in mm"),
-        (np.nan, "viewpoint = nan is not valid"),
-        (np.inf, "viewpoint = inf is not valid"),
+        (np.nan, "viewpoint must be a finite number; got nan"),
+        (np.inf, "viewpoint must be a finite number; got inf"),
     ],
 )
 def test_a_viewpoint_that_is_none_is_refused(viewpoint, said):

@@ -289,7 +289,7 @@ def test_planes_with_gaps_between_their_rows_are_filled_in_place():
             [(400, 401), (200, 201, 2)],
             np.uint8,
             {"siting": "above"},
-            "'above' is not known; valid are left, center",
+            "siting must be one of left, center, topleft, right, top, bottom; got 'above'",
         ),
         (
             [(400, 401), (200, 201, 2)],

@@ -44,8 +44,8 @@ offset_mm = [100, 0, 0]
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "holds 0 views; it is valid with 1 to 64"),
-        ("front = 3", "front = 3 is no view; valid are tables such as \\[front\\]"),
+        ("", r"views\.toml must contain 1 to 64 views; got 0"),
+        ("front = 3", r"views\.toml: the view front must be a table \[front\]; got 3"),
         (
             "['a b']",
             "must consist of letters, digits and underscores and begin with a letter; got 'a b'",
@@ -69,7 +69,7 @@ def test_invalid_files_raise_with_name_and_condition(tmp_path, text, sentence):
 
 
 def test_missing_file_raises():
-    with pytest.raises(SpecError, match=r"there are no views 'nowhere\.toml'"):
+    with pytest.raises(SpecError, match=r"path must be an existing file of views"):
         om.load_views("nowhere.toml")
 
 

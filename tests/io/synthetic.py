@@ -25,7 +25,7 @@ def make_video(
     colour_range: int = 1,
     colour_space: int = 1,
     times: list[int] | None = None,
-    with_sound: bool = True,
+    with_audio: bool = True,
     gop: int = 12,
     **metadata: str,
 ) -> Path:
@@ -41,7 +41,7 @@ def make_video(
         context.color_primaries = context.color_trc = 1
         if rotation_deg:
             video.set_display_rotation(rotation_deg)
-        sound = container.add_stream("aac", rate=SOUND_RATE, layout="mono") if with_sound else None
+        sound = container.add_stream("aac", rate=SOUND_RATE, layout="mono") if with_audio else None
         samples = 0
         for i, time in enumerate(times or range(frames)):
             container.mux(video.encode(_frame(i, time, colour_range, colour_space)))

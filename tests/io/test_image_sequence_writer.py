@@ -50,7 +50,7 @@ def names(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
-def test_every_frame_is_the_picture_of_its_number(film, tmp_path, suffix):
+def test_frames_are_written_as_numbered_images(film, tmp_path, suffix):
     out = tmp_path / "out"
     run = omnimirror("dewarp", film, *BALL, "-o", out / f"f%04d{suffix}")
     assert run.returncode == 0, run.stderr
@@ -61,7 +61,7 @@ def test_every_frame_is_the_picture_of_its_number(film, tmp_path, suffix):
             assert np.abs(np.asarray(made) - expected)[2:-2, 2:-2].mean() < 3
 
 
-def test_what_a_longer_run_left_is_named(film, tmp_path):
+def test_images_of_longer_run_are_reported(film, tmp_path):
     for name in ("f0012.png", "f0013.png", "f0020.png", "f14.png"):
         (tmp_path / name).write_bytes(b"older")
     run = omnimirror("dewarp", film, *BALL, "-o", tmp_path / "f%04d.png")
@@ -72,7 +72,7 @@ def test_what_a_longer_run_left_is_named(film, tmp_path):
     assert "other runs" not in again.stderr
 
 
-def test_what_is_there_is_skipped_and_the_rest_made(film, tmp_path):
+def test_existing_images_are_skipped(film, tmp_path):
     whole, part = tmp_path / "whole", tmp_path / "part"
     assert omnimirror("dewarp", film, *BALL, "-o", whole / "%d.png").returncode == 0
     part.mkdir()
@@ -89,7 +89,7 @@ def test_what_is_there_is_skipped_and_the_rest_made(film, tmp_path):
     assert (part / "2.png").read_bytes() == (whole / "2.png").read_bytes()
 
 
-def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
+def test_sigterm_leaves_complete_images(film, tmp_path):
     out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
     words = [
         "dewarp",
@@ -117,23 +117,51 @@ def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
 @pytest.mark.parametrize(
     ("source", "output", "message"),
     [
-        ("in.mp4", "f.png", "a video becomes numbered pictures, such as f%04d.png"),
-        ("in.mp4", "f%s.png", "a video becomes numbered pictures"),
-        ("in.mp4", "f%d-%d.png", "takes one number and no other %"),
-        ("in.mp4", "100%/f%d.png", "takes one number and no other %"),
-        ("in.mp4", "f%4d.png", "zeros before it"),
-        ("in.mp4", "f%099999999d.png", "up to 9 digits"),
-        ("in.mp4", "f%04d.gif", "numbered pictures are .png, .jpg"),
+        (
+            "in.mp4",
+            "f.png",
+            "cannot write f.png: the name must contain a number, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%s.png",
+            "cannot write f%s.png: the name must contain a number, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%d-%d.png",
+            "cannot write f%d-%d.png: the name must contain one number and no other %, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "100%/f%d.png",
+            "cannot write 100%/f%d.png: the name must contain one number and no other %, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%4d.png",
+            "cannot write f%4d.png: the number must have at most 9 digits with leading zeros, such as f",
+        ),
+        (
+            "in.mp4",
+            "f%099999999d.png",
+            "cannot write f%099999999d.png: the number must have at most 9 digits with leading zeros, s",
+        ),
+        (
+            "in.mp4",
+            "f%04d.gif",
+            "cannot write f%04d.gif: the suffix of an image sequence must be one of .png, .jpg, .jpeg, ",
+        ),
         ("f%04d.png", "./f%03d.png", "may write over the pictures f%04d.png"),
     ],
 )
-def test_a_pattern_that_is_none_is_one_sentence(film, tmp_path, source, output, message):
+def test_invalid_pattern_raises(film, tmp_path, source, output, message):
     om.write_image(tmp_path / "f0001.png", picture(1))
     assert message in fails("dewarp", source, *BALL, "-o", output, cwd=tmp_path)
     assert names(tmp_path) == ["f0001.png", "in.mp4"]
 
 
-def test_what_belongs_to_films_alone(film, tmp_path):
+def test_video_options_are_rejected_for_images(film, tmp_path):
     for option in (["--crf", "3"], ["--pixel-format", "yuv420p"]):
         fails("dewarp", film, *BALL, *option, "-o", tmp_path / "%d.png")
     words = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
@@ -147,7 +175,7 @@ def test_what_belongs_to_films_alone(film, tmp_path):
 @pytest.mark.parametrize(
     ("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")]
 )
-def test_more_than_8_bits_become_16(tmp_path, bits, pixel_format):
+def test_more_than_8_bits_are_written_as_16(tmp_path, bits, pixel_format):
     """Luma of n bits is black at 16/256 and white at 235/256 (ITU-R BT.2100)."""
     scale = 1 << (bits - 8)
     frame, (y, u, v) = empty_frame((64, 48), pixel_format)
@@ -171,17 +199,17 @@ def test_transparency_is_kept(tmp_path):
     assert om.read_image(tmp_path / "1.png")[20, 20, 3] == 77
 
 
-def test_what_is_lost_is_said(tmp_path):
+def test_image_losses_are_reported(tmp_path):
     hdr = ColourCoding(1, 9, 9, 16)
     said = ImageSequenceWriter(tmp_path / "%d.jpg", (64, 48), "yuva444p10le", hdr).notes
-    assert "10 bits become 8, transparency is lost; .png and .tif keep them" in said[0]
-    assert "the picture is HDR, and pictures do not say so" in said[1]
+    assert "%d.jpg: 10 bits are reduced to 8, transparency is lost; use .png or .tif" in said[0]
+    assert "HDR tags are lost in images" in said[1]
     assert not ImageSequenceWriter(tmp_path / "%d.png", (64, 48), "yuva444p10le").notes
-    with pytest.raises(MediaError, match="up to 65500 px a side"):
+    with pytest.raises(MediaError, match=r"\.jpg images must have at most 65500 px per side"):
         ImageSequenceWriter(tmp_path / "%d.jpg", (70_000, 48))
 
 
-def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
+def test_chroma_is_centre_sited(tmp_path):
     """Siting declared by the sink: a ramp of chroma samples at 2 i + 0.5 is a straight line through
     them."""
     frame, (y, u, v) = empty_frame((64, 48))
@@ -195,7 +223,7 @@ def test_colours_lie_in_the_middle_of_their_pixels(tmp_path):
     np.testing.assert_allclose(red[inside], expected[inside], atol=1.5)
 
 
-def test_panoramas_say_what_they_show(film, tmp_path):
+def test_panorama_metadata_of_image_sequences(film, tmp_path):
     run = omnimirror(
         "dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "128x64", "-o", tmp_path / "%d.jpg"
     )

@@ -60,7 +60,7 @@ MISSING_AT_FIRST = {
 
 
 @pytest.mark.parametrize("parse", MISSING_AT_FIRST)
-def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
+def test_value_missing_in_first_keyframe_is_zero(parse):
     moves = parse(MISSING_AT_FIRST[parse], names=POSES)
     assert moves.at(0) == moves.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
     assert moves.at(1.5)["y_mm"] == pytest.approx(
@@ -78,10 +78,10 @@ def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
     ],
 )
 @pytest.mark.parametrize("name", ["hfov_deg", "distance_mm"])
-def test_a_value_that_cannot_be_zero_must_be_in_the_first_keyframe(parse, text, name):
+def test_values_without_default_are_required_in_first_keyframe(parse, text, name):
     with pytest.raises(
         MediaError,
-        match=f"{name} must be in the first keyframe of keyframes; got it first in .*line",
+        match=f"{name} must be in the first keyframe of keyframes; got it only from .*line",
     ):
         parse(text.format(name))
 
@@ -90,13 +90,13 @@ values = st.lists(st.floats(-60, 60), min_size=3, max_size=8)
 
 
 @given(values, st.floats(0, 1))
-def test_smooth_never_goes_beyond_its_neighbours(levels, share):
+def test_smooth_interpolation_does_not_overshoot(levels, share):
     moves = Keyframes({"tilt_deg": tuple((2.0 * i, level) for i, level in enumerate(levels))})
     for i, (a, b) in enumerate(pairwise(levels)):
         assert min(a, b) - 1e-9 <= moves.at(2 * (i + share))["tilt_deg"] <= max(a, b) + 1e-9
 
 
-def test_smooth_is_pchip_between_the_ends():
+def test_smooth_interpolation_equals_pchip():
     """SciPy's monotone interpolation has the same slopes inside; at the ends, slopes are zero."""
     times, levels = np.array([0, 1, 3, 4, 6, 7.5, 9]), np.array([0, 4, 5, 5, 20, 18, 19.0])
     moves = Keyframes({"tilt_deg": tuple(zip(times, levels, strict=True))})
@@ -110,7 +110,7 @@ def test_smooth_is_pchip_between_the_ends():
 
 
 @given(st.lists(st.floats(-720, 720), min_size=2, max_size=6), st.floats(0, 1))
-def test_pan_turns_the_short_way(pans, share):
+def test_pan_interpolates_along_shortest_path(pans, share):
     moves = Keyframes({"pan_deg": tuple((float(i), pan) for i, pan in enumerate(pans))}, "linear")
     for i, (a, b) in enumerate(pairwise(pans)):
         turn = (b - a + 180) % 360 - 180
@@ -124,69 +124,93 @@ def test_pan_turns_the_short_way(pans, share):
 @pytest.mark.parametrize(
     ("parse", "text", "message"),
     [
-        (parse_csv, "", "holds no keyframes; its first line"),
-        (parse_csv, "time_s,pan_deg\n", "holds no keyframes"),
-        (parse_csv, "pan_deg\n1", "line 1 of keyframes has no time_s"),
+        (
+            parse_csv,
+            "",
+            "keyframes must contain keyframes, with a header such as time_s,pan_deg,tilt_deg",
+        ),
+        (parse_csv, "time_s,pan_deg\n", "keyframes must contain keyframes"),
+        (parse_csv, "pan_deg\n1", "line 1 of keyframes must contain time_s"),
         (
             parse_csv,
             "time_s,pan\n1,1",
-            "line 1 of keyframes has 'pan'; valid are time_s, pan_deg, tilt_deg",
+            "line 1 of keyframes: the names must be from time_s, pan_deg, tilt_deg, roll_deg, hfov_deg,",
         ),
         (
             parse_csv,
             "time_s,pan_deg\n0,1\n1,x",
-            "line 3 of keyframes has pan_deg = 'x', which is not a number",
+            "line 3 of keyframes: pan_deg must be a number; got 'x'",
         ),
-        (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes has no time_s"),
-        (parse_csv, "time_s,pan_deg\n0,1,2", "line 2 of keyframes has 3 values"),
+        (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes must contain time_s"),
+        (
+            parse_csv,
+            "time_s,pan_deg\n0,1,2",
+            "line 2 of keyframes must have at most 2 values, as the header; got 3",
+        ),
         (
             parse_csv,
             "time_s,pan_deg\n1,1\n1,2",
-            "line 3 of keyframes is at 1 s, and the one before at 1 s",
+            "line 3 of keyframes: time_s must be greater than that of the previous keyframe, 1 s; got 1 s",
         ),
-        (parse_csv, "time_s,pan_deg\n0,inf", "not a number"),
-        (parse_toml, "x = ", "is not valid TOML"),
-        (parse_toml, "", "holds no keyframes"),
-        (parse_toml, "interpolation = 'cubic'", "not one of smooth, linear"),
-        (parse_toml, "keyframe = 3", "should hold"),
-        (parse_toml, "other = 3", "should hold"),
+        (
+            parse_csv,
+            "time_s,pan_deg\n0,inf",
+            "line 2 of keyframes: pan_deg must be a number; got 'inf'",
+        ),
+        (parse_toml, "x = ", r"keyframes must be valid TOML: Invalid value \(at end of document\)"),
+        (parse_toml, "", "keyframes must contain keyframes"),
+        (
+            parse_toml,
+            "interpolation = 'cubic'",
+            "keyframes: interpolation must be smooth or linear; got 'cubic'",
+        ),
+        (
+            parse_toml,
+            "keyframe = 3",
+            r"keyframes must contain only \[\[keyframe\]\] tables and optionally interpolation",
+        ),
+        (
+            parse_toml,
+            "other = 3",
+            r"keyframes must contain only \[\[keyframe\]\] tables and optionally interpolation",
+        ),
         (
             parse_toml,
             TOML + "[[keyframe]]\npan_deg = 1",
-            "keyframe in line 12 of keyframes has no time_s",
+            "the keyframe in line 12 of keyframes must contain time_s",
         ),
         (
             parse_toml,
             TOML + "[[keyframe]]\ntime_s = 3\nzoom = 1",
-            "in line 12 of keyframes has 'zoom'",
+            "the keyframe in line 12 of keyframes: the names must be from time_s, pan_deg, tilt_deg, ro",
         ),
         (
             parse_toml,
             TOML + "[[keyframe]]\ntime_s = true",
-            "in line 12 of keyframes has time_s = True",
+            "the keyframe in line 12 of keyframes: time_s must be a number; got True",
         ),
     ],
 )
-def test_errors_name_the_line(parse, text, message):
+def test_keyframe_errors_contain_line(parse, text, message):
     with pytest.raises(MediaError, match=message) as e:
         parse(text)
     assert "\n" not in str(e.value)
 
 
-def test_files_that_are_none(tmp_path):
-    with pytest.raises(MediaError, match="there are no keyframes"):
+def test_invalid_keyframe_files_raise(tmp_path):
+    with pytest.raises(MediaError, match="path must be an existing keyframe file"):
         Keyframes.load(tmp_path / "a.csv")
     (tmp_path / "a.txt").write_text(CSV)
-    with pytest.raises(MediaError, match="is neither"):
+    with pytest.raises(MediaError, match=r"keyframes must be a \.csv or \.toml file"):
         Keyframes.load(tmp_path / "a.txt")
     with pytest.raises(MediaError, match="cannot read the keyframes"):
         Keyframes.load(tmp_path)
 
 
-def test_keyframes_without_lines_are_counted_from_1():
-    with pytest.raises(MediaError, match=r"^keyframe 2 of moves has no time_s"):
+def test_keyframes_without_lines_are_numbered_from_1():
+    with pytest.raises(MediaError, match="keyframe 2 of moves must contain time_s"):
         keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves")
-    with pytest.raises(MediaError, match=r"^the keyframe in line 7 of moves has no time_s"):
+    with pytest.raises(MediaError, match="the keyframe in line 7 of moves must contain time_s"):
         keyframes_of(
             {"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves", lines=[3, 7]
         )

@@ -42,8 +42,8 @@ def y4m_of(data):
     return head.decode(), frames
 
 
-@pytest.mark.parametrize("pixels", ["planes", "picture"])
-def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
+@pytest.mark.parametrize("pixels", ["planes", "image"])
+def test_y4m_is_read_by_two_readers(clip, tmp_path, pixels):
     pipe = io.BytesIO()
     with VideoReader(clip) as reader:
         process(
@@ -56,7 +56,7 @@ def test_y4m_is_what_two_readers_read(clip, tmp_path, pixels):
     expected = [b"".join(plane.tobytes() for plane in planes(frame)) for frame in before]
     tolerance = 0 if pixels == "planes" else 3
     for frame, wanted in zip(frames, expected, strict=True):
-        if pixels == "picture" and not 60 < wanted[0] < 180:
+        if pixels == "image" and not 60 < wanted[0] < 180:
             continue  # outside the RGB gamut: blue, green and red were clipped
         difference = np.frombuffer(frame, np.uint8).astype(int) - np.frombuffer(wanted, np.uint8)
         assert np.abs(difference).max() <= tolerance
@@ -77,7 +77,7 @@ def test_y4m_of_odd_sides():
     assert len(frames) == 1
 
 
-def test_rawvideo_is_nothing_but_pixels(clip):
+def test_rawvideo_contains_only_pixels(clip):
     pipe = io.BytesIO()
     pictures = []
     with VideoReader(clip) as reader:
@@ -92,11 +92,11 @@ def test_rawvideo_is_nothing_but_pixels(clip):
     )
     with pytest.raises(MediaError, match="cannot write frames of pixel format nonsense"):
         PipeSink("rawvideo", 25, "nonsense", io.BytesIO()).write(av.VideoFrame(8, 8, "yuv420p"))
-    with pytest.raises(InvalidParameter, match="valid are y4m and rawvideo"):
+    with pytest.raises(InvalidParameter, match="kind must be y4m or rawvideo; got 'mp4'"):
         PipeSink("mp4", 25)
 
 
-def test_a_reader_that_has_seen_enough_is_no_error(clip):
+def test_closed_pipe_is_no_error(clip):
     """The broken pipe is left to the command line, which ignores it, as for any program on a pipe."""
     code = f"""
 import sys
@@ -122,10 +122,12 @@ except BrokenPipeError:
     assert run.wait(20) == 3
 
 
-def test_two_sinks_take_the_same_frames(clip, tmp_path):
+def test_tee_writes_same_frames_to_all_sinks(clip, tmp_path):
     pipe = io.BytesIO()
     with VideoReader(clip) as reader:
-        sink = Tee(VideoWriter.like(reader, tmp_path / "a.mp4"), PipeSink("y4m", 25, stream=pipe))
+        sink = Tee(
+            VideoWriter.from_source(reader, tmp_path / "a.mp4"), PipeSink("y4m", 25, stream=pipe)
+        )
         outcome = process(reader.items(), sink, lambda p, t: p)
     assert (
         outcome.frames
@@ -135,12 +137,14 @@ def test_two_sinks_take_the_same_frames(clip, tmp_path):
     )
 
 
-def test_two_files_have_the_sound_both(tmp_path):
+def test_tee_writes_audio_to_all_files(tmp_path):
     clip = make_video(tmp_path / "in.mp4", 30)
     names = [tmp_path / "a.mp4", tmp_path / "b.mkv"]
     with VideoReader(clip) as reader:
         process(
-            reader.items(), Tee(*(VideoWriter.like(reader, name) for name in names)), lambda p, t: p
+            reader.items(),
+            Tee(*(VideoWriter.from_source(reader, name) for name in names)),
+            lambda p, t: p,
         )
     expected = [data for _, data in sound_of(clip)]
     for name in names:
@@ -148,31 +152,33 @@ def test_two_files_have_the_sound_both(tmp_path):
         assert len(pictures_of(name)) == 30
 
 
-def test_frames_of_a_file_can_be_held_back_until_their_time(clip):
+def test_in_real_time_delays_frames(clip):
     with VideoReader(clip) as reader:
         begin = time.monotonic()
         times = [(frame.time, time.monotonic() - begin) for frame in in_real_time(reader.frames())]
     assert all(came >= at - times[0][0] - 1e-3 for at, came in times)
 
 
-def test_no_virtual_camera_is_one_sentence():
+def test_missing_virtual_camera_raises():
     with pytest.raises(
-        MediaError, match=r"/dev/video77 is no virtual camera; here .* 'sudo modprobe v4l2loopback'"
+        MediaError,
+        match=r"must be a virtual camera .*; got /dev/video77; .* 'sudo modprobe v4l2loopback'",
     ):
         VirtualCamera("/dev/video77", (64, 48), 25)
 
 
-def test_no_window_is_one_sentence(monkeypatch):
+def test_missing_display_raises(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     if sys.platform.startswith("linux"):
-        with pytest.raises(MediaError, match="there is no display for a preview window"):
+        with pytest.raises(MediaError, match="a preview window requires a display"):
             Preview(SIZE)
     monkeypatch.setenv("DISPLAY", ":4711")
     with monkeypatch.context() as patch:
         patch.setattr(live_outputs, "find_spec", lambda name: None)
         with pytest.raises(
-            MediaError, match=r"needs Tk, which this Python lacks; .* 'apt install python3-tk'"
+            MediaError,
+            match="a preview window requires Tk for Python; on Debian: apt install python3-tk",
         ):
             Preview(SIZE)
     if find_spec("_tkinter"):
@@ -218,7 +224,7 @@ def test_a_preview_shows_the_frames(display):
     assert preview._window.returncode == 0
 
 
-def test_closing_the_window_stops_as_ctrl_c_does(display):
+def test_closing_preview_stops_processing(display):
     with interrupts.deferred(), Preview(SIZE) as preview:
         preview.write(red_frame())
         preview._window.terminate()

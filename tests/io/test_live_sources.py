@@ -13,7 +13,7 @@ import pytest
 
 from omnimirror.base.errors import MediaError
 from omnimirror.io.live_outputs import StreamSink
-from omnimirror.io.live_sources import TICKS, LiveSource, checked
+from omnimirror.io.live_sources import TICKS, LiveSource, resolve_source
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_writer import VideoWriter
 from tests.everyday import few
@@ -23,14 +23,14 @@ HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
 PATIENCE = {
     "timeout_s": 30.0,
     "patience_s": 300.0,
-    "first_wait_s": 0.05,
+    "min_delay_s": 0.05,
 }  # sufficient for slow machines
 
 
 @pytest.fixture(scope="module")
 def transport(tmp_path_factory):
     """4 s of MPEG-TS with two key frames per second."""
-    return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_sound=False).read_bytes()
+    return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_audio=False).read_bytes()
 
 
 @contextmanager
@@ -93,13 +93,13 @@ def free_port(kind=socket.SOCK_STREAM):
         return probe.getsockname()[1]
 
 
-def test_a_stream_that_breaks_is_found_again(transport):
+def test_interrupted_stream_is_reconnected(transport):
     """It ends, then closes two connections immediately, then continues."""
     half = transport[: len(transport) // 2]
     told = []
     with (
         server([HEAD, *paced(half, 1.0)], [], [], [HEAD, *paced(transport, 2.0), 5.0]) as url,
-        LiveSource(url, **PATIENCE, report=told.append) as source,
+        LiveSource(url, **PATIENCE, on_warning=told.append) as source,
     ):
         before = 0
         for frame in source.frames():
@@ -111,27 +111,27 @@ def test_a_stream_that_breaks_is_found_again(transport):
         assert source.frame_rate == 25
     assert before >= 20
     assert source.reconnects == 1
-    lost = [sentence for sentence in told if "is lost" in sentence]
-    waits = [sentence.rsplit("trying again in ")[1] for sentence in lost[:3]]
+    lost = [sentence for sentence in told if "is disconnected" in sentence]
+    waits = [sentence.rsplit("reconnecting in ")[1] for sentence in lost[:3]]
     assert waits == ["0.05 s", "0.1 s", "0.2 s"]  # doubled without data
-    assert f"{url} is back after" in told[-1]
+    assert f"{url} is reconnected after" in told[-1]
 
 
-def test_a_stream_that_falls_silent_is_lost(transport):
+def test_silent_stream_is_disconnected(transport):
     told = []
     with (
         server([HEAD, transport, 30.0], [HEAD, *paced(transport, 1.0), 5.0]) as url,
         LiveSource(
-            url, timeout_s=1.5, patience_s=300, first_wait_s=0.05, report=told.append
+            url, timeout_s=1.5, patience_s=300, min_delay_s=0.05, on_warning=told.append
         ) as source,
     ):
         for _ in source.frames():
             if source.reconnects:
                 break
-    assert "nothing came for 1.5 s" in told[0]
+    assert f"{url} is disconnected: no data for 1.5 s; reconnecting in 0.05 s" in told[0]
 
 
-def test_a_slow_consumer_gets_the_newest_frame(transport):
+def test_slow_consumer_receives_newest_frame(transport):
     with server([HEAD, *paced(transport, 2.0), 5.0]) as url, LiveSource(url, **PATIENCE) as source:
         frames = source.frames()
         times = []
@@ -145,7 +145,7 @@ def test_a_slow_consumer_gets_the_newest_frame(transport):
     assert all(b > a for a, b in pairwise(times))
 
 
-def test_frames_come_in_order_and_every_one_is_counted(transport):
+def test_frames_are_ordered_and_counted(transport):
     """The number of frames missed by a consumer depends on the load, but all missed frames are
     counted."""
     with (
@@ -167,25 +167,25 @@ def test_a_live_stream_is_recorded(transport, tmp_path):
     ):
         source.first()
         sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
-        outcome = process(source.frames(), sink, lambda picture, time_s: picture, ahead=0)
+        outcome = process(source.frames(), sink, lambda picture, time_s: picture, queue_size=0)
     frames = pictures_of(tmp_path / "a.mp4")
     assert len(frames) == outcome.frames == 100 - source.dropped
     assert 0.3 < frames[-1].time - frames[0].time < 4
 
 
-def test_nobody_there_is_one_sentence():
+def test_unreachable_stream_raises():
     url = f"http://127.0.0.1:{free_port()}/live.ts"
-    with LiveSource(url, timeout_s=1, patience_s=0.6, first_wait_s=0.05) as source:
+    with LiveSource(url, timeout_s=1, patience_s=0.6, min_delay_s=0.05) as source:
         with pytest.raises(
-            MediaError, match=r"nothing has come from http.* for .* s: Connection refused"
+            MediaError, match=r"no frame from http.* for .* s: Connection refused"
         ) as e:
             next(source.frames())
-        with pytest.raises(MediaError, match="nothing has come"):
+        with pytest.raises(MediaError, match="no frame from"):
             source.first()
     assert "\n" not in str(e.value)
 
 
-def test_closing_is_clean_and_ends_the_frames(transport):
+def test_close_ends_frames(transport):
     with server([HEAD, transport, 30.0]) as url:
         source = LiveSource(url, timeout_s=600.0)
         source.first()
@@ -201,24 +201,48 @@ def test_closing_is_clean_and_ends_the_frames(transport):
 @pytest.mark.parametrize(
     ("url", "message"),
     [
-        ("/dev/video99", "there is no camera /dev/video99; here"),
-        ("99", "there is no camera /dev/video99"),
-        ("room.mp4", "'room.mp4' is no camera or stream; valid are"),
-        ("gopher://x", "is no camera or stream"),
-        ("http://", "'http://' names no machine; valid is http://MACHINE"),
-        ("rtsp://", "names no machine"),
-        ("rtsp:///live", "names no machine"),
-        ("rtsp://me:secret@/live", "'rtsp:///live' names no machine"),
-        ("http://[::1", "is no address of a stream"),
-        ("rtsp://door:99999/1", "is no address of a stream: Port out of range"),
-        ("rtsp://me:secret@door:x/1", "'rtsp://door:x/1' is no address of a stream"),
-        ("udp://239.0.0.1", "names no port; valid is udp://MACHINE:PORT"),
-        ("srt://door", "names no port"),
-        ("file:///no/such.ts", "there is no file '/no/such.ts'"),
-        ("file:///etc", "there is no file '/etc'"),
+        ("/dev/video99", r"the camera must be one of the connected ones .*; got /dev/video99"),
+        ("99", r"the camera must be one of the connected ones .*; got /dev/video99"),
+        (
+            "room.mp4",
+            "the source must be a camera such as /dev/video0, or an address of rtsp, rtsps, http, https",
+        ),
+        (
+            "gopher://x",
+            "the source must be a camera such as /dev/video0, or an address of rtsp, rtsps, http, https",
+        ),
+        (
+            "http://",
+            "the address must contain a host, as in http://HOST or http://HOST:PORT/PATH; got 'http://'",
+        ),
+        (
+            "rtsp://",
+            "the address must contain a host, as in rtsp://HOST or rtsp://HOST:PORT/PATH; got 'rtsp://'",
+        ),
+        ("rtsp:///live", "the address must contain a host, as in rtsp://HOST"),
+        (
+            "rtsp://me:secret@/live",
+            "the address must contain a host, as in rtsp://HOST or rtsp://HOST:PORT/PATH; got 'rtsp:///live'",
+        ),
+        ("http://[::1", r"'http://\[::1' must be a valid address: Invalid IPv6 URL"),
+        (
+            "rtsp://door:99999/1",
+            "'rtsp://door:99999/1' must be a valid address: Port out of range 0-65535",
+        ),
+        (
+            "rtsp://me:secret@door:x/1",
+            "'rtsp://door:x/1' must be a valid address: Port could not be cast to integer value as 'x'",
+        ),
+        (
+            "udp://239.0.0.1",
+            r"the address must contain a port, as in udp://HOST:PORT; got 'udp://239\.0\.0\.1'",
+        ),
+        ("srt://door", "the address must contain a port, as in srt://HOST:PORT; got 'srt://door'"),
+        ("file:///no/such.ts", r"file:///no/such\.ts must be the address of an existing file"),
+        ("file:///etc", "file:///etc must be the address of an existing file"),
     ],
 )
-def test_what_is_no_source_is_refused(url, message):
+def test_invalid_source_raises(url, message):
     with pytest.raises(MediaError, match=message):
         LiveSource(url)
 
@@ -226,12 +250,12 @@ def test_what_is_no_source_is_refused(url, message):
 @pytest.mark.parametrize(
     "url", ["udp://@:1234", "tcp://:1234?listen", "http://[::1]:80/x", "rtsp://me:p@ss@door/1"]
 )
-def test_what_may_be_a_source_is_taken(url):
-    assert checked(url) == (url, None)
+def test_valid_sources_are_accepted(url):
+    assert resolve_source(url) == (url, None)
 
 
 @pytest.mark.parametrize("opening_s", [None, 0.3])
-def test_what_never_answers_is_given_up(opening_s):
+def test_unresponsive_stream_raises(opening_s):
     """After the timeout, or a shorter one for the first frame; a stream that has played before is
     awaited for longer."""
     patience_s = 0.3 if opening_s is None else math.inf
@@ -243,25 +267,25 @@ def test_what_never_answers_is_given_up(opening_s):
             1.0,
             patience_s,
             opening_s=opening_s,
-            first_wait_s=0.02,
-            longest_wait_s=0.02,
-            report=told.append,
+            min_delay_s=0.02,
+            max_delay_s=0.02,
+            on_warning=told.append,
         ) as source,
-        pytest.raises(MediaError, match="nothing has come from http://127"),
+        pytest.raises(MediaError, match="no frame from http://127"),
     ):
         source.first()
     assert told
     assert not any("secret" in sentence for sentence in told)
 
 
-def test_a_file_that_is_no_video_and_a_door_that_is_locked_are_given_up_at_once(tmp_path):
+def test_permanent_errors_raise_immediately(tmp_path):
     """No retry: the result would be the same."""
     (tmp_path / "passwd").write_text("root:x:0:0\n" * 99)
     told: list[str] = []
     with server([b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"]) as locked:
         for url in (f"file://{tmp_path}/passwd", locked):
             with (
-                LiveSource(url, patience_s=math.inf, report=told.append) as source,
+                LiveSource(url, patience_s=math.inf, on_warning=told.append) as source,
                 pytest.raises(MediaError, match="cannot read"),
             ):
                 source.first()
@@ -303,14 +327,14 @@ def push(url, frames):
 
 
 @pytest.mark.parametrize("scheme", few(["udp", "rtsp"], "rtsp"))
-def test_what_we_send_is_received(scheme):
+def test_stream_sink_output_is_received(scheme):
     port = free_port(socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
     url = f"{scheme}://127.0.0.1:{port}" + ("/live" if scheme == "rtsp" else "")
     # There is no RTSP server here; the reader acts as one and needs a timeout, without which it
     # waits forever.
     options = {"rtsp_flags": "listen", "listen_timeout": "300"} if scheme == "rtsp" else {}
     timeout_s = 300 if scheme == "rtsp" else 30
-    with LiveSource(url, timeout_s, patience_s=300, first_wait_s=0.05, options=options) as source:
+    with LiveSource(url, timeout_s, patience_s=300, min_delay_s=0.05, options=options) as source:
         sender = push(url + "?pkt_size=1316" * (scheme == "udp"), 100_000)
         try:
             for frame in source.frames():
@@ -324,9 +348,12 @@ def test_what_we_send_is_received(scheme):
             sender.wait()
 
 
-def test_addresses_that_cannot_be_streamed_to():
+def test_unsupported_stream_address_raises():
     for url in ("room.mp4", "gopher://x"):
-        with pytest.raises(MediaError, match=r"cannot stream to .*; valid are addresses of udp"):
+        with pytest.raises(
+            MediaError,
+            match="the scheme of a stream must be one of udp, tcp, http, rtsp, rtmp, srt; got",
+        ):
             StreamSink(url, SIZE, 25)
     with pytest.raises(MediaError, match=r"cannot write http://.*: Connection refused"):
         StreamSink(f"http://127.0.0.1:{free_port()}/x", SIZE, 25)

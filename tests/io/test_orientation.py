@@ -42,7 +42,7 @@ def by_pillow(path: Path) -> np.ndarray:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_images_are_read_as_pillow_and_opencv_display_them(tmp_path, orientation, suffix):
+def test_orientation_equals_pillow_and_opencv(tmp_path, orientation, suffix):
     path = tagged(tmp_path / f"a{suffix}", FIELD, orientation)
     image, carried = read_image_and_metadata(path)
     shown = by_pillow(path)
@@ -72,7 +72,7 @@ BY_OPENCV = {
 
 @pytest.mark.parametrize("orientation", range(2, 9))
 @pytest.mark.parametrize("big", [False, True])
-def test_deep_tiff_files_are_turned_once(tmp_path, orientation, big):
+def test_deep_tiff_is_oriented_once(tmp_path, orientation, big):
     deep = (FIELD[..., 0].astype(np.uint16) << 7) + 5
     path = tagged(tmp_path / "a.tif", deep, orientation, big_tiff=big)
     assert path.read_bytes()[2] == (43 if big else 42)
@@ -81,12 +81,12 @@ def test_deep_tiff_files_are_turned_once(tmp_path, orientation, big):
 
 
 @pytest.mark.parametrize("value", [0, 9, 65535])
-def test_values_that_are_no_orientation_are_ignored(tmp_path, value):
+def test_invalid_orientations_are_ignored(tmp_path, value):
     np.testing.assert_array_equal(om.read_image(tagged(tmp_path / "a.png", FIELD, value)), FIELD)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tif"])
-def test_written_images_carry_no_orientation(tmp_path, suffix):
+def test_written_images_have_no_orientation(tmp_path, suffix):
     image, carried = read_image_and_metadata(tagged(tmp_path / "a.jpg", FIELD, 6))
     om.write_image(
         tmp_path / f"b{suffix}", image, carried=carried.that_fits(f"b{suffix}", image)[0]
@@ -115,12 +115,12 @@ def turned(tmp_path):
     return image, tagged(tmp_path / "turned.png", np.rot90(image).copy(), 6)
 
 
-def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
+def test_dewarping_applies_and_reports_orientation(tmp_path, turned, capsys):
     straight = ImageDewarper(DewarpRequest(WIDE))
     expected = straight(tmp_path / "upright.png", tmp_path / "a.png")
     told = straight(turned[1], tmp_path / "b.png")
     assert "orient" not in expected
-    assert "turned by 90 deg clockwise, as their EXIF data requires; --stored-orientation" in told
+    assert "rotated by 90 deg clockwise according to EXIF; --stored-orientation" in told
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
     )
@@ -135,7 +135,7 @@ def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
     )
 
 
-def test_dewarping_stored_pixels_names_the_option(tmp_path, turned):
+def test_dewarping_stored_pixels_reports_option(tmp_path, turned):
     """A camera calibrated with stored pixels."""
     tall = om.MirrorBall(
         centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140)
@@ -149,13 +149,16 @@ def test_dewarping_stored_pixels_names_the_option(tmp_path, turned):
     told = ImageDewarper(DewarpRequest(tall, stored_orientation=True))(
         turned[1], tmp_path / "b.png"
     )
-    assert "as stored; their EXIF data requires" in told
+    assert (
+        "b.png: panorama (elevation -90 to 50 deg), 134 x 52 px, all of it inside the field, as sto"
+        in told
+    )
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
     )
 
 
-def test_the_studio_and_its_pages_take_what_browsers_show(tmp_path, turned):
+def test_studio_uses_displayed_orientation(tmp_path, turned):
     image, path = turned
     np.testing.assert_array_equal(picture_in(path.read_bytes(), "a.png"), image)
     (tmp_path / "b.png").write_bytes(browser_picture(path.read_bytes(), "a.png"))
@@ -166,7 +169,7 @@ def test_the_studio_and_its_pages_take_what_browsers_show(tmp_path, turned):
     assert om.show(path, WIDE).page.count("data:image/png") == 1
 
 
-def test_boards_lie_where_they_are_displayed(tmp_path):
+def test_boards_are_detected_in_displayed_orientation(tmp_path):
     v, u = np.mgrid[:150, :200]
     grey = np.where((u // 24 + v // 24) % 2, 200, 40).astype(np.uint8)
     image = np.pad(grey[:144, :192], ((20, 30), (40, 10)), constant_values=200)
@@ -185,7 +188,7 @@ def test_boards_lie_where_they_are_displayed(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["rim", "colmap", "calibrate", "lines"])
-def test_commands_report_it(tmp_path, turned, command, capsys):
+def test_commands_report_orientation(tmp_path, turned, command, capsys):
     """Each command reports the applied orientation before its other errors on the plain image."""
     _, path = turned
     words = {
@@ -195,14 +198,14 @@ def test_commands_report_it(tmp_path, turned, command, capsys):
         "lines": ["lines", path, "--rim", "70", "50", "40"],
     }[command]
     for option, told in (
-        ([], "turned by 90 deg clockwise, as their EXIF"),
-        ([STORED], "as stored; their EXIF"),
+        ([], "rotated by 90 deg clockwise according to EXIF"),
+        ([STORED], "as stored; the EXIF"),
     ):
         run = CliRunner().invoke(app, [*map(str, words), *option])
         assert f"1 of 1 images {told}" in run.stderr, run.output
 
 
-def test_auto_looks_for_the_rim_in_the_image_as_displayed(tmp_path, capsys):
+def test_rim_detection_uses_displayed_orientation(tmp_path, capsys):
     ball = om.MirrorBall(
         centre_px=(190.0, 150.0), rim_radius_px=120.0, field_deg=300.0, image_size=(400, 300)
     )

@@ -22,7 +22,7 @@ RNG = np.random.default_rng(5)
 GPANO = "{http://ns.google.com/photos/1.0/panorama/}"
 GSPHERICAL = "{http://ns.google.com/videos/1.0/spherical/}"
 PART = GPano.of_view(
-    (60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, lean_deg=(12.5, -3.25)
+    (60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, tilt_deg=(12.5, -3.25)
 )
 
 # -- geometry
@@ -39,12 +39,12 @@ PART = GPano.of_view(
         ((1001, 333), (-33.3, 21.7), 360, (1001, 1090), (0, 414)),
     ],
 )
-def test_the_crop_lies_where_the_view_looked(size, elevation, span, full, at):
+def test_crop_position_matches_view(size, elevation, span, full, at):
     panorama = GPano.of_view(size, elevation, span)
     assert (panorama.full_size, panorama.cropped_size, panorama.cropped_at) == (full, size, at)
 
 
-def test_the_crop_never_leaves_the_full_panorama():
+def test_crop_is_inside_full_panorama():
     for _ in range(500):
         low, high = np.sort(RNG.uniform(-90, 90, 2))
         size = tuple(int(n) for n in RNG.integers(1, 3000, 2))
@@ -59,10 +59,16 @@ def test_the_crop_never_leaves_the_full_panorama():
 @pytest.mark.parametrize(
     ("elevation", "span"), [((10, 10), 360), ((-91, 0), 360), ((0, 10), 0), ((0, 10), 361)]
 )
-def test_what_is_no_panorama_is_refused(elevation, span):
-    with pytest.raises(InvalidParameter, match="is no panorama"):
+def test_invalid_panorama_raises(elevation, span):
+    with pytest.raises(
+        InvalidParameter,
+        match="span_deg must be greater than 0 and at most 360 deg, and elevation_deg must increase from ",
+    ):
         GPano.of_view((10, 10), elevation, span)
-    with pytest.raises(InvalidParameter, match="does not lie inside"):
+    with pytest.raises(
+        InvalidParameter,
+        match="the crop must be inside the panorama of 10 px width; got 5 px from 6 px",
+    ):
         GPano((10, 10), (5, 5), (6, 0))
 
 
@@ -101,7 +107,7 @@ def xmp_of(path):
         (".tiff", "float32", 1),
     ],
 )
-def test_pillow_finds_the_panorama_and_the_same_pixels(tmp_path, suffix, dtype, channels):
+def test_panorama_metadata_is_read_by_pillow(tmp_path, suffix, dtype, channels):
     image = (RNG.random((40, 60, channels)) * (1 if dtype == "float32" else 255)).astype(dtype)
     if channels == 4:
         image[..., 3] = np.maximum(image[..., 3], 1)
@@ -127,7 +133,7 @@ def test_pillow_finds_the_panorama_and_the_same_pixels(tmp_path, suffix, dtype, 
             np.testing.assert_array_equal(np.asarray(picture), np.asarray(other))
 
 
-def test_a_lossy_webp_can_carry_it_too(tmp_path):
+def test_lossy_webp_stores_panorama(tmp_path):
     from omnimirror.io import _image_metadata
 
     _, data = cv2.imencode(
@@ -139,7 +145,7 @@ def test_a_lossy_webp_can_carry_it_too(tmp_path):
         assert picture.size == (63, 41)
 
 
-def test_no_heading_is_no_claim(tmp_path):
+def test_missing_heading_is_not_written(tmp_path):
     write_image(
         tmp_path / "a.png",
         np.zeros((40, 60), np.uint8),
@@ -149,12 +155,16 @@ def test_no_heading_is_no_claim(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".bmp", ".hdr", ".exr"])
-def test_what_cannot_say_it_is_refused(tmp_path, suffix):
+def test_image_format_without_panorama_support_raises(tmp_path, suffix):
     assert not can_be_panorama(f"a{suffix}")
     image = np.zeros((40, 60, 3), "uint8" if suffix == ".bmp" else "float32")
-    with pytest.raises(MediaError, match=r"cannot say that it is a panorama; valid are \.jpg"):
+    with pytest.raises(
+        MediaError, match=r"panorama metadata requires \.jpg, \.jpeg, \.png, \.webp, \.tif, \.tiff"
+    ):
         write_image(tmp_path / f"a{suffix}", image, panorama=PART)
-    with pytest.raises(MediaError, match="the picture has 60 x 41 px, and the panorama 60 x 40 px"):
+    with pytest.raises(
+        MediaError, match=r"the image must have the size of panorama, 60 x 40 px; got 60 x 41 px"
+    ):
         write_image(tmp_path / "a.png", np.zeros((41, 60), np.uint8), panorama=PART)
     assert not list(tmp_path.iterdir())
 
@@ -191,7 +201,7 @@ def grey_video(path, panorama, **more):
 @pytest.mark.parametrize(
     ("suffix", "codec", "entry"), [(".mp4", "libx264", b"avc1"), (".mov", "libx265", b"hev1")]
 )
-def test_a_small_parser_finds_both_versions(tmp_path, suffix, codec, entry):
+def test_both_spherical_versions_are_present(tmp_path, suffix, codec, entry):
     path = tmp_path / f"a{suffix}"
     grey_video(path, PART, codec=codec)
     found = dict(atoms(path.read_bytes()))
@@ -231,7 +241,7 @@ def test_a_small_parser_finds_both_versions(tmp_path, suffix, codec, entry):
     ]  # after the box of the codec
 
 
-def test_the_pictures_are_still_there(tmp_path):
+def test_spherical_metadata_keeps_frames(tmp_path):
     grey_video(tmp_path / "a.mp4", PART)
     grey_video(tmp_path / "b.mp4", None)
     a, b = pictures_of(tmp_path / "a.mp4"), pictures_of(tmp_path / "b.mp4")
@@ -241,7 +251,7 @@ def test_the_pictures_are_still_there(tmp_path):
     assert VideoReader(tmp_path / "a.mp4").expected_frames == 30
 
 
-def test_ffmpeg_understands_version_2(tmp_path):
+def test_ffmpeg_reads_spherical_version_2(tmp_path):
     grey_video(tmp_path / "a.mp4", PART)
     before = av.logging.get_level()
     av.logging.set_level(av.logging.INFO)  # FFmpeg prints the dump to its log
@@ -253,10 +263,12 @@ def test_ffmpeg_understands_version_2(tmp_path):
     assert "tiled equirectangular (30.000000/12.500000/-3.250000) [60, 13, 60, 7]" in dump
 
 
-def test_a_format_that_cannot_say_it_is_refused(tmp_path):
+def test_video_format_without_panorama_support_raises(tmp_path):
     assert not can_be_spherical("a.mkv")
-    with pytest.raises(MediaError, match=r"cannot say that it is a panorama; valid are .mp4"):
+    with pytest.raises(MediaError, match=r"panorama metadata requires \.mp4, \.m4v, \.mov"):
         VideoWriter(tmp_path / "a.mkv", (60, 40), 25, PART)
-    with pytest.raises(MediaError, match="the video has 62 x 40 px, and the panorama 60 x 40 px"):
+    with pytest.raises(
+        MediaError, match=r"size must be that of panorama, 60 x 40 px; got 62 x 40 px"
+    ):
         VideoWriter(tmp_path / "a.mp4", (62, 40), 25, PART)
     assert not list(tmp_path.iterdir())

@@ -79,7 +79,7 @@ def places(frame) -> np.ndarray:
 
 
 @pytest.mark.parametrize("mode", ["tff", "bff"])
-def test_each_picture_shows_one_moment(tmp_path, mode):
+def test_deinterlaced_frames_show_one_field(tmp_path, mode):
     with VideoReader(make(tmp_path / "a.mp4", mode)) as reader:
         assert "is interlaced" in reader.notes[0]
         frames = list(reader.frames())
@@ -89,14 +89,14 @@ def test_each_picture_shows_one_moment(tmp_path, mode):
         assert not frame.interlaced_frame
 
 
-def test_a_part_of_it_begins_and_ends_where_it_should(tmp_path):
+def test_part_of_interlaced_video_has_exact_limits(tmp_path):
     with VideoReader(make(tmp_path / "a.mp4", "bff"), 0.08, 0.08) as reader:
         frames = list(reader.frames())
     assert [frame.time for frame in frames] == pytest.approx([0, 0.04])
     np.testing.assert_allclose(np.median(places(frames[0])), 11.5 + 2 * STEP * 2, atol=0.5)
 
 
-def test_pictures_that_are_whole_are_left_alone(tmp_path):
+def test_progressive_frames_are_unchanged(tmp_path):
     """Including combing patterns without an interlace flag."""
     with VideoReader(make(tmp_path / "a.mp4", "prog")) as reader:
         assert reader.notes == []
@@ -169,7 +169,7 @@ def deep_tiff(path: Path, kind: str) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp"])
-def test_files_of_another_program_and_for_one(tmp_path, suffix):
+def test_pillow_interoperability(tmp_path, suffix):
     tolerance = {".jpg": 2, ".webp": 3}.get(suffix, 0)
     assert_orange(om.read_image(by_pillow(tmp_path / f"theirs{suffix}")), tolerance)
     om.write_image(tmp_path / f"ours{suffix}", orange())
@@ -177,7 +177,7 @@ def test_files_of_another_program_and_for_one(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(("suffix", "alpha"), [(".png", 99), (".tif", 255), (".webp", 99)])
-def test_an_alpha_stays_the_last(tmp_path, suffix, alpha):
+def test_alpha_is_last_channel(tmp_path, suffix, alpha):
     """Semi-transparent TIFF is excluded: its readers weight colours by alpha."""
     colour = (*ORANGE, alpha)
     Image.new("RGBA", (8, 8), colour).save(tmp_path / f"theirs{suffix}", lossless=True)
@@ -187,7 +187,7 @@ def test_an_alpha_stays_the_last(tmp_path, suffix, alpha):
         assert picture.convert("RGBA").getpixel((4, 4)) == colour
 
 
-def test_deep_files_made_byte_by_byte(tmp_path):
+def test_deep_files_from_raw_bytes(tmp_path):
     assert_orange(om.read_image(deep_png(tmp_path / "a.png")) / 257)
     assert_orange(om.read_image(deep_tiff(tmp_path / "a.tif", "<u2")) / 257)
     assert_orange(om.read_image(deep_tiff(tmp_path / "b.tif", "<f4")) * 255, 1e-4)
@@ -217,7 +217,7 @@ def test_openexr_names_its_channels(tmp_path):
         assert [file.channels()[name].pixels[4, 4] for name in "RGBA"] == [*ORANGE, 7]
 
 
-def test_bytes_of_pictures_for_pages_and_streams(tmp_path):
+def test_encoded_images_have_rgb_order(tmp_path):
     (tmp_path / "a.png").write_bytes(encoded(orange(), ".png"))
     (tmp_path / "a.jpg").write_bytes(encoded(orange(), ".jpg", [cv2.IMWRITE_JPEG_QUALITY, 90]))
     assert_orange(seen_by_pillow(tmp_path / "a.png"))
@@ -278,7 +278,7 @@ def test_frames_of_pictures(channels):
     assert_orange(image_of_frame(frame.reformat(format="yuv444p")), 6)
 
 
-def test_a_video_straightened_by_the_command_line(tmp_path, capfdbinary):
+def test_video_dewarped_by_command_line(tmp_path, capfdbinary):
     film = film_by_pyav(tmp_path / "theirs.mkv")
     size = ("--view", "perspective", "--size", "32x24")
     omnimirror("dewarp", film, *BALL_OPTIONS, *size, "--crf", "1", "-o", tmp_path / "ours.mp4")
@@ -290,14 +290,14 @@ def test_a_video_straightened_by_the_command_line(tmp_path, capfdbinary):
 # -- dewarped, rendered and restored images --------------------------------------------------------
 
 
-def test_pictures_straightened(tmp_path):
+def test_images_dewarped(tmp_path):
     assert_orange(om.Dewarper(BALL, VIEW)(om.read_image(by_pillow(tmp_path / "a.png"))))
     assert om.Dewarper(BALL, VIEW)(orange(), transparent=True)[12, 16].tolist() == [*ORANGE, 255]
     all_around = om.Dewarper(BALL, om.screens.Sphere((64, 32)), border=(1, 2, 3))
     assert (all_around(orange())[~all_around.valid] == [1, 2, 3]).all()
 
 
-def test_pictures_straightened_by_the_command_line(tmp_path):
+def test_images_dewarped_by_command_line(tmp_path):
     by_pillow(tmp_path / "a.png")
     args = (
         *BALL_OPTIONS,
@@ -320,7 +320,7 @@ def sensor() -> om.Sensor:
     return replace(om.load_sensor("paper-spherical"), imager=Imager(64, 64, 83.2))
 
 
-def test_pictures_taken_and_restored(sensor, tmp_path):
+def test_images_rendered_and_restored(sensor, tmp_path):
     by_pillow(tmp_path / "world.png", (128, 64))
     picture = om.take_picture(sensor, om.Environment.load(tmp_path / "world.png"), samples=1)
     assert_orange(picture)
@@ -330,7 +330,7 @@ def test_pictures_taken_and_restored(sensor, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".hdr", ".exr"])
-def test_pictures_taken_by_the_command_line(sensor, tmp_path, suffix):
+def test_images_rendered_by_command_line(sensor, tmp_path, suffix):
     om.save_sensor(sensor, tmp_path / "small.toml")
     by_pillow(tmp_path / "world.png", (128, 64))
     out = tmp_path / f"a{suffix}"

@@ -52,22 +52,9 @@ def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
         if words:
             words.codec_context.subtitle_header, words.codec_context.time_base = HEADER, MS
             words.time_base, words.metadata["language"] = MS, "fra"
-        container.set_chapters(
-            [
-                {
-                    "id": i,
-                    "start": a + begins_ms,
-                    "end": b + begins_ms,
-                    "time_base": MS,
-                    "metadata": {"title": title},
-                }
-                for i, (a, b, title) in enumerate(CHAPTERS, 1)
-            ]
-        )
+        container.set_chapters([{"id": i, "start": a + begins_ms, "end": b + begins_ms, "time_base": MS, "metadata": {"title": title}} for i, (a, b, title) in enumerate(CHAPTERS, 1)])
         for number in range(25 * seconds):
-            frame = av.VideoFrame.from_ndarray(
-                np.full((SIZE[1], SIZE[0], 3), 5 * number % 250, np.uint8), "rgb24"
-            )
+            frame = av.VideoFrame.from_ndarray(np.full((SIZE[1], SIZE[0], 3), 5 * number % 250, np.uint8), "rgb24")
             frame.pts, frame.time_base = number * 40 + begins_ms, MS
             container.mux(video.encode(frame))
         container.mux(video.encode(None))
@@ -89,7 +76,7 @@ def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
 
 def through(source, path, **cut):
     with VideoReader(source, **cut) as reader:
-        writer = VideoWriter.like(reader, path)
+        writer = VideoWriter.from_source(reader, path)
         process(reader.items(), writer, lambda frame, time_s: frame, "frame")
         return [*reader.notes, *writer.notes]
 
@@ -97,29 +84,15 @@ def through(source, path, **cut):
 def tracks_of(path):
     """Return chapters (s), languages, titles, and texts with their times, as FFmpeg reads them."""
     with av.open(str(path)) as container:
-        chapters = [
-            (
-                float(c["start"] * c["time_base"]),
-                float(c["end"] * c["time_base"]),
-                c["metadata"]["title"],
-            )
-            for c in container.chapters()
-        ]
+        chapters = [(float(c["start"] * c["time_base"]), float(c["end"] * c["time_base"]), c["metadata"]["title"]) for c in container.chapters()]
         languages = [stream.language for stream in container.streams.audio]
-        titles = [
-            stream.metadata.get("title", stream.metadata.get("name"))
-            for stream in container.streams.audio
-        ]
+        titles = [stream.metadata.get("title", stream.metadata.get("name")) for stream in container.streams.audio]
         texts = []
         for stream in container.streams.subtitles:
             assert stream.language == "fra"
             for packet in container.demux(stream):
                 for text in stream.codec_context.decode2(packet) or () if packet.size else ():
-                    words = (
-                        text.dialogue.decode()
-                        if isinstance(text.dialogue, bytes)
-                        else text.dialogue
-                    )
+                    words = text.dialogue.decode() if isinstance(text.dialogue, bytes) else text.dialogue
                     if words:
                         at = float(packet.pts * packet.time_base)
                         texts.append((at, float(packet.duration * packet.time_base), words.strip()))
@@ -138,7 +111,7 @@ def test_tracks_are_kept(tmp_path, source, target):
     assert [c[2] for c in after[0]] == ["First", "Second"]
     assert after[1] == (["ger", "eng"] if target == ".mov" else ["deu", "eng"])
     if target == ".m4v":
-        assert "not kept are the titles of tracks" in notes[0]
+        assert "b.m4v: dropped the titles of tracks; .mkv supports them" in notes[0]
     else:
         assert after[2] == [None, "Comment"]
     assert [text for *_, text in after[3]] == ["Hello there", "Second\nline"]
@@ -152,17 +125,10 @@ GPMF = [b"DEVC\0\0\0\4" + bytes([second] * 4) for second in range(2)]
 def add_data(source, path, codec):
     """Write a copy of the video and audio of a file with a data track of two packets."""
     with av.open(str(source)) as old, av.open(str(path), "w") as new:
-        streams = {
-            s.index: new.add_stream_from_template(s)
-            for s in (*old.streams.video, *old.streams.audio)
-        }
+        streams = {s.index: new.add_stream_from_template(s) for s in (*old.streams.video, *old.streams.audio)}
         data = new.add_data_stream(codec)
         data.time_base, data.metadata["handler_name"] = MS, "GoPro MET"
-        packets = [
-            packet
-            for packet in old.demux(list(old.streams.video) + list(old.streams.audio))
-            if packet.size
-        ]
+        packets = [packet for packet in old.demux(list(old.streams.video) + list(old.streams.audio)) if packet.size]
         for packet in packets:
             packet.stream = streams[packet.stream_index]
             new.mux(packet)
@@ -181,35 +147,20 @@ def data_of(path):
         packets = {stream.index: [] for stream in container.streams.data}
         for packet in container.demux():
             if packet.size and packet.stream_index in packets:
-                packets[packet.stream_index].append(
-                    (float(packet.pts * packet.time_base) - begin, bytes(packet))
-                )
-        return [
-            (stream.name, stream.metadata.get("handler_name"), packets[stream.index])
-            for stream in container.streams.data
-        ]
+                packets[packet.stream_index].append((float(packet.pts * packet.time_base) - begin, bytes(packet)))
+        return [(stream.name, stream.metadata.get("handler_name"), packets[stream.index]) for stream in container.streams.data]
 
 
 @pytest.mark.parametrize(
     ("suffix", "codec", "target", "lost"),
     [
         (".mp4", "bin_data", ".mp4", ""),
-        (
-            ".mp4",
-            "bin_data",
-            ".mkv",
-            "b.mkv: not kept are data track 2 (GoPro MET); .mp4 keeps GPMF telemetry",
-        ),
+        (".mp4", "bin_data", ".mkv", "b.mkv: not kept are data track 2 (GoPro MET); .mp4 keeps GPMF telemetry"),
         (".mp4", "bin_data", ".mov", "b.mov: not kept are data track 2 (GoPro MET)"),
         (".mp4", "bin_data", ".ts", "b.ts: not kept are data track 2 (GoPro MET)"),
         (".ts", "klv", ".ts", ""),
         (".ts", "timed_id3", ".ts", ""),
-        (
-            ".ts",
-            "klv",
-            ".mp4",
-            "b.mp4: not kept are data track 2 (klv); .mp4 keeps GPMF telemetry, .ts keeps KLV",
-        ),
+        (".ts", "klv", ".mp4", "b.mp4: not kept are data track 2 (klv); .mp4 keeps GPMF telemetry, .ts keeps KLV"),
         (".ts", "bin_data", ".mp4", "a.ts: not kept are data track 2 (bin_data)"),
         (".ts", "bin_data", ".ts", "a.ts: not kept are data track 2 (bin_data)"),
     ],
@@ -249,26 +200,22 @@ def test_data_tracks_of_unknown_kinds_are_named(tmp_path):
 
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".mov"])
 @pytest.mark.parametrize("begins_ms", [1200, 40])
-def test_the_time_of_the_beginning_is_kept(tmp_path, begins_ms, target):
+def test_start_time_is_kept(tmp_path, begins_ms, target):
     make_film(tmp_path / "a.mkv", begins_ms)
     through(tmp_path / "a.mkv", tmp_path / f"b{target}")
     with av.open(str(tmp_path / "a.mkv")) as before, av.open(str(tmp_path / f"b{target}")) as after:
         assert before.start_time == begins_ms * 1000
         for a, b in zip(before.streams.video + before.streams.audio, after.streams, strict=False):
-            primed = (
-                0 if a.type == "video" else Fraction(256, 48000)
-            )  # AC-3 starts earlier, which MP4 counts
+            primed = 0 if a.type == "video" else Fraction(256, 48000)  # AC-3 starts earlier, which MP4 counts
             assert abs(b.start_time * b.time_base - a.start_time * a.time_base) <= primed + MS
         times = [float(frame.time) for frame in after.decode(video=0)]
     np.testing.assert_allclose(times, 0.04 * np.arange(50) + begins_ms / 1000, atol=1e-3)
     chapters, *_, texts = tracks_of(tmp_path / f"b{target}")
     assert chapters[1][0] == pytest.approx(1 + begins_ms / 1000)
-    np.testing.assert_allclose(
-        [t[0] for t in texts], [0.2 + begins_ms / 1000, 1.0 + begins_ms / 1000], atol=2e-3
-    )
+    np.testing.assert_allclose([t[0] for t in texts], [0.2 + begins_ms / 1000, 1.0 + begins_ms / 1000], atol=2e-3)
 
 
-def test_a_part_begins_at_zero_with_its_chapters_and_texts(tmp_path):
+def test_part_starts_at_zero_with_chapters_and_subtitles(tmp_path):
     make_film(tmp_path / "a.mkv", 1200)
     through(tmp_path / "a.mkv", tmp_path / "b.mkv", start_s=0.8, duration_s=1.0)
     chapters, _, _, texts = tracks_of(tmp_path / "b.mkv")
@@ -278,14 +225,9 @@ def test_a_part_begins_at_zero_with_its_chapters_and_texts(tmp_path):
         assert container.start_time < 2000
 
 
-def test_dewarping_keeps_them(tmp_path):
+def test_dewarping_keeps_tracks(tmp_path):
     make_film(tmp_path / "a.mkv", 1200)
-    om.dewarp_video(
-        tmp_path / "a.mkv",
-        tmp_path / "b.mp4",
-        camera=BALL,
-        view=om.screens.Cylinder((64, 32), -40.0, 20.0),
-    )
+    om.dewarp_video(tmp_path / "a.mkv", tmp_path / "b.mp4", camera=BALL, view=om.screens.Cylinder((64, 32), -40.0, 20.0))
     chapters, languages, _, texts = tracks_of(tmp_path / "b.mp4")
     assert ([c[2] for c in chapters], languages) == (["First", "Second"], ["deu", "eng"])
     assert [text for *_, text in texts] == ["Hello there", "Second\nline"]
@@ -294,16 +236,13 @@ def test_dewarping_keeps_them(tmp_path):
 def test_losses_are_reported(tmp_path):
     make_film(tmp_path / "a.mkv", languages=("deu", "gsw"))
     (note,) = through(tmp_path / "a.mkv", tmp_path / "b.ts")
-    assert (
-        "not kept are the titles of tracks and 2 chapters and 1 subtitle track; .mkv keeps them"
-        in note
-    )
+    assert "b.ts: dropped the titles of tracks and 2 chapters and 1 subtitle track; .mkv supports them" in note
     (note,) = through(tmp_path / "a.mkv", tmp_path / "b.mov")
-    assert "not kept are the language 'gsw'" in note
+    assert "dropped the language 'gsw'" in note
     assert through(tmp_path / "a.mkv", tmp_path / "b.mp4") == []
 
 
-def test_tracks_that_nothing_keeps_are_named(tmp_path):
+def test_dropped_tracks_are_reported(tmp_path):
     make_film(tmp_path / "a.mkv", subtitles=False)
     with av.open(str(tmp_path / "a.mkv")) as film, av.open(str(tmp_path / "b.mkv"), "w") as out:
         source = film.streams.video[0]
@@ -316,7 +255,7 @@ def test_tracks_that_nothing_keeps_are_named(tmp_path):
                 own.stream, own.is_keyframe = copy, packet.is_keyframe
                 out.mux(own)
     (note,) = through(tmp_path / "b.mkv", tmp_path / "c.mkv")
-    assert "not kept are 1 attachment and 2 further video tracks" in note
+    assert "b.mkv: dropped 1 attachment and 2 further video tracks" in note
 
 
 # -- Mastering-display metadata of HDR videos ------------------------------------------------------
@@ -329,17 +268,10 @@ P3 = [0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329]
 @pytest.fixture
 def graded(tmp_path):
     with av.open(str(tmp_path / "in.mp4"), "w") as container:
-        stream = container.add_stream(
-            "libx265", rate=25, options={"x265-params": f"{GRADED}:log-level=none"}
-        )
+        stream = container.add_stream("libx265", rate=25, options={"x265-params": f"{GRADED}:log-level=none"})
         stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p10le"
         context = stream.codec_context
-        context.color_range, context.colorspace, context.color_primaries, context.color_trc = (
-            1,
-            9,
-            9,
-            16,
-        )
+        context.color_range, context.colorspace, context.color_primaries, context.color_trc = (1, 9, 9, 16)
         for i in range(3):
             frame = av.VideoFrame(128, 96, "yuv420p10le")
             for plane in frame.planes:
@@ -353,13 +285,13 @@ def graded(tmp_path):
 def copied(source, out, codec):
     with VideoReader(source) as reader:
         assert not reader.notes
-        writer = VideoWriter.like(reader, out, codec=codec)
+        writer = VideoWriter.from_source(reader, out, codec=codec)
         process(reader.items(), writer, lambda frame, time_s: frame, "frame")
     return writer.notes
 
 
 @pytest.mark.parametrize("codec", ["libx265", "libx264", "libsvtav1"])
-def test_it_is_kept(graded, tmp_path, codec):
+def test_mastering_display_is_kept(graded, tmp_path, codec):
     assert not copied(graded, tmp_path / "out.mp4", codec)
     with av.open(str(tmp_path / "out.mp4")) as container:
         beside = next(container.decode(video=0)).side_data
@@ -367,54 +299,33 @@ def test_it_is_kept(graded, tmp_path, codec):
         light = struct.unpack("2I", bytes(beside.get(SideData.CONTENT_LIGHT_LEVEL)))
     values = np.array(mastering[:20:2]) / np.array(mastering[1:20:2])
     np.testing.assert_allclose(values[:8], P3, atol=2e-5)
-    np.testing.assert_allclose(
-        values[8:], [1e-4, 1000], rtol=0.3
-    )  # AV1 stores the minimum in units of 1/16384
+    np.testing.assert_allclose(values[8:], [1e-4, 1000], rtol=0.3)  # AV1 stores the minimum in units of 1/16384
     assert light == (1000, 400)
 
 
-def test_what_cannot_be_kept_is_said(graded, tmp_path):
-    assert (
-        "the display that it was graded on is lost"
-        in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
-    )
+def test_lost_mastering_display_is_reported(graded, tmp_path):
+    assert "out.mkv: HDR metadata of the mastering display are lost; use --codec ffv1 with .mkv, --cod" in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
     ball = ["--ball", "63.5,47.5,40,260", "--view", "perspective", "--size", "64x48"]
     run = omnimirror("dewarp", graded, *ball, "-o", tmp_path / "%d.png")
-    assert "%d.png: what it tells of the display that it was graded on is lost" in run.stderr
-    beside = {
-        SideData.DYNAMIC_HDR_PLUS: object(),
-        SideData.DOVI_METADATA: object(),
-        SideData.DOVI_RPU_BUFFER: 1,
-    }
+    assert "%d.png: HDR metadata of the mastering display are lost" in run.stderr
+    beside = {SideData.DYNAMIC_HDR_PLUS: object(), SideData.DOVI_METADATA: object(), SideData.DOVI_RPU_BUFFER: 1}
     assert dynamic_hdr_names(beside) == "HDR10+ and Dolby Vision"
     assert not dynamic_hdr_names({SideData.CONTENT_LIGHT_LEVEL: object()})
 
 
 @pytest.mark.parametrize("pixel_format", [None, "yuv420p10le"])
-def test_a_stream_keeps_what_it_tells_of_colours_and_display(graded, tmp_path, pixel_format):
+def test_stream_keeps_colour_coding_and_display(graded, tmp_path, pixel_format):
     """A file given by its URL is read as a stream."""
     notes = []
-    om.dewarp_video(
-        graded.as_uri(),
-        tmp_path / "out.mp4",
-        camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)),
-        view=om.screens.Plane((64, 48), tilt_deg=-30.0),
-        listener=Listener(note=notes.append),
-        recording=om.Recording(duration_s=0.01, pixel_format=pixel_format),
-    )
+    om.dewarp_video(graded.as_uri(), tmp_path / "out.mp4", camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)), view=om.screens.Plane((64, 48), tilt_deg=-30.0), listener=Listener(note=notes.append), recording=om.Recording(duration_s=0.01, pixel_format=pixel_format))
     with av.open(str(tmp_path / "out.mp4")) as container:
         frame = next(container.decode(video=0))
     assert (frame.color_trc, frame.color_primaries, frame.colorspace) == (16, 9, 9)
-    assert struct.unpack("2I", bytes(frame.side_data.get(SideData.CONTENT_LIGHT_LEVEL))) == (
-        1000,
-        400,
-    )
-    assert any("HDR, and 8 bits of it show steps" in note for note in notes) == (
-        pixel_format is None
-    )
+    assert struct.unpack("2I", bytes(frame.side_data.get(SideData.CONTENT_LIGHT_LEVEL))) == (1000, 400)
+    assert any("HDR with 8 bits causes banding" in note for note in notes) == (pixel_format is None)
 
 
-def test_half_of_it_is_told_where_it_can_be():
+def test_partial_mastering_display_is_written_if_supported():
     assert MasteringDisplay(light=(1000, 400)).options("libx264") == "cll=1000,400"
     assert MasteringDisplay(primaries=(Fraction(1, 3),) * 8).options("libx265") is None
     assert MasteringDisplay().options("libx265") == ""

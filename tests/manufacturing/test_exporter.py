@@ -85,7 +85,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
         (
             "fitted-dome",
             {"body": Body(flange_width_mm=5.0)},
-            ["dome diameter_mm 238 -> 242", "hidden_percent"],
+            ["dome diameter_mm 238 -> 242", "obscured_percent"],
         ),
         (
             "paper-spherical",
@@ -95,7 +95,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
         (
             "paper-spherical",
             {"housing": Housing(rod=Rod())},
-            ["rod hides nothing", "hidden_to_deg"],
+            ["rod hides nothing", "obscured_to_deg"],
         ),
         ("in-water", {"housing": Housing()}, ["cover tube -> none", "field_from_deg"]),
     ],
@@ -270,8 +270,8 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         (["--thread", "M6", "--bore-diameter-mm", "5"], "bore_diameter_mm must not be given"),
         (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "got a hole"),
         (["--support", "tube", "--support-diameter-mm", "50"], "does not take in the mirror"),
-        (["--thickness-mm", "nan"], "thickness_mm = nan"),
-        (["--digits", "40"], "digits = 40"),
+        (["--thickness-mm", "nan"], "thickness_mm must be between 0.001 and 10000 mm; got nan"),
+        (["--digits", "40"], "digits must be an integer between 0 and 15; got 40"),
     ],
 )
 def test_invalid_options_print_one_message_and_write_no_file(
@@ -365,7 +365,7 @@ quantity = "total_blur_px"
 at_most = 20.0
 
 [[limit]]
-quantity = "hidden_percent"
+quantity = "obscured_percent"
 at_most = 2.0
 """
 
@@ -412,5 +412,5 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
                 "requirements.toml",
             ]
         )
-    assert "hidden_percent: margin 2 -> -1.416 % (not met)" in capsys.readouterr().err
+    assert "obscured_percent: margin 2 -> -1.416 % (not met)" in capsys.readouterr().err
     assert not Path("out").exists()

@@ -176,7 +176,7 @@ def test_all_mirrors_can_be_supported(kind):
             "end_diameter_mm = 87.9 makes a rod wider than the mirror",
         ),
         (Tube, {"diameter_mm": 5.0}, "fills a tube of 5 mm; it is valid below 2.5 mm"),
-        (Tube, {"refractive_index": 0.9}, "outside 1 to 4"),
+        (Tube, {"refractive_index": 0.9}, r"refractive_index must be between 1 and 4; got 0\.9"),
     ],
 )
 def test_invalid_support_is_rejected(part, entries, sentence):

@@ -72,13 +72,16 @@ def test_all_materials_have_a_density():
     ("text", "sentence"),
     [
         ("[title]\nnumbr = 'A'", "line 2: unknown entry title.numbr; did you mean number"),
-        ("[title]\nnumber = 7", "line 2: number = 7"),
+        ("[title]\nnumber = 7", "workshop file line 2: number must be a string; got 7"),
         (
             "[title]\nowner = 'x'\ndate = '22.11.2026'",
             "line 3: date must have the format 2026-11-22; got '22.11.2026'",
         ),
         ("[title]\ntitle = '" + 60 * "x" + "'", "printable text of at most 48 characters"),
-        ("[mirror]\nmaterial = 'brass'\nform_um = -1", "line 3: form_um = -1 um is outside"),
+        (
+            "[mirror]\nmaterial = 'brass'\nform_um = -1",
+            r"workshop file line 3: form_um must be between 0\.0001 and 10000 um; got -1",
+        ),
         ("[mirrors]\nform_um = 1", "mirrors is not known; did you mean mirror"),
         ("[mirror", "workshop file"),
     ],

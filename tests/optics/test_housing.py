@@ -47,7 +47,9 @@ def test_sizes_of_covers_are_refused_outside_their_bounds(name):
     kind = {"centre_mm": Dome, "inner_shift_mm": Dome, "height_mm": FlatWindow}.get(name, Tube)
     low, high = WALLS[name]
     for value in (low - 1e-4, high + 0.1):
-        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+        with pytest.raises(
+            InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")
+        ):
             kind(**{name: value})
 
 

@@ -110,9 +110,9 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
         flipped = replace(SPH, mount=Mount(looks, image_flipped=True))
         if looks == "forward":  # the mirror images the rear: move the wall there
             continue
-        assert sensor.is_picture_reversed
+        assert sensor.is_image_reversed
         assert turn(sensor) == 1
-        assert not flipped.is_picture_reversed
+        assert not flipped.is_image_reversed
         assert turn(flipped) == -1
 
 
@@ -187,11 +187,14 @@ def test_is_a_camera_and_tells_its_symmetry():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Mount("left"), "camera_looks = 'left' is not known; valid are up, down, forward"),
-        (lambda: Mount("up", float("inf")), "forward_azimuth_deg = inf"),
-        (lambda: Imager(0, 10, 5.0), "width_px = 0 px is outside 1 to"),
+        (lambda: Mount("left"), "camera_looks must be one of up, down, forward; got 'left'"),
+        (lambda: Mount("up", float("inf")), "forward_azimuth_deg must be a finite number; got inf"),
+        (lambda: Imager(0, 10, 5.0), "width_px must be between 1 and 100000 px; got 0"),
         (lambda: Imager(10, 10.5, 5.0), "height_px = 10.5 is not a whole number"),
-        (lambda: Imager(10, 10, float("nan")), "pixel_pitch_um = nan um"),
+        (
+            lambda: Imager(10, 10, float("nan")),
+            r"pixel_pitch_um must be between 0\.01 and 10000 um; got nan",
+        ),
         (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px has 1 numbers"),
     ],
 )

@@ -16,7 +16,7 @@ from ..base.files import write_text
 from ..base.quantities import QUANTITIES
 from ..base.typing import Array
 from ..cameras.camera import inside_image
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..cameras.models import RadialModel
 from ..cameras.models.camera_model import CameraModel, direction_sigma_deg
 
@@ -238,8 +238,8 @@ def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> 
     for i in np.flatnonzero(seen.sum(axis=1) > 1):
         rays = camera.backproject(pixels[i, seen[i]])
         origins, ways = (
-            turned(rays.origins[rays.valid], world),
-            turned(rays.directions[rays.valid], world),
+            rotate_vectors(rays.origins[rays.valid], world),
+            rotate_vectors(rays.directions[rays.valid], world),
         )
         if len(ways) > 1:
             across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
@@ -275,7 +275,7 @@ def _rings(camera: CameraModel, omega: Array) -> tuple[Array, Array, Array]:
     """Return directions (n, k, 3) at field angles (n,), with radial and azimuthal vectors."""
     phi = np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS)
     sin, cos = np.sin(omega)[:, None], np.cos(omega)[:, None]
-    ahead, ones = (-1.0 if camera.looks_back else 1.0), np.ones((len(omega), AZIMUTHS))
+    ahead, ones = (-1.0 if camera.is_backward_facing else 1.0), np.ones((len(omega), AZIMUTHS))
     directions = np.stack([sin * np.cos(phi), sin * np.sin(phi), ahead * cos * ones], axis=-1)
     outwards = np.stack([cos * np.cos(phi), cos * np.sin(phi), -ahead * sin * ones], axis=-1)
     around = np.stack([-np.sin(phi) * ones, np.cos(phi) * ones, 0 * ones], axis=-1)

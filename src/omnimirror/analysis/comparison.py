@@ -247,7 +247,7 @@ class Study:
     @property
     def hidden(self) -> tuple[float, float]:
         """Return the end of the central obscuration, deg, and the obscured image share, %."""
-        return self.sensor.hidden_to_deg, self.sensor.hidden_percent
+        return self.sensor.obscured_to_deg, self.sensor.obscured_percent
 
     def rim_radius(self) -> float:
         return self.sensor.rim_radius_px
@@ -382,22 +382,22 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "f_number": ("", _f_number),
     "field_from_deg": ("low", lambda s: s.field_deg[0]),
     "field_to_deg": ("high", lambda s: s.field_deg[1]),
-    "share_of_sphere_percent": ("high", lambda s: s.share_of_sphere()),
-    "hidden_to_deg": ("low", lambda s: s.hidden[0]),
-    "hidden_percent": ("low", lambda s: s.hidden[1]),
+    "sphere_coverage_percent": ("high", lambda s: s.share_of_sphere()),
+    "obscured_to_deg": ("low", lambda s: s.hidden[0]),
+    "obscured_percent": ("low", lambda s: s.hidden[1]),
     "rim_radius_px": ("", lambda s: s.rim_radius()),
     "nonlinearity_percent": ("low", lambda s: s.nonlinearity()),
-    "least_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),
-    "largest_dh_domega_px_per_deg": ("", _of(TANGENTIAL, np.max)),
+    "min_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),
+    "max_dh_domega_px_per_deg": ("", _of(TANGENTIAL, np.max)),
     "dh_domega_ratio": ("high", _ratio(TANGENTIAL)),
     "area_ratio": ("high", _ratio("area_px2")),
-    "least_aspect": ("", _of("aspect", np.min)),
-    "largest_aspect": ("", _of("aspect", np.max)),
+    "min_aspect": ("", _of("aspect", np.min)),
+    "max_aspect": ("", _of("aspect", np.max)),
     "worst_aspect": ("low", lambda s: s.worst_aspect()),
-    "least_plane_mm_per_px": ("low", lambda s: s.object_size("plane")),
-    "least_cylinder_mm_per_px": ("low", lambda s: s.object_size("cylinder")),
+    "min_plane_mm_per_px": ("low", lambda s: s.object_size("plane")),
+    "min_cylinder_mm_per_px": ("low", lambda s: s.object_size("cylinder")),
     "viewpoint_spread_mm": ("low", lambda s: s.viewpoint_spread()),
-    "one_viewpoint_error_px": ("low", lambda s: s.one_viewpoint_error()),
+    "single_viewpoint_error_px": ("low", lambda s: s.one_viewpoint_error()),
     "focus_mm": ("", lambda s: s.evaluation.focus_mm),
     "depth_of_field_mm": ("high", lambda s: s.evaluation.depth_of_field_mm.depth),
     "worst_blur_t_px": ("low", _worst("blur_t_px")),

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base import quantities
-from ..base.arguments import checked, choice, image_radius, number, numbers
+from ..base.arguments import choice, image_radius, number, numbers, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.files import write_json, write_text
-from ..base.quantities import QUANTITIES, described
+from ..base.quantities import QUANTITIES, document_attributes
 from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..optics.mirrors import Mirror, SampledProfile
@@ -77,7 +77,7 @@ class TabularResult(ABC):
 # -- Evaluation of a sensor: one row per field angle, one column per quantity of the paper ---------
 
 LEAST_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
-COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
+COLUMNS = tuple(q.name for q in quantities.FIELD_QUANTITIES if q.name != "floored_area_deg2")
 """Columns of files, in order: ``omega_deg`` to ``blur_area_deg2``, then lengths per pixel."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
 """Columns with a standard deviation."""
@@ -102,7 +102,7 @@ READ_COLUMNS = (
 """Columns of printed tables, in order; files contain all columns."""
 
 
-@described(quantities.PER_ANGLE)
+@document_attributes(quantities.FIELD_QUANTITIES)
 @dataclass(frozen=True)
 class Evaluation:
     """Results of a sensor at n field angles; each column is an array (n,) named with its unit.
@@ -193,7 +193,7 @@ class Evaluation:
     @property
     def of_lens(self) -> dict[str, Array]:
         """Return the columns of a real lens alone at each field angle, (n,), by the names of
-        :data:`OF_LENS`; otherwise empty.
+        :data:`LENS_QUANTITIES`; otherwise empty.
         """
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         if not isinstance(lens, FieldLens):
@@ -208,9 +208,9 @@ class Evaluation:
             (colour["short"] - colour["long"]) / pitch,
             lens.pupil.place(tangent),
         )
-        return {q.name: column for q, column in zip(quantities.OF_LENS, found, strict=True)}
+        return {q.name: column for q, column in zip(quantities.LENS_QUANTITIES, found, strict=True)}
 
-    @checked
+    @validate_arguments
     def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
         """Return the named columns as formatted text, one list of cells each."""
         names, of_lens = list(names), self.of_lens
@@ -254,7 +254,7 @@ class Evaluation:
         """
         return standard_deviations(self.sensor.mirror, partial(_columns_of_mirror, self))
 
-    @checked
+    @validate_arguments
     def to_csv(self, path: str | Path, deviations: bool = False) -> None:
         """Write the table as CSV with 17 significant digits, exact for double precision.
 
@@ -477,7 +477,7 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
     return found
 
 
-@checked
+@validate_arguments
 def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     """Return the multiples of ``step_deg`` in the field, (n,) deg, or its ends if there are none.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import checked, row
+from ..base.arguments import row, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
@@ -44,7 +44,7 @@ class Ghosts:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
-@checked
+@validate_arguments
 def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     """Compute the first ghost image of a sensor in a tube or under a dome, at field angles.
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import checked, number
+from ..base.arguments import number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..optics.housing import Housing
 from ..optics.lenses import Lens, Perspective
@@ -18,7 +18,7 @@ from ..optics.thermal import EXPANSIONS_PPM, INDEX_RATES_PER_K, Thermal
 # -- Sensor at one wavelength: refraction of lens and cover ----------------------------------------
 
 
-@checked
+@validate_arguments
 def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
     """Return a sensor at one wavelength.
 
@@ -66,7 +66,7 @@ def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
 PPM = 1e-6
 
 
-@checked
+@validate_arguments
 def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
     """Return a sensor at a uniform temperature.
 
@@ -184,7 +184,7 @@ def _housing(housing: Housing, warmer: float) -> Housing:
     return replace(housing, shell=replace(shell, **changed))
 
 
-@checked
+@validate_arguments
 def thermal_motion_px(
     sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None
 ) -> float:

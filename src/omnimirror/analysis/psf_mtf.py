@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import choice, distances, finite, number, row, shown
+from ..base.arguments import choice, distances, finite, format_value, number, row
 from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
@@ -147,7 +147,7 @@ def psf(
     omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
     if distances("object_distance_mm", object_distance_mm).ndim:
         raise InvalidParameter(
-            f"object_distance_mm = {shown(object_distance_mm)} is not valid; it is one number"
+            f"object_distance_mm = {format_value(object_distance_mm)} is not valid; it is one number"
         )
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
     if not bundles.passes.any():

@@ -23,47 +23,48 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 NUMBERS = (float, int)
-LONGEST = 60  # maximum number of characters of a value in a message
-LONGEST_PATH = 4096
-LEAST_DISTANCE_MM = 1e-9
-LEAST_RADIUS_PX, LARGEST_RADIUS_PX = 1e-6, 1e9  # bounds of the image radius
-WHOLE_LIMIT = 2**31 - 1
+MAX_VALUE_CHARACTERS = 60
+"""Maximum number of characters of a value in a message."""
+MAX_PATH_CHARACTERS = 4096
+MIN_DISTANCE_MM = 1e-9
+MIN_IMAGE_RADIUS_PX, MAX_IMAGE_RADIUS_PX = 1e-6, 1e9
+MAX_INTEGER = 2**31 - 1
 
 
-class WrongKind(InvalidParameter, TypeError):
+class InvalidType(InvalidParameter, TypeError):
     """Argument of a wrong type: text instead of numbers, None instead of a sensor."""
 
 
-# -- numbers ---------------------------------------------------------------------------------------
+# -- Numbers ---------------------------------------------------------------------------------------
 
 
-def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
-    """Check numbers of any shape, at least one.
+def numbers(name: str, value: ArrayLike, expected: str = "numbers of shape (n,)") -> Array:
+    """Check numbers of any shape, at least one; ``expected`` describes them in messages.
 
     >>> numbers("omega_deg", [0, 90])
     array([ 0., 90.])
     """
-    array = _real(name, value, shape)
+    array = _real_array(name, value, expected)
     if not array.size:
-        raise InvalidParameter(f"{name} is empty; it is valid with at least one number")
+        raise InvalidParameter(f"{name} must contain at least one number")
     return array
 
 
-def places(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
+def positions(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
     """Check positions along an axis, (...), possibly empty; a scalar becomes (1,).
 
     Infinite values become NaN, which excludes them from computations; ``is_row`` accepts (n,) only.
 
-    >>> places("omega", 1), places("omega", [0, np.inf])
+    >>> positions("omega", 1), positions("omega", [0, np.inf])
     (array([1.]), array([ 0., nan]))
     """
-    array = np.atleast_1d(_real(name, value, "of shape (n,)"))
+    array = np.atleast_1d(_real_array(name, value, "numbers of shape (n,)"))
     if is_row and array.ndim > 1:
         raise InvalidParameter(
-            f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)"
+            f"{name} must be a number or have the shape (n,); got shape {array.shape}"
         )
-    known = np.isfinite(array)
-    return array if known.all() else np.where(known, array, np.nan)
+    is_finite = np.isfinite(array)
+    return array if is_finite.all() else np.where(is_finite, array, np.nan)
 
 
 def coordinates(name: str, value: ArrayLike) -> Array:
@@ -75,10 +76,10 @@ def coordinates(name: str, value: ArrayLike) -> Array:
     """
     if type(value) is np.ndarray and value.dtype == float:
         return value
-    return _real(name, value, "of any shape")
+    return _real_array(name, value, "numbers")
 
 
-def _real(name: str, value: ArrayLike, shape: str) -> Array:
+def _real_array(name: str, value: ArrayLike, expected: str) -> Array:
     """Check real numbers, possibly empty; text, dates, truth values and complex numbers are
     rejected.
     """
@@ -89,7 +90,7 @@ def _real(name: str, value: ArrayLike, shape: str) -> Array:
             raise TypeError
         return array.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
-        raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers {shape}") from None
+        raise InvalidType(f"{name} must be {expected}; got {format_value(value)}") from None
 
 
 def _is_masked(value: ArrayLike) -> bool:
@@ -118,16 +119,15 @@ def finite(
     >>> finite("pixels", [[3, 4]], last=2)
     array([[3., 4.]])
     """
-    array = numbers(name, value, "of shape (n,)" if last is None else f"of shape (.., {last})")
+    shape = "(n,)" if last is None else f"(..., {last})"
+    array = numbers(name, value, f"numbers of shape {shape}")
     if last is not None and (array.ndim == 0 or array.shape[-1] != last):
-        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as (.., {last})")
-    bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
-    if bad.any():
-        at = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InvalidParameter(f"{name} must have the shape {shape}; got shape {array.shape}")
+    is_invalid = ~(np.isfinite(array) & (array >= low) & (array <= high))
+    if is_invalid.any():
+        at = tuple(int(i) for i in np.argwhere(is_invalid)[0])
         label = f"{name}[{', '.join(map(str, at))}]" if at else name
-        raise InvalidParameter(
-            f"{label} = {array[at]:g} is not valid; it is valid {_range(low, high, unit)}"
-        )
+        raise InvalidParameter(f"{label} must be {_range(low, high, unit)}; got {array[at]:g}")
     return array
 
 
@@ -139,11 +139,11 @@ def vectors(name: str, value: ArrayLike, length: int, *, is_list: bool = False) 
     >>> vectors("pixels", [[1, np.inf]], 2)
     array([[ 1., nan]])
     """
-    array = _real(name, value, f"of shape (n, {length})")
+    array = _real_array(name, value, f"numbers of shape (n, {length})")
     if array.ndim < 2 or (is_list and array.ndim > 2) or array.shape[-1] != length:
-        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as (n, {length})")
-    known = np.isfinite(array)
-    return array if known.all() else np.where(known, array, np.nan)
+        raise InvalidParameter(f"{name} must have the shape (n, {length}); got shape {array.shape}")
+    is_finite = np.isfinite(array)
+    return array if is_finite.all() else np.where(is_finite, array, np.nan)
 
 
 def row(name: str, value: ArrayLike) -> Array:
@@ -151,7 +151,7 @@ def row(name: str, value: ArrayLike) -> Array:
     array = np.atleast_1d(numbers(name, value))
     if array.ndim > 1:
         raise InvalidParameter(
-            f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)"
+            f"{name} must be a number or have the shape (n,); got shape {array.shape}"
         )
     return array
 
@@ -182,38 +182,40 @@ def number(
     """
     if type(value) is float and -np.inf < value < np.inf and value > above and low <= value <= high:
         return value  # fast path
-    array = numbers(name, value, "(it takes one)")
+    array = numbers(name, value, "a number")
     if array.ndim or not (np.isfinite(array) and array > above and low <= array <= high):
-        if np.isinf(above):
-            valid = (
-                "as one finite number"
-                if np.isinf(low) and np.isinf(high)
-                else _range(low, high, unit)
-            )
-        else:
-            most = "and finite" if np.isinf(high) else f"up to {high:g}"
-            valid = f"above {above:g}{unit and ' ' + unit}, {most}"
-        raise InvalidParameter(f"{name} = {shown(value)} is not valid; it is valid {valid}")
+        valid = "a finite number"
+        if not np.isinf(above):
+            limit = "finite" if np.isinf(high) else f"at most {high:g}{unit and ' ' + unit}"
+            valid = f"greater than {above:g}{unit and ' ' + unit} and {limit}"
+        elif not (np.isinf(low) and np.isinf(high)):
+            valid = _range(low, high, unit)
+        raise InvalidParameter(f"{name} must be {valid}; got {format_value(value)}")
     return float(array)
 
 
 def image_radius(value: Any) -> float:
     """Check the radius (px) to which the circle of the image is scaled."""
     return number(
-        "image_radius_px", value, above=0.0, low=LEAST_RADIUS_PX, high=LARGEST_RADIUS_PX, unit="px"
+        "image_radius_px",
+        value,
+        above=0.0,
+        low=MIN_IMAGE_RADIUS_PX,
+        high=MAX_IMAGE_RADIUS_PX,
+        unit="px",
     )
 
 
-def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
+def integer(name: str, value: Any, low: int = 0, high: int = MAX_INTEGER) -> int:
     """Check one integer between two inclusive bounds.
 
-    >>> whole("samples", 4, 1)
+    >>> integer("samples", 4, 1)
     4
     """
-    array = numbers(name, value, "(it takes a whole one)")
+    array = numbers(name, value, "an integer")
     if array.ndim or not low <= array <= high or array != np.floor(array):
         raise InvalidParameter(
-            f"{name} = {shown(value)} is not valid; it is valid as a whole number, {low} to {high}"
+            f"{name} must be an integer between {low} and {high}; got {format_value(value)}"
         )
     return int(array)
 
@@ -228,20 +230,19 @@ def optional_number(
 def distances(name: str, value: ArrayLike) -> Array:
     """Check distances above 0, infinity allowed; values without a finite inverse are rejected."""
     array = numbers(name, value)
-    near = ~(array >= LEAST_DISTANCE_MM)
-    if near.any():
-        bad = array[near].flat[0]
+    is_invalid = ~(array >= MIN_DISTANCE_MM)
+    if is_invalid.any():
         raise InvalidParameter(
-            f"{name} = {bad:g} is not a distance; it is valid above 0 (from {LEAST_DISTANCE_MM:g} mm), and inf"
+            f"{name} must be at least {MIN_DISTANCE_MM:g} mm, or inf; got {array[is_invalid].flat[0]:g}"
         )
     return array
 
 
-def float_of(text: str) -> float:
+def parse_float(text: str) -> float:
     """Parse a number in plain notation; Python underscores and digits of other scripts are
     rejected.
 
-    >>> float_of("1e3"), float_of("-inf")
+    >>> parse_float("1e3"), parse_float("-inf")
     (1000.0, -inf)
 
     Raises
@@ -250,11 +251,11 @@ def float_of(text: str) -> float:
         The text is not a number.
     """
     if not text.isascii() or "_" in text:
-        raise ValueError(f"{shown(text)} is not a number")
+        raise ValueError(f"text must be a number; got {format_value(text)}")
     return float(text)
 
 
-# -- words, files, objects ------------------------------------------------------------------------
+# -- Words, files, objects ------------------------------------------------------------------------
 
 
 def choice(name: str, value: Any, valid: Iterable[str]) -> None:
@@ -262,7 +263,7 @@ def choice(name: str, value: Any, valid: Iterable[str]) -> None:
     words = list(valid)
     if not isinstance(value, str) or value not in words:
         raise InvalidParameter(
-            f"{name} = {shown(value)} is not known; valid are {', '.join(words)}"
+            f"{name} must be one of {', '.join(w or repr(w) for w in words)}; got {format_value(value)}"
         )
 
 
@@ -270,20 +271,21 @@ def file_name(name: str, value: Any) -> Path:
     """Check a file name."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
-        raise WrongKind(f"{name} = {shown(value)} is not a file name")
-    if not text or "\0" in text or len(text) > LONGEST_PATH or not _can_be_stored(text):
-        why = (
-            "empty"
-            if not text
-            else "too long"
-            if len(text) > LONGEST_PATH
-            else "one with characters no file can have"
+        raise InvalidType(f"{name} must be a file name; got {format_value(value)}")
+    if not text:
+        raise InvalidParameter(f"{name} must be a file name; got an empty string")
+    if len(text) > MAX_PATH_CHARACTERS:
+        raise InvalidParameter(
+            f"{name} must have at most {MAX_PATH_CHARACTERS} characters; got {format_value(text)}"
         )
-        raise InvalidParameter(f"{name} = {shown(text)} is not valid as a file name: it is {why}")
+    if "\0" in text or not _can_be_encoded(text):
+        raise InvalidParameter(
+            f"{name} must have only characters that file names support; got {format_value(text)}"
+        )
     return Path(text)
 
 
-def _can_be_stored(text: str) -> bool:
+def _can_be_encoded(text: str) -> bool:
     try:
         os.fsencode(text)
     except UnicodeEncodeError:  # lone surrogate
@@ -291,81 +293,83 @@ def _can_be_stored(text: str) -> bool:
     return True
 
 
-def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], what: str) -> T:
-    """Check that a value has a type; ``what`` describes it for messages: "a sensor"."""
+def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], expected: str) -> T:
+    """Check that a value has a type; ``expected`` describes it for messages: "a sensor"."""
     if not isinstance(value, kind):
-        raise WrongKind(f"{name} = {shown(value)} is not {what}")
+        raise InvalidType(f"{name} must be {expected}; got {format_value(value)}")
     return value
 
 
-# -- types by annotations -------------------------------------------------------------------------
+# -- Types by annotations -------------------------------------------------------------------------
 
 
-def checked(function: Callable[P, T]) -> Callable[P, T]:
+def validate_arguments(function: Callable[P, T]) -> Callable[P, T]:
     """Check the types of the arguments of a public function against its annotations before each
     call.
 
     Numbers must be numbers and not NaN; their ranges are checked by the function itself, as are
     types that an annotation leaves open (``Any``, ``ArrayLike``).
 
-    >>> @checked
-    ... def drawn(path: str | Path, count: int = 1) -> None: ...
-    >>> drawn("a.png", count="2")
+    >>> @validate_arguments
+    ... def draw(path: str | Path, count: int = 1) -> None: ...
+    >>> draw("a.png", count="2")
     Traceback (most recent call last):
-    omnimirror.base.arguments.WrongKind: count = '2' is not a whole number
+    omnimirror.base.arguments.InvalidType: count must be an integer; got '2'
     """
-    told = signature(function)
+    call = signature(function)
 
     @wraps(function)
-    def called(*args: P.args, **words: P.kwargs) -> T:
-        hints = kinds_of(function)
-        for name, value in told.bind(*args, **words).arguments.items():
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
+        hints = type_hints(function)
+        for name, value in call.bind(*args, **kwargs).arguments.items():
             if name not in hints:
                 continue  # self of a method
-            if told.parameters[name].kind is Parameter.VAR_POSITIONAL:
-                for i, one in enumerate(value):
-                    _check_kind(f"{name}[{i}]", one, hints[name])
-            elif told.parameters[name].kind is not Parameter.VAR_KEYWORD:
-                _check_kind(name, value, hints[name])
-        return function(*args, **words)
+            if call.parameters[name].kind is Parameter.VAR_POSITIONAL:
+                for i, item in enumerate(value):
+                    _check_type(f"{name}[{i}]", item, hints[name])
+            elif call.parameters[name].kind is not Parameter.VAR_KEYWORD:
+                _check_type(name, value, hints[name])
+        return function(*args, **kwargs)
 
-    return called
+    return wrapper
 
 
-def check_fields(thing: Any) -> None:
-    """Check the fields of a dataclass likewise, for its ``__post_init__``."""
-    hints = kinds_of(thing.__class__)
-    for field in fields(thing):
-        _check_kind(field.name, getattr(thing, field.name), hints[field.name])
+def check_fields(instance: Any) -> None:
+    """Check the types of the fields of a dataclass against its annotations, in ``__post_init__``."""
+    hints = type_hints(instance.__class__)
+    for field in fields(instance):
+        _check_type(field.name, getattr(instance, field.name), hints[field.name])
 
 
 @cache
-def kinds_of(thing: Any) -> dict[str, Any]:
+def type_hints(annotated: Any) -> dict[str, Any]:
     """Return the annotations of a function or class by name of argument or field."""
-    return get_type_hints(thing)
+    return get_type_hints(annotated)
 
 
 @cache
-def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+def _origin_and_arguments(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return the origin and the arguments of a generic annotation."""
     return get_origin(hint) or hint, get_args(hint)
 
 
-def _check_kind(name: str, value: Any, hint: Any) -> None:
-    kind, inner = _parts(hint)
+def _check_type(name: str, value: Any, hint: Any) -> None:
+    kind, inner = _origin_and_arguments(hint)
     if kind is Literal:
         choice(name, value, inner)
-    elif not _fits(value, hint):
-        raise WrongKind(f"{name} = {shown(value)} is not {_described(hint)}")
+    elif not _matches(value, hint):
+        raise InvalidType(f"{name} must be {_describe_type(hint)}; got {format_value(value)}")
     elif Path in inner and isinstance(value, str | Path):
         file_name(name, value)
 
 
-def _fits(value: Any, hint: Any) -> bool:
+def _matches(value: Any, hint: Any) -> bool:
     """Return whether a value matches an annotation."""
-    kind, inner = _parts(hint)
+    kind, inner = _origin_and_arguments(hint)
     if kind in (Union, types.UnionType):
-        return set(get_args(ArrayLike)) <= set(inner) or any(_fits(value, part) for part in inner)
+        return set(get_args(ArrayLike)) <= set(inner) or any(
+            _matches(value, part) for part in inner
+        )
     if kind is Literal:
         return isinstance(value, str) and value in inner
     if kind in NUMBERS:
@@ -374,14 +378,16 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, bool | np.bool_)
     if kind is tuple and Ellipsis not in inner:
         return (
-            _is_row(value, Sequence) and len(value) == len(inner) and all(map(_fits, value, inner))
+            _is_sequence(value, Sequence)
+            and len(value) == len(inner)
+            and all(map(_matches, value, inner))
         )
-    if kind in ROWS:
-        of = inner[0] if inner else Any
-        if of is float and type(value) is tuple and set(map(type, value)) == {float}:  # fast path
-            return not any(map(isnan, value))
-        return _is_row(value, kind) and (
-            not isinstance(value, Collection) or all(_fits(v, of) for v in value)
+    if kind in SEQUENCE_TYPES:
+        item_hint = inner[0] if inner else Any
+        if item_hint is float and type(value) is tuple and set(map(type, value)) == {float}:
+            return not any(map(isnan, value))  # fast path
+        return _is_sequence(value, kind) and (
+            not isinstance(value, Collection) or all(_matches(v, item_hint) for v in value)
         )
     if hasattr(kind, "_fields"):  # named tuple; a plain tuple is accepted
         return isinstance(value, tuple) and len(value) == len(kind._fields)
@@ -393,7 +399,7 @@ def _fits(value: Any, hint: Any) -> bool:
     return is_open or isinstance(value, kind)
 
 
-ROWS = {
+SEQUENCE_TYPES = {
     tuple: Sequence,
     list: Sequence,
     Sequence: Sequence,
@@ -421,37 +427,38 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def _is_row(value: Any, kind: Any) -> bool:
-    is_several = (
+def _is_sequence(value: Any, kind: Any) -> bool:
+    is_iterable = (
         np.ndim(value) > 0
         if isinstance(value, np.ndarray)
-        else isinstance(value, ROWS.get(kind, kind))
+        else isinstance(value, SEQUENCE_TYPES.get(kind, kind))
     )
-    return is_several and not isinstance(value, str | bytes | bytearray | memoryview | dict)
+    return is_iterable and not isinstance(value, str | bytes | bytearray | memoryview | dict)
 
 
-def _described(hint: Any) -> str:
+def _describe_type(hint: Any) -> str:
     """Describe the types of an annotation in words."""
-    kind, inner = _parts(hint)
+    kind, inner = _origin_and_arguments(hint)
     if kind in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_described(part) for part in inner))
+        return " or ".join(dict.fromkeys(_describe_type(part) for part in inner))
     if kind is Literal:
         return " or ".join(map(repr, inner))
     if kind is tuple and Ellipsis not in inner:
-        return f"{len(inner)} values in a row: {', '.join(_described(part) for part in inner)}"
-    if kind in ROWS:
-        return f"a row of things of which each is {_described(inner[0]) if inner else 'anything'}"
-    if kind in KINDS:
-        return KINDS[kind]
+        return f"a tuple of {len(inner)} values ({', '.join(map(_describe_type, inner))})"
+    if kind in SEQUENCE_TYPES:
+        items = f" (each item: {_describe_type(inner[0])})" if inner else ""
+        return f"a sequence{items}"
+    if kind in TYPE_NAMES:
+        return TYPE_NAMES[kind]
     name = getattr(kind, "__name__", str(kind))
     return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
 
 
-KINDS = {
+TYPE_NAMES = {
     float: "a number",
-    int: "a whole number",
+    int: "an integer",
     bool: "True or False",
-    str: "text",
+    str: "a string",
     Path: "a file name",
     type(None): "None",
     Callable: "a function",
@@ -459,30 +466,31 @@ KINDS = {
 }
 
 
-# -- messages --------------------------------------------------------------------------------------
+# -- Messages --------------------------------------------------------------------------------------
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """Format a value for an error message.
 
-    >>> shown("room"), shown(range(3)), shown([1.5] * 100_000)
+    >>> format_value("room"), format_value(range(3)), format_value([1.5] * 100_000)
     ("'room'", 'range(0, 3)', '[1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1...')
     """
     if isinstance(value, str | bytes | list | tuple):
-        value = value[: 2 * LONGEST]  # the rest is not displayed
+        value = value[: 2 * MAX_VALUE_CHARACTERS]  # the rest is not displayed
     try:
         text = " ".join(repr(value).split())
     except (ValueError, RecursionError):  # integers of thousands of digits have no text
         text = f"a {type(value).__name__}"
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    is_short = len(text) <= MAX_VALUE_CHARACTERS
+    return text if is_short else f"{text[: MAX_VALUE_CHARACTERS - 3]}..."
 
 
 def _range(low: float, high: float, unit: str) -> str:
     unit = f" {unit}" if unit else ""
     if np.isinf(low) and np.isinf(high):
-        return "where it is finite"
+        return "finite"
     if np.isinf(high):
-        return f"from {low:g}{unit}, and finite"
+        return f"finite and at least {low:g}{unit}"
     if np.isinf(low):
-        return f"up to {high:g}{unit}, and finite"
-    return f"from {low:g} to {high:g}{unit}"
+        return f"finite and at most {high:g}{unit}"
+    return f"between {low:g} and {high:g}{unit}"

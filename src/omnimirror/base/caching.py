@@ -24,9 +24,9 @@ class cached_property(Generic[T]):
     4.0
     """
 
-    def __init__(self, work_out: Callable[[Any], T]) -> None:
-        self._work_out = work_out
-        self.__doc__ = work_out.__doc__
+    def __init__(self, compute: Callable[[Any], T]) -> None:
+        self._compute = compute
+        self.__doc__ = compute.__doc__
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -38,8 +38,8 @@ class cached_property(Generic[T]):
     def __get__(self, instance: object | None, owner: type) -> Self | T:
         if instance is None:
             return self
-        found = self._work_out(instance)
+        value = self._compute(instance)
         # Without ``__set__``, the instance dictionary takes precedence. Another thread's value is
         # kept.
-        kept: T = instance.__dict__.setdefault(self._name, found)
-        return kept
+        stored: T = instance.__dict__.setdefault(self._name, value)
+        return stored

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidParameter
 
 Light = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-STRETCH = 1 << 16  # values per block: fits the cache, and avoids a second copy of images as floats
+SrgbImage = NDArray[np.uint8]
+BLOCK_VALUES = 1 << 16  # fits the cache, and avoids a second copy of images as floats
 
 
 def linear_from_srgb(srgb: ArrayLike) -> Light:
@@ -25,28 +25,28 @@ def linear_from_srgb(srgb: ArrayLike) -> Light:
     return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def srgb_bytes(linear: ArrayLike) -> Picture:
+def srgb_bytes(linear: ArrayLike) -> SrgbImage:
     """Convert linear light to sRGB bytes; light above 1 saturates.
 
     >>> srgb_bytes([0.0, 0.214, 1.0, 7.0])
     array([  0, 127, 255, 255], dtype=uint8)
     """
     light = np.asarray(linear)
-    picture = np.empty(light.shape, np.uint8)
-    values, numbers = light.reshape(-1), picture.reshape(-1)
-    for part in stretches(light.size):
-        numbers[part] = np.rint(255 * srgb_from_linear(values[part]))
-    return picture
+    image = np.empty(light.shape, np.uint8)
+    values, codes = light.reshape(-1), image.reshape(-1)
+    for block in value_blocks(light.size):
+        codes[block] = np.rint(255 * srgb_from_linear(values[block]))
+    return image
 
 
-def stretches(count: int) -> Iterator[slice]:
-    """Yield slices of at most ``STRETCH`` values.
+def value_blocks(count: int) -> Iterator[slice]:
+    """Yield slices of at most ``BLOCK_VALUES`` values.
 
-    >>> [part.stop for part in stretches(100_000)]
+    >>> [block.stop for block in value_blocks(100_000)]
     [65536, 100000]
     """
-    for start in range(0, count, STRETCH):
-        yield slice(start, min(start + STRETCH, count))
+    for start in range(0, count, BLOCK_VALUES):
+        yield slice(start, min(start + BLOCK_VALUES, count))
 
 
 def srgb_from_linear(linear: ArrayLike) -> Light:
@@ -57,10 +57,10 @@ def srgb_from_linear(linear: ArrayLike) -> Light:
     """
     x = np.asarray(np.clip(np.asarray(linear, dtype=np.float32), 0, 1))
     # IEC 61966-2-1: C = 12.92 L up to L = 0.0031308, otherwise C = 1.055 L^(1/2.4) - 0.055.
-    curved = np.asarray(x ** (1 / 2.4))  # in place from here on: images are large
-    curved *= 1.055
-    curved -= 0.055
-    return np.multiply(x, 12.92, out=curved, where=x <= 0.0031308)
+    encoded = np.asarray(x ** (1 / 2.4))  # in place from here on: images are large
+    encoded *= 1.055
+    encoded -= 0.055
+    return np.multiply(x, 12.92, out=encoded, where=x <= 0.0031308)
 
 
 def hex_colour(text: str) -> Light:
@@ -78,6 +78,6 @@ def hex_colour(text: str) -> Light:
     """
     if not re.fullmatch("#[0-9a-fA-F]{6}", text):
         raise InvalidParameter(
-            f"{text!r} is not a colour; write # and six hexadecimal digits, such as '#ff8000'"
+            f"a colour must be # and six hexadecimal digits, such as '#ff8000'; got {text!r}"
         )
     return linear_from_srgb([int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)])

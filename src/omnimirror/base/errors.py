@@ -2,19 +2,19 @@
 
 import re
 
-LONGEST_VALUE = 100
+MAX_VALUE_CHARACTERS = 100
 """Maximum number of characters of a value in a message."""
-LONGEST_SENTENCE = 1000
-TAIL = 40  # characters kept from the end, which contains the name of a file
-LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
-LONG_QUOTE = re.compile(rf"(?<!\w)(['\"])([^'\"]{{{LONGEST_VALUE + 1},}})\1(?!\w)")
+MAX_MESSAGE_CHARACTERS = 1000
+TAIL_CHARACTERS = 40  # characters kept from the end, which contains the name of a file
+LONG_WORD = re.compile(rf"\S{{{MAX_VALUE_CHARACTERS + 1},}}")
+LONG_QUOTE = re.compile(rf"(?<!\w)(['\"])([^'\"]{{{MAX_VALUE_CHARACTERS + 1},}})\1(?!\w)")
 
 
-def shortened(text: str, most: int = LONGEST_VALUE) -> str:
+def abbreviate(text: str, max_characters: int = MAX_VALUE_CHARACTERS) -> str:
     """Return a value or a file name for a message: one line, abbreviated in the middle if it is
     long.
 
-    >>> shortened("room\\n1.toml"), len(shortened("x" * 5000))
+    >>> abbreviate("room\\n1.toml"), len(abbreviate("x" * 5000))
     ('room 1.toml', 100)
     """
     text = "".join(
@@ -22,19 +22,21 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
         for c in text
     )
     text = " ".join(text.split())
-    return text if len(text) <= most else f"{text[: most - TAIL - 2]}..{text[-TAIL:]}"
+    if len(text) <= max_characters:
+        return text
+    return f"{text[: max_characters - TAIL_CHARACTERS - 3]}...{text[-TAIL_CHARACTERS:]}"
 
 
 def one_line(text: str) -> str:
     """Return a message as one line of limited length, for any names and values in it.
 
     >>> one_line("cannot read a\\nb.png: " + "7, " * 3 + "x" * 300)  # doctest: +ELLIPSIS
-    'cannot read a b.png: 7, 7, 7, xxx...xxx..xxx...xxx'
+    'cannot read a b.png: 7, 7, 7, xxx...xxx'
     """
-    text = shortened(text, len(text))
-    text = LONG_WORD.sub(lambda word: shortened(word[0]), text)
-    text = LONG_QUOTE.sub(lambda quote: quote[1] + shortened(quote[2]) + quote[1], text)
-    return shortened(text, LONGEST_SENTENCE)
+    text = abbreviate(text, len(text))
+    text = LONG_WORD.sub(lambda word: abbreviate(word[0]), text)
+    text = LONG_QUOTE.sub(lambda quote: quote[1] + abbreviate(quote[2]) + quote[1], text)
+    return abbreviate(text, MAX_MESSAGE_CHARACTERS)
 
 
 class OmnimirrorError(ValueError):
@@ -42,7 +44,7 @@ class OmnimirrorError(ValueError):
 
     Parameters
     ----------
-    *sentence
+    *message
         The message, which becomes one line of bounded length.
 
     Examples
@@ -55,8 +57,8 @@ class OmnimirrorError(ValueError):
     SpecError
     """
 
-    def __init__(self, *sentence: object) -> None:
-        super().__init__(*(one_line(str(part)) for part in sentence))
+    def __init__(self, *message: object) -> None:
+        super().__init__(*(one_line(str(part)) for part in message))
 
 
 class OmnimirrorWarning(UserWarning):
@@ -93,14 +95,14 @@ class MediaError(OmnimirrorError):
     """Image or video that cannot be read or written."""
 
 
-class NotReproduced(OmnimirrorError):
+class ReproductionError(OmnimirrorError):
     """Number of the paper without its expected verdict; the message names the row."""
 
 
 OPENCV_REMEDY = "pip install --force-reinstall --no-deps opencv-python-headless"
 
 
-def explained_import_error(error: ImportError) -> Exception:
+def explain_import_error(error: ImportError) -> Exception:
     """Return an error with a remedy if OpenCV cannot be imported, and other errors unchanged.
 
     All OpenCV packages of PyPI install the same folder ``cv2``. Uninstalling one of several of them
@@ -108,12 +110,12 @@ def explained_import_error(error: ImportError) -> Exception:
 
     Examples
     --------
-    >>> explained_import_error(ModuleNotFoundError("No module named 'cv2'", name="cv2"))
-    OmnimirrorError("OpenCV cannot be imported (No module named 'cv2'), for example because ...
+    >>> explain_import_error(ModuleNotFoundError("No module named 'cv2'", name="cv2"))
+    OmnimirrorError("cannot import OpenCV (No module named 'cv2'), for example because ...
     """
     if (error.name or "").partition(".")[0] != "cv2":
         return error
     return OmnimirrorError(
-        f"OpenCV cannot be imported ({error}), for example because another OpenCV package was "
+        f"cannot import OpenCV ({error}), for example because another OpenCV package was "
         f"uninstalled, which removes the common files; reinstall it: {OPENCV_REMEDY}"
     )

@@ -31,12 +31,12 @@ MAX_STEP_STRING = 60
 """Maximum number of characters of a name in a STEP file, encoded: one line of OpenCASCADE."""
 MAX_STEM = 100
 """Maximum number of bytes of a file name that is derived from a name."""
-BREAKS = re.compile(r"\s*[\t-\r\x1c-\x1f\x85\u2028\u2029]\s*")
+LINE_BREAKS = re.compile(r"\s*[\t-\r\x1c-\x1f\x85\u2028\u2029]\s*")
 JOINERS = "\u200c\u200d"
 """Format characters that Persian, Indic scripts and emoji need."""
 
 
-def visible(text: str, keep: str = "") -> str:
+def escape_invisible(text: str, keep: str = "") -> str:
     """Write characters without a visible form as backslash escapes.
 
     Parameters
@@ -53,7 +53,7 @@ def visible(text: str, keep: str = "") -> str:
 
     Examples
     --------
-    >>> print(visible("a\\tb\\u202ec\\udcff"), visible("Größe"))
+    >>> print(escape_invisible("a\\tb\\u202ec\\udcff"), escape_invisible("Größe"))
     a\\tb\\u202ec\\udcff Größe
     """
     if text.isascii() and text.isprintable():
@@ -61,7 +61,7 @@ def visible(text: str, keep: str = "") -> str:
     return "".join(c if c in keep or not _is_invisible(c) else repr(c)[1:-1] for c in text)
 
 
-def label(text: str, longest: int = MAX_LABEL) -> str:
+def label(text: str, max_characters: int = MAX_LABEL) -> str:
     """Return text as one visible line of limited length.
 
     Examples
@@ -69,8 +69,8 @@ def label(text: str, longest: int = MAX_LABEL) -> str:
     >>> label("a\\n  b"), label("abcdefgh", 6)
     ('a b', 'abc...')
     """
-    text = visible(BREAKS.sub(" ", text[: 4 * longest]).strip())
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+    text = escape_invisible(LINE_BREAKS.sub(" ", text[: 4 * max_characters]).strip())
+    return text if len(text) <= max_characters else f"{text[: max_characters - 3]}..."
 
 
 def _is_invisible(character: str) -> bool:
@@ -82,7 +82,7 @@ def _is_invisible(character: str) -> bool:
     return kind in ("Cc", "Cf", "Cs", "Zl", "Zp") or is_noncharacter
 
 
-# -- programming languages ------------------------------------------------------------------------
+# -- Programming languages ------------------------------------------------------------------------
 
 
 def python_string(text: str) -> str:
@@ -190,7 +190,7 @@ def shell_command(words: Iterable[object]) -> str:
 
 def gstreamer_comment(text: str) -> str:
     """Return text for a GLSL comment within a quoted property of ``gst-launch-1.0``, which has
-    escapes of its own.
+    additional escapes.
 
     Examples
     --------
@@ -202,7 +202,7 @@ def gstreamer_comment(text: str) -> str:
 
 def gcode_comment(text: str) -> str:
     """Return text for a comment in parentheses of a G-code program: ASCII without the characters
-    that controllers obey.
+    that controllers interpret.
 
     Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs
     and characters that GRBL interprets anywhere (``!``, ``?``, ``~``) become escapes.
@@ -216,7 +216,7 @@ def gcode_comment(text: str) -> str:
     return re.sub(r"[%!?~]", lambda c: f"\\x{ord(c[0]):02x}", text)
 
 
-# -- markup and data ------------------------------------------------------------------------------
+# -- Markup and data ------------------------------------------------------------------------------
 
 
 def html_text(text: str) -> str:
@@ -227,7 +227,7 @@ def html_text(text: str) -> str:
     >>> html_text("a < b & 'c'\\x00")
     'a &lt; b &amp; &#x27;c&#x27;\\\\x00'
     """
-    return html.escape(visible(text, keep="\n\t"))
+    return html.escape(escape_invisible(text, keep="\n\t"))
 
 
 xml_text = html_text
@@ -266,7 +266,9 @@ def toml_string(text: str) -> str:
     >>> print(toml_string('a "b"\\n\\u202e'))
     "a \\"b\\"\\n\\u202e"
     """
-    text = re.sub("[\ud800-\udfff]", lambda c: visible(c[0]), text)  # TOML has no surrogates
+    text = re.sub(
+        "[\ud800-\udfff]", lambda c: escape_invisible(c[0]), text
+    )  # TOML has no surrogates
     escaped = text.replace("\\", r"\\").replace('"', r"\"")
     short = {"\b": r"\b", "\t": r"\t", "\n": r"\n", "\f": r"\f", "\r": r"\r"}
     codes = (
@@ -290,7 +292,9 @@ def yaml_string(text: str) -> str:
     """
     is_plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", text)
     is_word = text.lower() in ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
-    return text if is_plain and not is_word else json.dumps(visible(text), ensure_ascii=False)
+    return (
+        text if is_plain and not is_word else json.dumps(escape_invisible(text), ensure_ascii=False)
+    )
 
 
 def markdown_text(text: str) -> str:
@@ -315,9 +319,9 @@ def csv_cell(text: str) -> str:
     ("'=1+1", 'mirror 1')
     """
     return (
-        f"'{visible(text)}"
+        f"'{escape_invisible(text)}"
         if text.lstrip()[:1] in ("=", "+", "-", "@") or text[:1] in "\t\r"
-        else visible(text)
+        else escape_invisible(text)
     )
 
 
@@ -356,12 +360,14 @@ def http_attachment(name: str) -> str:
     >>> print(http_attachment('ö".csv'))
     attachment; filename="o_.csv"; filename*=UTF-8''%C3%B6%22.csv
     """
-    plain = re.sub(r"[^\w.+-]", "_", ascii_only(visible(name)), flags=re.ASCII)
-    whole = "" if plain == name else f"; filename*=UTF-8''{quote(visible(name), safe='')}"
-    return f'attachment; filename="{plain}"{whole}'
+    plain = re.sub(r"[^\w.+-]", "_", ascii_only(escape_invisible(name)), flags=re.ASCII)
+    extended = (
+        "" if plain == name else f"; filename*=UTF-8''{quote(escape_invisible(name), safe='')}"
+    )
+    return f'attachment; filename="{plain}"{extended}'
 
 
-# -- drawings and CAD -----------------------------------------------------------------------------
+# -- Drawings and CAD -----------------------------------------------------------------------------
 
 
 def plot_text(text: str) -> str:
@@ -383,7 +389,7 @@ def dxf_text(text: str) -> str:
     >>> print(dxf_text("100%%c ^J \\\\U+0041"))
     100%%%%%%c ^ J \\U +0041
     """
-    return _without_codes(visible(text).replace("%%", "%%%%%%").replace("^", "^ "))
+    return _without_codes(escape_invisible(text).replace("%%", "%%%%%%").replace("^", "^ "))
 
 
 def dxf_mtext(text: str) -> str:
@@ -405,9 +411,9 @@ def _without_codes(text: str) -> str:
     return re.sub(r"(?<=\\[UuMm])(?=\+)", " ", text)
 
 
-def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
-    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest``
-    characters.
+def step_string(text: str, max_characters: int = MAX_STEP_STRING) -> str:
+    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most
+    ``max_characters`` characters.
 
     OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string
     of several lines at ``')``. Therefore names are cut to one line, and apostrophes are encoded,
@@ -418,8 +424,8 @@ def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
     >>> print(step_string("Größe"))
     Gr\\X2\\00F600DF\\X0\\e
     """
-    lengths = range(min(longest, MAX_LABEL), 3, -1)
-    return next(code for n in lengths if len(code := _step_code(label(text, n))) <= longest)
+    lengths = range(min(max_characters, MAX_LABEL), 3, -1)
+    return next(code for n in lengths if len(code := _step_code(label(text, n))) <= max_characters)
 
 
 def _step_code(text: str) -> str:
@@ -432,18 +438,18 @@ def _directive(run: str) -> str:
     return f"\\X{digits}\\{run.encode(encoding).hex().upper()}\\X0\\"
 
 
-# -- streams --------------------------------------------------------------------------------------
+# -- Streams --------------------------------------------------------------------------------------
 
 
 def terminal_text(text: str) -> str:
-    """Return text for a terminal, which obeys no control sequence in it.
+    """Return text for a terminal, without control sequences.
 
     Examples
     --------
     >>> terminal_text("a\\x1b[31m\\nb")
     'a\\\\x1b[31m\\nb'
     """
-    return visible(text, keep="\n\t")
+    return escape_invisible(text, keep="\n\t")
 
 
 def ascii_only(text: str) -> str:
@@ -454,9 +460,9 @@ def ascii_only(text: str) -> str:
     >>> ascii_only("für 5 µm")
     'fur 5 \\\\xb5m'
     """
-    return "".join(c if c.isascii() else _in_ascii(c) for c in text)
+    return "".join(c if c.isascii() else _ascii_equivalent(c) for c in text)
 
 
-def _in_ascii(character: str) -> str:
+def _ascii_equivalent(character: str) -> str:
     base = unicodedata.normalize("NFD", character).encode("ascii", "ignore").decode()
     return base or character.encode("ascii", "backslashreplace").decode()

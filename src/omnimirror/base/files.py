@@ -19,40 +19,42 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .errors import OmnimirrorError, SpecError, shortened
+from .errors import OmnimirrorError, SpecError, abbreviate
 from .escaping import json_text
 
 if sys.platform != "win32":  # on Windows, leftovers of killed runs are not removed
     import fcntl
 
-LARGEST_TEXT = 64 << 20
+MAX_TEXT_BYTES = 64 << 20
 """Maximum size of text files in bytes; a measured profile of a million points has half of it."""
-SMALLEST_BUFFER = 1 << 20
-LARGEST_TOML = 4 << 20
+MIN_BUFFER_BYTES = 1 << 20
+MAX_TOML_CHARACTERS = 4 << 20
 """Maximum characters of a TOML file, parsed in seconds; sufficient for 200,000 numbers."""
-LARGEST_YAML = 4 << 20
-MOST_YAML_NODES = 100_000
+MAX_YAML_CHARACTERS = 4 << 20
+"""Maximum characters of a YAML or XML file."""
+MAX_YAML_NODES = 100_000
 """Maximum number of values and containers of a YAML file; PyYAML builds about 100,000 per second.
 """
-MOST_NESTED = 32
+MAX_NESTING = 32
 """Maximum nesting of tables and lists in a TOML, JSON or YAML file."""
-TOO_DEEP = f"it must not be nested more than {MOST_NESTED} levels deep"
+NESTING_MESSAGE = f"tables and lists must be nested at most {MAX_NESTING} levels deep"
+INTEGER_MESSAGE = "integers must have at most 64 bits"
 DEEP_KEY = re.compile(
     r"""(?:^[ \t]*\[{0,2}|[{,])[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*)"""
-    rf"{{{MOST_NESTED}}}",
+    rf"{{{MAX_NESTING}}}",
     re.M,
 )
 """Dotted key of a TOML file that creates too many tables."""
 NONBLOCKING = (
     getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 )
-MARK = ".omnimirror-"
+TEMPORARY_MARK = ".omnimirror-"
 """Part of the names of all temporary files next to an output, by which the next run identifies
 them.
 """
 
 
-# -- writing --------------------------------------------------------------------------------------
+# -- Writing --------------------------------------------------------------------------------------
 
 
 def is_standard_output(path: str | Path) -> bool:
@@ -67,7 +69,7 @@ def is_standard_output(path: str | Path) -> bool:
 
 
 @contextmanager
-def replacing(
+def atomic_output(
     path: str | Path, rescue: Callable[[Path], Path | None] | None = None
 ) -> Iterator[Path]:
     """Yield a temporary name that replaces ``path`` when the block ends without an error.
@@ -88,26 +90,26 @@ def replacing(
         unchanged.
     """
     if not isinstance(path, str | Path) or "\0" in str(path):
-        raise OmnimirrorError(f"{shortened(repr(path))} is not the name of a file")
+        raise OmnimirrorError(f"path must be a file name; got {abbreviate(repr(path))}")
     path = Path(path)
     try:
         if is_stream(path):
-            with _through(path) as temporary:
+            with _stream_output(path) as temporary:
                 yield temporary
         else:
-            with _in_place_of(path, rescue) as temporary:
+            with _file_output(path, rescue) as temporary:
                 yield temporary
     except BrokenPipeError as e:
         if is_standard_output(path):  # the reader (head, less) closed the pipe
             raise
-        raise OmnimirrorError(f"cannot write {name_of(path)}: {e.strerror}") from None
+        raise OmnimirrorError(f"cannot write {display_name(path)}: {e.strerror}") from None
     except OSError as e:
-        raise OmnimirrorError(f"cannot write {name_of(path)}: {e.strerror or e}") from None
+        raise OmnimirrorError(f"cannot write {display_name(path)}: {e.strerror or e}") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file atomically; an existing file is unchanged on errors."""
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="")
 
 
@@ -147,7 +149,7 @@ def is_stream(path: str | Path) -> bool:
     except FileNotFoundError:
         return False
     except ValueError:
-        raise OSError(errno.EINVAL, "its name holds a null character") from None
+        raise OSError(errno.EINVAL, "the name must not contain null characters") from None
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
@@ -161,22 +163,22 @@ def is_same_file(a: str | Path, b: str | Path) -> bool:
     return os.path.realpath(a) == os.path.realpath(b)
 
 
-def name_of(path: str | Path) -> str:
+def display_name(path: str | Path) -> str:
     """Return the name of a file for messages."""
     return "standard output" if is_standard_output(path) else str(path)
 
 
 @contextmanager
-def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> Iterator[Path]:
+def _file_output(path: Path, rescue: Callable[[Path], Path | None] | None) -> Iterator[Path]:
     target = Path(os.path.realpath(path)) if path.is_symlink() else path
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "it is a folder, and a file name is needed")
+        raise IsADirectoryError(errno.EISDIR, "the name must be that of a file; got a folder")
     _remove_leftovers(target, rescue or (lambda leftover: None))
     temporary = target.with_name(f"{_prefix(target)}{os.urandom(4).hex()}{target.suffix}")
     handle = None
     try:  # set before the file is created: a signal may raise at any moment
-        handle = _made_and_locked(temporary)
+        handle = _create_locked(temporary)
         yield temporary
         os.chmod(temporary, _permissions(target))
         os.replace(temporary, target)
@@ -190,22 +192,22 @@ def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> It
 
 
 @contextmanager
-def _through(path: Path) -> Iterator[Path]:
+def _stream_output(path: Path) -> Iterator[Path]:
     """Yield a seekable temporary file that is copied to the stream at the end."""
     with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
         temporary = Path(folder) / f"output{path.suffix}"
         yield temporary
-        with temporary.open("rb") as source, _stream(path) as sink:
+        with temporary.open("rb") as source, _open_stream(path) as sink:
             shutil.copyfileobj(source, sink)
 
 
 @contextmanager
-def _stream(path: Path) -> Iterator[BinaryIO]:
+def _open_stream(path: Path) -> Iterator[BinaryIO]:
     """Yield a binary writer for a stream; an open descriptor continues at its position."""
     number = 1 if is_standard_output(path) else _descriptor_of(path)
     if number is None:
         if stat.S_ISBLK(os.stat(path).st_mode):
-            raise OSError(errno.EINVAL, "it is a disk, and a file name is needed")
+            raise OSError(errno.EINVAL, "the name must be that of a file; got a block device")
         with open(os.open(path, os.O_WRONLY), "wb") as sink:
             yield sink
         return
@@ -228,8 +230,8 @@ def _descriptor_of(path: str | Path) -> int | None:
     name = os.fspath(path)
     for _ in range(8):
         if match := re.fullmatch(r"/(?:dev|proc/(?:self|\d+))/fd/(\d{1,9})", name):
-            is_ours = name.startswith(("/dev/", "/proc/self/", f"/proc/{os.getpid()}/"))
-            return int(match[1]) if is_ours else None
+            is_own = name.startswith(("/dev/", "/proc/self/", f"/proc/{os.getpid()}/"))
+            return int(match[1]) if is_own else None
         try:
             name = os.path.join(os.path.dirname(name), os.readlink(name))
         except OSError:
@@ -253,10 +255,10 @@ def _umask() -> int:
 
 def _prefix(target: Path) -> str:
     """Return the prefix of temporary names of an output: short and in ASCII, for all libraries."""
-    return f".{target.stem.encode('ascii', 'ignore').decode()[:60]}{MARK}"
+    return f".{target.stem.encode('ascii', 'ignore').decode()[:60]}{TEMPORARY_MARK}"
 
 
-def _made_and_locked(temporary: Path) -> int | None:
+def _create_locked(temporary: Path) -> int | None:
     """Create a file that is readable by its owner only, and locked while the handle is open."""
     while True:
         handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -281,8 +283,8 @@ def _remove_leftovers(target: Path, rescue: Callable[[Path], Path | None]) -> No
         with suppress(OSError):
             handle = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:
-                found = os.fstat(handle)
-                if stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid():
+                status = os.fstat(handle)
+                if stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid():
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     if rescued := rescue(Path(name)):
                         os.chmod(name, _permissions(rescued))
@@ -293,10 +295,10 @@ def _remove_leftovers(target: Path, rescue: Callable[[Path], Path | None]) -> No
                 os.close(handle)
 
 
-# -- reading --------------------------------------------------------------------------------------
+# -- Reading --------------------------------------------------------------------------------------
 
 
-def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
+def open_file(path: str | Path, max_bytes: int | None = None) -> BinaryIO:
     """Open an ordinary file for reading in binary mode.
 
     A FIFO would block the reader and a device may be endless: both are rejected, before and after
@@ -305,7 +307,7 @@ def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
     Parameters
     ----------
     path
-    most
+    max_bytes
         Maximum size in bytes; None for files that are read in pieces.
 
     Raises
@@ -315,28 +317,30 @@ def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
         reason.
     """
     try:
-        _check_ordinary(os.stat(path), most)
+        _check_ordinary(os.stat(path), max_bytes)
     except ValueError:  # null character in the name
-        raise OSError(errno.EINVAL, "no file can have that name") from None
+        raise OSError(errno.EINVAL, "the name must not contain null characters") from None
     file = open(os.open(path, os.O_RDONLY | NONBLOCKING), "rb")  # noqa: SIM115
     try:
-        _check_ordinary(os.fstat(file.fileno()), most)  # the file may have been replaced
+        _check_ordinary(os.fstat(file.fileno()), max_bytes)  # the file may have been replaced
     except BaseException:
         file.close()
         raise
     return file
 
 
-def check_file(path: str | Path, most: int | None = None, most_unpacked: int | None = None) -> None:
+def check_file(
+    path: str | Path, max_bytes: int | None = None, max_unpacked_bytes: int | None = None
+) -> None:
     """Check a file that a library opens by name: its type, its size, and the declared size of a ZIP
     archive.
 
     Parameters
     ----------
     path
-    most
+    max_bytes
         Maximum size in bytes.
-    most_unpacked
+    max_unpacked_bytes
         Maximum total size in bytes of all members of an archive; ``zipfile`` reads no more than
         declared.
 
@@ -345,34 +349,34 @@ def check_file(path: str | Path, most: int | None = None, most_unpacked: int | N
     OSError
         As :func:`open_file`, or the members are too large; ``strerror`` gives the reason.
     """
-    with open_file(path, most) as file:
-        if most_unpacked is None or not zipfile.is_zipfile(file):
+    with open_file(path, max_bytes) as file:
+        if max_unpacked_bytes is None or not zipfile.is_zipfile(file):
             return
         try:
             with zipfile.ZipFile(file) as archive:
                 unpacked = sum(member.file_size for member in archive.infolist())
         except (zipfile.BadZipFile, NotImplementedError, ValueError) as e:
-            raise OSError(errno.EINVAL, f"it is a damaged archive ({e})") from None
-        if unpacked > most_unpacked:
+            raise OSError(errno.EINVAL, f"damaged archive ({e})") from None
+        if unpacked > max_unpacked_bytes:
             raise OSError(
-                errno.EFBIG, f"its content must not be {_larger(most_unpacked, unpacked)}"
+                errno.EFBIG, f"the content must be {_size_limit(max_unpacked_bytes, unpacked)}"
             )
 
 
-def read_bytes(path: str | Path, most: int) -> bytes:
-    """Read an ordinary file of at most ``most`` bytes.
+def read_bytes(path: str | Path, max_bytes: int) -> bytes:
+    """Read an ordinary file of at most ``max_bytes`` bytes.
 
     Raises
     ------
     OSError
         As :func:`open_file`; ``strerror`` gives the reason.
     """
-    with open_file(path, most) as file:
+    with open_file(path, max_bytes) as file:
         # generated files, as in /proc, have a nominal size of 0
-        room = min(most, max(os.fstat(file.fileno()).st_size, SMALLEST_BUFFER))
-        data = file.read(room + 1)
-    if len(data) > room:
-        raise OSError(errno.EFBIG, f"it must not be {_larger(room)}")
+        capacity = min(max_bytes, max(os.fstat(file.fileno()).st_size, MIN_BUFFER_BYTES))
+        data = file.read(capacity + 1)
+    if len(data) > capacity:
+        raise OSError(errno.EFBIG, f"the file must be {_size_limit(capacity)}")
     return data
 
 
@@ -397,12 +401,12 @@ def read_text(
     Raises
     ------
     OmnimirrorError
-        The file does not exist, is not an ordinary file, is larger than :data:`LARGEST_TEXT`, or is
+        The file does not exist, is not an ordinary file, is larger than :data:`MAX_TEXT_BYTES`, or is
         not text.
     """
     try:
         return (
-            read_bytes(path, LARGEST_TEXT)
+            read_bytes(path, MAX_TEXT_BYTES)
             .decode("utf-8-sig")
             .replace("\r\n", "\n")
             .replace("\r", "\n")
@@ -412,36 +416,36 @@ def read_text(
     except OSError as e:
         raise error(f"cannot read the {noun} {path}: {e.strerror or e}") from None
     except UnicodeDecodeError:
-        raise error(f"cannot read the {noun} {path}: it is not a text file") from None
+        raise error(f"cannot read the {noun} {path}: the file must be text in UTF-8") from None
 
 
-def _check_ordinary(found: os.stat_result, most: int | None) -> None:
-    if stat.S_ISDIR(found.st_mode):
-        raise IsADirectoryError(errno.EISDIR, "it is a folder")
-    if not stat.S_ISREG(found.st_mode):
-        raise OSError(errno.EINVAL, "it is a pipe or a device, and a file is needed")
-    if most is not None and found.st_size > most:
-        raise OSError(errno.EFBIG, f"it must not be {_larger(most, found.st_size)}")
+def _check_ordinary(status: os.stat_result, max_bytes: int | None) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "it must be a file; got a folder")
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "it must be a file; got a pipe or a device")
+    if max_bytes is not None and status.st_size > max_bytes:
+        raise OSError(errno.EFBIG, f"the file must be {_size_limit(max_bytes, status.st_size)}")
 
 
-def _larger(most: int, size: int | None = None) -> str:
+def _size_limit(max_bytes: int, size: int | None = None) -> str:
     """Format limit, actual size and remedy for messages.
 
-    >>> _larger(64 << 20, 100 << 20), _larger(1000)
-    ('larger than 64 MB; got 100 MB; reduce or split it', 'larger than 1000 bytes; reduce or split it')
+    >>> _size_limit(64 << 20, 100 << 20), _size_limit(1000)
+    ('at most 64 MB; got 100 MB; reduce or split it', 'at most 1000 bytes; reduce or split it')
     """
-    unit, name = (1 << 20, "MB") if most >= 1 << 20 else (1, "bytes")
+    unit, name = (1 << 20, "MB") if max_bytes >= 1 << 20 else (1, "bytes")
     got = "" if size is None else f"; got {-(-size // unit)} {name}"
-    return f"larger than {most // unit} {name}{got}; reduce or split it"
+    return f"at most {max_bytes // unit} {name}{got}; reduce or split it"
 
 
-# -- parsing --------------------------------------------------------------------------------------
+# -- Parsing --------------------------------------------------------------------------------------
 
 
-def decompressed(data: bytes, most: int) -> bytes:
-    """Decompress a zlib or gzip stream to at most ``most`` bytes.
+def decompress(data: bytes, max_bytes: int) -> bytes:
+    """Decompress a zlib or gzip stream to at most ``max_bytes`` bytes.
 
-    >>> decompressed(zlib.compress(bytes(5)), 5)
+    >>> decompress(zlib.compress(bytes(5)), 5)
     b'\\x00\\x00\\x00\\x00\\x00'
 
     Raises
@@ -451,13 +455,13 @@ def decompressed(data: bytes, most: int) -> bytes:
     """
     stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: detect zlib or gzip from the header
     try:
-        content = stream.decompress(data, most + 1)
+        content = stream.decompress(data, max_bytes + 1)
     except zlib.error as e:
-        raise ValueError(f"it is damaged: {e}") from None
-    if len(content) > most:
-        raise ValueError(f"its content must not be {_larger(most)}")
+        raise ValueError(f"damaged data: {e}") from None
+    if len(content) > max_bytes:
+        raise ValueError(f"the content must be {_size_limit(max_bytes)}")
     if not stream.eof:
-        raise ValueError("it is cut short")
+        raise ValueError("truncated data")
     return content
 
 
@@ -466,7 +470,7 @@ def parse_json(text: str | bytes) -> Any:
 
     >>> parse_json("[" * 100_000)
     Traceback (most recent call last):
-    ValueError: it must not be nested more than 32 levels deep
+    ValueError: tables and lists must be nested at most 32 levels deep
 
     Raises
     ------
@@ -476,7 +480,7 @@ def parse_json(text: str | bytes) -> Any:
     try:
         data = json.loads(text)
     except RecursionError:
-        raise ValueError(TOO_DEEP) from None
+        raise ValueError(NESTING_MESSAGE) from None
     for _ in _levels(data):
         pass
     return data
@@ -488,28 +492,28 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        The text is not valid TOML, is larger than :data:`LARGEST_TOML`, is nested too deeply,
+        The text is not valid TOML, is larger than :data:`MAX_TOML_CHARACTERS`, is nested too deeply,
         or contains an integer beyond 64 bits; the message starts with the source.
     """
-    source = shortened(source)
-    if len(text) > LARGEST_TOML:
+    source = abbreviate(source)
+    if len(text) > MAX_TOML_CHARACTERS:
         raise SpecError(
-            f"{source} must not be {_larger(LARGEST_TOML, len(text))}; tables of numbers belong into CSV"
+            f"{source} must be {_size_limit(MAX_TOML_CHARACTERS, len(text))}; store tables of numbers as CSV"
         )
     if DEEP_KEY.search(text):  # tomllib takes time quadratic in the depth of such a key
-        raise SpecError(f"{source}: {TOO_DEEP}")
+        raise SpecError(f"{source}: {NESTING_MESSAGE}")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
-        raise SpecError(f"{source} is not valid TOML: {e}") from None
+        raise SpecError(f"{source} must be valid TOML: {e}") from None
     except RecursionError:
-        raise SpecError(f"{source}: {TOO_DEEP}") from None
+        raise SpecError(f"{source}: {NESTING_MESSAGE}") from None
     except ValueError:  # integer of thousands of digits
-        raise SpecError(f"{source} holds a whole number of more than 64 bits") from None
+        raise SpecError(f"{source}: {INTEGER_MESSAGE}") from None
     try:
         for values in _levels(data):
             if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in values):
-                raise SpecError(f"{source} holds a whole number of more than 64 bits")
+                raise SpecError(f"{source}: {INTEGER_MESSAGE}")
     except SpecError:
         raise
     except ValueError as e:
@@ -526,14 +530,14 @@ def compose_yaml(text: str, source: str) -> Any:
     Raises
     ------
     SpecError
-        The text is not valid YAML, uses aliases, or exceeds :data:`LARGEST_YAML`,
-        :data:`MOST_YAML_NODES` or :data:`MOST_NESTED`; the message starts with the source.
+        The text is not valid YAML, uses aliases, or exceeds :data:`MAX_YAML_CHARACTERS`,
+        :data:`MAX_YAML_NODES` or :data:`MAX_NESTING`; the message starts with the source.
     """
     import yaml
 
-    source = shortened(source)
-    if len(text) > LARGEST_YAML:
-        raise SpecError(f"{source} must not be {_larger(LARGEST_YAML, len(text))}")
+    source = abbreviate(source)
+    if len(text) > MAX_YAML_CHARACTERS:
+        raise SpecError(f"{source} must be {_size_limit(MAX_YAML_CHARACTERS, len(text))}")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     depth = nodes = 0
     try:
@@ -541,29 +545,29 @@ def compose_yaml(text: str, source: str) -> Any:
             line = event.start_mark.line + 1
             if isinstance(event, yaml.AliasEvent):
                 raise SpecError(
-                    f"{source} line {line}: references (*{event.anchor}) are not read; write the value out"
+                    f"{source} line {line}: aliases (*{event.anchor}) are not supported; repeat the value"
                 )
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
                 event, yaml.CollectionEndEvent
             )
             nodes += isinstance(event, yaml.NodeEvent)
-            if depth > MOST_NESTED:
-                raise SpecError(f"{source} line {line}: {TOO_DEEP}")
-            if nodes > MOST_YAML_NODES:
+            if depth > MAX_NESTING:
+                raise SpecError(f"{source} line {line}: {NESTING_MESSAGE}")
+            if nodes > MAX_YAML_NODES:
                 raise SpecError(
-                    f"{source} must not hold more than {MOST_YAML_NODES} values; got more up to line {line}"
+                    f"{source} must contain at most {MAX_YAML_NODES} values; got more up to line {line}"
                 )
         return yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as problem:
         mark = problem.problem_mark or problem.context_mark
         last = text.count("\n") + 1
-        where = f" line {min(mark.line + 1, last)}" if mark else ""
+        location = f" line {min(mark.line + 1, last)}" if mark else ""
         raise SpecError(
-            f"{source}{where} is not valid YAML: {problem.problem or problem.context}"
+            f"{source}{location} must be valid YAML: {problem.problem or problem.context}"
         ) from None
     except yaml.YAMLError as problem:
         raise SpecError(
-            f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}"
+            f"{source} must be valid YAML: {' '.join(str(problem).split())[:120]}"
         ) from None
 
 
@@ -575,14 +579,14 @@ def parse_xml(text: str, source: str) -> Any:
     Raises
     ------
     SpecError
-        The text is not valid XML, declares a document type, or exceeds :data:`LARGEST_YAML` or
-        :data:`MOST_NESTED`; the message starts with the source.
+        The text is not valid XML, declares a document type, or exceeds :data:`MAX_YAML_CHARACTERS` or
+        :data:`MAX_NESTING`; the message starts with the source.
     """
     from xml.etree import ElementTree
 
-    source = shortened(source)
-    if len(text) > LARGEST_YAML:
-        raise SpecError(f"{source} must not be {_larger(LARGEST_YAML, len(text))}")
+    source = abbreviate(source)
+    if len(text) > MAX_YAML_CHARACTERS:
+        raise SpecError(f"{source} must be {_size_limit(MAX_YAML_CHARACTERS, len(text))}")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise SpecError(
             f"{source} must not declare a document type or entities; remove <!DOCTYPE ...>"
@@ -597,17 +601,17 @@ def parse_xml(text: str, source: str) -> Any:
             for event, element in parser.read_events():
                 root = element if root is None else root
                 depth += 1 if event == "start" else -1
-                if depth > MOST_NESTED:
-                    raise SpecError(f"{source}: {TOO_DEEP}")
+                if depth > MAX_NESTING:
+                    raise SpecError(f"{source}: {NESTING_MESSAGE}")
     except ElementTree.ParseError as problem:
         line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # may exceed the text
         raise SpecError(
-            f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}"
+            f"{source} line {line} must be valid XML: {str(problem).partition(':')[0]}"
         ) from None
     except ValueError as problem:  # null character, surrogate
         if isinstance(problem, SpecError):
             raise
-        raise SpecError(f"{source} is not valid XML: {problem}") from None
+        raise SpecError(f"{source} must be valid XML: {problem}") from None
     return root
 
 
@@ -617,10 +621,10 @@ def _levels(data: Any) -> Iterator[list[Any]]:
     Raises
     ------
     ValueError
-        The nesting of tables and lists exceeds :data:`MOST_NESTED`.
+        The nesting of tables and lists exceeds :data:`MAX_NESTING`.
     """
     level = [data]
-    for _ in range(MOST_NESTED + 1):
+    for _ in range(MAX_NESTING + 1):
         yield level
         containers = [value for value in level if isinstance(value, dict | list)]
         level = [
@@ -630,18 +634,20 @@ def _levels(data: Any) -> Iterator[list[Any]]:
         ]
         if not containers:
             return
-    raise ValueError(TOO_DEEP)
+    raise ValueError(NESTING_MESSAGE)
 
 
-def read_tables(path: Path, each: str, all_of_them: str, most: int) -> dict[str, dict[str, Any]]:
+def read_tables(
+    path: Path, singular: str, plural: str, max_tables: int
+) -> dict[str, dict[str, Any]]:
     """Read the tables of a TOML file that contains one table for each of several objects, by name.
 
     Parameters
     ----------
     path
-    each, all_of_them
-        Singular and plural of the objects, for messages: "view", "views".
-    most
+    singular, plural
+        Names of the objects, for messages: "view", "views".
+    max_tables
         Maximum number of tables.
 
     Raises
@@ -649,14 +655,13 @@ def read_tables(path: Path, each: str, all_of_them: str, most: int) -> dict[str,
     SpecError
         The file does not exist or has other content.
     """
-    absent = f"there are no {all_of_them} {str(path)!r}"
-    tables = parse_toml(read_text(path, all_of_them, SpecError, absent), str(path))
-    if not 1 <= len(tables) <= most:
-        raise SpecError(f"{path} holds {len(tables)} {all_of_them}; it is valid with 1 to {most}")
+    absent = f"path must be an existing file of {plural}; got {str(path)!r}"
+    tables = parse_toml(read_text(path, plural, SpecError, absent), str(path))
+    if not 1 <= len(tables) <= max_tables:
+        raise SpecError(f"{path} must contain 1 to {max_tables} {plural}; got {len(tables)}")
     for name, table in tables.items():
         if not isinstance(table, dict):
-            found = shortened(repr(table))
             raise SpecError(
-                f"{path}: {name} = {found} is no {each}; valid are tables such as [{name}]"
+                f"{path}: the {singular} {name} must be a table [{name}]; got {abbreviate(repr(table))}"
             )
     return tables

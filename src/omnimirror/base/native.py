@@ -22,8 +22,10 @@ from numpy.typing import DTypeLike, NDArray
 from .caching import cached_property
 from .errors import InvalidParameter
 
-MOST_THREADS = 1024
-QUOTA = Path("/sys/fs/cgroup/cpu.max")  # container limit: microseconds per period, and the period
+MAX_THREADS = 1024
+CPU_QUOTA_FILE = Path(
+    "/sys/fs/cgroup/cpu.max"
+)  # container limit: microseconds per period, and the period
 INTERFACE = 16  # version of the kernels, as in native/src/module.cpp
 Array = NDArray[Any]
 Colour = float | Sequence[float]
@@ -40,7 +42,7 @@ def usable_cores() -> int:
     affinity = getattr(os, "sched_getaffinity", None)  # Linux only
     count = len(affinity(0)) if affinity else os.cpu_count() or 1
     try:
-        quota, period = QUOTA.read_text(encoding="ascii").split()
+        quota, period = CPU_QUOTA_FILE.read_text(encoding="ascii").split()
         return max(1, min(count, math.ceil(int(quota) / int(period))))
     except (OSError, ValueError, ZeroDivisionError):  # no such file, or "max"
         return count
@@ -77,32 +79,33 @@ class Backend:
 
         A missing or outdated module is logged: results are the same, but several times slower.
         """
-        wanted = os.environ.get("OMNIMIRROR_NATIVE", "")
-        if wanted == "0":
+        requested = os.environ.get("OMNIMIRROR_NATIVE", "")
+        if requested == "0":
             return None
         try:
             module = import_module("omnimirror.base._native")  # by name, see test_architecture
         except ImportError as e:
             log = logging.getLogger("omnimirror")
             log.warning(
-                "the compiled samplers are missing: pictures are straightened by OpenCV, several times slower; "
-                "to have them, install omnimirror where a C++20 compiler works"
+                "the compiled kernels are missing: images are dewarped by OpenCV, which is several times slower; "
+                "install omnimirror again on a computer with a C++20 compiler"
             )
             log.info("%s", e)
             return None
         if getattr(module, "INTERFACE", None) != INTERFACE:
             logging.getLogger("omnimirror").warning(
-                "the compiled kernels are those of another version and are left alone: everything is several times "
-                "slower; install omnimirror again to have them"
+                "the compiled kernels belong to another version and are ignored: computations are several times "
+                "slower; install omnimirror again"
             )
             return None
         module.set_threads(usable_cores())
-        if wanted:
+        if requested:
             try:
-                module.use_instructions(wanted)
+                module.use_instructions(requested)
             except ValueError:
-                sentence = f"OMNIMIRROR_NATIVE = {wanted!r} names no instructions of this machine"
-                raise InvalidParameter(sentence) from None
+                raise InvalidParameter(
+                    f"OMNIMIRROR_NATIVE must be 0 or an instruction set of this processor; got {requested!r}"
+                ) from None
         return cast(Kernels, module)
 
     @property
@@ -114,7 +117,7 @@ class Backend:
     def kernels(self) -> Kernels:
         """Compiled kernels; valid only if :attr:`is_compiled`."""
         if self.module is None:
-            raise RuntimeError("nothing is compiled here; ask backend.is_compiled first")
+            raise RuntimeError("there are no compiled kernels; check backend.is_compiled first")
         return self.module
 
     @property
@@ -141,8 +144,10 @@ class Backend:
         InvalidParameter
             The count is not between 1 and 1024.
         """
-        if not 1 <= count <= MOST_THREADS:
-            raise InvalidParameter(f"{count} threads are not valid; valid are 1 to {MOST_THREADS}")
+        if not 1 <= count <= MAX_THREADS:
+            raise InvalidParameter(
+                f"count must be between 1 and {MAX_THREADS} threads; got {count}"
+            )
         if self.module is not None:
             self.module.set_threads(count)
         else:
@@ -245,7 +250,7 @@ class Kernels(Protocol):
         image_radius: float,
         wavelength: float,
         inverse_distance: Array,
-        least_omega: float,
+        min_omega: float,
         search: tuple[int, float, float, int, float, int],
         lens: Array,
         lens_numbers: tuple[float, ...],
@@ -377,7 +382,7 @@ class Kernels(Protocol):
         surface: tuple[Any, ...],
         search: tuple[Any, ...],
         depth: Array,
-        most_tangent: float,
+        max_tangent: float,
         ways: Array,
         rows: Array,
         states: Array,

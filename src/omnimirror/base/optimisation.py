@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from .typing import Array
 
-# -- Global minimisation of a scalar function with several minima and kinks ------------------------
+# -- Scalar functions with several minima and kinks -------------------------------------------------
 #
-# Worst-case merits are maxima of many smooth functions: their kinks prevent parabolic interpolation,
-# and they can have more than one minimum.
+# Worst-case merits are maxima of many smooth functions: their kinks prevent parabolic interpolation.
 
 WorstValues: TypeAlias = tuple[Array, Array, NDArray[Any]]
 WorstFunction = Callable[[Array], WorstValues]
@@ -31,14 +30,12 @@ MIN_BRACKET_REDUCTION = 1e-3  # minimum fraction of a bracket removed by each st
 BISECTION_PERIOD = 4  # period of bisection steps
 
 
-def minimise_scalar(
-    function: Callable[[float], float], low: float, high: float, scan: int = 129
-) -> float:
+def minimise_scalar(function: Callable[[float], float], low: float, high: float, scan: int = 129) -> float:
     """Minimise a scalar function on [low, high] by a grid scan and golden-section search.
 
-    >>> round(lowest(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
+    >>> round(minimise_scalar(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
     0.3
-    >>> lowest(lambda x: x, 1.0, 1.0 + 1e-15)  # an interval of a few roundings ends too
+    >>> minimise_scalar(lambda x: x, 1.0, 1.0 + 1e-15)  # interval near the floating-point resolution
     1.0...
     """
     if not high > low:
@@ -62,40 +59,38 @@ def minimise_scalar(
     return (a + b) / 2
 
 
-def minimise_with_derivative(
-    worst: WorstFunction, low: float, high: float, scan: int = 65, close: float = 1e-11
-) -> float:
+def minimise_with_derivative(worst: WorstFunction, low: float, high: float, scan: int = 65, close: float = 1e-11) -> float:
     """Minimise a scalar function with known derivative on [low, high], to a relative tolerance
     ``close``.
 
     A grid scan brackets the minima; those with tangents below the best grid point are refined.
 
-    >>> def kinks(x):
-    ...     both = np.stack([(x - 0.2) ** 2, 0.5 - x])
-    ...     which = both.argmax(axis=0)
-    ...     return both.max(axis=0), np.where(which == 0, 2 * (x - 0.2), -1.0), which
-    >>> round(lowest_with_slopes(kinks, 0.0, 2.0), 9)  # where (x - 0.2)^2 = 0.5 - x
+    >>> def kinked(x):
+    ...     values = np.stack([(x - 0.2) ** 2, 0.5 - x])
+    ...     index = values.argmax(axis=0)
+    ...     return values.max(axis=0), np.where(index == 0, 2 * (x - 0.2), -1.0), index
+    >>> round(minimise_with_derivative(kinked, 0.0, 2.0), 9)  # (x - 0.2)^2 = 0.5 - x
     0.441619849
     """
     if not high > low:
         return low
     x = np.linspace(low, high, scan)
-    seen = np.stack([x, *worst(x)])
-    a, b = seen[:, :-1], seen[:, 1:]
+    samples = np.stack([x, *worst(x)])
+    a, b = samples[:, :-1], samples[:, 1:]
     (xa, fa, ga, _), (xb, fb, gb, _) = a, b
     valleys = (ga < 0) & (gb > 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        meet = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)  # tangent intersection
-    minimise_scalar = int(seen[1].argmin())
-    valleys &= meet < seen[1, minimise_scalar]
-    ends = [
-        (tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)
-    ]
-    found = [_minimise_bracket(*both, close * (high - low), worst) for both in ends]
-    if len(ends) == 1 and x[minimise_scalar] in (ends[0][0][0], ends[0][1][0]):  # below both ends
-        return found[0]
-    tried = np.array([*found, x[minimise_scalar]])
-    return float(tried[worst(tried)[0].argmin()])
+        # The tangents fa + ga (x - xa) and fb + gb (x - xb) intersect at this value, a lower bound of
+        # a convex function between a and b.
+        lower_bounds = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)
+    lowest = int(samples[1].argmin())
+    valleys &= lower_bounds < samples[1, lowest]
+    brackets = [(tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)]
+    minima = [_minimise_bracket(*ends, close * (high - low), worst) for ends in brackets]
+    if len(brackets) == 1 and x[lowest] in (brackets[0][0][0], brackets[0][1][0]):
+        return minima[0]  # below both ends
+    candidates = np.array([*minima, x[lowest]])
+    return float(candidates[worst(candidates)[0].argmin()])
 
 
 def _minimise_bracket(a: BracketEnd, b: BracketEnd, close: float, worst: WorstFunction) -> float:
@@ -109,15 +104,10 @@ def _minimise_bracket(a: BracketEnd, b: BracketEnd, close: float, worst: WorstFu
             break
         c = xa + width / 2
         if step % BISECTION_PERIOD and ga < 0 < gb:
-            away = -ga * width / (gb - ga) if ja == jb else (fb - fa - gb * width) / (ga - gb)
-            c = (
-                xa
-                + min(
-                    max(away, MIN_BRACKET_REDUCTION * width), width - MIN_BRACKET_REDUCTION * width
-                )
-                if isfinite(away)
-                else c
-            )
+            # as in _next_positions
+            step_x = -ga * width / (gb - ga) if ja == jb else (fb - fa - gb * width) / (ga - gb)
+            margin = MIN_BRACKET_REDUCTION * width
+            c = xa + min(max(step_x, margin), width - margin) if isfinite(step_x) else c
         f, g, j = (float(part[0]) for part in worst(np.array([c])))
         if g > 0:
             b = c, f, g, j
@@ -126,9 +116,7 @@ def _minimise_bracket(a: BracketEnd, b: BracketEnd, close: float, worst: WorstFu
     return (a[0] + b[0]) / 2
 
 
-def minimise_brackets(
-    a: Array, b: Array, close: float | Array, worst: Callable[[Array, RowIndices], WorstValues]
-) -> Array:
+def minimise_brackets(a: Array, b: Array, close: float | Array, worst: Callable[[Array, RowIndices], WorstValues]) -> Array:
     """Minimise functions that decrease at a and increase at b, to within ``close``.
 
     Both ends are (4, ...) arrays: position, and the value, derivative and index from ``worst``.
@@ -145,14 +133,14 @@ def minimise_brackets(
         if not open_.any():
             break
         c = _next_positions(a, b, width) if step % BISECTION_PERIOD else (a[0] + b[0]) / 2
-        left = np.flatnonzero(open_)
-        if 2 * len(left) > len(c):
-            found = np.stack([c, *worst(c, slice(None))])
+        remaining = np.flatnonzero(open_)
+        if 2 * len(remaining) > len(c):
+            samples = np.stack([c, *worst(c, slice(None))])
         else:
-            found = np.zeros_like(a)
-            found[:, left] = c[left], *worst(c[left], left)
-        rises = found[2] > 0
-        a, b = np.where(open_ & ~rises, found, a), np.where(open_ & rises, found, b)
+            samples = np.zeros_like(a)
+            samples[:, remaining] = c[remaining], *worst(c[remaining], remaining)
+        rises = samples[2] > 0
+        a, b = np.where(open_ & ~rises, samples, a), np.where(open_ & rises, samples, b)
     return np.asarray((a[0] + b[0]) / 2)
 
 
@@ -164,17 +152,13 @@ def _next_positions(a: Array, b: Array, width: Array) -> Array:
     # The tangents fa + ga s and fb + gb (s - w) intersect at s = (fb - fa - gb w) / (ga - gb). If one
     # function is the largest at both ends, the secant zero of its derivative is -ga w / (gb - ga).
     with np.errstate(divide="ignore", invalid="ignore"):
-        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(
-            ja == jb, gb - ga, ga - gb
-        )
-    good = np.isfinite(step) & (ga < 0) & (gb > 0)
-    edge = MIN_BRACKET_REDUCTION * width
-    return np.asarray(
-        x + np.where(good, np.minimum(np.maximum(step, edge), width - edge), width / 2)
-    )
+        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(ja == jb, gb - ga, ga - gb)
+    is_valid = np.isfinite(step) & (ga < 0) & (gb > 0)
+    margin = MIN_BRACKET_REDUCTION * width
+    return np.asarray(x + np.where(is_valid, np.minimum(np.maximum(step, margin), width - margin), width / 2))
 
 
-# -- Minimax optimisation of smooth functions: sequential linear programming with a trust region
+# -- Minimax optimisation: sequential linear programming with a trust region ------------------------
 #
 # At each point the functions are linearised; the linear programme
 #
@@ -184,7 +168,7 @@ def _next_positions(a: Array, b: Array, width: Array) -> Array:
 # region grows after accurate predictions and shrinks otherwise (Madsen and Schjaer-Jacobsen 1978). If
 # as many functions are active at the optimum as there are variables, convergence is quadratic.
 
-FIRST_TRUST, LAST_TRUST = 0.1, 1e-9
+INITIAL_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.1, 1e-9
 MIN_PREDICTED_FRACTION = 0.9  # fraction of the predicted gain; otherwise second-order correction
 MIN_GAIN = 1e-10  # gain that ends the search if the optimum is 0
 MAX_UNSELECTED_ROWS = 1000  # smaller programmes are solved without row selection
@@ -204,6 +188,8 @@ class LinearisedValues(NamedTuple):
 
 
 class ObjectiveValues(NamedTuple):
+    """Functions at a point: objectives (r,), and constraints (c,) with c <= 0."""
+
     objective: Array
     constraints: Array
 
@@ -235,12 +221,10 @@ def solve_minimax(
     start: Array,
     bounds: tuple[Array, Array],
     is_spread: bool = False,
-    tolerance: float = 1e-8,
-    most_steps: int = 200,
-    first_trust: float = FIRST_TRUST,
+    tolerance: float = 1e-8, max_steps: int = 200, initial_trust: float = INITIAL_TRUST_RADIUS,
     last_trust: float = LAST_TRUST,
     least_gain: float = MIN_GAIN,
-    on_step: Callable[[float], None] | None = None,
+    on_step: Callable[[float], None] | None = None
 ) -> MinimaxResult:
     """Minimise the largest objective function under constraints, from ``start`` (dim,).
 
@@ -254,7 +238,7 @@ def solve_minimax(
         Minimise half the difference of maximum and minimum instead.
     tolerance
         Relative decrease below which the iteration stops.
-    first_trust
+    initial_trust
         Maximum length of the first step in each coordinate.
     last_trust
         Length of a step below which the iteration stops.
@@ -270,27 +254,27 @@ def solve_minimax(
     >>> def values(y):
     ...     return ObjectiveValues(np.array([y[0] ** 2, (y[0] - 3) ** 2]), np.array([-1.0]))
     >>> def rows(y):
-    ...     return Rows(*values(y), np.array([2 * y, 2 * (y - 3)]), np.zeros((1, 1)))
+    ...     return LinearisedValues(*values(y), np.array([2 * y, 2 * (y - 3)]), np.zeros((1, 1)))
     >>> round(float(solve_minimax(values, rows, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0))).y[0]), 6)
     1.5
     """
     y = np.clip(start, *bounds)
     here = _price(values(y), is_spread)
-    history, trust = [here.value], first_trust
+    history, trust = [here.value], initial_trust
     linear = rows(y)
-    for _ in range(most_steps):
-        step, foretold = _trust_region_step(linear, y, bounds, trust, is_spread)
-        gain = here.price - foretold
+    for _ in range(max_steps):
+        step, predicted = _trust_region_step(linear, y, bounds, trust, is_spread)
+        gain = here.price - predicted
         if not gain > max(tolerance * abs(here.value), least_gain):
             break
         ahead = values(y + step)
         there = _price(ahead, is_spread)
         if there.price > here.price - MIN_PREDICTED_FRACTION * gain and np.isfinite(there.price):
-            bent = _second_order_model(linear, ahead, step)
-            other, _ = _trust_region_step(bent, y, bounds, trust, is_spread)
-            elsewhere = _price(values(y + other), is_spread)
-            if elsewhere.price < there.price:
-                step, there = other, elsewhere
+            corrected = _second_order_model(linear, ahead, step)
+            second_step, _ = _trust_region_step(corrected, y, bounds, trust, is_spread)
+            second = _price(values(y + second_step), is_spread)
+            if second.price < there.price:
+                step, there = second_step, second
         quality = (here.price - there.price) / gain if np.isfinite(there.price) else -1.0
         if quality > 0.01:
             y, here, linear = y + step, there, rows(y + step)
@@ -298,20 +282,12 @@ def solve_minimax(
             if on_step:
                 on_step(here.value)
         trust = min(trust * 2, 1.0) if quality > 0.75 else trust / 4 if quality < 0.25 else trust
-        if trust < last_trust:
+        if trust < MIN_TRUST_RADIUS:
             break
     return MinimaxResult(y, here.value, here.violation, tuple(history))
 
 
-def minimise_mean(
-    values: Callable[[Array], ObjectiveValues],
-    rows: Callable[[Array], LinearisedValues],
-    start: Array,
-    bounds: tuple[Array, Array],
-    tolerance: float = 1e-9,
-    most_steps: int = 200,
-    on_step: Callable[[float], None] | None = None,
-) -> MinimaxResult:
+def minimise_mean(values: Callable[[Array], ObjectiveValues], rows: Callable[[Array], LinearisedValues], start: Array, bounds: tuple[Array, Array], tolerance: float = 1e-9, max_steps: int = 200, on_step: Callable[[float], None] | None = None) -> MinimaxResult:
     """Minimise a single smooth function under constraints: sequential quadratic programming
     (SciPy's SLSQP).
 
@@ -320,14 +296,15 @@ def minimise_mean(
     """
     from scipy.optimize import minimize
 
-    best, history = np.clip(start, *bounds), [_price(values(np.clip(start, *bounds)), False).value]
-    least = _price(values(best), False)
+    best = np.clip(start, *bounds)
+    lowest = _price(values(best), False)
+    history = [lowest.value]
 
     def function(y: Array) -> float:
-        nonlocal best, least
+        nonlocal best, lowest
         price = _price(values(y), False)
-        if price.price < least.price:
-            best, least = y.copy(), price
+        if price.price < lowest.price:
+            best, lowest = y.copy(), price
             history.append(price.value)
             if on_step:
                 on_step(price.value)
@@ -337,22 +314,17 @@ def minimise_mean(
         function,
         best,
         jac=lambda y: rows(y).objective_jacobian[0],
-        constraints={
-            "type": "ineq",
-            "fun": lambda y: -np.nan_to_num(values(y).constraints, nan=1e3),
-            "jac": lambda y: -np.nan_to_num(rows(y).constraint_jacobian),
-        },
-        bounds=[
-            (None if np.isinf(a) else a, None if np.isinf(b) else b)
-            for a, b in zip(*bounds, strict=True)
-        ],
+        constraints={"type": "ineq", "fun": lambda y: -np.nan_to_num(values(y).constraints, nan=1e3), "jac": lambda y: -np.nan_to_num(rows(y).constraint_jacobian)},
+        bounds=[(None if np.isinf(a) else a, None if np.isinf(b) else b) for a, b in zip(*bounds, strict=True)],
         method="SLSQP",
-        options={"maxiter": most_steps, "ftol": tolerance},
+        options={"maxiter": max_steps, "ftol": tolerance},
     )
-    return MinimaxResult(best, least.value, least.violation, tuple(history))
+    return MinimaxResult(best, lowest.value, lowest.violation, tuple(history))
 
 
 class _Price(NamedTuple):
+    """Value, constraint violation and exact penalty function (price) of a point."""
+
     value: float
     violation: float
     price: float
@@ -367,9 +339,7 @@ def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
     return _Price(value, violation, value + VIOLATION_PENALTY * violation)
 
 
-def _second_order_model(
-    linear: LinearisedValues, ahead: ObjectiveValues, step: Array
-) -> LinearisedValues:
+def _second_order_model(linear: LinearisedValues, ahead: ObjectiveValues, step: Array) -> LinearisedValues:
     """Return the linear model shifted to the exact values at the end of a step (second-order
     correction).
     """
@@ -377,9 +347,7 @@ def _second_order_model(
     return LinearisedValues(ahead.objective - J @ step, ahead.constraints - K @ step, J, K)
 
 
-def _trust_region_step(
-    linear: LinearisedValues, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool
-) -> tuple[Array, float]:
+def _trust_region_step(linear: LinearisedValues, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool) -> tuple[Array, float]:
     """Return the step (dim,) within the trust region, and its predicted price."""
     dim = y.size
     g, J = _reachable_rows(linear.objective, linear.objective_jacobian, trust, is_spread)
@@ -396,17 +364,9 @@ def _trust_region_step(
     A.append(np.hstack([K, np.zeros((len(c), 2)), -np.ones((len(c), 1))]))
     b.append(-c)
     low, high = np.maximum(bounds[0] - y, -trust), np.minimum(bounds[1] - y, trust)
-    begin = np.concatenate(
-        [_initial_rows(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)]
-    )
+    selected = np.concatenate([_initial_rows(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)])
     ranges = [*zip(low, high, strict=True), (None, None), (None, None), (0, None)]
-    x = _solve_linear_programme(
-        np.r_[np.zeros(dim), 1.0, 0.0, VIOLATION_PENALTY],
-        np.vstack(A),
-        np.concatenate(b),
-        ranges,
-        begin,
-    )
+    x = _solve_linear_programme(np.r_[np.zeros(dim), 1.0, 0.0, VIOLATION_PENALTY], np.vstack(A), np.concatenate(b), ranges, selected)
     if x is None:
         return np.zeros(dim), np.inf
     return np.clip(x[:dim], low, high), float(x[dim] + VIOLATION_PENALTY * x[-1])
@@ -414,20 +374,14 @@ def _trust_region_step(
 
 def _initial_rows(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     """Return the rows (n, dim) that are largest at the centre of a box or of one of its sides."""
-    is_foremost = np.zeros(len(b), dtype=bool)
+    selected = np.zeros(len(b), dtype=bool)
     if len(b):
         corners = np.vstack([np.zeros_like(low), np.diag(low), np.diag(high)])
-        is_foremost[np.argmax(A @ corners.T - b[:, None], axis=0)] = True
-    return is_foremost
+        selected[np.argmax(A @ corners.T - b[:, None], axis=0)] = True
+    return selected
 
 
-def _solve_linear_programme(
-    cost: Array,
-    A: Array,
-    b: Array,
-    ranges: Sequence[tuple[float | None, float | None]],
-    begin: NDArray[np.bool_],
-) -> Array | None:
+def _solve_linear_programme(cost: Array, A: Array, b: Array, ranges: Sequence[tuple[float | None, float | None]], selected: NDArray[np.bool_]) -> Array | None:
     """Solve a linear programme: minimum cost with A x <= b within ranges; None if infeasible.
 
     Among thousands of rows that sample a few smooth curves, about as many are active at the optimum
@@ -436,21 +390,16 @@ def _solve_linear_programme(
     """
     from scipy.optimize import linprog
 
-    used = begin.copy() if len(b) > MAX_UNSELECTED_ROWS else np.ones(len(b), dtype=bool)
+    used = selected.copy() if len(b) > MAX_UNSELECTED_ROWS else np.ones(len(b), dtype=bool)
     while True:
-        found = linprog(cost, A[used], b[used], bounds=ranges, method="highs")
-        if found.x is None:
+        solution = linprog(cost, A[used], b[used], bounds=ranges, method="highs")
+        if solution.x is None:
             return None
-        over = np.pad(A @ found.x - b, 1, constant_values=-np.inf)
-        peaks = (
-            (over[1:-1] >= over[:-2])
-            & (over[1:-1] >= over[2:])
-            & (over[1:-1] > FEASIBILITY_TOLERANCE)
-            & ~used
-        )
+        excess = np.pad(A @ solution.x - b, 1, constant_values=-np.inf)
+        peaks = (excess[1:-1] >= excess[:-2]) & (excess[1:-1] >= excess[2:]) & (excess[1:-1] > FEASIBILITY_TOLERANCE) & ~used
         if not peaks.any():
-            least: Array = found.x
-            return least
+            optimum: Array = solution.x
+            return optimum
         used |= peaks
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import finite, numbers, optional_number, shown
+from .arguments import finite, format_value, numbers, optional_number
 from .errors import InvalidParameter
 
 
@@ -29,7 +29,8 @@ class Parameter:
         if self.choices:
             if not isinstance(value, str) or value not in self.choices:
                 raise InvalidParameter(
-                    f"{name} = {shown(value)} is not one of {', '.join(self.choices)}"
+                    f"{name} must be one of {', '.join(c or repr(c) for c in self.choices)}; "
+                    f"got {format_value(value)}"
                 )
             return
         if type(value) is float and self.low <= value <= self.high:
@@ -41,11 +42,11 @@ class Parameter:
                 label = f"{name}[{i}]" if np.ndim(value) else name
                 unit = f" {self.unit}" if self.unit else ""
                 raise InvalidParameter(
-                    f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}"
+                    f"{label} must be between {self.low:g} and {self.high:g}{unit}; got {number:g}"
                 )
 
 
-NEGATIVE = -1e-9  # eigenvalue of a covariance relative to the largest, attributed to rounding
+MIN_RELATIVE_EIGENVALUE = -1e-9  # of a covariance; smaller magnitudes are due to rounding
 
 
 @dataclass(frozen=True)
@@ -90,29 +91,29 @@ class Uncertainty:
         count = len(self.names)
         if not count or len(set(self.names)) != count:
             raise InvalidParameter(
-                f"names = {shown(self.names)} are not names of parameters, each once"
+                f"names must be different names of parameters; got {format_value(self.names)}"
             )
         if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
             raise InvalidParameter(
-                f"covariance is no matrix ({count}, {count}), one row for each of {count} names"
+                f"covariance must have the shape ({count}, {count}) for {count} names"
             )
         matrix = finite("covariance", self.covariance)
         scale = np.sqrt(np.abs(np.diag(matrix)))
         scale[scale == 0] = 1.0
         correlations = matrix / np.outer(scale, scale)
         if not np.allclose(correlations, correlations.T, rtol=0, atol=1e-9):
-            raise InvalidParameter("covariance is not symmetric")
+            raise InvalidParameter("covariance must be symmetric")
         values = np.linalg.eigvalsh(correlations)
-        if values[0] < NEGATIVE * values[-1]:
-            raise InvalidParameter("covariance is no covariance: it has a negative eigenvalue")
+        if values[0] < MIN_RELATIVE_EIGENVALUE * values[-1]:
+            raise InvalidParameter("covariance must have no negative eigenvalues")
         optional_number("field_deg", self.field_deg, above=0.0, high=180.0, unit="deg")
         if self.marginal_sigmas is not None:
-            alone = finite("marginal_sigmas", self.marginal_sigmas, 0.0)
-            if alone.shape != (count,):
+            marginal = finite("marginal_sigmas", self.marginal_sigmas, 0.0)
+            if marginal.shape != (count,):
                 raise InvalidParameter(
-                    f"marginal_sigmas has shape {alone.shape}; it must be ({count},), as names"
+                    f"marginal_sigmas must have the shape ({count},) of names; got shape {marginal.shape}"
                 )
-            object.__setattr__(self, "marginal_sigmas", tuple(alone.tolist()))
+            object.__setattr__(self, "marginal_sigmas", tuple(marginal.tolist()))
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -132,11 +133,11 @@ class Uncertainty:
         InvalidParameter
             The estimated parameters are not among the names.
         """
-        if others := set(self.names) - set(names):
+        if unknown := set(self.names) - set(names):
             raise InvalidParameter(
-                f"the uncertainty is one of {', '.join(sorted(others))} too; the parameters are {', '.join(names)}"
+                f"the parameters of the uncertainty must be from {', '.join(names)}; got {', '.join(sorted(unknown))}"
             )
-        place = [list(names).index(name) for name in self.names]
+        indices = [list(names).index(name) for name in self.names]
         matrix = np.zeros((len(names), len(names)))
-        matrix[np.ix_(place, place)] = self.covariance
+        matrix[np.ix_(indices, indices)] = self.covariance
         return matrix

@@ -1,4 +1,4 @@
-"""Vocabulary of all quantities that are evaluated, limited, compared, minimised or plotted.
+"""Quantities that are evaluated, limited, compared, minimised or plotted.
 
 A quantity has the same name in Python, files, command line and studio; a name with a unit ends with
 it. Columns of an evaluation, limits of a requirement, rows of a comparison, merits, table heads and
@@ -67,75 +67,75 @@ class Quantity:
         return f"{value:{self.format}}"
 
 
-# -- real lens, at each field angle ------------------------------------------------------------
+# -- Real lens, at each field angle ------------------------------------------------------------
 
-OF_LENS = (
+LENS_QUANTITIES = (
     Quantity(
         "lens_blur_t_px",
         "δ_t",
         "px",
-        "Own blur T",
-        "tangential blur of the lens alone in its own focus, four standard deviations of its rays",
+        "Lens blur T",
+        "tangential blur of the lens without defocus, four standard deviations of its rays",
         format=".3f",
     ),
     Quantity(
         "lens_blur_s_px",
         "δ_s",
         "px",
-        "Own blur S",
-        "sagittal blur of the lens alone in its own focus",
+        "Lens blur S",
+        "sagittal blur of the lens without defocus, four standard deviations of its rays",
         format=".3f",
     ),
     Quantity(
         "lens_illumination",
         "E/E_0",
         "",
-        "Illumination by the lens",
-        "illumination of the imager by an even light, over that on the axis",
+        "Relative illumination of the lens",
+        "illumination of the imager by a uniform scene, relative to the axis",
         format=".3f",
-        head="light",
+        head="illumination",
     ),
     Quantity(
         "lateral_colour_px",
         "Δh_λ",
         "px",
         "Lateral colour",
-        "image height in the shortest wavelength less that in the longest",
+        "image height at the shortest wavelength minus that at the longest",
         format=".3f",
-        head="colour",
+        head="lateral colour",
     ),
     Quantity(
         "entrance_pupil_mm",
         "z_p",
         "mm",
         "Entrance pupil",
-        "where the chief ray aims, towards the mirror from the lens's reference point",
+        "axial position of the entrance pupil from the reference point of the lens, positive towards the mirror",
         format=".3f",
         head="pupil",
     ),
 )
 """Quantities in :attr:`omnimirror.analysis.evaluation.Evaluation.of_lens`."""
 
-# -- at each field angle ---------------------------------------------------------------------------
+# -- At each field angle ---------------------------------------------------------------------------
 
-PER_ANGLE = (
+FIELD_QUANTITIES = (
     Quantity(
         "omega_deg",
         "Ω",
         "deg",
         "Field angle",
-        "angle of what is seen from the direction back past the lens",
+        "angle of the object direction from the axis, which points from the mirror past the lens",
         "Ω = 2β + θ, Eq. 4",
         ".6g",
     ),
     Quantity(
-        "x_mm", "x", "mm", "Mirror point, radius", "distance of the mirror point from the axis"
+        "x_mm", "x", "mm", "Mirror point radius", "distance of the mirror point from the axis"
     ),
     Quantity(
         "z_mm",
         "z",
         "mm",
-        "Mirror point, height",
+        "Mirror point height",
         "height of the mirror point over the vertex",
         "z = f(x), Eq. 1",
     ),
@@ -147,7 +147,7 @@ PER_ANGLE = (
         "θ",
         "deg",
         "Viewing angle",
-        "angle of the ray at the lens against its axis",
+        "angle between the ray at the lens and its axis",
         "tan θ = x / (m + z), Eq. 5",
         ".3f",
     ),
@@ -165,7 +165,7 @@ PER_ANGLE = (
         "h",
         "px",
         "Image height",
-        "distance of the image from the centre, as focused",
+        "distance of the image point from the image centre at the specified focus",
         "h = b tan θ, Eq. 7",
     ),
     Quantity(
@@ -173,7 +173,7 @@ PER_ANGLE = (
         "Δh",
         "px/deg",
         "Resolution T",
-        "image of one degree along the image radius, of objects at their distance",
+        "image size of one degree along the image radius, at the object distance",
         "Δh = dh/dΩ / (1 + (cos γ / cos β) / (p dΩ/dx)), Eqs. 8, 9",
         ".3f",
     ),
@@ -182,19 +182,24 @@ PER_ANGLE = (
         "Δw",
         "px/deg",
         "Resolution S",
-        "image of one degree around the circle, of objects at their distance",
+        "image size of one degree around the image circle, at the object distance",
         "Δw = 2π h / (360 (sin Ω + x/p)), Eq. 10",
         ".3f",
     ),
     Quantity(
-        "area_px2", "Δs", "px²", "Image area", "image of one square degree", "Δs = Δh Δw, Eq. 11"
+        "area_px2",
+        "Δs",
+        "px²",
+        "Image area",
+        "image area of one square degree",
+        "Δs = Δh Δw, Eq. 11",
     ),
     Quantity(
         "aspect",
         "Δw/Δh",
         "",
         "Aspect",
-        "width to height of the image of a small square",
+        "width-to-height ratio of the image of a small square",
         "Δw / Δh, Eq. 12",
         ".3f",
         "aspect",
@@ -311,7 +316,7 @@ PER_ANGLE = (
         "Δ_t/Δh",
         "deg",
         "Blur T",
-        "tangential blur in the angle of the object",
+        "tangential blur as an object angle",
         "Δ_t / Δh, Eq. 36",
         ".3f",
         "blur T",
@@ -321,7 +326,7 @@ PER_ANGLE = (
         "Δ_s/Δw",
         "deg",
         "Blur S",
-        "sagittal blur in the angle of the object",
+        "sagittal blur as an object angle",
         "Δ_s / Δw, Eq. 37",
         ".3f",
         "blur S",
@@ -331,7 +336,7 @@ PER_ANGLE = (
         "T×S",
         "deg²",
         "Blur area",
-        "product of both blurs in angle, signed by its factors",
+        "signed product of tangential and sagittal blur as object angles",
         "Δ_t Δ_s / (Δh Δw), Fig. 9c",
         ".3f",
     ),
@@ -370,7 +375,7 @@ PER_ANGLE = (
         "g_s",
         "mm/px",
         "Object size S",
-        "length per pixel around the axis at the object distance, on a plane and on a cylinder alike",
+        "length per pixel around the axis at the object distance, on a plane or cylinder",
         "p (π/180) / Δw = (x + p sin Ω) / h",
         ".4g",
         "object S",
@@ -378,7 +383,7 @@ PER_ANGLE = (
 )
 """Columns of an evaluation, in their order: values at each field angle."""
 
-OF_BOTH_SIDES = (
+DERIVED_QUANTITIES = (
     Quantity(
         "plane_mm_per_px",
         "max(g_t,p, g_s)",
@@ -401,15 +406,15 @@ OF_BOTH_SIDES = (
         "max(Δ_t/Δh, Δ_s/Δw)",
         "deg",
         "Blur",
-        "larger of both blurs in angle",
+        "larger of tangential and sagittal blur as object angles",
         format=".3f",
     ),
     Quantity(
         "blur_rss_deg",
         "√(T² + S²)",
         "deg",
-        "Blur, T and S",
-        "root of the squares of both blurs in angle",
+        "Blur, root sum square",
+        "root sum square of tangential and sagittal blur as object angles",
         format=".3f",
     ),
     Quantity(
@@ -433,14 +438,14 @@ OF_BOTH_SIDES = (
         "",
         "px",
         "Total blur",
-        "larger of both total blurs, each with the Airy disk",
+        "larger of tangential and sagittal blur, with the Airy disk in quadrature",
     ),
     Quantity(
         "total_blur_t_deg",
         "",
         "deg",
         "Total blur T",
-        "tangential blur in angle, with the Airy disk in quadrature",
+        "tangential blur as an object angle, with the Airy disk in quadrature",
         "√(Δ_t² + Airy²) / Δh",
         ".3f",
     ),
@@ -449,7 +454,7 @@ OF_BOTH_SIDES = (
         "",
         "deg",
         "Total blur S",
-        "sagittal blur in angle, with the Airy disk in quadrature",
+        "sagittal blur as an object angle, with the Airy disk in quadrature",
         "√(Δ_s² + Airy²) / Δw",
         ".3f",
     ),
@@ -458,7 +463,7 @@ OF_BOTH_SIDES = (
         "",
         "deg",
         "Total blur",
-        "larger of both total blurs in angle, each with the Airy disk",
+        "larger of tangential and sagittal blur as object angles, with the Airy disk in quadrature",
         format=".3f",
     ),
     Quantity(
@@ -471,13 +476,13 @@ OF_BOTH_SIDES = (
 )
 """Quantities derived from the columns at each field angle."""
 
-OF_A_CALIBRATION = (
+CALIBRATION_QUANTITIES = (
     Quantity(
         "direction_sigma_deg",
         "σ",
         "deg",
-        "Error of directions",
-        "standard error of a direction, as the covariance of a calibration has it",
+        "Direction error, 1 sigma",
+        "standard deviation of a direction, propagated from the covariance of a calibration",
         format=".4f",
         head="error",
     ),
@@ -486,17 +491,17 @@ OF_A_CALIBRATION = (
 evaluation.
 """
 
-# -- whole sensor ------------------------------------------------------------------------------
+# -- Sensor ------------------------------------------------------------------------------
 
-OF_THE_SENSOR = (
-    Quantity("mirror", "", "", "Mirror", "kind of the mirror"),
-    Quantity("secondary", "", "", "Second mirror", "kind of the second mirror"),
+SENSOR_QUANTITIES = (
+    Quantity("mirror", "", "", "Mirror", "shape of the mirror"),
+    Quantity("secondary", "", "", "Secondary mirror", "shape of the secondary mirror"),
     Quantity(
         "f_number",
         "F",
         "",
         "F-number",
-        "of the lens; of a telecentric one on the side of the image",
+        "F-number of the lens; image-side F-number of a telecentric lens",
         format=".3g",
         head="F-number",
     ),
@@ -504,17 +509,24 @@ OF_THE_SENSOR = (
         "field_from_deg",
         "Ω_min",
         "deg",
-        "Field from",
-        "least field angle that the mirror shows",
+        "Minimum field angle",
+        "smallest field angle in the image",
         format=".1f",
     ),
-    Quantity("field_to_deg", "Ω_max", "deg", "Field to", "field angle at the rim", format=".1f"),
     Quantity(
-        "share_of_sphere_percent",
+        "field_to_deg",
+        "Ω_max",
+        "deg",
+        "Maximum field angle",
+        "field angle at the rim",
+        format=".1f",
+    ),
+    Quantity(
+        "sphere_coverage_percent",
         "",
         "%",
-        "Share of the sphere",
-        "directions that are seen, of all",
+        "Sphere coverage",
+        "fraction of all directions that is in the field",
         "50 (cos Ω_min - cos Ω_max)",
         ".1f",
     ),
@@ -522,32 +534,32 @@ OF_THE_SENSOR = (
         "rim_radius_px",
         "N",
         "px",
-        "Image circle, radius",
-        "image height of the mirror's rim",
+        "Image circle radius",
+        "image height of the mirror rim",
         format=".1f",
     ),
     Quantity(
         "nonlinearity_percent",
         "",
         "%",
-        "Departure from equidistant",
-        "largest distance of h(Ω) from the line through centre and rim, of the rim's h",
+        "Nonlinearity of the mapping",
+        "largest deviation of h(Ω) from the straight line through centre and rim, relative to h at the rim",
     ),
     Quantity(
         "viewpoint_spread_mm",
         "",
         "mm",
-        "Viewpoints, spread",
-        "highest less lowest viewpoint",
+        "Viewpoint spread",
+        "range of the viewpoints along the axis",
         "max z_v - min z_v",
         ".3f",
     ),
     Quantity(
-        "one_viewpoint_error_px",
+        "single_viewpoint_error_px",
         "",
         "px",
-        "One viewpoint, error at 1 m",
-        "largest error of the best single viewpoint for objects 1 m away",
+        "Single-viewpoint error at 1 m",
+        "largest error of the best single viewpoint for objects at 1 m",
         "Eq. 23",
     ),
     Quantity(
@@ -558,7 +570,7 @@ OF_THE_SENSOR = (
         "L0",
         "mm",
         "Best focus",
-        "focus with the least worst floored blur area",
+        "focus that minimises the worst floored blur area",
         format=".1f",
     ),
     Quantity(
@@ -566,7 +578,7 @@ OF_THE_SENSOR = (
         "",
         "mm",
         "Depth of field",
-        "distances whose blur stays within the permissible one",
+        "range of object distances within the permissible blur",
         "f² L0 / (f² ∓ δ F (L0 - f)), Eqs. 30, 31",
         ".1f",
     ),
@@ -575,8 +587,8 @@ OF_THE_SENSOR = (
         "length_mm",
         "",
         "mm",
-        "Length, lens to far end",
-        "along the axis from the lens (or a second mirror before it) to the far end of the mirror; "
+        "Length from the lens",
+        "axial length from the lens, or a secondary mirror in front of it, to the far end of the mirror; "
         "telecentric: from the vertex",
         format=".1f",
     ),
@@ -585,49 +597,56 @@ OF_THE_SENSOR = (
         "",
         "mm",
         "Total track",
-        "along the axis from the imager to the far end of the mirror; telecentric: from the vertex",
+        "axial length from the imager to the far end of the mirror; telecentric: from the vertex",
         format=".1f",
     ),
-    Quantity("mirror_diameter_mm", "2M", "mm", "Mirror diameter", "of the rim", format=".1f"),
+    Quantity(
+        "mirror_diameter_mm",
+        "2M",
+        "mm",
+        "Mirror diameter",
+        "diameter of the mirror rim",
+        format=".1f",
+    ),
     Quantity("sag_mm", "", "mm", "Mirror sag", "height of the mirror along its axis", format=".1f"),
     Quantity(
-        "hidden_to_deg",
+        "obscured_to_deg",
         "",
         "deg",
-        "Middle hidden to",
-        "field angle up to which what stands around the mirror hides the view from the middle on",
+        "Central obscuration",
+        "field angle up to which the housing obscures the view, from the image centre",
         format=".1f",
     ),
     Quantity(
-        "hidden_percent",
+        "obscured_percent",
         "",
         "%",
-        "Picture hidden",
-        "share of the image circle in which what stands around the mirror hides the view",
+        "Obscured image fraction",
+        "fraction of the image circle that the housing obscures",
         format=".1f",
     ),
     Quantity(
-        "whole_diameter_mm",
+        "overall_diameter_mm",
         "",
         "mm",
-        "Whole, diameter",
-        "largest diameter of the mirror, its rim, its cover and the camera's front",
+        "Overall diameter",
+        "largest diameter of mirror, rim, cover and camera front",
         format=".1f",
     ),
     Quantity(
-        "whole_height_mm",
+        "overall_height_mm",
         "",
         "mm",
-        "Whole, height",
-        "along the axis from the imager to the back of the mirror's body; telecentric: of the mirror's body",
+        "Overall height",
+        "axial length from the imager to the back of the mirror body; telecentric: of the mirror body",
         format=".1f",
     ),
     Quantity(
-        "whole_mass_g",
+        "mirror_body_mass_g",
         "",
         "g",
-        "Mirror, mass",
-        "of the mirror's body, of the material that [thermal] says or else of aluminium",
+        "Mirror mass",
+        "mass of the mirror body, with the material in [thermal] or aluminium",
         format=".1f",
     ),
     Quantity(
@@ -641,21 +660,21 @@ OF_THE_SENSOR = (
 )
 """Quantities of the whole sensor."""
 
-OF_THE_APERTURE = (
+APERTURE_QUANTITIES = (
     Quantity(
         "chief_px",
         "h",
         "px",
-        "Chief ray, image height",
-        "where the chief ray lands, from the centre",
+        "Chief ray image height",
+        "distance of the chief ray from the image centre",
         format=".3f",
     ),
     Quantity(
         "rms_radius_px",
         "rms",
         "px",
-        "Spot, rms radius",
-        "of the rays of a spot about their centroid",
+        "RMS spot radius",
+        "rms distance of the rays of a spot from their centroid",
         "√(mean of t² + s²)",
         ".3f",
     ),
@@ -663,35 +682,40 @@ OF_THE_APERTURE = (
         "rms_t_px",
         "rms T",
         "px",
-        "Spot, rms T",
-        "rms of a spot along the image radius",
+        "RMS spot size T",
+        "rms size of a spot along the image radius",
         format=".3f",
     ),
     Quantity(
-        "rms_s_px", "rms S", "px", "Spot, rms S", "rms of a spot around the circle", format=".3f"
+        "rms_s_px",
+        "rms S",
+        "px",
+        "RMS spot size S",
+        "rms size of a spot around the image circle",
+        format=".3f",
     ),
     Quantity(
         "extent_t_px",
         "width T",
         "px",
-        "Spot, width T",
-        "of all rays of a spot along the image radius",
+        "Spot width T",
+        "extent of all rays of a spot along the image radius",
         format=".3f",
     ),
     Quantity(
         "extent_s_px",
         "width S",
         "px",
-        "Spot, width S",
-        "of all rays of a spot around the circle",
+        "Spot width S",
+        "extent of all rays of a spot around the image circle",
         format=".3f",
     ),
     Quantity(
         "edge_t_px",
         "",
         "px",
-        "Edge rays T, error",
-        "distance of the two edge rays along the image radius, less the blur",
+        "Edge ray error T",
+        "distance of the two edge rays along the image radius minus the blur",
         format=".4f",
         head="edges T",
     ),
@@ -699,8 +723,8 @@ OF_THE_APERTURE = (
         "edge_s_px",
         "",
         "px",
-        "Edge rays S, error",
-        "distance of the two edge rays around the circle, less the blur",
+        "Edge ray error S",
+        "distance of the two edge rays around the image circle minus the blur",
         format=".4f",
         head="edges S",
     ),
@@ -709,17 +733,17 @@ OF_THE_APERTURE = (
         "",
         "px",
         "Tangential",
-        "along the image radius, from where the chief ray lands",
+        "offset from the chief ray along the image radius",
     ),
     Quantity(
-        "offset_s_px", "", "px", "Sagittal", "around the circle, from where the chief ray lands"
+        "offset_s_px", "", "px", "Sagittal", "offset from the chief ray around the image circle"
     ),
     Quantity(
         "strehl",
         "",
         "",
-        "Strehl",
-        "peak of the PSF, of that without aberrations",
+        "Strehl ratio",
+        "peak of the PSF relative to the PSF without aberrations",
         format=".3g",
         head="Strehl",
     ),
@@ -728,52 +752,62 @@ OF_THE_APERTURE = (
         "",
         "",
         "Encircled energy",
-        "share of the light within a radius about the centroid",
+        "fraction of the light within a radius about the centroid",
     ),
     Quantity(
         "encircled_radius_px",
         "r",
         "px",
         "Radius about the centroid",
-        "of the circle whose encircled energy is told",
+        "radius of the circle for the encircled energy",
     ),
     Quantity(
         "ensquared_energy",
         "",
         "",
         "Ensquared energy",
-        "largest share of the light that one pixel can hold",
+        "largest fraction of the light within one pixel",
         format=".3f",
-        head="in its pixel",
+        head="ensquared",
     ),
     Quantity(
         "cycles_per_px",
         "",
         "cycles/px",
         "Spatial frequency",
-        "of waves on the imager, in pixels",
+        "spatial frequency on the imager, per pixel",
         format=".3g",
     ),
     Quantity(
-        "lp_per_mm", "", "lp/mm", "Spatial frequency", "of waves on the imager, in mm", format=".4g"
+        "lp_per_mm",
+        "",
+        "lp/mm",
+        "Spatial frequency",
+        "spatial frequency on the imager, per mm",
+        format=".4g",
     ),
     Quantity(
         "mtf_t",
         "MTF T",
         "",
         "MTF T",
-        "contrast of waves that run along the image radius",
+        "contrast of modulation along the image radius",
         format=".3f",
     ),
     Quantity(
-        "mtf_s", "MTF S", "", "MTF S", "contrast of waves that run around the circle", format=".3f"
+        "mtf_s",
+        "MTF S",
+        "",
+        "MTF S",
+        "contrast of modulation around the image circle",
+        format=".3f",
     ),
     Quantity(
         "mtf",
         "MTF",
         "",
         "MTF",
-        "smaller of tangential and sagittal MTF, by diffraction, defocus and the pixel",
+        "smaller of tangential and sagittal MTF, from diffraction, defocus and pixel",
         format=".3f",
     ),
     Quantity(
@@ -781,7 +815,7 @@ OF_THE_APERTURE = (
         "E / L",
         "sr",
         "Irradiance",
-        "light on the imager, of the radiance of an even world",
+        "irradiance on the imager relative to the radiance of a uniform scene",
         format=".5f",
     ),
     Quantity(
@@ -789,7 +823,7 @@ OF_THE_APERTURE = (
         "",
         "",
         "Relative illumination",
-        "irradiance, of the largest over the field",
+        "irradiance relative to its maximum over the field",
         format=".4f",
         head="relative",
     ),
@@ -798,54 +832,58 @@ OF_THE_APERTURE = (
         "R",
         "",
         "Reflectance",
-        "of the mirror under the angle of incidence",
+        "reflectance of the mirror at the angle of incidence",
         format=".4f",
     ),
     Quantity(
         "filled",
         "",
         "",
-        "Aperture filled",
-        "unvignetted share of the aperture",
+        "Unvignetted aperture",
+        "unvignetted fraction of the aperture",
         format=".4g",
-        head="aperture filled",
+        head="unvignetted",
     ),
     Quantity(
         "viewpoint_error_px",
         "",
         "px",
-        "Error of one viewpoint",
-        "how far in the image an object lies from where one viewpoint looks for it",
+        "Single-viewpoint error",
+        "image distance between an object and its projection from a single viewpoint",
         "Eq. 23",
     ),
 )
 """Quantities from tracing the whole aperture."""
 
-OF_BUILT_SENSORS = (
+AS_BUILT_QUANTITIES = (
     Quantity(
         "motion_px",
         "",
         "px",
-        "Motion of the picture",
-        "farthest that an object is shown from where a sensor without errors shows it",
+        "Image shift",
+        "largest image shift of an object relative to the sensor without errors",
     ),
     Quantity(
-        "motion_rms_px", "", "px", "Motion of the picture, rms", "the same, rms over the field"
+        "motion_rms_px",
+        "",
+        "px",
+        "Image shift, rms",
+        "rms image shift over the field relative to the sensor without errors",
     ),
     Quantity(
         "direction_error_deg",
         "",
         "deg",
-        "Error of direction",
-        "largest angle between an object and where a sensor without errors would look for it",
+        "Direction error",
+        "largest angle between an object and its direction according to the sensor without errors",
         format=".3f",
     ),
     Quantity(
         "direction_error_rms_deg",
         "",
         "deg",
-        "Error of direction, rms",
-        "the same angle, rms over the field",
+        "Direction error, rms",
+        "rms angle over the field between objects and their directions according to the sensor without errors",
         format=".3f",
     ),
     Quantity(
@@ -853,49 +891,53 @@ OF_BUILT_SENSORS = (
         "",
         "deg",
         "Straightness",
-        "largest departure of straight lines of 60 deg from straight ones, in the straightened view",
+        "largest deviation of straight lines of 60 deg from straight lines in the dewarped view",
         format=".3f",
     ),
     Quantity(
         "viewpoint_shift_mm",
         "",
         "mm",
-        "Shift of the viewpoint",
-        "how far the point nearest to all chief rays is from that of a sensor without errors",
+        "Viewpoint shift",
+        "distance of the point closest to all chief rays from that of the sensor without errors",
         format=".3f",
     ),
     Quantity(
         "rim_reach_px",
         "",
         "px",
-        "Reach of the image circle",
-        "from the middle of the imager to the farthest point of the rim's image",
+        "Image circle extent",
+        "distance from the centre of the imager to the farthest point of the image of the rim",
         format=".1f",
     ),
 )
 """Quantities of an as-built sensor relative to the nominal one."""
 
-_ALONE = {
+_UNREDUCED = {
     q.name: q
     for q in (
-        *PER_ANGLE,
-        *OF_LENS,
-        *OF_BOTH_SIDES,
-        *OF_A_CALIBRATION,
-        *OF_THE_SENSOR,
-        *OF_THE_APERTURE,
-        *OF_BUILT_SENSORS,
+        *FIELD_QUANTITIES,
+        *LENS_QUANTITIES,
+        *DERIVED_QUANTITIES,
+        *CALIBRATION_QUANTITIES,
+        *SENSOR_QUANTITIES,
+        *APERTURE_QUANTITIES,
+        *AS_BUILT_QUANTITIES,
     )
 }
 
 
-def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:
-    """Reduction of a quantity over the field to one number, named ``{prefix}_{name}``."""
+def _reduction(prefix: str, which: str, description: str) -> Callable[..., Quantity]:
+    """Return a reduction of quantities over the field to one number, named ``{prefix}_{name}``."""
 
-    def of(name: str, **more: str) -> Quantity:
-        q = _ALONE[name]
-        symbol, title, meaning = f"{which} {q.symbol}", f"{q.title}, {which}", f"{q.meaning}: {how}"
-        made = replace(
+    def reduced(name: str, **changes: str) -> Quantity:
+        q = _UNREDUCED[name]
+        symbol, title, meaning = (
+            f"{which} {q.symbol}",
+            f"{q.title}, {which}",
+            f"{q.meaning}: {description}",
+        )
+        quantity = replace(
             q,
             name=f"{prefix}_{name}",
             symbol=symbol,
@@ -904,17 +946,17 @@ def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity
             head="",
             equation="",
         )
-        return replace(made, **more)
+        return replace(quantity, **changes)
 
-    return of
+    return reduced
 
 
-_worst = _over_the_field("worst", "worst", "the largest over the field, whatever its sign")
-_mean = _over_the_field("mean", "mean", "the mean over the solid angle of the field")
-_least = _over_the_field("least", "least", "the least over the field")
-_largest = _over_the_field("largest", "largest", "the largest over the field")
+_worst = _reduction("worst", "worst", "largest magnitude over the field")
+_mean = _reduction("mean", "mean", "mean over the solid angle of the field")
+_minimum = _reduction("min", "min", "minimum over the field")
+_maximum = _reduction("max", "max", "maximum over the field")
 
-OVER_THE_FIELD = (
+REDUCED_QUANTITIES = (
     *map(
         _worst,
         (
@@ -932,20 +974,25 @@ OVER_THE_FIELD = (
     replace(
         _worst("floored_area_deg2"),
         name="best_focus_worst_floored_area_deg2",
-        title="Floored blur area there, worst",
-        meaning="the least that any focus leaves of the worst",
+        title="Floored blur area at best focus, worst",
+        meaning="worst floored blur area at the focus that minimises it",
     ),
-    _least("dh_domega_px_per_deg", format=".2f"),
-    _largest("dh_domega_px_per_deg", format=".2f"),
+    _minimum("dh_domega_px_per_deg", format=".2f"),
+    _maximum("dh_domega_px_per_deg", format=".2f"),
     Quantity(
-        "dh_domega_ratio", "", "", "Resolution T, least / largest", "1 is equidistant", format=".3f"
+        "dh_domega_ratio",
+        "",
+        "",
+        "Resolution T, min / max",
+        "ratio of minimum to maximum resolution T: 1 is equidistant",
+        format=".3f",
     ),
     Quantity(
         "area_ratio",
         "",
         "",
-        "Image area, least / largest",
-        "smallest over largest image of a square degree: 1 is equiareal",
+        "Image area, min / max",
+        "ratio of minimum to maximum image area of a square degree: 1 is equiareal",
         "min Δs / max Δs",
         ".3f",
     ),
@@ -953,49 +1000,50 @@ OVER_THE_FIELD = (
         "inverse_area_ratio",
         "",
         "",
-        "Image area, largest / least",
-        "largest over smallest image of a square degree: 1 is equiareal",
+        "Image area, max / min",
+        "ratio of maximum to minimum image area of a square degree: 1 is equiareal",
         "max Δs / min Δs",
         ".3f",
     ),
-    _least("aspect"),
-    _least("plane_mm_per_px"),
-    _least("cylinder_mm_per_px"),
-    _largest("aspect"),
+    _minimum("aspect"),
+    _minimum("plane_mm_per_px"),
+    _minimum("cylinder_mm_per_px"),
+    _maximum("aspect"),
     Quantity(
         "worst_aspect",
         "",
         "",
-        "Aspect, worst either way",
-        "longer over shorter side of the image of a small square: 1 is conformal",
+        "Aspect, worst",
+        "ratio of the longer to the shorter side of the image of a small square: 1 is conformal",
         "max(Δw/Δh, Δh/Δw)",
         ".3f",
     ),
 )
 """Quantities reduced over the whole field."""
 
-QUANTITIES: dict[str, Quantity] = {**_ALONE, **{q.name: q for q in OVER_THE_FIELD}}
+QUANTITIES: dict[str, Quantity] = {**_UNREDUCED, **{q.name: q for q in REDUCED_QUANTITIES}}
 """All quantities by name."""
 
 
-def described(quantities: Iterable[Quantity]) -> Callable[[T], T]:
+def document_attributes(quantities: Iterable[Quantity]) -> Callable[[T], T]:
     """Document attributes named after quantities with the vocabulary; class decorator.
 
-    >>> @described([QUANTITIES["h_px"]])
-    ... class Seen:
-    ...     '''What is seen.'''
-    >>> print(Seen.__doc__)
-    What is seen.
+    >>> @document_attributes([QUANTITIES["h_px"]])
+    ... class Mapping:
+    ...     '''Mapping of a sensor.'''
+    >>> print(Mapping.__doc__)
+    Mapping of a sensor.
     <BLANKLINE>
     Attributes
     ----------
     h_px : (n,) px
-        Image height: distance of the image from the centre, as focused (h = b tan θ, Eq. 7).
+        Image height: distance of the image point from the image centre at the specified focus (h = b tan θ, Eq. 7).
     """
 
     def decorate(cls: T) -> T:
         lines = [
-            f"{q.name} : (n,) {q.unit}".rstrip() + f"\n    {explained(q)}." for q in quantities
+            f"{q.name} : (n,) {q.unit}".rstrip() + f"\n    {describe_quantity(q)}."
+            for q in quantities
         ]
         if cls.__doc__:
             cls.__doc__ = "\n".join([cleandoc(cls.__doc__), "", "Attributes", "----------", *lines])
@@ -1004,6 +1052,6 @@ def described(quantities: Iterable[Quantity]) -> Callable[[T], T]:
     return decorate
 
 
-def explained(q: Quantity) -> str:
+def describe_quantity(q: Quantity) -> str:
     """Return title, meaning and equation of a quantity in one line."""
     return f"{q.title}: {q.meaning}" + (f" ({q.equation})" if q.equation else "")

@@ -9,7 +9,7 @@ from collections.abc import Callable, ItemsView, Iterator, Mapping, ValuesView
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
-from .arguments import shown
+from .arguments import format_value
 from .caching import cached_property
 from .errors import InvalidParameter, OmnimirrorError
 
@@ -26,9 +26,9 @@ class Registry(Mapping[str, T], Generic[T]):
     ----------
     group
         Group of entry points, such as ``"omnimirror.mirrors"``.
-    what
+    kind
         Kind of object for error messages: "a mirror".
-    ours
+    bundled
         Bundled objects.
     check
         Called with a name and an object; raises an error for invalid ones.
@@ -42,14 +42,14 @@ class Registry(Mapping[str, T], Generic[T]):
     """
 
     def __init__(
-        self, group: str, what: str, ours: Mapping[str, T], check: Callable[[str, Any], None]
+        self, group: str, kind: str, bundled: Mapping[str, T], check: Callable[[str, Any], None]
     ) -> None:
-        self.group, self.what, self._check = group, what, check
-        self._ours = frozenset(ours)
-        self._known: dict[str, T] = dict(ours)
-        self._named: set[str] = set()  # broken entry points with a previous warning
+        self.group, self.kind, self._check = group, kind, check
+        self._bundled = frozenset(bundled)
+        self._loaded: dict[str, T] = dict(bundled)
+        self._reported: set[str] = set()  # broken entry points with a previous warning
 
-    def register(self, name: str, thing: T) -> None:
+    def register(self, name: str, value: T) -> None:
         """Register an object under a unique name; redefinition of the same object, as in a
         notebook, replaces it.
 
@@ -58,12 +58,14 @@ class Registry(Mapping[str, T], Generic[T]):
         InvalidParameter
             The name is taken, or the object is invalid.
         """
-        self._check(name, thing)
+        self._check(name, value)
         if not isinstance(name, str) or not name:
-            raise InvalidParameter(f"{shown(name)} is no name for {self.what}")
-        if name in self and (name in self._ours or _place(self[name]) != _place(thing)):
-            raise InvalidParameter(f"there is {self.what} {name!r} already; choose another name")
-        self._known[name] = thing
+            raise InvalidParameter(
+                f"the name of {self.kind} must be a non-empty string; got {format_value(name)}"
+            )
+        if name in self and (name in self._bundled or _location(self[name]) != _location(value)):
+            raise InvalidParameter(f"the name of {self.kind} must be unique; got {name!r}")
+        self._loaded[name] = value
 
     def withdraw(self, name: str) -> None:
         """Remove a registered object.
@@ -73,23 +75,25 @@ class Registry(Mapping[str, T], Generic[T]):
         InvalidParameter
             The name is not registered, or the object is bundled.
         """
-        if name in self._ours or name not in self._known:
-            raise InvalidParameter(f"{shown(name)} was not registered as {self.what}")
-        del self._known[name]
+        if name in self._bundled or name not in self._loaded:
+            raise InvalidParameter(
+                f"name must be that of a registered object ({self.kind}); got {format_value(name)}"
+            )
+        del self._loaded[name]
 
     def __getitem__(self, name: str) -> T:
-        if name not in self._known:
-            self._known[name] = self._imported(self._offered[name])
-        return self._known[name]
+        if name not in self._loaded:
+            self._loaded[name] = self._load(self._entry_points[name])
+        return self._loaded[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self._known, *self._offered)))
+        return iter(dict.fromkeys((*self._loaded, *self._entry_points)))
 
     def __len__(self) -> int:
-        return len(self._known.keys() | self._offered.keys())
+        return len(self._loaded.keys() | self._entry_points.keys())
 
     def __contains__(self, name: object) -> bool:
-        return name in self._known or name in self._offered
+        return name in self._loaded or name in self._entry_points
 
     def items(self) -> ItemsView[str, T]:
         """Return the usable objects with their names; a broken entry point causes one warning."""
@@ -100,31 +104,32 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._usable().values()
 
     def _usable(self) -> dict[str, T]:
-        found = {}
+        usable = {}
         for name in self:
             try:
-                found[name] = self[name]
+                usable[name] = self[name]
             except OmnimirrorError as e:
-                if name not in self._named:
+                if name not in self._reported:
                     logging.getLogger("omnimirror").warning("%s", e)
-                    self._named.add(name)
-        return found
+                    self._reported.add(name)
+        return usable
 
     @cached_property
-    def _offered(self) -> dict[str, EntryPoint]:
+    def _entry_points(self) -> dict[str, EntryPoint]:
         return {point.name: point for point in entry_points(group=self.group)}
 
-    def _imported(self, point: EntryPoint) -> T:
-        package = point.dist.name if point.dist else "a package"
+    def _load(self, point: EntryPoint) -> T:
+        package = point.dist.name if point.dist else "an unknown package"
         try:
-            thing: T = point.load()
-            self._check(point.name, thing)
+            value: T = point.load()
+            self._check(point.name, value)
         except Exception as e:  # any error in the import of another package
-            named = f"{self.what} {point.name!r} of {package} ({point.value})"
-            raise OmnimirrorError(f"{named} cannot be used: {e}") from e
-        return thing
+            raise OmnimirrorError(
+                f"cannot load {self.kind} {point.name!r} of {package} ({point.value}): {e}"
+            ) from e
+        return value
 
 
-def _place(thing: Any) -> tuple[str, str]:
+def _location(value: Any) -> tuple[str, str]:
     """Return the location of the definition of a class or function."""
-    return getattr(thing, "__module__", ""), getattr(thing, "__qualname__", repr(thing))
+    return getattr(value, "__module__", ""), getattr(value, "__qualname__", repr(value))

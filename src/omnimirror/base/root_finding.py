@@ -75,12 +75,12 @@ def sign_change(function: Callable[[float], float], low: float, high: float, xto
         return high if abs(f_high) < abs(f_low) or np.isnan(f_low) else low
     values: dict[float, float] = {low: f_low, high: f_high}
 
-    def known(x: float) -> float:
+    def evaluate(x: float) -> float:
         return values[x] if x in values else function(x)
 
     if np.isfinite([f_low, f_high]).all():
         try:
-            return float(brentq(known, low, high, xtol=xtol))
+            return float(brentq(evaluate, low, high, xtol=xtol))
         except ValueError:  # NaN between the ends
             pass
     while abs(high - low) > xtol + BISECTION_TOLERANCE * max(abs(low), abs(high)):

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.typing import Array
 from ..cameras.camera import Camera
-from ..cameras.frames import Mount, turned
+from ..cameras.frames import Mount, rotate_vectors
 from ..cameras.models import (
     CameraModel,
     DoubleSphere,
     EnhancedUnified,
-    Image,
     KannalaBrandt,
     OCam,
+    PointImages,
     RationalPinhole,
     ThinPrismFisheye,
     Unified,
@@ -50,7 +50,7 @@ class Sample:
         Ray origins.
     directions : (n, 3) unit vectors
         Ray directions.
-    looks_back
+    is_backward_facing
         Whether the image centre looks towards -Z.
     mount
         Orientation of the camera.
@@ -59,7 +59,7 @@ class Sample:
     pixels: Array
     origins: Array
     directions: Array
-    looks_back: bool
+    is_backward_facing: bool
     mount: Mount
 
     @property
@@ -84,7 +84,11 @@ class Sample:
     def signs(self) -> Array:
         """Signs (3,) that convert directions from the camera frame to the frame of files."""
         return np.array(
-            [-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0]
+            [
+                -1.0 if self.mount.image_flipped else 1.0,
+                1.0,
+                -1.0 if self.is_backward_facing else 1.0,
+            ]
         )
 
     def points(self, distance_mm: float) -> Array:
@@ -165,16 +169,16 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
     to_camera = mount.rotation()
     return Sample(
         pixels[valid],
-        turned(origins[valid], to_camera),
-        turned(directions[valid], to_camera),
-        _looks_back(camera, pixels[valid], turned(directions[valid], to_camera)),
+        rotate_vectors(origins[valid], to_camera),
+        rotate_vectors(directions[valid], to_camera),
+        _looks_back(camera, pixels[valid], rotate_vectors(directions[valid], to_camera)),
         mount,
     )
 
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
     """Return whether the image centre looks towards -Z, from the camera or from its central pixels."""
-    said = getattr(camera, "looks_back", None)
+    said = getattr(camera, "is_backward_facing", None)
     if isinstance(said, bool):
         return said
     centre = np.array(
@@ -239,7 +243,7 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
     common: dict[str, Any] = {
         "centre_px": (u, v),
         "image_size": image_size,
-        "optics": "mirror" if sample.looks_back else "fisheye",
+        "optics": "mirror" if sample.is_backward_facing else "fisheye",
         "mount": sample.mount,
     }
     return RotationalProjection((u, v), matrix, omega, np.sum(plane * side, axis=1), common)
@@ -575,7 +579,7 @@ class _Problem:
             hessian += slopes.T @ slopes
         return total, gradient, hessian
 
-    def _slopes(self, image: Image, points: Array, distant: bool) -> Array:
+    def _slopes(self, image: PointImages, points: Array, distant: bool) -> Array:
         """Return the derivatives (2 n, count) of the pixels."""
         n, p = len(points), len(self.free)
         slopes = np.zeros((n, 2, self.count))

@@ -10,17 +10,17 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 
 from ..base.arguments import (
-    WrongKind,
+    InvalidType,
     choice,
     distances,
     file_name,
+    format_value,
     instance,
+    integer,
     optional_number,
-    shown,
-    whole,
 )
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.files import replacing
+from ..base.files import atomic_output
 from ..cameras.camera import Camera
 from ..cameras.frames import Mount
 from ..cameras.models import CameraModel, RadialModel
@@ -301,7 +301,7 @@ def convert(
         *_notes(stored.camera, written, made),
         *_field_notes(stored.camera, made, field[0]),
     )
-    with replacing(target) as temporary:
+    with atomic_output(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in made.found.viewpoint_mm)
     return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
@@ -323,7 +323,8 @@ def _far(distance_mm: Any) -> tuple[float, ...]:
     far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
     if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
         raise InvalidParameter(
-            f"distance_mm = {shown(distance_mm)} is not valid; it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
+            f"distance_mm = {format_value(distance_mm)} is not valid; "
+            f"it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
             "and inf"
         )
     return tuple(far.tolist())
@@ -333,16 +334,16 @@ def _size(image_size: Any) -> tuple[int, int] | None:
     if image_size is None:
         return None
     width, height = _row("image_size", image_size, 2)
-    return whole("image_size", width, 1), whole("image_size", height, 1)
+    return integer("image_size", width, 1), integer("image_size", height, 1)
 
 
 def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
     found = [value] if isinstance(value, int | float) else value
     if isinstance(found, str) or not isinstance(found, Iterable):
-        raise WrongKind(f"{name} = {shown(value)} is no row of numbers")
+        raise InvalidType(f"{name} = {format_value(value)} is no row of numbers")
     found = list(found)
     if count is not None and len(found) != count:
-        raise InvalidParameter(f"{name} = {shown(value)} is valid as {count} numbers")
+        raise InvalidParameter(f"{name} = {format_value(value)} is valid as {count} numbers")
     return found
 
 
@@ -358,9 +359,9 @@ def _of_file(
         return read, cameras[names.index(camera)]
     if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
         raise InvalidParameter(
-            f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}"
+            f"camera = {format_value(camera)} is not in {source}; it has {', '.join(filter(None, names))}"
         )
-    which = whole("camera", float(camera) if isinstance(camera, str) else camera)
+    which = integer("camera", float(camera) if isinstance(camera, str) else camera)
     if which >= len(cameras):
         raise InvalidParameter(
             f"camera = {which} is not in {source}, which has {len(cameras)}, from 0"
@@ -542,7 +543,7 @@ def _notes(source: Camera, written: Any, made: _StoredCamera) -> Iterable[str]:
         return
     if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
         return
-    if written.is_picture_reversed:
+    if written.is_image_reversed:
         yield (
             "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
             "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"

@@ -12,7 +12,7 @@ from scipy.special import bdtrc
 
 from ..base.typing import Array
 from ..cameras.camera import Camera
-from ..cameras.frames import CameraLooks, Mount, turned
+from ..cameras.frames import CameraLooks, Mount, rotate_vectors
 from .edge_detection import edge_chains
 
 MAX_TILT_DEG = 40.0
@@ -119,7 +119,7 @@ def _straight_edges(
     normals, lengths = [], []
     for chain in edge_chains(picture, centre_px=(u, v), radius_px=radius_px / scale):
         rays = camera.backproject((chain + 0.5) * scale - 0.5)
-        seen = turned(rays.directions[rays.valid], mount.rotation())
+        seen = rotate_vectors(rays.directions[rays.valid], mount.rotation())
         if len(seen) < MIN_UPRIGHT or seen[0] @ seen[-1] > np.cos(np.radians(MIN_EXTENT_DEG)):
             continue
         moments, axes = np.linalg.eigh(seen.T @ seen / len(seen))
@@ -157,7 +157,7 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
     """
     if len(normals) < MIN_UPRIGHT:
         return None
-    to_world = mount.upright.rotation()
+    to_world = mount.levelled.rotation()
     planes = normals @ to_world.T
     first = np.argsort(-lengths)[:MAX_PAIRED]
     a, b = np.triu_indices(len(first), 1)

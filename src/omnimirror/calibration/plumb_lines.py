@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import checked, finite, instance, number
+from ..base.arguments import finite, instance, number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
@@ -144,7 +144,7 @@ class LineCalibration:
         }
 
 
-@checked
+@validate_arguments
 def calibrate_lines(
     pictures: Sequence[NDArray[Any]] = (),
     *,

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..base.errors import OmnimirrorError
 from ..base.typing import Array, Mask
-from ..cameras.frames import turned
-from ..cameras.models.camera_model import Image
+from ..cameras.frames import rotate_vectors
+from ..cameras.models.camera_model import PointImages
 from ..optics.housing import Housing
 from ..optics.lenses import Perspective
 from ..optics.lenses.distortion import TERMS, distorted_rates
@@ -243,7 +243,7 @@ class OpticalPath(NamedTuple):
 
 def image_of_points(
     sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
-) -> Image:
+) -> PointImages:
     """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
 
     Parameters
@@ -277,7 +277,7 @@ def image_of_points(
         valid = valid & found.reflects & (r <= RIM_EXTENSION * sensor.mirror.rim_radius_mm)
     for array in (pixels, by_target, by_place):
         array[~valid] = np.nan
-    return Image(pixels, valid, by_target, by_place)
+    return PointImages(pixels, valid, by_target, by_place)
 
 
 def _path_endpoints(
@@ -356,11 +356,11 @@ def _displaced(
         else sensor.optical_train.pupil_offset - shift
     )
     d_pupil = turn.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
-    d_target = turned(points if distant else points - shift, turn) - (
+    d_target = rotate_vectors(points if distant else points - shift, turn) - (
         0.0 if distant else rotation.T @ moved
     )
     disturbance = way.by_pupil @ d_pupil + np.einsum("nij,nj->ni", way.by_target, d_target)
-    return disturbance, turned(found.points, turn.T) + moved
+    return disturbance, rotate_vectors(found.points, turn.T) + moved
 
 
 def _add_shape(
@@ -420,7 +420,7 @@ COVER_STEP = 1e-5  # rim radii; central differences with an error quadratic in t
 
 def image_through_cover(
     sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
-) -> Image:
+) -> PointImages:
     """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
     covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
@@ -449,7 +449,7 @@ def image_through_cover(
     pixels = images[0].pixels
     for array in (pixels, d_points, d_parameters):
         array[~valid] = np.nan
-    return Image(pixels, valid, d_points, d_parameters)
+    return PointImages(pixels, valid, d_points, d_parameters)
 
 
 def _misses(

@@ -9,14 +9,14 @@ from typing import Any, ClassVar, Literal, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import checked, finite, number, vectors
+from ..base.arguments import finite, number, validate_arguments, vectors
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Projection, Rays
 from ..cameras.frames import Mount
-from ..cameras.models.camera_model import CameraModel, Image, ModelParameter
+from ..cameras.models.camera_model import CameraModel, ModelParameter, PointImages
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
@@ -163,7 +163,7 @@ class SensorModel(CameraModel):
             other.__dict__[kept] = getattr(self, kept)
         return other
 
-    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
         """Compute the image of points (n, 3) mm in the camera frame.
 
         The origin of the frame is the nominal mirror vertex.
@@ -382,7 +382,7 @@ MIN_ANGULAR_RADIUS = 1e-6  # radians; minimum angular radius of a ball
 PITCH_UM = 5.0  # arbitrary: an image determines only angles
 
 
-@checked
+@validate_arguments
 def mirror_ball_model(
     image_size: tuple[int, int],
     centre_px: tuple[float, float],

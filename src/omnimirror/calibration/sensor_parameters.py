@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from ..base.arguments import WrongKind, checked, number, shown
+from ..base.arguments import InvalidType, format_value, number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..optics.lenses import Perspective
 from ..optics.sensor import Sensor
@@ -58,7 +58,7 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     known = list(parameter_names(sensor))
     if matched is None or name not in known:
         raise InvalidParameter(
-            f"{shown(name)} is no parameter of {sensor.name!r}; valid are {', '.join(known)}"
+            f"{format_value(name)} is no parameter of {sensor.name!r}; valid are {', '.join(known)}"
         )
     section, key, index = matched.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
@@ -185,7 +185,7 @@ def group_names(sensor: Sensor, group: str) -> tuple[str, ...]:
     return tuple(names[group])
 
 
-@checked
+@validate_arguments
 def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
     """Return the unique parameter names of groups and names.
 
@@ -204,7 +204,7 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
             names[parameter_location(sensor, word).name] = None
         else:
             raise InvalidParameter(
-                f"{shown(word)} is no parameter; valid are the groups {', '.join(GROUPS)} and the names "
+                f"{format_value(word)} is no parameter; valid are the groups {', '.join(GROUPS)} and the names "
                 f"{', '.join(parameter_names(sensor))}"
             )
     if not names:
@@ -266,7 +266,7 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior
     return (*made_up, *mounted)
 
 
-@checked
+@validate_arguments
 def checked_priors(
     names: tuple[str, ...], priors: Iterable[ParameterPrior]
 ) -> tuple[ParameterPrior, ...]:
@@ -274,14 +274,14 @@ def checked_priors(
     given = tuple(priors)
     for prior in given:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
-            raise WrongKind(
-                f"{shown(prior)} among the priors is not a name, a value and its standard deviation"
+            raise InvalidType(
+                f"{format_value(prior)} among the priors is not a name, a value and its standard deviation"
             )
-    checked = tuple(ParameterPrior(*prior) for prior in given)
-    for prior in checked:
+    parsed = tuple(ParameterPrior(*prior) for prior in given)
+    for prior in parsed:
         if prior.name not in names:
             raise InvalidParameter(
-                f"a prior on {shown(prior.name)} needs it free; free are {', '.join(names)}"
+                f"a prior on {format_value(prior.name)} needs it free; free are {', '.join(names)}"
             )
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
-    return checked
+    return parsed

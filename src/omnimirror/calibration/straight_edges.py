@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import checked, finite, float_of, number, shown
+from ..base.arguments import finite, format_value, number, parse_float, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import read_text
 from ..base.typing import Array, Mask
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..cameras.models.camera_model import CameraModel
 
 # -- Lines of user-written tables, with errors that name file and line -----------------------------
@@ -32,11 +32,11 @@ def csv_cells(line: str, place: str) -> list[str]:
 def csv_number(entries: dict[str, str], name: str, place: str) -> float:
     """Return the number in a cell."""
     try:
-        value = float_of(entries[name])
+        value = parse_float(entries[name])
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        raise InvalidParameter(f"{place}: {name} = {shown(entries[name])} is no number")
+        raise InvalidParameter(f"{place}: {name} = {format_value(entries[name])} is no number")
     return value
 
 
@@ -48,7 +48,7 @@ MIN_MARKED_POINTS = 3
 """Minimum number of points on an edge; two always fit the image of a straight line."""
 
 
-@checked
+@validate_arguments
 def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
     """Read points on straight edges from CSV tables with a header line.
 
@@ -109,7 +109,8 @@ def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     columns = csv_cells(head, f"line {number} of {path}")
     if set(columns) - {PICTURE} != set(COLUMNS) or len(set(columns)) < len(columns):
         raise InvalidParameter(
-            f"line {number} of {path} names {shown(head)}; valid is {','.join(COLUMNS)}, and {PICTURE} if several"
+            f"line {number} of {path} names {format_value(head)}; "
+            f"valid is {','.join(COLUMNS)}, and {PICTURE} if several"
         )
     return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
 
@@ -333,7 +334,10 @@ def _seen(
     """
     rays = model.backproject(pixels)
     world = model.mount.rotation()
-    directions, origins = turned(rays.directions, world), turned(rays.origins, world)
+    directions, origins = (
+        rotate_vectors(rays.directions, world),
+        rotate_vectors(rays.origins, world),
+    )
     towards, length = directions, np.ones(len(pixels))
     if np.isfinite(distance_mm):
         points = origins + distance_mm * directions

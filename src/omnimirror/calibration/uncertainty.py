@@ -8,12 +8,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import checked, finite, instance, number, optional_number, vectors, whole
+from ..base.arguments import (
+    finite,
+    instance,
+    integer,
+    number,
+    optional_number,
+    validate_arguments,
+    vectors,
+)
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
 from ..cameras.camera import Rays
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..cameras.models.camera_model import (
     CameraModel,
     direction_covariance_at,
@@ -30,7 +38,7 @@ MAX_HEIGHT_MM = 1e9  # of a camera above a floor
 MAX_FLOOR_DISTANCE = 100.0  # multiple of the height; rays beyond are treated as horizontal
 
 
-@checked
+@validate_arguments
 def direction_uncertainty(
     camera: Sensor | CameraModel,
     pixels: ArrayLike,
@@ -79,11 +87,11 @@ def direction_uncertainty(
     """
     known = _uncertain_model(camera, covariance, field_deg)
     rays = known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
-    directions = turned(rays.directions, known.model.mount.rotation())
+    directions = rotate_vectors(rays.directions, known.model.mount.rotation())
     return direction_sigma_deg(known.model, known.covariance, directions, known.field_deg)
 
 
-@checked
+@validate_arguments
 def floor_uncertainty(
     camera: Sensor | CameraModel,
     pixels: ArrayLike,
@@ -141,11 +149,11 @@ def floor_uncertainty(
     level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
     sigma = major_sigma(
         direction_covariance_at(
-            model, known.covariance, turned(points, world), level, distant=False
+            model, known.covariance, rotate_vectors(points, world), level, distant=False
         )
     )
     return np.where(
-        within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan
+        within_field(model, rotate_vectors(rays.directions, world), known.field_deg), sigma, np.nan
     )
 
 
@@ -186,7 +194,7 @@ class UncertaintyMap:
         }
 
 
-@checked
+@validate_arguments
 def uncertainty_map(
     camera: Sensor | CameraModel,
     *,
@@ -228,7 +236,7 @@ def uncertainty_map(
     >>> om.uncertainty_map(model, covariance=[[0.0116**2]], steps=16).summary()["median_deg"] < 0.2
     True
     """
-    whole("steps", steps, 1, MAX_GRID_STEPS)
+    integer("steps", steps, 1, MAX_GRID_STEPS)
     width, height = camera.image_size
     step = max(width, height) / steps
     columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))
@@ -246,7 +254,7 @@ def uncertainty_map(
     known = _uncertain_model(camera, covariance, field_deg)
     rays = known.model.backproject(pixels)
     inside = within_field(
-        known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg
+        known.model, rotate_vectors(rays.directions, known.model.mount.rotation()), known.field_deg
     )
     is_restricted = bool((rays.valid & ~inside).any())
     return UncertaintyMap(
@@ -257,7 +265,7 @@ def uncertainty_map(
 def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
     """Return the calibrated field of measured pixels (n, 2): their maximum field angle (deg)."""
     rays = model.backproject(pixels)
-    directions = turned(rays.directions[rays.valid], model.mount.rotation())
+    directions = rotate_vectors(rays.directions[rays.valid], model.mount.rotation())
     return float(field_angles(model, directions).max()) if len(directions) else None
 
 

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import check_fields, checked, number
+from ..base.arguments import check_fields, number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.linear_algebra import matrix_product
 from ..base.typing import Array
@@ -75,16 +75,16 @@ class Mount:
     def __post_init__(self) -> None:
         check_fields(self)
         number("forward_azimuth_deg", self.forward_azimuth_deg)
-        for name, value, most in (
+        for name, value, limit in (
             ("pitch_deg", self.pitch_deg, 90),
             ("roll_deg", self.roll_deg, 180),
         ):
-            if not abs(value) <= most:
+            if not abs(value) <= limit:
                 raise InvalidParameter(
-                    f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg"
+                    f"{name} must be between -{limit} and {limit} deg; got {value:g}"
                 )
 
-    @checked
+    @validate_arguments
     def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
         """Convert an elevation range (low, high), deg above the horizon, to field angles (deg).
 
@@ -98,16 +98,15 @@ class Mount:
         >>> Mount("up").field_angles_deg((-60.0, 20.0)), Mount("down").field_angles_deg((-60.0, 20.0))
         ((30.0, 110.0), (70.0, 150.0))
         """
-        if self.camera_looks == "forward" or self.leans:
-            how = "leans" if self.leans else "looks forward"
+        if self.camera_looks == "forward" or self.is_tilted:
             raise InvalidParameter(
-                f"the sensor {how}, and an elevation is not at one field angle then; elevations are valid for "
-                'camera_looks = "up" and "down" without pitch_deg and roll_deg, otherwise give field angles'
+                'camera_looks must be "up" or "down", and pitch_deg and roll_deg must be 0 for elevations; got '
+                f'"{self.camera_looks}", {self.pitch_deg:g} and {self.roll_deg:g} deg; give field angles instead'
             )
         low, high = elevation_deg
         return (90.0 + low, 90.0 + high) if self.camera_looks == "up" else (90.0 - high, 90.0 - low)
 
-    @checked
+    @validate_arguments
     def elevations_deg(self, omega_deg: tuple[float, float]) -> tuple[float, float]:
         """Convert a range of field angles to elevations, deg.
 
@@ -120,36 +119,38 @@ class Mount:
         return low - omega_deg[1], high - omega_deg[0]
 
     @property
-    def upright(self) -> Mount:
+    def levelled(self) -> Mount:
         """Mount without pitch and roll."""
         return replace(self, pitch_deg=0.0, roll_deg=0.0)
 
     @property
-    def leans(self) -> bool:
+    def is_tilted(self) -> bool:
         """True if pitch or roll is not 0."""
         return bool(self.pitch_deg or self.roll_deg)
 
-    @checked
-    def lean_of_view(self, pan_deg: float) -> tuple[float, float]:
+    @validate_arguments
+    def view_tilt_deg(self, pan_deg: float) -> tuple[float, float]:
         """Return pitch and roll (deg) of a view panned in the sensor's frame without levelling.
 
-        >>> [round(angle) + 0 for angle in Mount(pitch_deg=20.0).lean_of_view(90.0)]  # of what is right of forward
+        >>> [round(angle) + 0 for angle in Mount(pitch_deg=20.0).view_tilt_deg(90.0)]
         [0, 20]
         """
         number("pan_deg", pan_deg)
         forward, left, up = (
-            turn_of(0.0, self.pitch_deg, self.roll_deg) @ turn_of(pan_deg, 0.0, 0.0)
+            pan_tilt_rotation(0.0, self.pitch_deg, self.roll_deg)
+            @ pan_tilt_rotation(pan_deg, 0.0, 0.0)
         ).T
-        return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(
-            np.degrees(np.arctan2(left[2], up[2]))
-        )
+        pitch, roll = np.arcsin(np.clip(forward[2], -1, 1)), np.arctan2(left[2], up[2])
+        return float(np.degrees(pitch)), float(np.degrees(roll))
 
     def rotation(self) -> Array:
         """Return the rotation (3, 3) from camera to world frame, with determinant +1."""
-        upright = self._rotation_upright()
-        return turn_of(0.0, self.pitch_deg, self.roll_deg) @ upright if self.leans else upright
+        levelled = self._levelled_rotation()
+        if not self.is_tilted:
+            return levelled
+        return pan_tilt_rotation(0.0, self.pitch_deg, self.roll_deg) @ levelled
 
-    def _rotation_upright(self) -> Array:
+    def _levelled_rotation(self) -> Array:
         c, s = _cos_sin_deg(self.forward_azimuth_deg)
         if self.camera_looks == "up":
             return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -171,10 +172,10 @@ def camera_direction(omega: Array, phi: Array) -> Array:
     return np.stack([s * np.cos(phi), s * np.sin(phi), -np.cos(omega)], axis=-1)
 
 
-def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
+def rotate_vectors(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
     """Compute ``vectors @ matrix`` for vectors (..., d) and a small matrix (d, k).
 
-    >>> turned([[1.0, 2.0], [3.0, 4.0]], np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    >>> rotate_vectors([[1.0, 2.0], [3.0, 4.0]], np.array([[0.0, 1.0], [-1.0, 0.0]]))
     array([[-2.,  1.],
            [-4.,  3.]])
     """
@@ -212,12 +213,12 @@ def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[A
     return forward, cr * right + sr * down, -sr * right + cr * down
 
 
-def turn_of(pan_deg: float, tilt_deg: float, roll_deg: float) -> Array:
+def pan_tilt_rotation(pan_deg: float, tilt_deg: float, roll_deg: float) -> Array:
     """Return the rotation (3, 3) of pan, tilt and roll for axes forward, left, up.
 
     In ROS angles, with opposite signs about left and up: yaw -pan, pitch -tilt and roll.
 
-    >>> turn_of(0.0, 90.0, 0.0)[:, 0]  # its forward is up
+    >>> pan_tilt_rotation(0.0, 90.0, 0.0)[:, 0]  # the forward axis points up
     array([0., 0., 1.])
     """
     forward, right, down = view_axes(pan_deg, tilt_deg, roll_deg)

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..base.arguments import checked, choice, distances, image_radius
+from ..base.arguments import choice, distances, image_radius, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.root_finding import sign_change
 from ..base.typing import Array
@@ -66,7 +66,7 @@ class BlurBound:
         return bool(np.abs(self.s_deg).max() <= self.blur_deg * (1 + 1e-6))
 
 
-@checked
+@validate_arguments
 def blur_bound(
     sensor: Sensor,
     object_distance_mm: float = np.inf,

@@ -95,9 +95,9 @@ def _mass(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> Array:
 
 
 SIZES: dict[str, Callable[[FieldValues, DesignSpace, Array, Given], Array]] = {
-    "whole_diameter_mm": _diameter,
-    "whole_height_mm": _height,
-    "whole_mass_g": _mass,
+    "overall_diameter_mm": _diameter,
+    "overall_height_mm": _height,
+    "mirror_body_mass_g": _mass,
 }
 
 

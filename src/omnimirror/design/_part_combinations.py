@@ -19,7 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from ..base.arguments import shown
+from ..base.arguments import format_value
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..optics.housing import Dome
@@ -94,7 +94,7 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
     if not there:
         known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
         raise InvalidParameter(
-            f"there is no {shown(use)} in the catalogue, and parts.extras asks for one; it has {known}"
+            f"there is no {format_value(use)} in the catalogue, and parts.extras asks for one; it has {known}"
         )
     return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 
@@ -183,8 +183,8 @@ class PartsBounds:
             optics := lens.optics
         ) is not None:  # distortion and focus may increase the field above that of f
             field = optics.focused_at(FARTHEST_FOCUS).field
-            shown = float(field.tangent_of(np.array([radius]))[0])
-            filled = field.end if np.isnan(shown) else max(shown, radius / lens.focal_length_mm)
+            tangent = float(field.tangent_of(np.array([radius]))[0])
+            filled = field.end if np.isnan(tangent) else max(tangent, radius / lens.focal_length_mm)
         else:
             filled = radius / lens.focal_length_mm
         theta = ends_or_none(self.own.lens.theta_max_deg)

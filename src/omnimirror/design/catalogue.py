@@ -10,7 +10,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..base.arguments import checked, float_of, shown
+from ..base.arguments import format_value, parse_float, validate_arguments
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import parse_toml, read_text
@@ -249,7 +249,7 @@ class Catalogue:
     extras: tuple[ExtraComponent, ...] = ()
 
 
-@checked
+@validate_arguments
 def read_catalogue(*paths: str | Path) -> Catalogue:
     """Read and merge catalogue files in TOML (``[[lens]]``, ``[[imager]]`` ...) or CSV format.
 
@@ -293,7 +293,7 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
         for place, part in _read(BUNDLED if str(path) == TYPICAL else Path(path)):
             if before := names.get((part.KIND, part.name)):
                 raise OmnimirrorError(
-                    f"{place}: the {part.KIND} {shown(part.name)} is in {before} already"
+                    f"{place}: the {part.KIND} {format_value(part.name)} is in {before} already"
                 )
             names[part.KIND, part.name] = place
             parts.append(part)
@@ -361,7 +361,7 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
     known = sorted({f.name for classes in KINDS.values() for cls in classes for f in fields(cls)})
     if unknown := [name for name in header if name not in known]:
         hint = did_you_mean(unknown[0], known)
-        said = f"{path} line 1: the column {shown(unknown[0])} is not known{hint}"
+        said = f"{path} line 1: the column {format_value(unknown[0])} is not known{hint}"
         raise OmnimirrorError(f"{said}; valid are {', '.join(known)}")
     if twice := [name for i, name in enumerate(header) if name in header[:i]]:
         raise OmnimirrorError(f"{path} line 1: the column {twice[0]} is there twice")
@@ -406,7 +406,7 @@ def _number(key: str, text: str) -> Any:
     if key in WORDS:
         return text
     try:
-        numbers = tuple(float_of(part) for part in text.split())
+        numbers = tuple(parse_float(part) for part in text.split())
     except ValueError:
         return text
     if key == "extension_rings_mm":
@@ -439,12 +439,12 @@ def _value(where: str, key: str, value: Any, cls: type[Component]) -> Any:
     """Validate and convert the value of an entry."""
     if key in WORDS:
         if not (isinstance(value, str) and value):
-            raise OmnimirrorError(f"{where}{key} = {shown(value)} is not a name")
+            raise OmnimirrorError(f"{where}{key} = {format_value(value)} is not a name")
         return value
     several = key == "extension_rings_mm"
     row = tuple(value) if isinstance(value, list | tuple) else (value,)
     if not all(map(_is_number, row)) or (len(row) != 1 and not several):
-        raise OmnimirrorError(f"{where}{key} = {shown(value)} is not a number")
+        raise OmnimirrorError(f"{where}{key} = {format_value(value)} is not a number")
     if several:
         return row
     if cls is ImagerComponent and key in ("width_px", "height_px"):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..analysis.focus import FocusStudy, best_focus
 from ..analysis.meridional_imaging import virtual_images
-from ..base.arguments import checked, distances
+from ..base.arguments import distances, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.optimisation import minimise_scalar
 from ..base.typing import Array
@@ -56,7 +56,7 @@ class BestAperture:
     airy_px: float
 
 
-@checked
+@validate_arguments
 def best_apertures(
     sensor: Sensor,
     f_number: float | tuple[float, float] = (0.5, 64.0),
@@ -212,7 +212,7 @@ class Combination:
         return not self.reasons
 
 
-@checked
+@validate_arguments
 def choose_parts(
     sensor: Sensor,
     catalogue: Catalogue,

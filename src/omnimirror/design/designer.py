@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..base.arguments import check_fields, checked, instance, whole
+from ..base.arguments import check_fields, instance, integer, validate_arguments
 from ..base.files import json_plain
 from ..optics.lenses import BlurMode
 from ..optics.sensor import Sensor
@@ -112,11 +112,11 @@ class SearchOptions:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        whole("starts", self.starts, 1)
-        whole("seed", self.seed)
+        integer("starts", self.starts, 1)
+        integer("seed", self.seed)
 
 
-@checked
+@validate_arguments
 def design_sensor(
     requirements: Requirements,
     on_step: Callable[[str], None] | None = None,

@@ -209,7 +209,7 @@ def _least_missed(space: FreeformDesignSpace, tried: list[Array]) -> Array:
     found = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *tried]]
     best = min(found, key=_cost)
     fine = replace(coarse, u=np.linspace(0.0, 1.0, FINE))
-    return follow(fine, best.y, tolerance=CLOSE, first_trust=POLISH_TRUST).y
+    return follow(fine, best.y, tolerance=CLOSE, initial_trust=POLISH_TRUST).y
 
 
 def _cost(found: MinimaxResult) -> float:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import WrongKind, finite, number, shown
+from ..base.arguments import InvalidType, finite, format_value, number
 from ..base.errors import InvalidParameter
 from ..base.quantities import QUANTITIES, Quantity
 from ..base.registry import Registry
@@ -83,7 +83,7 @@ REFERENCES = 16
 FINEST = 10.0  # cycles per pixel
 SHARED = 2e-5  # relative, below the reported precision; peaks that differ by less are equal
 LEVEL = 1e-9  # relative; smaller differences of neighbours are due to rounding
-MAY_BE_0 = ("hidden_to_deg", "hidden_percent")
+MAY_BE_0 = ("obscured_to_deg", "obscured_percent")
 SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
 
@@ -294,21 +294,21 @@ _OURS: dict[str, Limitable] = {
         _mtf("mtf_s", lambda f: f.blur_s_px),
         _one("length_mm", "largest", lambda f: f.length),
         _one("sag_mm", "largest", lambda f: f.sag),
-        _one("hidden_to_deg", "largest", lambda f: f.hidden_to_deg),
-        _one("hidden_percent", "largest", lambda f: f.hidden_percent),
-        _one("whole_diameter_mm", "largest", lambda f: f.whole_diameter_mm),
-        _one("whole_height_mm", "largest", lambda f: f.whole_height_mm),
-        _one("whole_mass_g", "largest", lambda f: f.whole_mass_g),
+        _one("obscured_to_deg", "largest", lambda f: f.obscured_to_deg),
+        _one("obscured_percent", "largest", lambda f: f.obscured_percent),
+        _one("overall_diameter_mm", "largest", lambda f: f.overall_diameter_mm),
+        _one("overall_height_mm", "largest", lambda f: f.overall_height_mm),
+        _one("mirror_body_mass_g", "largest", lambda f: f.mirror_body_mass_g),
     )
 }
 
 
 def _check_limitable(name: str, limitable: Any) -> None:
     if not isinstance(limitable, Limitable):
-        raise WrongKind(f"{shown(limitable)} is no omnimirror.design.Limitable")
+        raise InvalidType(f"{format_value(limitable)} is no omnimirror.design.Limitable")
     if limitable.quantity.name != name:
         raise InvalidParameter(
-            f"the quantity {shown(limitable.quantity.name)} is to be known by its own name"
+            f"the quantity {format_value(limitable.quantity.name)} is to be known by its own name"
         )
 
 
@@ -403,7 +403,7 @@ class Limit:
         if not isinstance(self.quantity, str) or self.quantity not in LIMITABLE:
             hint = did_you_mean(str(self.quantity)[:60], LIMITABLE)
             raise InvalidParameter(
-                f"limit.quantity = {shown(self.quantity)} is not known{hint}; valid are {', '.join(LIMITABLE)}"
+                f"limit.quantity = {format_value(self.quantity)} is not known{hint}; valid are {', '.join(LIMITABLE)}"
             )
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} says neither at_most nor at_least")

@@ -59,14 +59,14 @@ class FieldValues(NamedTuple):
     own_t_px: Array
     """Tangential blur of the lens alone, px; 0 for an ideal lens."""
     own_s_px: Array
-    hidden_to_deg: Array = NOTHING
+    obscured_to_deg: Array = NOTHING
     """Upper end of the central obscuration, deg; 0 during searches without this value."""
-    hidden_percent: Array = NOTHING
+    obscured_percent: Array = NOTHING
     """Obscured percentage of the image circle."""
-    whole_diameter_mm: Array = NOTHING
+    overall_diameter_mm: Array = NOTHING
     """Diameter of mirror and housing; 0 during searches without this value."""
-    whole_height_mm: Array = NOTHING
-    whole_mass_g: Array = NOTHING
+    overall_height_mm: Array = NOTHING
+    mirror_body_mass_g: Array = NOTHING
     omega: Array = NOTHING
     """Field angles, radians."""
     near: Array = NOTHING
@@ -165,11 +165,11 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
 
 
 OF_THE_WHOLE: dict[str, Callable[[Sensor], float]] = {
-    "hidden_to_deg": lambda sensor: sensor.hidden_to_deg,
-    "hidden_percent": lambda sensor: sensor.hidden_percent,
-    "whole_diameter_mm": lambda sensor: outer_size(sensor).diameter_mm,
-    "whole_height_mm": lambda sensor: outer_size(sensor).height_mm,
-    "whole_mass_g": body_mass_g,
+    "obscured_to_deg": lambda sensor: sensor.obscured_to_deg,
+    "obscured_percent": lambda sensor: sensor.obscured_percent,
+    "overall_diameter_mm": lambda sensor: outer_size(sensor).diameter_mm,
+    "overall_height_mm": lambda sensor: outer_size(sensor).height_mm,
+    "mirror_body_mass_g": body_mass_g,
 }
 """Quantities of the sensor as a whole, independent of the field angle."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import checked
+from ..base.arguments import validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.typing import Array
 from ..optics.housing import Housing, Tube
@@ -328,7 +328,7 @@ def _instead(name: str) -> str:
 # -- Comparison of all mappings: the mirror of each for one field and lens -------------------------
 
 
-@checked
+@validate_arguments
 def mappings(
     omega_max_deg: float = 75.0, theta_max_deg: float = 12.0
 ) -> dict[str, MountedMirror | OmnimirrorError]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import checked, instance, whole
+from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
 from ..optics.sensor import Sensor
@@ -323,7 +323,7 @@ class PartsSearch:
         return data
 
 
-@checked
+@validate_arguments
 def design_from_parts(
     requirements: Requirements,
     catalogue: Catalogue | None = None,
@@ -385,8 +385,8 @@ def design_from_parts(
         raise InvalidParameter(
             "the requirements say nothing of parts; give parts, or design_sensor designs without"
         )
-    whole("most", most, 1)
-    whole("processes", processes, 1)
+    integer("most", most, 1)
+    integer("processes", processes, 1)
     check_free(requirements)
     catalogue = read_catalogue(*requirements.parts.catalogue) if catalogue is None else catalogue
     for name, asked, there in (

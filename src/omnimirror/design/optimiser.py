@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.files import LARGEST_TEXT, json_plain, parse_json, read_bytes, write_text
+from ..base.files import MAX_TEXT_BYTES, json_plain, parse_json, read_bytes, write_text
 from ..base.optimisation import (
     LinearisedValues,
     MinimaxResult,
@@ -458,11 +458,11 @@ def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
     """Return the best run, refined over the fine field angles."""
     best = min((r for r in runs if r.kept), key=lambda r: r.value)
     fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE))
-    found = follow(fine, np.array(best.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
+    found = follow(fine, np.array(best.y), tolerance=CLOSER, initial_trust=POLISH_TRUST)
     if not fine.is_about_sharpness:
         for _ in range(REFOCUSED):
             found = follow(
-                fine, _focused(space, found.y), tolerance=CLOSER, first_trust=POLISH_TRUST
+                fine, _focused(space, found.y), tolerance=CLOSER, initial_trust=POLISH_TRUST
             )
     value = fine.shown(found.value)
     sensor = space.sensor(
@@ -486,7 +486,7 @@ def follow(objective: Objective, y: Array, **options: Any) -> MinimaxResult:
         low[held] = high[held] = y[held]
     bounds = low, high
     if objective.is_mean:
-        options.pop("first_trust", None)
+        options.pop("initial_trust", None)
         return minimise_mean(objective.values, objective.rows, y, bounds, **options)
     return solve_minimax(
         objective.values, objective.rows, y, bounds, objective.is_spread, **options
@@ -595,7 +595,7 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
     if resume is None or not Path(resume).exists():
         return []
     try:
-        data = parse_json(read_bytes(resume, LARGEST_TEXT))
+        data = parse_json(read_bytes(resume, MAX_TEXT_BYTES))
         runs = [
             Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"]))
             for r in data.pop("runs")

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import checked, file_name, instance
+from ..base.arguments import file_name, instance, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.files import check_file, parse_json, replacing
+from ..base.files import atomic_output, check_file, parse_json
 from ..base.typing import Array
 from ..optics.batch.closed_forms import DEGREE
 from ..optics.lenses import BlurMode
@@ -258,7 +258,7 @@ class Front:
         )
 
 
-@checked
+@validate_arguments
 def pareto(
     requirements: Requirements,
     merits: Sequence[str] = ("worst_floored_area_deg2", "inverse_area_ratio"),
@@ -369,7 +369,7 @@ def _front(
 # -- files -----------------------------------------------------------------------------------------
 
 
-@checked
+@validate_arguments
 def load_front(path: str | Path) -> Front:
     """Read a front from a file written by :func:`pareto`.
 
@@ -425,7 +425,7 @@ def _write(
     about = {**search, "generation": alive.number, "box": alive.box.tolist()}
     about["requirements"] = space.requirements.tables()
     table = pa.table(columns).replace_schema_metadata({"omnimirror": json.dumps(about)})
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         pq.write_table(table, temporary)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
-from ..base.arguments import numbers, shown
+from ..base.arguments import format_value, numbers
 from ..base.errors import InvalidParameter
 
 Range = float | tuple[float, float]
@@ -23,7 +23,7 @@ def ends(value: Range) -> tuple[float, float]:
     """
     pair = np.atleast_1d(numbers("a range", value))
     if pair.shape not in ((1,), (2,)):
-        raise InvalidParameter(f"{shown(value)} is not a number, nor a range (low, high)")
+        raise InvalidParameter(f"{format_value(value)} is not a number, nor a range (low, high)")
     return float(pair[0]), float(pair[-1])
 
 

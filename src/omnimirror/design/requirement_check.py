@@ -12,7 +12,7 @@ import numpy as np
 
 from ..analysis.evaluation import Evaluation, evaluate
 from ..analysis.operating_conditions import at_temperature
-from ..base.arguments import checked, instance, whole
+from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
 from ..base.typing import Array
@@ -197,7 +197,7 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     """
     instance("requirements", requirements, Requirements, "requirements")
     check_sensor(sensor)
-    angles = whole("angles", angles, 2, MAX_ANGLES)
+    angles = integer("angles", angles, 2, MAX_ANGLES)
     if requirements.lens.is_telecentric != sensor.lens.TELECENTRIC:
         raise InvalidParameter(
             f"the lens of the sensor is {sensor.lens.KIND}, and the requirements are about one that is "
@@ -389,7 +389,7 @@ class TemperatureRange:
         }
 
 
-@checked
+@validate_arguments
 def temperature_range(
     requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0
 ) -> TemperatureRange:

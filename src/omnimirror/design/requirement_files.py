@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from ..base.arguments import checked, file_name, instance
+from ..base.arguments import file_name, instance, validate_arguments
 from ..base.errors import SpecError
 from ..base.files import parse_toml, read_text
 from ..cameras.frames import Mount
@@ -395,7 +395,7 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
     return {"optics": lens_table(lens), "theta_max_deg": theta}
 
 
-@checked
+@validate_arguments
 def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
     """Return requirements with the field, rim, lens, imager and housing of a sensor, as
     ``omnimirror design --like``.

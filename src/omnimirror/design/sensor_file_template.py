@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..base.arguments import checked, instance
+from ..base.arguments import instance, validate_arguments
 from ..base.escaping import toml_string
 from ..base.parameters import Parameter
 from ..optics.image_sensor import ImagerPose
@@ -15,7 +15,7 @@ from ..optics.sensor_files import HOUSING_PARTS
 from ..optics.thermal import Thermal
 
 
-@checked
+@validate_arguments
 def sensor_template(name: str = "sensor") -> str:
     """Return the text of a valid sensor file with explanations of all entries and parts.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import WrongKind, checked, instance, shown
+from ..base.arguments import InvalidType, format_value, instance, validate_arguments
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array, Mask
@@ -114,11 +114,13 @@ class Dewarper:
         # A string has the same attribute
         has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
-            raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
+            raise InvalidType(
+                f"view = {format_value(self.view)} is not one of om.screens or om.views"
+            )
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
             raise InvalidParameter(
-                f"interpolation = {shown(self.interpolation)} is not one of {known}"
+                f"interpolation = {format_value(self.interpolation)} is not one of {known}"
             )
         check_viewpoint(self.viewpoint)
         check_border(self.border)
@@ -152,7 +154,7 @@ class Dewarper:
             image = with_alpha(image)
         return remap(image, self._map, self.interpolation, out, border)
 
-    @checked
+    @validate_arguments
     def planes(
         self,
         parts: Planes,
@@ -220,7 +222,7 @@ class Dewarper:
         )
         return out
 
-    @checked
+    @validate_arguments
     def coordinates(self, exact: bool = False) -> Array:
         """Return source pixels (height, width, 2) as (u, v); NaN outside the field.
 
@@ -357,7 +359,7 @@ class ColourDewarper:
     def __post_init__(self) -> None:
         if not isinstance(self.cameras, tuple | list) or len(self.cameras) != 3:
             raise InvalidParameter(
-                f"cameras = {shown(self.cameras)} are not three, of red, green and blue light"
+                f"cameras = {format_value(self.cameras)} are not three, of red, green and blue light"
             )
         sizes = {dewarper.camera.image_size for dewarper in self._colours}
         if len(sizes) > 1:

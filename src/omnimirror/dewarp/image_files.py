@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from ..base.colour import linear_from_srgb, srgb_from_linear
 from ..base.errors import InvalidParameter
-from ..base.files import is_same_file, name_of
+from ..base.files import display_name, is_same_file
 from ..cameras.camera import Camera
 from ..io import GPano, write_image
 from ..io.batch import (
     IMAGE_SUFFIXES,
     VIDEO_SUFFIXES,
+    BatchResult,
     Job,
-    Results,
     expand_inputs,
     outputs_for,
     run_parallel,
@@ -116,7 +116,7 @@ def _in_depth(image: ImageArray, depth: str) -> ImageArray:
 class DewarpedImages:
     """Result of dewarping several images."""
 
-    results: Results
+    results: BatchResult
     """Completed, failed (with reasons) and unprocessed images."""
     was_there: int = 0
     """Number of skipped images with existing output."""
@@ -227,7 +227,10 @@ class ImageDewarper:
             told += f", {turned}"
             self.oriented[turned] += 1
         size = f"{width} x {height} px"
-        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} of it inside the field{told}{restored}"
+        return (
+            f"{display_name(output)}: {dewarp.view}, {size}, "
+            f"{self.inside(*same)} of it inside the field{told}{restored}"
+        )
 
     def many(
         self,

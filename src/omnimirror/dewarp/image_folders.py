@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from ..base.arguments import checked, file_name
+from ..base.arguments import file_name, validate_arguments
 from ..cameras.camera import Camera
 from . import views
 from .image_files import DewarpedImages, ImageDewarper
@@ -16,7 +16,7 @@ from .screens import View
 from .viewpoints import Viewpoint
 
 
-@checked
+@validate_arguments
 def dewarp_pictures(
     sources: str | Path | Iterable[str | Path],
     folder: str | Path,

@@ -19,7 +19,7 @@ from ..base.caching import cached_property
 from ..base.native import AxialCamera, backend, kernel_array
 from ..base.typing import Array, Mask
 from ..cameras.camera import AxialSymmetry, Camera, inside_image
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 
 ENTRIES = 1 << 15  # linear interpolation error 1e-6 px at 1000 px radius
 ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirror, the worst case
@@ -103,7 +103,7 @@ class RadialTable:
         """Compute the projection in NumPy, several times slower than the compiled module."""
         (x, y), (width, height) = self.symmetry.centre_px, self.image_size
         with np.errstate(invalid="ignore"):  # non-finite targets are not visible
-            along, right, down = np.moveaxis(turned(targets, self._frame.T), -1, 0)
+            along, right, down = np.moveaxis(rotate_vectors(targets, self._frame.T), -1, 0)
         across = np.hypot(right, down)
         radii, seen = self._radii_of(self._half_sines(across, along, are_points))
         off_axis = across > 0  # the azimuth is arbitrary on the axis

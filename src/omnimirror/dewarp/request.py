@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import check_fields, float_of, instance, shown
+from ..base.arguments import check_fields, format_value, instance, parse_float
 from ..base.errors import InvalidParameter
 from ..cameras.camera import Camera
 from ..cameras.frames import Mount
@@ -73,11 +73,11 @@ class BorderColour:
             )
             text = ",".join(parts)
         try:
-            values = tuple(float_of(part) for part in parts)
+            values = tuple(parse_float(part) for part in parts)
         except ValueError:
             values = ()
         if len(values) not in (1, 3) or not np.isfinite(values).all():
-            raise InvalidParameter(f"{shown(border)} is no colour; {VALID_COLOURS}")
+            raise InvalidParameter(f"{format_value(border)} is no colour; {VALID_COLOURS}")
         return cls(text, values, False)
 
     def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:
@@ -201,9 +201,9 @@ class DewarpRequest:
         ):
             return None
         mount = _mount_of(camera) if self.keep_lean else None
-        lean = (0.0, 0.0) if mount is None else mount.lean_of_view(view.pan_deg)
+        lean = (0.0, 0.0) if mount is None else mount.view_tilt_deg(view.pan_deg)
         return GPano.of_view(
-            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, lean_deg=lean
+            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean
         )
 
 
@@ -293,7 +293,7 @@ def without_tilt(camera: C) -> C:
     """
     if (mount := _mount_of(camera)) is None:
         raise InvalidParameter("this camera has no mount, so nothing is known of how it leans")
-    upright: C = replace(camera, mount=mount.upright)  # type: ignore[type-var]
+    upright: C = replace(camera, mount=mount.levelled)  # type: ignore[type-var]
     return upright
 
 

@@ -24,32 +24,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import instance, shown
+from ..base.arguments import format_value, instance
 from ..base.errors import InvalidParameter
 from ..base.native import backend
 from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
 from ._footprints import JUMP2, JUMP2_PX
-from .interfaces import (
-    INTERPOLATIONS,
-    KERNELS,
-    Annulus,
-    Averages,
-    Border,
-    Image,
-    Interpolation,
-    Map,
-    Pixels,
-    RemapJob,
-    Sampler,
-)
+from .interfaces import INTERPOLATIONS, KERNELS, Annulus, Averages, Border, Image, Interpolation, Map, Pixels, RemapJob, Sampler
 
 # -- Validation of sampling arguments, and conversion of arrays for the samplers -------------------
 
-DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
-    np.dtype(name).newbyteorder() for name in OPAQUE
-}
+DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {np.dtype(name).newbyteorder() for name in OPAQUE}
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
@@ -57,18 +43,12 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
     """Raise an error unless an array is an image of the given (width, height)."""
     check_kind(image)
     if image.shape[2:] == (2,):
-        raise InvalidParameter(
-            f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels"
-        )
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
-        advice = (
-            "; both have the same shape: scale the picture to that size first" if same_shape else ""
-        )
-        raise InvalidParameter(
-            f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}"
-        )
+        advice = "; both have the same shape: scale the picture to that size first" if same_shape else ""
+        raise InvalidParameter(f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}")
 
 
 def check_kind(image: Image) -> None:
@@ -76,43 +56,30 @@ def check_kind(image: Image) -> None:
     instance("a picture", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
-        raise InvalidParameter(
-            f"an array of shape {image.shape} is not a picture of 1 to 4 channels"
-        )
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1 to 4 channels")
     if image.dtype not in DEPTHS:
-        raise InvalidParameter(
-            f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}"
-        )
+        raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}")
 
 
 def check_largest(image: Image, longest_side_px: int) -> None:
     """Raise an error if an image has too many pixels for a sampler."""
     height, width = image.shape[:2]
     if max(width, height) > longest_side_px:
-        raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large; valid are {longest_side_px} px a side, "
-            "and more with the compiled samplers"
-        )
+        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {longest_side_px} px a side, and more with the compiled samplers")
     if image.size > MAX_VALUES:
-        raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values"
-        )
+        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values")
 
 
 def check_interpolation(interpolation: str) -> None:
     """Raise an error for an unknown interpolation."""
     if interpolation not in INTERPOLATIONS:
-        raise InvalidParameter(
-            f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}"
-        )
+        raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
 
 
 def check_pixels(pixels: Pixels) -> None:
     """Raise an error unless an array is a pixel map."""
     if pixels.ndim != 3 or pixels.shape[2] != 2 or pixels.dtype not in (np.float32, np.float64):
-        raise InvalidParameter(
-            f"coordinates are (rows, columns, 2) of float32 or float64, not {pixels.shape} of {pixels.dtype}"
-        )
+        raise InvalidParameter(f"coordinates are (rows, columns, 2) of float32 or float64, not {pixels.shape} of {pixels.dtype}")
 
 
 def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
@@ -123,9 +90,7 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
     if out is None:
         return np.empty(shape, kind)
     if out.shape != shape or out.dtype != kind:
-        raise InvalidParameter(
-            f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}"
-        )
+        raise InvalidParameter(f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}")
     if not out.flags.writeable:
         raise InvalidParameter("out cannot be written")
     return out
@@ -151,12 +116,7 @@ def adjoins(array: Image) -> bool:
     _, width, channels = array.shape
     down, across, deep = array.strides
     item = array.itemsize
-    return bool(
-        (channels == 1 or deep == item)
-        and (width == 1 or across == channels * item)
-        and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0))
-        and (down % item, across % item, deep % item) == (0, 0, 0)
-    )
+    return bool((channels == 1 or deep == item) and (width == 1 or across == channels * item) and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0)) and (down % item, across % item, deep % item) == (0, 0, 0))
 
 
 # -- Border of a view: a colour outside the field, or transparency ---------------------------------
@@ -171,9 +131,7 @@ def check_border(border: Border) -> None:
     except ValueError:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
-        raise InvalidParameter(
-            f"border = {shown(border)} is no colour; valid are a number, or one for every channel"
-        )
+        raise InvalidParameter(f"border = {format_value(border)} is no colour; valid are a number, or one for every channel")
 
 
 def _is_value(value: Any) -> bool:
@@ -189,16 +147,10 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
     channels = image.shape[2] if image.ndim == 3 else 1
     values = np.array(border, float)
     if values.ndim and len(values) != channels:
-        raise InvalidParameter(
-            f"border = {border} has {len(values)} values, and the picture {channels} channels; "
-            "a single number stands for all of them"
-        )
+        raise InvalidParameter(f"border = {border} has {len(values)} values, and the picture {channels} channels; a single number stands for all of them")
     full = OPAQUE[image.dtype.name]
     if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
-        raise InvalidParameter(
-            f"border = {border} is no value of a picture of {image.dtype.name}; "
-            f"valid are whole numbers from 0 to {full}"
-        )
+        raise InvalidParameter(f"border = {border} is no value of a picture of {image.dtype.name}; valid are whole numbers from 0 to {full}")
     return tuple(np.broadcast_to(values, channels).tolist())
 
 
@@ -251,9 +203,7 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
     """Return the values at pixels (rows, columns, 2) inside the image."""
     height, width, channels = image.shape
     if channels == 2:  # OpenCV quantises their fractions to 1/32
-        return np.concatenate(
-            [_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2
-        )
+        return np.concatenate([_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2)
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
     if kernel == "nearest":  # OpenCV versions round halves differently
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
@@ -277,9 +227,7 @@ def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
         around = _neighbourhood(where, (picture.shape[1], picture.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        job.target[top:bottom] = _band(
-            picture, around, taps, averages, job.border, job.target.dtype
-        )
+        job.target[top:bottom] = _band(picture, around, taps, averages, job.border, job.target.dtype)
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
@@ -307,20 +255,11 @@ def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
     ends = []
     for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
         last = pixels.take([end], axis)
-        ends.append(
-            [2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted
-        )
+        ends.append([2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted)
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
-def _band(
-    picture: Image,
-    around: Values,
-    taps: NDArray[np.uint8],
-    averages: Averages,
-    border: tuple[float, ...],
-    dtype: Any,
-) -> Image:
+def _band(picture: Image, around: Values, taps: NDArray[np.uint8], averages: Averages, border: tuple[float, ...], dtype: Any) -> Image:
     middle = around[1:-1, 1:-1]
     out = np.empty((*middle.shape[:2], picture.shape[2]), np.float32)
     out[:] = border
@@ -329,13 +268,7 @@ def _band(
     inside = np.isfinite(middle[..., 0])
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
-        places = (
-            middle[chosen]
-            + _part(i, across, [s[chosen] for s in aside])
-            + _part(j, down, [s[chosen] for s in upright])
-            for i in range(across)
-            for j in range(down)
-        )
+        places = (middle[chosen] + _part(i, across, [s[chosen] for s in aside]) + _part(j, down, [s[chosen] for s in upright]) for i in range(across) for j in range(down))
         out[chosen] = _means(picture, middle[chosen], places, averages.annulus)
     if dtype == np.float32:
         return out
@@ -372,16 +305,11 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(
-    picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None
-) -> Image:
+def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
-    sums, counts = (
-        np.zeros((len(middle), picture.shape[2]), np.float32),
-        np.zeros(len(middle), np.float32),
-    )
+    sums, counts = (np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32))
     for pixels in places:
         if annulus is not None:
             square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
@@ -455,21 +383,13 @@ def _sample_infinite(chosen: Sampler, job: RemapJob, where: Map) -> None:
     for value in (np.float32(np.inf), np.float32(-np.inf)):
         weight = np.empty_like(result)
         is_value = (job.source == value).astype(np.float32)
-        chosen.sample(
-            replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where
-        )
+        chosen.sample(replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where)
         with np.errstate(invalid="ignore"):
             result /= np.where(weight < LEAST_WEIGHT, 1 - weight, 1)
         result[weight >= LEAST_WEIGHT] = value
 
 
-def remap(
-    image: Image,
-    where: Map,
-    interpolation: Interpolation = "linear",
-    out: Image | None = None,
-    border: Border = 0,
-) -> Image:
+def remap(image: Image, where: Map, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0) -> Image:
     """Interpolate an image at the coordinates of a map.
 
     Parameters
@@ -503,9 +423,7 @@ def remap(
     check_interpolation(interpolation)
     check_largest(image, chosen.longest_side_px)
     if image.shape[1::-1] != tuple(where.source_size):
-        raise InvalidParameter(
-            f"the picture has another size than the map: {image.shape[1::-1]}, not {where.source_size}"
-        )
+        raise InvalidParameter(f"the picture has another size than the map: {image.shape[1::-1]}, not {where.source_size}")
     out = checked_out(out, image, where.size)
     whole = out if out.ndim == 3 else out[..., None]
     is_direct = adjoins(whole) and not np.may_share_memory(image, out)

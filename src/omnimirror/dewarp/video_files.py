@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import av
 
-from ..base.arguments import checked
+from ..base.arguments import validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.files import is_same_file
 from ..cameras.camera import Camera
@@ -24,16 +24,7 @@ from ..io.live_outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..io.live_sources import TICKS, LiveSource, is_live
 from ..io.mp4 import can_be_spherical
 from ..io.progress import FrameProgress
-from ..io.video_frames import (
-    FULL_RANGE,
-    ColourCoding,
-    PixelFormat,
-    conversion_losses,
-    empty_frame,
-    is_full_range,
-    planes,
-    workable,
-)
+from ..io.video_frames import FULL_RANGE, ColourCoding, PixelFormat, conversion_losses, empty_frame, is_full_range, planes, workable
 from ..io.video_metadata import DISPLAY_LOST, MasteringDisplay
 from ..io.video_reader import Item, VideoReader
 from ..io.video_writer import ImageSequenceWriter, Sink, VideoWriter, check_pattern, is_image_output
@@ -48,9 +39,7 @@ from .yuv import Siting
 # -- Dewarping of video frames in their coded format -----------------------------------------------
 
 
-def dewarp_frame(
-    dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None
-) -> av.VideoFrame:
+def dewarp_frame(dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None) -> av.VideoFrame:
     """Dewarp a video frame to a new frame with the same timestamp and colour coding.
 
     Parameters
@@ -88,9 +77,7 @@ def dewarp_frame(
     """
     frame = workable(frame)
     kind = PixelFormat.of(frame.format.name)
-    made, target = empty_frame(
-        dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame
-    )
+    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
     is_full = is_full_range(frame)
     if is_full:
         made.color_range = FULL_RANGE
@@ -127,7 +114,7 @@ class Listener:
 SILENT = Listener()
 
 
-@checked
+@validate_arguments
 def dewarp_video(
     source: str | Path,
     outputs: str | Path | Sequence[str | Path],
@@ -194,24 +181,14 @@ def dewarp_video(
     (3, (320, 120))
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(
-        camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation
-    )
+    how = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs is empty; it is valid with one at least")
-    return dewarp_source(
-        str(source), [str(name) for name in names], how, recording or Recording(), listener
-    )
+    return dewarp_source(str(source), [str(name) for name in names], how, recording or Recording(), listener)
 
 
-def dewarp_source(
-    source: str,
-    outputs: Sequence[str],
-    how: DewarpRequest,
-    recording: Recording,
-    listener: Listener | None = None,
-) -> DewarpedVideo:
+def dewarp_source(source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener | None = None) -> DewarpedVideo:
     """Dewarp a video as specified by a request."""
     _check_outputs(source, outputs, recording)
     listener = listener or SILENT
@@ -221,82 +198,45 @@ def dewarp_source(
         return _dewarp_file(str(path), outputs, how, recording, listener)
 
 
-def _dewarp_file(
-    source: str,
-    outputs: Sequence[str],
-    how: DewarpRequest,
-    recording: Recording,
-    listener: Listener,
-) -> DewarpedVideo:
+def _dewarp_file(source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener) -> DewarpedVideo:
     if recording.frame_rate is not None and not is_sequence(source):
         raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
-    with_sound = any(_is_video_file(output) for output in outputs)
+    with_audio = any(_is_video_file(output) for output in outputs)
     rate = 25.0 if recording.frame_rate is None else recording.frame_rate
-    with VideoReader(
-        source,
-        recording.start_s or 0.0,
-        recording.duration_s,
-        with_sound,
-        rate,
-        how.stored_orientation,
-    ) as reader:
+    with VideoReader(source, recording.start_s or 0.0, recording.duration_s, with_audio, rate, how.stored_orientation) as reader:
         for note in reader.notes:
             listener.note(note)
         turn = ViewOverTime(how, reader.size, recording, reader.siting, reader.pixel_format)
-        sink = _sinks(
-            outputs,
-            turn,
-            FrameProperties(reader.frame_rate, reader.colour, reader.display),
-            reader,
-            listener,
-        )
+        sink = _sinks(outputs, turn, FrameProperties(reader.frame_rate, reader.colour, reader.display), reader, listener)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, ImageSequenceWriter):
-            items = sink.lacking(items)
+            items = sink.missing_frames(items)
         outcome = _run(items, sink, turn, reader.expected_frames, listener)
         _report_stale_images(outputs, outcome.frames, recording, listener)
         return DewarpedVideo(turn.view, outcome)
 
 
-def _dewarp_live_source(
-    source: str,
-    outputs: Sequence[str],
-    how: DewarpRequest,
-    recording: Recording,
-    listener: Listener,
-) -> DewarpedVideo:
+def _dewarp_live_source(source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener) -> DewarpedVideo:
     if recording.start_s is not None:
         raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
-    live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
+    live = LiveSource(source, on_warning=listener.note, stored_orientation=how.stored_orientation)
     try:
         first = live.first()
         for note in live.notes:
             listener.note(note)
-        turn = ViewOverTime(
-            how, (first.width, first.height), recording, live.siting, first.format.name
-        )
-        told = FrameProperties(
-            live.frame_rate or UNKNOWN_RATE,
-            ColourCoding.told_by(first),
-            MasteringDisplay.of(first.side_data),
-        )
+        turn = ViewOverTime(how, (first.width, first.height), recording, live.siting, first.format.name)
+        told = FrameProperties(live.frame_rate or UNKNOWN_RATE, ColourCoding.of_video(first), MasteringDisplay.of(first.side_data))
         sink = _sinks(outputs, turn, told, None, listener)
-        outcome = _run(
-            _until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0
-        )
+        outcome = _run(_until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0)
     finally:
         live.close()
     _report_stale_images(outputs, outcome.frames, recording, listener)
-    summary = (
-        f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
-    )
+    summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
     return DewarpedVideo(turn.view, outcome, summary)
 
 
-def _report_stale_images(
-    outputs: Sequence[str], count: int, recording: Recording, listener: Listener
-) -> None:
+def _report_stale_images(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
     """Report numbered images left by an earlier, longer run: readers of the pattern would continue
     with them.
     """
@@ -306,9 +246,7 @@ def _report_stale_images(
         pattern = Path(output)
         if others := [number for number in numbers_of(pattern) if number > count]:
             first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
-            listener.note(
-                f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video"
-            )
+            listener.note(f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video")
 
 
 def _is_file(output: str) -> bool:
@@ -334,28 +272,16 @@ def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) ->
     pictures = [output for output in outputs if _is_file(output) and is_image_output(output)]
     for pattern in map(check_pattern, pictures):
         if is_sequence(source) and may_share_a_name(source, pattern):
-            raise InvalidParameter(
-                f"{pattern} may write over the pictures {source}; write to another folder"
-            )
+            raise InvalidParameter(f"{pattern} may write over the pictures {source}; write to another folder")
     if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
-        raise InvalidParameter(
-            f"what is there already is skipped of one output alone; leave out others than {pictures[0]}"
-        )
+        raise InvalidParameter(f"what is there already is skipped of one output alone; leave out others than {pictures[0]}")
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
-    if not is_coded and (
-        asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]
-    ):
-        raise InvalidParameter(
-            f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made"
-        )
+    if not is_coded and (asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]):
+        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made")
     if recording.pipe_format is not None and "-" not in outputs:
-        raise InvalidParameter(
-            "a format of the pipe says what '-' writes; other outputs are named by themselves"
-        )
+        raise InvalidParameter("a format of the pipe says what '-' writes; other outputs are named by themselves")
     if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
-        raise InvalidParameter(
-            "a pixel format belongs to files of videos, streams and a pipe of raw video"
-        )
+        raise InvalidParameter("a pixel format belongs to files of videos, streams and a pipe of raw video")
 
 
 class ViewOverTime:
@@ -363,35 +289,19 @@ class ViewOverTime:
 
     border: Border
 
-    def __init__(
-        self,
-        how: DewarpRequest,
-        size: Size,
-        recording: Recording,
-        siting: Siting,
-        pixel_format: str,
-    ) -> None:
+    def __init__(self, how: DewarpRequest, size: Size, recording: Recording, siting: Siting, pixel_format: str) -> None:
         stands = how.camera_of(size)
-        self.how, self.recording, self.siting, self.pixel_format = (
-            how,
-            recording,
-            siting,
-            pixel_format,
-        )
+        self.how, self.recording, self.siting, self.pixel_format = (how, recording, siting, pixel_format)
         self.camera = how.drawing(stands)
         self.colour, self.border = how.border, 0
         self.view: View = how.view_of(self.camera)
         self.panorama = how.panorama_of(stands, self.view)
-        self.keyframes = (
-            None if recording.keyframes is None else Keyframes.load(recording.keyframes)
-        )
+        self.keyframes = None if recording.keyframes is None else Keyframes.load(recording.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
-                raise InvalidParameter(
-                    f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}"
-                )
+                raise InvalidParameter(f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}")
 
     def _dewarper(self, view: View) -> Dewarper:
         return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
@@ -417,13 +327,7 @@ class FrameProperties(NamedTuple):
     display: MasteringDisplay
 
 
-def _sinks(
-    outputs: Sequence[str],
-    turn: ViewOverTime,
-    told: FrameProperties,
-    source: VideoReader | None,
-    listener: Listener,
-) -> Sink:
+def _sinks(outputs: Sequence[str], turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener) -> Sink:
     """Open all outputs as one sink; opened outputs are discarded if one fails."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
@@ -438,13 +342,7 @@ def _sinks(
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
-def _sink(
-    output: str,
-    turn: ViewOverTime,
-    told: FrameProperties,
-    source: VideoReader | None,
-    listener: Listener,
-) -> Sink:
+def _sink(output: str, turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener) -> Sink:
     size, recording, rate = turn.view.size, turn.recording, told.rate
     if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
         listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
@@ -453,60 +351,27 @@ def _sink(
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
     if is_image_output(output) and "://" not in output:
-        panorama = (
-            turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
-        )
-        return ImageSequenceWriter(
-            output,
-            size,
-            turn.pixel_format,
-            told.colour,
-            panorama,
-            skip_existing=recording.skip_existing,
-        )
+        panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
+        return ImageSequenceWriter(output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing)
     encoding: dict[str, Any] = recording.encoding()
     # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
-    if (
-        is_for_any
-        and "pixel_format" not in encoding
-        and (lost := conversion_losses(turn.pixel_format, PixelFormat()))
-    ):
+    if is_for_any and "pixel_format" not in encoding and (lost := conversion_losses(turn.pixel_format, PixelFormat())):
         listener.note(f"{output}: {lost}; --pixel-format names another choice")
     if is_for_any:  # use the range assumed by players
-        encoding |= {
-            "colour": replace(told.colour, range=min(told.colour.range, 1)),
-            "display": told.display,
-        }
+        encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
     if can_be_spherical(output) and recording.keyframes is None:
         encoding["panorama"] = turn.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
-    return VideoWriter.like(
-        source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding
-    )
+    return VideoWriter.from_source(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
 
 
-def _run(
-    items: Iterable[Item],
-    sink: Sink,
-    turn: ViewOverTime,
-    total: int | None,
-    listener: Listener,
-    ahead: int = 4,
-) -> video_processing.ProcessingResult:
+def _run(items: Iterable[Item], sink: Sink, turn: ViewOverTime, total: int | None, listener: Listener, ahead: int = 4) -> video_processing.ProcessingResult:
     """Dewarp all frames."""
-    return video_processing.process(
-        items,
-        sink,
-        partial(turn, to_siting=sink.siting),
-        "frame",
-        total=total,
-        ahead=ahead,
-        progress=listener.progress,
-    )
+    return video_processing.process(items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, queue_size=ahead, on_progress=listener.progress)
 
 
 def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
@@ -514,10 +379,6 @@ def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
     start = None
     for frame in frames:
         start = frame.time if start is None else start
-        if (
-            duration_s is not None
-            and frame.time is not None
-            and frame.time - (start or 0.0) >= duration_s
-        ):
+        if duration_s is not None and frame.time is not None and frame.time - (start or 0.0) >= duration_s:
             return
         yield frame

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ..base.arguments import number, shown
+from ..base.arguments import format_value, number
 from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array
 from ..cameras.camera import Camera, Projection
@@ -38,7 +38,7 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
         number("viewpoint", viewpoint, unit="mm")
         return
     raise InvalidParameter(
-        f"viewpoint = {shown(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm"
+        f"viewpoint = {format_value(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm"
     )
 
 

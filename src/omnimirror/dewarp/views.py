@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..base.arguments import WrongKind, checked, number, shown
+from ..base.arguments import InvalidType, format_value, number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.registry import Registry
 from ..cameras.camera import Camera
@@ -71,7 +71,7 @@ ROWS_EXAMINED = 65
 LARGEST_RATIO = 1e6  # maximum aspect of an image
 
 
-@checked
+@validate_arguments
 def resolution(camera: Camera, view: View) -> float:
     """Return the number of source pixels per output pixel (linear) at the visible pixel nearest to
     the centre.
@@ -102,7 +102,7 @@ def resolution(camera: Camera, view: View) -> float:
     return float(min((r for r in found if np.isfinite(r)), default=np.nan))
 
 
-@checked
+@validate_arguments
 def largest_zoom(camera: Camera, view: View) -> float:
     """Return the maximum zoom factor within the resolution of the camera, at least 1.
 
@@ -162,7 +162,9 @@ def field_end(seen: FieldOfView, pole: Pole) -> float:
 def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
+        raise InvalidType(
+            f"size = {format_value(size)} is not (width, height) in px, each perhaps None"
+        )
     width, height = (
         side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size
     )
@@ -200,7 +202,7 @@ PLAN_HEIGHTS = 4.0  # side of a plan relative to the mirror height: down to 63 d
 VIEWS_IN_MOSAIC = 4
 
 
-@checked
+@validate_arguments
 def panorama(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -257,7 +259,7 @@ def panorama(
     )
 
 
-@checked
+@validate_arguments
 def sphere(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -322,7 +324,7 @@ def sphere(
     return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
 
-@checked
+@validate_arguments
 def perspective(
     size: PartialSize = UNKNOWN_SIZE,
     *,
@@ -374,7 +376,7 @@ def perspective(
     )
 
 
-@checked
+@validate_arguments
 def dome(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -426,7 +428,7 @@ def dome(
     )
 
 
-@checked
+@validate_arguments
 def planet(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -478,7 +480,7 @@ def planet(
     )
 
 
-@checked
+@validate_arguments
 def ground(
     camera: Camera,
     height_mm: float,
@@ -523,7 +525,7 @@ def ground(
     return Ground(completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 
 
-@checked
+@validate_arguments
 def cube(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -569,7 +571,7 @@ def cube(
     )
 
 
-@checked
+@validate_arguments
 def mosaic(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -675,7 +677,7 @@ in height.
 """
 
 
-@checked
+@validate_arguments
 def preset(
     name: str,
     size: PartialSize = UNKNOWN_SIZE,
@@ -738,7 +740,7 @@ def preset(
 
 def _check_maker(name: str, make: Any) -> None:
     if not callable(make):
-        raise WrongKind(f"{shown(make)} is no function of a camera that gives a view")
+        raise InvalidType(f"{format_value(make)} is no function of a camera that gives a view")
 
 
 ViewMaker: TypeAlias = Callable[..., View]

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..base.arguments import checked, file_name, whole
+from ..base.arguments import file_name, integer, validate_arguments
 from ..base.errors import InvalidParameter
-from ..base.files import replacing, write_text
+from ..base.files import atomic_output, write_text
 from ..cameras.camera import Camera
 from ..dewarp import Dewarper
 from ..dewarp.request import is_video
@@ -88,7 +88,7 @@ class ColmapProject:
     images: int
 
 
-@checked
+@validate_arguments
 def write_colmap(
     camera: Camera,
     images: Iterable[str | Path] | str | Path,
@@ -155,7 +155,7 @@ def write_colmap(
     ...     sorted(path.name for path in project.folder.iterdir()), project.images
     (['database.db', 'images', 'masks', 'rig_config.json'], 1)
     """
-    folder, every = file_name("folder", folder), whole("every", every, 1)
+    folder, every = file_name("folder", folder), integer("every", every, 1)
     source = _open_images(images, every, stored_orientation=stored_orientation)
     if poses is not None and source.total is not None:
         _check_poses(len(poses), source.total)
@@ -228,7 +228,7 @@ def _open_images(
         )
     from ..io.video_reader import VideoReader
 
-    with VideoReader(paths[0], with_sound=False) as reader:
+    with VideoReader(paths[0], with_audio=False) as reader:
         total = reader.expected_frames
     return _SourceImages(total, _video_frames(paths[0], every, stored_orientation))
 
@@ -239,7 +239,7 @@ def _video_frames(
     from ..io.video_frames import image_of_frame
     from ..io.video_reader import VideoReader
 
-    with VideoReader(video, with_sound=False, stored_orientation=stored_orientation) as reader:
+    with VideoReader(video, with_audio=False, stored_orientation=stored_orientation) as reader:
         for number, frame in enumerate(reader.frames()):
             if number % every == 0:
                 yield f"frame-{number:06d}.png", image_of_frame(frame)
@@ -326,7 +326,11 @@ def write_database(path: Path, rig: Sequence[RigCamera], names: Sequence[str]) -
     names
         Names of the images in the folder of each view, in the order of capture.
     """
-    with replacing(path) as temporary, closing(sqlite3.connect(temporary)) as database, database:
+    with (
+        atomic_output(path) as temporary,
+        closing(sqlite3.connect(temporary)) as database,
+        database,
+    ):
         database.executescript(SCHEMA)
         for number, view in enumerate(rig, start=1):
             parameters = np.array(view.parameters).tobytes()

@@ -16,10 +16,10 @@ from string import Template
 from tempfile import TemporaryDirectory
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
-from ..base.arguments import WrongKind, file_name, shown
+from ..base.arguments import InvalidType, file_name, format_value
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.escaping import c_comment, file_stem, line_comment, python_docstring, visible
-from ..base.files import is_stream, replacing
+from ..base.escaping import c_comment, escape_invisible, file_stem, line_comment, python_docstring
+from ..base.files import atomic_output, is_stream
 from ..base.registry import Registry
 
 T = TypeVar("T")
@@ -122,8 +122,8 @@ def format_registry(group: str, kind: str, builtin: dict[str, ExportFormat[T]]) 
 
     def check(name: str, value: Any) -> None:
         if not isinstance(value, ExportFormat):
-            raise WrongKind(
-                f"{name} must be an omnimirror.interop.export_formats.ExportFormat; got {shown(value)}"
+            raise InvalidType(
+                f"{name} must be an omnimirror.interop.export_formats.ExportFormat; got {format_value(value)}"
             )
 
     return Registry(group, kind, builtin, check)
@@ -181,7 +181,7 @@ def write_formats(
         for number, paths in enumerate(targets.values()):
             for target in paths:
                 source = Path(folder, str(number), target.name)
-                copyfile(source, stack.enter_context(replacing(target)))
+                copyfile(source, stack.enter_context(atomic_output(target)))
     return exported
 
 
@@ -193,11 +193,13 @@ def _requested_formats(
         return None
     valid = ", ".join(known)
     if not isinstance(formats, Iterable):
-        raise WrongKind(f"formats must be a list of names from {valid}; got {shown(formats)}")
+        raise InvalidType(
+            f"formats must be a list of names from {valid}; got {format_value(formats)}"
+        )
     names = list(dict.fromkeys([formats] if isinstance(formats, str) else formats))
     for name in names:
         if not isinstance(name, str) or name not in known:
-            raise InvalidParameter(f"formats must be from {valid}; got {shown(name)}")
+            raise InvalidParameter(f"formats must be from {valid}; got {format_value(name)}")
     if not names:
         raise InvalidParameter(f"formats must contain at least one of {valid}")
     return names
@@ -310,9 +312,9 @@ def include_name(path: Path) -> str:
         If the name contains a quotation mark, a backslash, ``??`` or a control character.
     """
     name = path.name
-    if visible(name) != name or any(word in name for word in ('"', "\\", "??")):
+    if escape_invisible(name) != name or any(word in name for word in ('"', "\\", "??")):
         raise InvalidParameter(
             "the file name must not contain quotation marks, backslashes, '??' or control "
-            f"characters for an #include directive; got {shown(name)}"
+            f"characters for an #include directive; got {format_value(name)}"
         )
     return name

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import instance, number, whole
+from ..base.arguments import instance, integer, number
 from ..base.errors import OutsideField
 from ..base.typing import Array
 from ..cameras.camera import Camera
@@ -224,12 +224,12 @@ def camera_rig(
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     if panorama:
         return (_panorama_camera(camera, size),)
-    count = whole("views_around", views_around, 1, MAX_RIG_VIEWS)
+    count = integer("views_around", views_around, 1, MAX_RIG_VIEWS)
     number("hfov_deg", hfov_deg, low=5.0, high=150.0)
     number("tilt_deg", tilt_deg, low=-90.0, high=90.0)
     if size is None:
         size = _native_size(camera, hfov_deg, tilt_deg)
-    side = whole("size", size, 16, 20_000)
+    side = integer("size", size, 16, 20_000)
     cameras = []
     for pan_deg in 360.0 * np.arange(count) / count:
         screen = views.perspective(

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import checked, instance, whole
+from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import OutsideField
-from ..base.escaping import c_string, python_string, visible
+from ..base.escaping import c_string, escape_invisible, python_string
 from ..base.typing import Array
 from ..cameras.camera import Camera, Rays
 from ..io.exr import write_channels, write_exr
@@ -129,7 +129,7 @@ def ray_table(camera: Camera, step: int = 1) -> RayTable:
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     width, height = camera.image_size
-    step = whole("step", step, 1, min(width, height))
+    step = integer("step", step, 1, min(width, height))
     columns, rows = np.arange(0, width, step), np.arange(0, height, step)
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2).astype(float)
     chunks = [_trace(camera, pixels[i : i + CHUNK_RAYS]) for i in range(0, len(pixels), CHUNK_RAYS)]
@@ -228,7 +228,7 @@ def exr_header(table: RayTable) -> dict[str, str | int]:
     """Return the header entries that define the channels."""
     width, height = table.image_size
     return {
-        "omnimirror:camera": visible(table.name),
+        "omnimirror:camera": escape_invisible(table.name),
         "omnimirror:units": "origin in mm, direction of unit length, weight from 0 to 1",
         "omnimirror:frame": FRAME,
         "omnimirror:pixels": "row i, column j: pixel (j step, i step), integers at pixel centres",
@@ -336,7 +336,7 @@ RAY_FORMATS: ExportFormats[RayTable] = format_registry(
 """Formats of ray tables by name."""
 
 
-@checked
+@validate_arguments
 def write_rays(
     camera: Camera,
     path: str | Path,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.files import decompressed
+from ..base.files import decompress
 from .exif import (
     EXPOSURE,
     ORIENTATION_TAG,
@@ -31,9 +31,7 @@ from .exif import (
     serialised_directory,
 )
 
-# -- XMP packets in finished image files, at the position of the standard of each format -----------
-#
-# The pixels are unchanged: a packet is added to the output of any encoder.
+# -- XMP packets -----------------------------------------------------------------------------------
 
 XMP_JPEG_NAME = b"http://ns.adobe.com/xap/1.0/\0"
 XMP_PNG_NAME = b"XML:com.adobe.xmp"
@@ -150,10 +148,7 @@ XMP_WRITERS: dict[str, Callable[[bytes, bytes], bytes]] = {
 """Functions that embed a packet, by suffix."""
 
 
-# -- Metadata of image files: colour profile (ICC), EXIF and orientation ---------------------------
-#
-# As in :mod:`omnimirror.io._image_metadata`, the pixels are unchanged, and each format stores metadata
-# at the position of its standard.
+# -- Colour profile (ICC), EXIF and orientation ------------------------------------------------------
 
 EXIF_NAME, ICC_NAME = b"Exif\0\0", b"ICC_PROFILE\0"
 MAX_SEGMENT_BYTES = 65_533
@@ -198,26 +193,28 @@ class ImageMetadata(NamedTuple):
             ]
             return (
                 ImageMetadata(),
-                f"without {' and '.join(names)}, which {suffix} cannot hold" if names else "",
+                f"without {' and '.join(names)}, which {suffix} does not support" if names else "",
             )
         channels = image.shape[2] if image.ndim == 3 else 1
         if profile is not None and recoded:
             profile, why = (
                 None,
-                ["without the colour profile, which is not of light, or of light alone"],
+                [
+                    "without the colour profile, which is invalid after conversion from or to linear light"
+                ],
             )
         elif profile is not None and profile[16:20] != COLOUR_SPACES[channels]:
-            had = profile[16:20].decode("ascii", "replace").strip()
+            space = profile[16:20].decode("ascii", "replace").strip()
             profile, why = (
                 None,
-                [f"without the colour profile, which is of {had} and not of these colours"],
+                [f"without the colour profile, whose colour space is {space}"],
             )
         if (
             exif is not None
             and suffix in (".jpg", ".jpeg")
             and len(exif.block()) > MAX_SEGMENT_BYTES - len(EXIF_NAME)
         ):
-            exif, why = None, [*why, f"without EXIF, which is longer than {suffix} can hold"]
+            exif, why = None, [*why, f"without EXIF, which exceeds the limit of {suffix}"]
         return ImageMetadata(profile, exif), ", ".join(why)
 
 
@@ -227,11 +224,11 @@ def read_metadata(data: bytes) -> ImageMetadata:
     """
     try:
         if data.startswith(b"\xff\xd8"):
-            profile, block = _of_jpeg(data)
+            profile, block = _metadata_of_jpeg(data)
         elif data.startswith(b"\x89PNG"):
-            profile, block = _of_png(data)
+            profile, block = _metadata_of_png(data)
         elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-            profile, block = _of_webp(data)
+            profile, block = _metadata_of_webp(data)
         elif data[:4] in TIFF_SIGNATURES:
             profile, block = None, data
             if data[:4] in (b"II*\0", b"MM\0*"):
@@ -251,7 +248,7 @@ def embed_metadata(suffix: str, data: bytes, carried: ImageMetadata) -> bytes:
 # -- JPEG ----------------------------------------------------------------------------------------
 
 
-def _of_jpeg(data: bytes) -> tuple[bytes | None, bytes]:
+def _metadata_of_jpeg(data: bytes) -> tuple[bytes | None, bytes]:
     """Return the colour profile and the EXIF block."""
     block, pieces = b"", {}
     at = 2
@@ -291,14 +288,14 @@ def _segment(kind: int, body: bytes) -> bytes:
 # -- PNG -----------------------------------------------------------------------------------------
 
 
-def _of_png(data: bytes) -> tuple[bytes | None, bytes]:
+def _metadata_of_png(data: bytes) -> tuple[bytes | None, bytes]:
     """Return the colour profile and the EXIF block."""
     profile, block, at = None, b"", 8
     while at + 8 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
         kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
         if kind == b"iCCP":
-            profile = decompressed(body[body.index(b"\0") + 2 :], MAX_PROFILE_BYTES)
+            profile = decompress(body[body.index(b"\0") + 2 :], MAX_PROFILE_BYTES)
         elif kind == b"eXIf":
             block = body
         at += 12 + length
@@ -322,10 +319,10 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
 # -- WebP ----------------------------------------------------------------------------------------
 
 
-def _of_webp(data: bytes) -> tuple[bytes | None, bytes]:
+def _metadata_of_webp(data: bytes) -> tuple[bytes | None, bytes]:
     """Return the colour profile and the EXIF block."""
-    found = dict(_webp_chunks(data[12:]))
-    return found.get(b"ICCP"), found.get(b"EXIF", b"").removeprefix(EXIF_NAME)
+    chunks = dict(_webp_chunks(data[12:]))
+    return chunks.get(b"ICCP"), chunks.get(b"EXIF", b"").removeprefix(EXIF_NAME)
 
 
 def _webp_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:

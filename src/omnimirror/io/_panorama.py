@@ -67,12 +67,12 @@ class GPano:
         ):
             if not (cropped >= 1 and 0 <= at <= full - cropped):
                 raise InvalidParameter(
-                    f"a crop of {cropped} px from {at} px on does not lie inside a panorama of {full} px {side}"
+                    f"the crop must be inside the panorama of {full} px {side}; got {cropped} px from {at} px"
                 )
         if not (abs(self.pitch_deg) <= 90 and abs(self.roll_deg) <= 180):
             raise InvalidParameter(
-                f"a pitch of {self.pitch_deg:g} and a roll of {self.roll_deg:g} deg are no lean; valid are -90 to 90 "
-                "and -180 to 180"
+                "pitch_deg must be between -90 and 90 deg and roll_deg between -180 and 180 deg; "
+                f"got {self.pitch_deg:g} and {self.roll_deg:g}"
             )
 
     @classmethod
@@ -82,7 +82,7 @@ class GPano:
         elevation_deg: tuple[float, float],
         span_deg: float = 360.0,
         heading_deg: float | None = None,
-        lean_deg: tuple[float, float] = (0.0, 0.0),
+        tilt_deg: tuple[float, float] = (0.0, 0.0),
     ) -> GPano:
         """Return the panorama of a view whose columns are linear in pan and its rows in elevation.
 
@@ -98,15 +98,15 @@ class GPano:
             Width from the left to the right edge, up to 360.
         heading_deg : deg, optional
             Compass heading of the centre of the view.
-        lean_deg : (pitch, roll) deg
+        tilt_deg : (pitch, roll) deg
             Tilt of a view that is not level, as from
-            :meth:`omnimirror.cameras.frames.Mount.lean_of_view`.
+            :meth:`omnimirror.cameras.frames.Mount.view_tilt_deg`.
         """
         low, high = elevation_deg
         if not (-90 <= low < high <= 90 and 0 < span_deg <= 360):
             raise InvalidParameter(
-                f"a view of {span_deg:g} deg and elevations from {low:g} to {high:g} deg is no panorama; valid are "
-                "up to 360 deg, and elevations from -90 to 90, the smaller one first"
+                "span_deg must be greater than 0 and at most 360 deg, and elevation_deg must increase from -90 to "
+                f"90 deg; got {span_deg:g} and ({low:g}, {high:g})"
             )
         width, height = size
         full_width = max(width, round(width * 360 / span_deg))
@@ -117,7 +117,7 @@ class GPano:
             size,
             ((full_width - width) // 2, top),
             heading_deg,
-            *lean_deg,
+            *tilt_deg,
         )
 
     @property

@@ -17,8 +17,8 @@ import threading
 import cv2
 import numpy as np
 
-LOOK_EVERY_MS = 5
-LARGEST_SHARE = 0.9  # of the screen
+POLL_INTERVAL_MS = 5
+MAX_SCREEN_FRACTION = 0.9
 
 
 class Window:
@@ -29,17 +29,18 @@ class Window:
 
         self.size = size
         self.newest: bytes | None = None
-        self.is_over = False
+        self.is_finished = False
         self.root = tkinter.Tk(className=title)
         self.root.title(title)
         screen = self.root.winfo_screenwidth(), self.root.winfo_screenheight()
         scale = min(
-            1.0, *(LARGEST_SHARE * most / side for most, side in zip(screen, size, strict=True))
+            1.0,
+            *(MAX_SCREEN_FRACTION * limit / side for limit, side in zip(screen, size, strict=True)),
         )
         width, height = (max(1, round(scale * side)) for side in size)
         self.root.geometry(f"{width}x{height}")
-        self.picture = tkinter.PhotoImage(master=self.root, width=width, height=height)
-        self.label = tkinter.Label(self.root, image=self.picture, borderwidth=0, background="black")
+        self.photo = tkinter.PhotoImage(master=self.root, width=width, height=height)
+        self.label = tkinter.Label(self.root, image=self.photo, borderwidth=0, background="black")
         self.label.pack(fill="both", expand=True)
         for key in ("<Escape>", "q"):
             self.root.bind(key, lambda event: self.root.destroy())
@@ -47,35 +48,35 @@ class Window:
     def run(self) -> None:
         """Run until the input ends, or the window is closed."""
         threading.Thread(target=self._read, daemon=True).start()
-        self._look()
+        self._poll()
         self.root.mainloop()
 
     def _read(self) -> None:
         count = 3 * self.size[0] * self.size[1]
         while len(data := sys.stdin.buffer.read(count)) == count:
             self.newest = data
-        self.is_over = True
+        self.is_finished = True
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         data, self.newest = self.newest, None
         if data is not None:
             self._show(np.frombuffer(data, np.uint8).reshape(self.size[1], self.size[0], 3))
-        if data is None and self.is_over:
+        if data is None and self.is_finished:
             self.root.destroy()
         else:
-            self.root.after(LOOK_EVERY_MS, self._look)
+            self.root.after(POLL_INTERVAL_MS, self._poll)
 
-    def _show(self, picture: np.ndarray) -> None:
-        room = max(1, self.root.winfo_width()), max(1, self.root.winfo_height())
-        scale = min(there / side for there, side in zip(room, self.size, strict=True))
-        if room[0] > 1 and scale != 1:  # 1: not drawn yet
+    def _show(self, image: np.ndarray) -> None:
+        window = max(1, self.root.winfo_width()), max(1, self.root.winfo_height())
+        scale = min(length / side for length, side in zip(window, self.size, strict=True))
+        if window[0] > 1 and scale != 1:  # 1: not drawn yet
             width, height = (max(1, round(scale * side)) for side in self.size)
-            picture = cv2.resize(
-                picture, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else 1
+            image = cv2.resize(
+                image, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else 1
             )
-        height, width = picture.shape[:2]
-        self.picture.configure(
-            width=width, height=height, data=b"P6 %d %d 255\n" % (width, height) + picture.tobytes()
+        height, width = image.shape[:2]
+        self.photo.configure(
+            width=width, height=height, data=b"P6 %d %d 255\n" % (width, height) + image.tobytes()
         )
 
 

@@ -34,13 +34,13 @@ class Job(NamedTuple):
 
 
 @dataclass
-class Results:
+class BatchResult:
     """Results of several jobs; each job is in exactly one of the lists."""
 
     done: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
     """Error messages by the names of the jobs."""
-    not_begun: list[str] = field(default_factory=list)
+    not_started: list[str] = field(default_factory=list)
     """Jobs that were not started because of an interruption."""
     stopped_by: int = 0
     """Exit code of the interruption, as from :func:`omnimirror.io.interrupts.exit_code`."""
@@ -48,7 +48,7 @@ class Results:
     @property
     def exit_code(self) -> int:
         """Exit code: 0 if all jobs are done, 130 after Ctrl-C, 143 after SIGTERM, otherwise 1."""
-        return self.stopped_by if self.not_begun else 1 if self.failed else 0
+        return self.stopped_by if self.not_started else 1 if self.failed else 0
 
 
 def expand_inputs(
@@ -63,14 +63,14 @@ def expand_inputs(
     MediaError
         A name or pattern matches no file.
     """
-    found: dict[Path, None] = {}
+    paths: dict[Path, None] = {}
     for pattern in patterns:
         path = file_name("source", pattern)
         if path.is_dir():
             matches = sorted(child for child in path.iterdir() if child.suffix.lower() in suffixes)
             if not matches:
                 raise MediaError(
-                    f"there is no picture in the folder {path}; looked for {', '.join(suffixes)}"
+                    f"the folder {path} must contain files with a suffix of {', '.join(suffixes)}; got none"
                 )
         elif path.exists() or not glob.has_magic(str(pattern)):
             matches = [path]
@@ -79,9 +79,9 @@ def expand_inputs(
                 match for match in map(Path, sorted(glob.glob(str(pattern)))) if match.is_file()
             ]
         if not matches or not all(match.exists() for match in matches):
-            raise MediaError(f"there is no file {pattern}")
-        found.update(dict.fromkeys(matches))
-    return list(found)
+            raise MediaError(f"source must be an existing file or match one; got {pattern}")
+        paths.update(dict.fromkeys(matches))
+    return list(paths)
 
 
 def output_for(source: str | Path, folder: str | Path, suffix: str | None = None) -> Path:
@@ -98,7 +98,9 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     source = Path(source)
     output = Path(folder) / (source.name if suffix is None else source.stem + suffix)
     if is_same_file(output, source):
-        raise MediaError(f"{source} would be written over by its own result; give another folder")
+        raise MediaError(
+            f"output must differ from the input; got {output} for both; give another folder"
+        )
     return output
 
 
@@ -116,7 +118,9 @@ def outputs_for(
     for source in sources:
         output = output_for(source, folder, suffix)
         if output in taken:
-            raise MediaError(f"{taken[output]} and {source} would both become {output}")
+            raise MediaError(
+                f"outputs must be different files; got {output} for {taken[output]} and {source}"
+            )
         taken[output] = source
     return list(taken)
 
@@ -124,8 +128,8 @@ def outputs_for(
 def run_parallel(
     jobs: Sequence[Job],
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Results:
+    on_progress: Callable[[int, int], None] | None = None,
+) -> BatchResult:
     """Run jobs in parallel threads; the failure of one does not affect the others.
 
     Threads are sufficient, since reading, dewarping and writing release the global interpreter
@@ -136,46 +140,46 @@ def run_parallel(
     jobs
     workers
         Number of threads; by default the number of available cores.
-    progress
+    on_progress
         Called in the thread of the caller with the number of finished or failed jobs and the total.
     """
-    results = Results()
+    results = BatchResult()
     count = max(1, min(workers or usable_cores(), len(jobs) or 1))
 
-    def begin(job: Job) -> bool:
+    def start(job: Job) -> bool:
         if interrupts.is_pending():
             return False
         job.run()
         return True
 
     with interrupts.deferred(), ThreadPoolExecutor(count, thread_name_prefix="batch") as pool:
-        futures = {pool.submit(begin, job): job for job in jobs}
+        futures = {pool.submit(start, job): job for job in jobs}
         waiting = set(futures)
         while waiting:
             done, waiting = wait(waiting, interrupts.POLL_S, FIRST_COMPLETED)
-            if progress is not None and done:
-                progress(len(jobs) - len(waiting), len(jobs))
+            if on_progress is not None and done:
+                on_progress(len(jobs) - len(waiting), len(jobs))
         results.stopped_by = interrupts.exit_code()
     for future, job in futures.items():
         _sort(future, job, results)
     return results
 
 
-def _sort(future: Future[bool], job: Job, results: Results) -> None:
+def _sort(future: Future[bool], job: Job, results: BatchResult) -> None:
     error = future.exception()
     if error is not None:
-        results.failed[job.name] = _sentence(error)
+        results.failed[job.name] = _error_message(error)
     elif future.result():
         results.done.append(job.name)
     else:
-        results.not_begun.append(job.name)
+        results.not_started.append(job.name)
 
 
-def _sentence(error: BaseException) -> str:
+def _error_message(error: BaseException) -> str:
     """Return an error message, also for unexpected errors, which must not discard other results."""
     if isinstance(error, OmnimirrorError):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'the operating system'}: {error.strerror or error}"
     first = next(iter(str(error).splitlines()), "")
-    return f"an unforeseen {type(error).__name__}: {first}"
+    return f"unexpected {type(error).__name__}: {first}"

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-# -- EXIF metadata: parsing, and writing without entries that are invalid for a dewarped image -----
+# -- EXIF directories ------------------------------------------------------------------------------
 #
 # An EXIF block is a TIFF file without pixels: a directory of tags, and two more, for exposure and GPS
 # position. Entries on the stored pixels (orientation, size, thumbnail, resolution), on positions in
@@ -66,12 +66,7 @@ class Exif(NamedTuple):
         for tag, directory in self._others.items():
             pointers[tag] = Entry(4, 1, struct.pack("<I", end + len(rest)))
             rest += serialised_directory(directory, end + len(rest))
-        return (
-            b"II*\0"
-            + struct.pack("<I", head)
-            + serialised_directory(self.picture | pointers, head)
-            + rest
-        )
+        return b"II*\0" + struct.pack("<I", head) + serialised_directory(self.picture | pointers, head) + rest
 
     @property
     def _others(self) -> dict[int, Directory]:
@@ -107,19 +102,18 @@ def _number(entry: Entry | None) -> float | None:
     form = None if entry is None else NUMBERS.get(entry.kind)
     if entry is None or form is None or len(entry.values) != struct.calcsize(form):
         return None
-    above, below = (*struct.unpack(form, entry.values), 1)[:2]
-    if form == "<II" and above == INFINITE:
+    numerator, denominator = (*struct.unpack(form, entry.values), 1)[:2]
+    if numerator == INFINITE:
         return float("inf")
-    number = above / below if below else 0.0
-    return number if 0 < number < float("inf") else None
+    number = numerator / denominator if numerator else denominator else None
 
 
 def parse_exif(block: bytes) -> Exif | None:
     """Parse the valid entries of a block or of a TIFF file; None if it is damaged or has none.
 
     >>> from omnimirror.io.exif import Entry, Exif
-    >>> made = Exif({0x010F: Entry(2, 5, b"Ours\\0"), 0x0112: Entry(3, 1, b"\\6\\0")}, {}, {})
-    >>> parse_exif(made.block()).picture  # the orientation of the stored pixels does not hold
+    >>> exif = Exif({0x010F: Entry(2, 5, b"Ours\\0"), 0x0112: Entry(3, 1, b"\\6\\0")}, {}, {})
+    >>> parse_exif(exif.block()).picture  # without the orientation
     {271: Entry(kind=2, number=5, values=b'Ours\\x00')}
     """
     order = {b"II": "<", b"MM": ">"}.get(block[:2])
@@ -127,12 +121,7 @@ def parse_exif(block: bytes) -> Exif | None:
         return None
     try:
         first = _directory(block, order, struct.unpack_from(order + "I", block, 4)[0])
-        exposure, place = (
-            _directory(block, order, struct.unpack("<I", first[tag].values)[0])
-            if tag in first
-            else {}
-            for tag in (EXPOSURE, PLACE)
-        )
+        exposure, place = (_directory(block, order, struct.unpack("<I", first[tag].values)[0]) if tag in first else {} for tag in (EXPOSURE, PLACE))
     except (struct.error, KeyError, ValueError):
         return None
     picture = {tag: entry for tag, entry in first.items() if tag in KEPT_IMAGE_TAGS}
@@ -156,7 +145,7 @@ def _directory(block: bytes, order: str, at: int) -> Directory:
     (count,) = struct.unpack_from(order + "H", block, at)
     if count > MAX_ENTRIES:
         raise ValueError(count)
-    found: Directory = {}
+    entries: Directory = {}
     for i in range(count):
         place = at + 2 + 12 * i
         tag, kind, number = struct.unpack_from(order + "HHI", block, place)
@@ -168,38 +157,31 @@ def _directory(block: bytes, order: str, at: int) -> Directory:
             raise ValueError(tag)
         if order == ">" and unit > 1:
             data = b"".join(data[k : k + unit][::-1] for k in range(0, length, unit))
-        found[tag] = Entry(kind, number, data)
-    return found
+        entries[tag] = Entry(kind, number, data)
+    return entries
 
 
-# -- Orientation of an image: how its stored pixels are turned or mirrored for display (EXIF, tag 0x0112)
+# -- Orientation of the stored pixels (tag 0x0112) -------------------------------------------------
 
 Pixels = TypeVar("Pixels", bound=np.generic)
 
 ORIENTATION_TAG = 0x0112
 UPRIGHT = 1
 SHORT, LONG = 3, 4
-TIFF_SIGNATURES = {
-    b"II*\0": ("<", False),
-    b"MM\0*": (">", False),
-    b"II+\0": ("<", True),
-    b"MM\0+": (">", True),
-}
+TIFF_SIGNATURES = {b"II*\0": ("<", False), b"MM\0*": (">", False), b"II+\0": ("<", True), b"MM\0+": (">", True)}
 """Byte order and whether it is a BigTIFF file, by signature."""
 ORIENTATION_NAMES = {
     1: "as stored",
     2: "mirrored left to right",
-    3: "turned by 180 deg",
+    3: "rotated by 180 deg",
     4: "mirrored top to bottom",
     5: "mirrored along the diagonal from top left to bottom right",
-    6: "turned by 90 deg clockwise",
+    6: "rotated by 90 deg clockwise",
     7: "mirrored along the diagonal from top right to bottom left",
-    8: "turned by 90 deg anticlockwise",
+    8: "rotated by 90 deg counter-clockwise",
 }
 """Operation that each orientation requires for display."""
-STORED_ORIENTATION_HINT = (
-    "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
-)
+STORED_ORIENTATION_HINT = "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
 TRANSPOSING_ORIENTATIONS = (5, 6, 7, 8)
 """Orientations that exchange width and height."""
 
@@ -211,14 +193,12 @@ def oriented(image: NDArray[Pixels], orientation: int) -> NDArray[Pixels]:
     >>> oriented(np.array([[1, 2, 3], [4, 5, 6]]), 6).tolist()
     [[4, 1], [5, 2], [6, 3]]
     """
-    turned: NDArray[Any] = (
-        np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
-    )
+    view: NDArray[Any] = np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
     if orientation in (2, 3, 6, 7):
-        turned = turned[:, ::-1]
+        view = view[:, ::-1]
     if orientation in (3, 4, 7, 8):
-        turned = turned[::-1]
-    return turned
+        view = view[::-1]
+    return view
 
 
 def applied(orientation: int, is_stored: bool) -> str:
@@ -226,13 +206,11 @@ def applied(orientation: int, is_stored: bool) -> str:
     choice.
 
     >>> applied(3, True)
-    'as stored; their EXIF data requires that they are turned by 180 deg'
+    'as stored; the EXIF orientation is: rotated by 180 deg'
     """
     if is_stored:
-        return f"as stored; their EXIF data requires that they are {ORIENTATION_NAMES[orientation]}"
-    return (
-        f"{ORIENTATION_NAMES[orientation]}, as their EXIF data requires; {STORED_ORIENTATION_HINT}"
-    )
+        return f"as stored; the EXIF orientation is: {ORIENTATION_NAMES[orientation]}"
+    return f"{ORIENTATION_NAMES[orientation]} according to EXIF; {STORED_ORIENTATION_HINT}"
 
 
 def orientation_of_block(block: bytes) -> int:
@@ -252,9 +230,9 @@ def without_orientation(data: bytes) -> bytes:
 
 def _found(block: bytes) -> tuple[int, int, str]:
     """Return the orientation in the first directory of a TIFF structure, its offset and type."""
-    nothing = UPRIGHT, 0, "<H"
+    default = UPRIGHT, 0, "<H"
     if block[:4] not in TIFF_SIGNATURES:
-        return nothing
+        return default
     order, is_big = TIFF_SIGNATURES[block[:4]]
     size, head, value = (20, 8, 12) if is_big else (12, 2, 8)
     try:
@@ -265,11 +243,7 @@ def _found(block: bytes) -> tuple[int, int, str]:
             if tag == ORIENTATION_TAG and kind in (SHORT, LONG):
                 number = order + ("H" if kind == SHORT else "I")
                 (orientation,) = struct.unpack_from(number, block, entry + value)
-                return (
-                    (orientation, entry + value, number)
-                    if orientation in ORIENTATION_NAMES
-                    else nothing
-                )
+                return (orientation, entry + value, number) if orientation in ORIENTATION_NAMES else default
     except struct.error:
         pass
-    return nothing
+    return default

@@ -38,27 +38,26 @@ def read_exr(path: Path, data: bytes) -> Image:
         OpenEXR is not installed, the file is damaged, or it has no such channels.
     """
     library = _library(path)
-    if _is_cut_short(data):  # the library would fill missing rows with grey and print messages
-        raise MediaError(f"the picture {path} is damaged or cut short")
+    if _is_truncated(data):  # the library would fill missing rows with grey and print messages
+        raise MediaError(f"cannot read the image {path}: it is damaged or truncated")
     try:
         with library.File(str(path), separate_channels=True) as file:
             # copied, since the memory belongs to the open file
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except Exception as e:  # RuntimeError, TypeError or a class of the library, by version
         reason = str(e).strip().splitlines()[0]
-        raise MediaError(f"the picture {path} is damaged or cut short: {reason}") from None
+        raise MediaError(f"cannot read the image {path}: {reason}") from None
     names = next((n for n in ("RGBA", "RGB", "Y") if set(n) <= set(channels)), None)
     if names is None:
-        found = ", ".join(channels)
         raise MediaError(
-            f"the picture {path} has the channels {found}; valid are R, G, B, perhaps A, or Y alone"
+            f"the image {path} must have the channels R, G, B (A) or Y; got {', '.join(channels)}"
         )
-    taken = [channels[name] for name in names]
-    if any(channel.dtype.kind != "f" for channel in taken):
+    selected = [channels[name] for name in names]
+    if any(channel.dtype.kind != "f" for channel in selected):
         raise MediaError(
-            f"the picture {path} holds {taken[0].dtype} values; valid are half and float"
+            f"the image {path} must have half or float channels; got {selected[0].dtype}"
         )
-    image: Image = np.stack(taken, axis=-1).astype(np.float32)
+    image: Image = np.stack(selected, axis=-1).astype(np.float32)
     return image[..., 0] if image.shape[-1] == 1 else image
 
 
@@ -82,9 +81,9 @@ def write_exr(path: Path, image: Image) -> None:
 def write_channels(
     path: Path,
     channels: Mapping[str, NDArray[np.float32]],
-    told: Mapping[str, str | int] | None = None,
+    attributes: Mapping[str, str | int] | None = None,
 ) -> None:
-    """Write channels (h, w) of any names, losslessly; ``told`` is added to the header.
+    """Write channels (h, w) of any names, losslessly, with additional header attributes.
 
     Raises
     ------
@@ -94,7 +93,11 @@ def write_channels(
         The file cannot be written.
     """
     library = _library(path)
-    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, **(told or {})}
+    header = {
+        "compression": library.ZIP_COMPRESSION,
+        "type": library.scanlineimage,
+        **(attributes or {}),
+    }
     plain = path.with_name(path.name.encode("ascii", "replace").decode())  # UTF-8 names only
     target = path if _is_utf8(path) else plain
     try:
@@ -102,7 +105,9 @@ def write_channels(
             file.write(str(target))
         os.replace(target, path)
     except RuntimeError as e:
-        reason = str(e).strip().splitlines()[0].replace(str(path), "it")  # hides the temporary name
+        reason = (
+            str(e).strip().splitlines()[0].replace(str(path), "the file")
+        )  # hides the temporary name
         raise OSError(errno.EIO, reason) from None
 
 
@@ -119,7 +124,7 @@ def check_exr_can_be_written(path: Path) -> None:
     _library(path)
 
 
-def _is_cut_short(data: bytes) -> bool:
+def _is_truncated(data: bytes) -> bool:
     """Return whether chunks of pixels are missing; tiled and multi-part files are not checked."""
     try:
         if struct.unpack_from("<I", data, 4)[0] & TILED_OR_MANY_PARTS:
@@ -162,6 +167,6 @@ def _library(path: Path) -> Any:
         import OpenEXR
     except ImportError:
         raise MediaError(
-            f"{path.name} is an OpenEXR picture, which needs one more package: pip install 'omnimirror[exr]'"
+            f"OpenEXR must be installed for {path.name}: pip install 'omnimirror[exr]'"
         ) from None
     return OpenEXR

@@ -43,11 +43,11 @@ def first_number(pattern: Path) -> int:
     """
     numbers = sorted(numbers_of(pattern))
     if not numbers:
-        raise MediaError(f"there is no picture {pattern}")
+        raise MediaError(f"the image sequence must have at least one image; got none for {pattern}")
     if len(numbers) != numbers[-1] - numbers[0] + 1:
         missing = next(n for n, number in enumerate(numbers, numbers[0]) if n != number)
         raise MediaError(
-            f"{numbered(pattern, missing)} is missing among the pictures {pattern}; number them without gaps"
+            f"the images {pattern} must be numbered without gaps; {numbered(pattern, missing)} is missing"
         )
     return numbers[0]
 
@@ -85,12 +85,13 @@ def may_share_a_name(a: str | Path, b: str | Path) -> bool:
     (True, False)
     """
     first, second = Path(a), Path(b)
-    (before, *_, after), (other, *_, end) = (
+    (prefix, *_, suffix), (other_prefix, *_, other_suffix) = (
         NUMBER_PATTERN.split(first.name),
         NUMBER_PATTERN.split(second.name),
     )
-    is_beside = is_same_file(first.parent, second.parent) and after == end
-    return is_beside and (before.startswith(other) or other.startswith(before))
+    if not is_same_file(first.parent, second.parent) or suffix != other_suffix:
+        return False
+    return prefix.startswith(other_prefix) or other_prefix.startswith(prefix)
 
 
 @contextmanager
@@ -103,7 +104,7 @@ def standard_input() -> Iterator[Path]:
         The input is empty, exceeds :data:`MAX_INPUT_BYTES`, or is a terminal.
     """
     if sys.stdin is None or sys.stdin.isatty():
-        raise MediaError("standard input is a terminal; send a video to it")
+        raise MediaError("standard input must be a video; got a terminal")
     with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
         path, size = Path(folder) / "standard input", 0
         with path.open("wb") as file:
@@ -111,9 +112,9 @@ def standard_input() -> Iterator[Path]:
                 size += len(piece)
                 if size > MAX_INPUT_BYTES:
                     raise MediaError(
-                        f"standard input must not hold more than {MAX_INPUT_BYTES >> 30} GB; got more; name a file"
+                        f"standard input must have at most {MAX_INPUT_BYTES >> 30} GB; give a file name instead"
                     )
                 file.write(piece)
         if not size:
-            raise MediaError("there is no video on standard input, which is empty")
+            raise MediaError("standard input must be a video; got no data")
         yield path

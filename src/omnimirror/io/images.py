@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from ..base.arguments import file_name, instance
 from ..base.errors import MediaError, OmnimirrorError
-from ..base.files import read_bytes, replacing
+from ..base.files import atomic_output, read_bytes
 from . import _image_metadata, exr
 from ._image_metadata import METADATA_WRITERS, ImageMetadata, embed_metadata, read_metadata
 from ._panorama import GPano
 from .exif import UPRIGHT, oriented, without_orientation
 
-# -- PNG headers, checked before decompression: a damaged header must not cause huge memory allocations
+# -- PNG headers, checked before decompression ----------------------------------------------------
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_END = 33  # signature, length, "IHDR", 13 bytes, checksum
@@ -39,10 +39,10 @@ MAX_DEFLATE_RATIO = 1032  # maximum compression ratio of deflate: 258 bytes by 2
 
 
 def _png_damage(data: bytes) -> str:
-    """Describe the damage of a PNG header, to follow the name of the file; "" if there is none.
+    """Describe the damage of a PNG header; "" if there is none.
 
-    >>> damage(SIGNATURE + bytes(25))
-    'has a damaged header'
+    >>> _png_damage(PNG_SIGNATURE + bytes(25))
+    'damaged PNG header'
     """
     header = data[12 : PNG_HEADER_END - 4]
     if (
@@ -50,14 +50,14 @@ def _png_damage(data: bytes) -> str:
         or header[:4] != b"IHDR"
         or data[29:PNG_HEADER_END] != zlib.crc32(header).to_bytes(4, "big")
     ):
-        return "has a damaged header"
+        return "damaged PNG header"
     width, height, depth, colour = struct.unpack(">IIBB", header[4:14])
     if width * height * depth * PNG_SAMPLES.get(colour, 1) > 8 * MAX_DEFLATE_RATIO * len(data):
-        return f"says that it has {width} x {height} px, and {len(data)} bytes cannot hold so many"
+        return f"{width} x {height} px in the PNG header exceed the capacity of {len(data)} bytes"
     return ""
 
 
-def _of_png(data: bytes) -> int:
+def _png_bytes(data: bytes) -> int:
     """Return the size in memory of the image that the header declares; a palette is expanded to
     colours.
     """
@@ -70,7 +70,7 @@ def _of_png(data: bytes) -> int:
     )
 
 
-# -- Size of an image in memory, from the header of its file: a few bytes can declare gigabytes of pixels
+# -- Size of an image in memory, from the header of its file ---------------------------------------
 
 MAX_DECODED_BYTES = 2 << 30
 """Maximum size of the pixels of an image in bytes; OpenCV rejects more than 2^30 pixels on its own.
@@ -105,11 +105,11 @@ def decoded_bytes(data: bytes) -> int:
     """
     try:
         if data.startswith(PNG_SIGNATURE):
-            return _of_png(data)
+            return _png_bytes(data)
         if data.startswith(b"\xff\xd8\xff"):
-            return _of_jpeg(data)
+            return _jpeg_bytes(data)
         if data[:4] in TIFF_BYTE_ORDERS:
-            return _of_tiff(data)
+            return _tiff_bytes(data)
         if data.startswith(b"#?"):
             size = RADIANCE_SIZE.search(data[:65536])
             return int(size[1]) * int(size[2]) * 3 * 4 if size else 0
@@ -117,10 +117,10 @@ def decoded_bytes(data: bytes) -> int:
             return exr.decoded_bytes(data)
     except (struct.error, IndexError, ValueError, KeyError):
         return 0
-    return _by_pillow(data)
+    return _pillow_bytes(data)
 
 
-def _of_jpeg(data: bytes) -> int:
+def _jpeg_bytes(data: bytes) -> int:
     at = 2
     while data[at] == 0xFF:
         marker = data[at + 1]
@@ -131,12 +131,12 @@ def _of_jpeg(data: bytes) -> int:
     return 0
 
 
-def _of_tiff(data: bytes) -> int:
+def _tiff_bytes(data: bytes) -> int:
     """Read the first directory of a TIFF or BigTIFF file."""
     order, is_big = TIFF_BYTE_ORDERS[data[:4]], data[:4] in (b"II+\0", b"MM\0+")
     (at,) = struct.unpack_from(order + ("Q" if is_big else "I"), data, 8 if is_big else 4)
     (count,) = struct.unpack_from(order + ("Q" if is_big else "H"), data, at)
-    size, head, room = (20, 8, 8) if is_big else (12, 2, 4)
+    size, head, inline = (20, 8, 8) if is_big else (12, 2, 4)
     tags: dict[int, tuple[int, ...]] = {}
     for i in range(min(count, 4096)):
         entry = at + head + size * i
@@ -147,8 +147,8 @@ def _of_tiff(data: bytes) -> int:
             and 1 <= length <= 64
         ):
             numbers = struct.Struct(f"{order}{length}{TIFF_NUMBERS[kind]}")
-            place = entry + size - room
-            if numbers.size > room:
+            place = entry + size - inline
+            if numbers.size > inline:
                 (place,) = struct.unpack_from(order + ("Q" if is_big else "I"), data, place)
             tags[tag] = numbers.unpack_from(data, place)
     depth = max(tags.get(TAG_BITS, (1,)))
@@ -156,18 +156,18 @@ def _of_tiff(data: bytes) -> int:
     return tags[TAG_WIDTH][0] * tags[TAG_HEIGHT][0] * channels * max(1, -(-depth // 8))
 
 
-def _by_pillow(data: bytes) -> int:
+def _pillow_bytes(data: bytes) -> int:
     from PIL import Image
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(data), formats=PILLOW_FORMATS) as picture:
-                width, height = picture.size
+            with Image.open(io.BytesIO(data), formats=PILLOW_FORMATS) as image:
+                width, height = image.size
                 is_palette, channels, kind = (
-                    picture.mode in ("P", "PA"),
-                    len(picture.getbands()),
-                    picture.format,
+                    image.mode in ("P", "PA"),
+                    len(image.getbands()),
+                    image.format,
                 )
     except Image.DecompressionBombError:
         return MAX_DECODED_BYTES + 1
@@ -177,10 +177,7 @@ def _by_pillow(data: bytes) -> int:
     return width * height * (4 if is_palette else channels) * (2 if is_deep else 1)
 
 
-# -- Reading and writing of image files with unchanged bit depth and channels ----------------------
-#
-# Colours are RGB or RGBA in Python, independent of the order in the file; OpenCV's BGR is converted
-# at each call.
+# -- Reading and writing ---------------------------------------------------------------------------
 
 Image = NDArray[Any]
 
@@ -190,7 +187,7 @@ class ImageFormat(NamedTuple):
 
     depths: tuple[str, ...]
     channels: tuple[int, ...]
-    longest_px: int = 1 << 20
+    max_side_px: int = 1 << 20
     """Maximum width and height."""
 
     @property
@@ -250,8 +247,9 @@ def format_of(path: str | Path) -> ImageFormat:
     """
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
-        what = f"pictures of kind {suffix!r} are" if suffix else "a picture without a suffix is"
-        raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FORMATS)}")
+        raise MediaError(
+            f"cannot write {path}: the suffix must be one of {', '.join(FORMATS)}; got {suffix!r}"
+        )
     if suffix == ".exr":
         exr.check_exr_can_be_written(Path(path))
     return FORMATS[suffix]
@@ -265,11 +263,11 @@ def check_size(path: str | Path, size: tuple[int, int]) -> None:
     MediaError
         The image is too large, or the suffix cannot be written.
     """
-    longest = format_of(path).longest_px
-    if max(size) > longest:
+    max_side = format_of(path).max_side_px
+    if max(size) > max_side:
         raise MediaError(
-            f"cannot write {path}: {Path(path).suffix} holds pictures of up to {longest} px a side, and this one has "
-            f"{size[0]} x {size[1]} px; .png and .tif hold more"
+            f"cannot write {path}: {Path(path).suffix} images must have at most {max_side} px per side; got "
+            f"{size[0]} x {size[1]} px; use .png or .tif"
         )
 
 
@@ -349,11 +347,11 @@ def _data_of(path: Path) -> bytes:
     try:
         data = read_bytes(path, MAX_FILE_BYTES)
     except FileNotFoundError:
-        raise MediaError(f"there is no picture {path}") from None
+        raise MediaError(f"cannot read the image {path}: the file does not exist") from None
     except OSError as e:
-        raise MediaError(f"cannot read the picture {path}: {e.strerror or e}") from None
+        raise MediaError(f"cannot read the image {path}: {e.strerror or e}") from None
     if not data:
-        raise MediaError(f"the picture {path} is empty")
+        raise MediaError(f"cannot read the image {path}: the file is empty")
     return data
 
 
@@ -368,8 +366,8 @@ def _check_decoded_size(path: str | Path, data: bytes) -> None:
     size = decoded_bytes(data)
     if size > MAX_DECODED_BYTES:
         raise MediaError(
-            f"the picture {path} must not take more than {MAX_DECODED_BYTES >> 20} MB once it is decoded; got "
-            f"{-(-size >> 20)} MB by its header; reduce or split it"
+            f"the image {path} must have at most {MAX_DECODED_BYTES >> 20} MB after decoding; got "
+            f"{-(-size >> 20)} MB according to its header; reduce or split it"
         )
 
 
@@ -382,37 +380,39 @@ def decoded(path: str | Path, data: bytes) -> Image:
         The data are truncated, damaged or not an image, or the pixels exceed
         :data:`MAX_DECODED_BYTES`.
     """
-    if _is_cut_short(data):
-        raise MediaError(f"the picture {path} is cut short: its end is missing")
+    if _is_truncated(data):
+        raise MediaError(f"cannot read the image {path}: the file is truncated")
     if data.startswith(PNG_SIGNATURE) and (damage := _png_damage(data)):
-        raise MediaError(f"the picture {path} {damage}")
+        raise MediaError(f"cannot read the image {path}: {damage}")
     _check_decoded_size(path, data)
     try:
         with _quiet():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as e:
-        raise MediaError(f"cannot read the picture {path}: {_reason(e)}") from None
+        raise MediaError(f"cannot read the image {path}: {_reason(e)}") from None
     if image is None:
-        raise MediaError(_why_unread(path, data))
+        raise MediaError(_decoding_failure(path, data))
     if image.dtype.name not in OPAQUE:
         raise MediaError(
-            f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}"
+            f"the image {path} must have {', '.join(OPAQUE)} values; got {image.dtype.name}"
         )
-    return _red_and_blue_exchanged(image)
+    return _swap_red_blue(image)
 
 
-def _why_unread(path: str | Path, data: bytes) -> str:
+def _decoding_failure(path: str | Path, data: bytes) -> str:
     """Return the reason for a decoding failure, with a remedy for common formats."""
     if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC_BRANDS):
         return (
-            f"{path} is an HEIC picture, which is not read; save it as JPEG "
-            f"(iPhones: Camera, Formats, Most Compatible)"
+            f"cannot read the image {path}: HEIC is not supported; save it as JPEG "
+            f"(iPhone: Camera, Formats, Most Compatible)"
         )
     if Path(path).suffix.lower() in RAW_SUFFIXES:
-        return f"{path} is a camera's raw file, which is not read; develop it to .tif or .png"
+        return (
+            f"cannot read the image {path}: raw files are not supported; convert it to .tif or .png"
+        )
     return (
-        f"{path} is not a picture that can be read, or is damaged or cut short; "
-        f"valid are {', '.join(READABLE_FORMATS)}"
+        f"cannot read the image {path}: it must be an undamaged image file "
+        f"({', '.join(READABLE_FORMATS)})"
     )
 
 
@@ -459,21 +459,23 @@ def write_image(
     kind = format_of(path)
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or 0 in image.shape:
-        raise MediaError(f"cannot write {path}: an array of shape {image.shape} is not a picture")
+        raise MediaError(
+            f"cannot write {path}: image must have the shape (h, w) or (h, w, c); got shape {image.shape}"
+        )
     if image.dtype.name not in kind.depths or channels not in kind.channels:
         raise MediaError(
-            f"cannot write {path}: {Path(path).suffix} holds {' or '.join(kind.depths)} pictures of "
-            f"{' or '.join(map(str, kind.channels))} channels, and this one is {image.dtype.name} of {channels}"
+            f"cannot write {path}: {Path(path).suffix} images must be {' or '.join(kind.depths)} with "
+            f"{' or '.join(map(str, kind.channels))} channels; got {image.dtype.name} with {channels}"
         )
     check_size(path, (image.shape[1], image.shape[0]))
     if panorama is not None:
         _check_panorama(path, image, panorama)
     if carried and Path(path).suffix.lower() not in METADATA_WRITERS:
         raise MediaError(
-            f"{path} cannot hold a colour profile or EXIF; valid are {', '.join(METADATA_WRITERS)}"
+            f"cannot write {path}: a colour profile or EXIF requires {', '.join(METADATA_WRITERS)}"
         )
     try:
-        with replacing(path) as temporary:
+        with atomic_output(path) as temporary:
             if temporary.suffix.lower() == ".exr":
                 exr.write_exr(temporary, image)
             else:
@@ -487,13 +489,13 @@ def write_image(
 def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
     if not can_be_panorama(path):
         raise MediaError(
-            f"{path} cannot say that it is a panorama; valid are {', '.join(_image_metadata.XMP_WRITERS)}"
+            f"cannot write {path}: panorama metadata requires {', '.join(_image_metadata.XMP_WRITERS)}"
         )
     height, width = image.shape[:2]
     if panorama.cropped_size != (width, height):
-        told = " x ".join(map(str, panorama.cropped_size))
+        expected = " x ".join(map(str, panorama.cropped_size))
         raise MediaError(
-            f"cannot write {path}: the picture has {width} x {height} px, and the panorama {told} px"
+            f"cannot write {path}: the image must have the size of panorama, {expected} px; got {width} x {height} px"
         )
 
 
@@ -514,17 +516,17 @@ def _encoded(
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
     """Encode a grey, RGB or RGBA image with OpenCV's encoder for ``suffix``."""
     with _quiet():
-        is_done, buffer = cv2.imencode(
-            suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters
+        is_encoded, buffer = cv2.imencode(
+            suffix, _swap_red_blue(np.ascontiguousarray(image)), parameters
         )
-    if not is_done:
+    if not is_encoded:
         height, width = image.shape[:2]
-        raise MediaError(f"a picture of {width} x {height} px cannot be written as {suffix}")
+        raise MediaError(f"cannot encode an image of {width} x {height} px as {suffix}")
     data: bytes = buffer.tobytes()
     return data
 
 
-def _red_and_blue_exchanged(image: Image) -> Image:
+def _swap_red_blue(image: Image) -> Image:
     """Convert between RGB and BGR; an alpha channel stays last."""
     channels = image.shape[2] if image.ndim == 3 else 1
     if channels not in (3, 4):
@@ -534,7 +536,7 @@ def _red_and_blue_exchanged(image: Image) -> Image:
     )
 
 
-def _is_cut_short(data: bytes) -> bool:
+def _is_truncated(data: bytes) -> bool:
     """Return whether a JPEG or PNG has no end marker; decoders may fill the rest with grey without
     an error.
     """
@@ -549,8 +551,8 @@ def _first_scan(data: bytes) -> int:
     """Return the position of the first scan of a JPEG, after the header segments."""
     at = 2
     while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] != b"\xda":
-        is_filling = data[at + 1 : at + 2] == b"\xff"
-        at += 1 if is_filling else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        is_padding = data[at + 1 : at + 2] == b"\xff"
+        at += 1 if is_padding else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return at
 
 

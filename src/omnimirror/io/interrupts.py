@@ -15,11 +15,11 @@ from contextlib import contextmanager
 from types import FrameType
 
 POLL_S = 0.1  # polling period of all waits
-STOPPING = tuple(
+STOP_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 HANGUP = getattr(signal, "SIGHUP", None)
-BY_SIGNAL = 128
+SIGNAL_EXIT_OFFSET = 128
 """Offset of signal numbers in exit codes (130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP),
 as in shells.
 """
@@ -41,7 +41,7 @@ def deferred() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in STOPPING}
+    before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
     if before.get(HANGUP) is signal.SIG_IGN:
         del before[HANGUP]
     _pending.clear()
@@ -64,7 +64,7 @@ def postponed() -> Iterator[None]:
         yield
         code = exit_code()
     if code:
-        signal.raise_signal(code - BY_SIGNAL)
+        signal.raise_signal(code - SIGNAL_EXIT_OFFSET)
 
 
 def is_pending() -> bool:
@@ -74,7 +74,7 @@ def is_pending() -> bool:
 
 def exit_code() -> int:
     """Return the exit code of the requested stop; 0 without a request."""
-    return BY_SIGNAL + _number if _pending.is_set() else 0
+    return SIGNAL_EXIT_OFFSET + _number if _pending.is_set() else 0
 
 
 def is_signal() -> bool:

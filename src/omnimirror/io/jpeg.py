@@ -15,14 +15,8 @@ from .images import MAX_FILE_BYTES
 
 BLOCK = 8
 START_OF_SCAN, TABLES = 0xDA, 0xDB
-SUPPORTED_FRAMES = {
-    0xC0,
-    0xC1,
-    0xC2,
-    0xC9,
-    0xCA,
-}  # supported by decoders: baseline, extended, progressive
-MARKERS_WITHOUT_SEGMENT = {0x01, *range(0xD0, 0xD9)}  # markers without a segment
+SUPPORTED_FRAMES = {0xC0, 0xC1, 0xC2, 0xC9, 0xCA}  # baseline, extended, progressive
+MARKERS_WITHOUT_SEGMENT = {0x01, *range(0xD0, 0xD9)}
 
 
 class JpegCoding(NamedTuple):
@@ -30,7 +24,7 @@ class JpegCoding(NamedTuple):
 
     tables: tuple[NDArray[np.float64], ...]
     """Quantisation steps (8, 8) of Y, or of Y, Cb and Cr: by vertical and horizontal frequency."""
-    coarser: tuple[int, int] = (1, 1)
+    subsampling: tuple[int, int] = (1, 1)
     """Chroma subsampling: luma pixels per chroma sample, vertically and horizontally."""
 
 
@@ -45,7 +39,7 @@ def read_jpeg_coding(path: str | Path) -> JpegCoding | None:
     try:
         return parse_jpeg_coding(read_bytes(path, MAX_FILE_BYTES))
     except OSError as e:
-        raise MediaError(f"cannot read the picture {path}: {e.strerror or e}") from None
+        raise MediaError(f"cannot read the image {path}: {e.strerror or e}") from None
 
 
 def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
@@ -54,17 +48,17 @@ def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
 
     >>> import cv2
     >>> data = cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 50])[1].tobytes()
-    >>> coding = jpeg_coding(data)
-    >>> coding.tables[0][0, :4], coding.coarser
+    >>> coding = parse_jpeg_coding(data)
+    >>> coding.tables[0][0, :4], coding.subsampling
     (array([16., 11., 10., 16.]), (2, 2))
     """
     if not data.startswith(b"\xff\xd8\xff"):
         return None
-    known: dict[int, NDArray[np.float64]] = {}
+    tables_by_number: dict[int, NDArray[np.float64]] = {}
     frame = b""
     for marker, segment in _segments(data):
         if marker == TABLES:
-            known |= _tables(segment)
+            tables_by_number |= _tables(segment)
         elif marker in SUPPORTED_FRAMES:
             frame = segment
     count = frame[5] if len(frame) > 5 else 0
@@ -73,10 +67,10 @@ def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
     if (
         count not in (1, 3)
         or names == b"RGB"
-        or any(len(part) < 3 or part[2] not in known for part in parts)
+        or any(len(part) < 3 or part[2] not in tables_by_number for part in parts)
     ):
         return None
-    tables = tuple(known[part[2]] for part in parts)
+    tables = tuple(tables_by_number[part[2]] for part in parts)
     finest, coarse = parts[0][1], parts[-1][1]
     across, down = (finest >> 4) / max(coarse >> 4, 1), (finest & 15) / max(coarse & 15, 1)
     if not (across in (1, 2, 4) and down in (1, 2, 4)):
@@ -98,7 +92,7 @@ def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _tables(segment: bytes) -> dict[int, NDArray[np.float64]]:
-    found = {}
+    tables = {}
     while segment:
         wide, number = segment[0] >> 4, segment[0] & 15
         size = BLOCK**2 * (2 if wide else 1)
@@ -107,9 +101,9 @@ def _tables(segment: bytes) -> dict[int, NDArray[np.float64]]:
             break
         table = np.empty((BLOCK, BLOCK))
         table.ravel()[ZIGZAG] = steps
-        found[number] = np.maximum(table, 1.0)
+        tables[number] = np.maximum(table, 1.0)
         segment = segment[1 + size :]
-    return found
+    return tables
 
 
 def _zigzag() -> NDArray[np.intp]:

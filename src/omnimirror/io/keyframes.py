@@ -13,20 +13,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ..base import files
-from ..base.arguments import float_of, shown
+from ..base.arguments import format_value, parse_float
 from ..base.caching import cached_property
-from ..base.errors import MediaError, SpecError, shortened
+from ..base.errors import MediaError, SpecError, abbreviate
 
 Interpolation = Literal["smooth", "linear"]
 
-TIME = "time_s"
-NAMES = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "distance_mm")
+TIME_NAME = "time_s"
+VALUE_NAMES = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "distance_mm")
 """Valid names, unless the caller specifies others."""
-TURNING = ("pan_deg", "roll_deg")
+PERIODIC_NAMES = ("pan_deg", "roll_deg")
 """Angles with a period of 360 deg: interpolated the short way round, and returned in -180 to 180
 deg.
 """
-WITHOUT_ZERO = ("hfov_deg", "distance_mm")
+NAMES_WITHOUT_DEFAULT = ("hfov_deg", "distance_mm")
 """Names without a default of 0: the first keyframe must contain them if a later one does."""
 
 
@@ -54,7 +54,7 @@ class Keyframes:
     interpolation: Interpolation = "smooth"
 
     @classmethod
-    def load(cls, path: str | Path, names: Sequence[str] = NAMES) -> Keyframes:
+    def load(cls, path: str | Path, names: Sequence[str] = VALUE_NAMES) -> Keyframes:
         """Read a CSV or a TOML file.
 
         A CSV file has a header with ``time_s`` and any of ``names``. A TOML file has
@@ -79,10 +79,13 @@ class Keyframes:
         """
         path = Path(path)
         text = files.read_text(
-            path, "keyframes", MediaError, f"there are no keyframes {shown(str(path))}"
+            path,
+            "keyframes",
+            MediaError,
+            f"path must be an existing keyframe file; got {format_value(str(path))}",
         )
         if path.suffix.lower() not in (".csv", ".toml"):
-            raise MediaError(f"keyframes are read from .csv and .toml files, and {path} is neither")
+            raise MediaError(f"keyframes must be a .csv or .toml file; got {path}")
         return (parse_csv if path.suffix.lower() == ".csv" else parse_toml)(text, str(path), names)
 
     def at(self, time_s: float) -> dict[str, float]:
@@ -90,9 +93,9 @@ class Keyframes:
         return {name: self._value(name, time_s) for name in self.tracks}
 
     def _value(self, name: str, time_s: float) -> float:
-        times, _, between = self._curves[name]
-        value = between(min(max(time_s, times[0]), times[-1]))
-        if name in TURNING:
+        times, _, interpolate = self._curves[name]
+        value = interpolate(min(max(time_s, times[0]), times[-1]))
+        if name in PERIODIC_NAMES:
             value = 180.0 - (180.0 - value) % 360.0
         return value
 
@@ -102,7 +105,7 @@ class Keyframes:
         curves = {}
         for name, points in self.tracks.items():
             times, values = [time for time, _ in points], [value for _, value in points]
-            if name in TURNING:
+            if name in PERIODIC_NAMES:
                 values = np.unwrap(values, period=360.0).tolist()
             curves[name] = (times, values, _curve(times, values, self.interpolation))
         return curves
@@ -144,16 +147,18 @@ def _hermite(time: float, times: list[float], values: list[float], slopes: list[
     )
 
 
-# -- files ---------------------------------------------------------------------------------------
+# -- Keyframe files ---------------------------------------------------------------------------------------
 
 
-def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES) -> Keyframes:
+def parse_csv(
+    text: str, source: str = "keyframes", names: Sequence[str] = VALUE_NAMES
+) -> Keyframes:
     """Parse keyframes of a CSV text; lines that start with # are comments.
 
     >>> parse_csv("time_s,pan_deg\\n0,0\\n2,90").at(1.0)
     {'pan_deg': 45.0}
     """
-    source = shortened(source)
+    source = abbreviate(source)
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
@@ -161,7 +166,7 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
     ]
     if not lines:
         raise MediaError(
-            f"{source} holds no keyframes; its first line should be such as {TIME},{','.join(names[:2])}"
+            f"{source} must contain keyframes, with a header such as {TIME_NAME},{','.join(names[:2])}"
         )
     (head_line, head), *rows = lines
     columns = [name.strip() for name in next(csv.reader([head]))]
@@ -172,20 +177,22 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
         where = f"line {number} of {source}"
         if len(cells) > len(columns):
             raise MediaError(
-                f"{where} has {len(cells)} values, and the first line names {len(columns)}"
+                f"{where} must have at most {len(columns)} values, as the header; got {len(cells)}"
             )
         entries = {name: cell for name, cell in zip(columns, cells, strict=False) if cell}
         points.append((where, entries))
     return _keyframes(points, source, "smooth")
 
 
-def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAMES) -> Keyframes:
+def parse_toml(
+    text: str, source: str = "keyframes", names: Sequence[str] = VALUE_NAMES
+) -> Keyframes:
     """Parse keyframes of a TOML text.
 
     >>> parse_toml("[[keyframe]]\\ntime_s = 0\\npan_deg = 5").at(1.0)
     {'pan_deg': 5.0}
     """
-    source = shortened(source)
+    source = abbreviate(source)
     try:
         data = files.parse_toml(text, source)
     except SpecError as e:
@@ -201,7 +208,7 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
 def keyframes_of(
     data: dict[str, Any],
     source: str = "keyframes",
-    names: Sequence[str] = NAMES,
+    names: Sequence[str] = VALUE_NAMES,
     lines: Sequence[int] = (),
 ) -> Keyframes:
     """Convert a table of a TOML file to keyframes, optionally with their line numbers.
@@ -213,12 +220,12 @@ def keyframes_of(
     interpolation = data.pop("interpolation", "smooth")
     if interpolation not in get_args(Interpolation):
         raise MediaError(
-            f"interpolation = {shown(interpolation)} in {source} is not one of smooth, linear"
+            f"{source}: interpolation must be smooth or linear; got {format_value(interpolation)}"
         )
     tables = data.pop("keyframe", [])
     if data or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise MediaError(
-            f"{source} should hold [[keyframe]] tables, and perhaps interpolation, and nothing else"
+            f"{source} must contain only [[keyframe]] tables and optionally interpolation"
         )
     points = []
     for i, table in enumerate(tables):
@@ -232,12 +239,14 @@ def keyframes_of(
     return _keyframes(points, source, interpolation)
 
 
-def _check_names(found: list[str], names: Sequence[str], where: str) -> None:
-    if TIME not in found:
-        raise MediaError(f"{where} has no {TIME}")
-    for name in found:
-        if name != TIME and name not in names:
-            raise MediaError(f"{where} has {name!r}; valid are {', '.join((TIME, *names))}")
+def _check_names(entries: list[str], names: Sequence[str], where: str) -> None:
+    if TIME_NAME not in entries:
+        raise MediaError(f"{where} must contain {TIME_NAME}")
+    for name in entries:
+        if name != TIME_NAME and name not in names:
+            raise MediaError(
+                f"{where}: the names must be from {', '.join((TIME_NAME, *names))}; got {name!r}"
+            )
 
 
 def _keyframes(
@@ -247,34 +256,34 @@ def _keyframes(
     tracks: dict[str, list[tuple[float, float]]] = {}
     first, latest = math.nan, -math.inf
     for where, entries in points:
-        if TIME not in entries:
-            raise MediaError(f"{where} has no {TIME}")
+        if TIME_NAME not in entries:
+            raise MediaError(f"{where} must contain {TIME_NAME}")
         numbers = {name: _number(name, value, where) for name, value in entries.items()}
-        time = numbers.pop(TIME)
+        time = numbers.pop(TIME_NAME)
         if time <= latest:
             raise MediaError(
-                f"{where} is at {time:g} s, and the one before at {latest:g} s; times must grow"
+                f"{where}: time_s must be greater than that of the previous keyframe, {latest:g} s; got {time:g} s"
             )
         if latest == -math.inf:
             first = time
         latest = time
         for name, value in numbers.items():
             if name not in tracks and time > first:
-                if name in WITHOUT_ZERO:
+                if name in NAMES_WITHOUT_DEFAULT:
                     raise MediaError(
-                        f"{name} must be in the first keyframe of {source}; got it first in {where}"
+                        f"{name} must be in the first keyframe of {source}; got it only from {where}"
                     )
                 tracks[name] = [(first, 0.0)]
             tracks.setdefault(name, []).append((time, value))
     if not tracks:
-        raise MediaError(f"{source} holds no keyframes")
+        raise MediaError(f"{source} must contain keyframes")
     return Keyframes({name: tuple(values) for name, values in tracks.items()}, interpolation)
 
 
 def _number(name: str, value: Any, where: str) -> float:
     try:
         number = (
-            float_of(value)
+            parse_float(value)
             if isinstance(value, str)
             else math.nan
             if isinstance(value, bool)
@@ -283,5 +292,5 @@ def _number(name: str, value: Any, where: str) -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise MediaError(f"{where} has {name} = {shown(value)}, which is not a number")
+        raise MediaError(f"{where}: {name} must be a number; got {format_value(value)}")
     return number

@@ -45,7 +45,7 @@ LIVE_OPTIONS = {
     "libx264": {"tune": "zerolatency", "preset": "veryfast"},
     "libx265": {"tune": "zerolatency"},
 }
-KEY_FRAME_EVERY_S = 1.0  # maximum delay until a new viewer receives an image
+KEY_FRAME_INTERVAL_S = 1.0  # maximum delay until a new viewer receives an image
 VIRTUAL_CAMERAS = Path("/sys/devices/virtual/video4linux")
 
 
@@ -54,7 +54,7 @@ def stream_format(url: str) -> str:
     scheme, separator, _ = url.partition("://")
     if not separator or scheme.lower() not in STREAM_FORMATS:
         raise MediaError(
-            f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}"
+            f"the scheme of a stream must be one of {', '.join(STREAM_FORMATS)}; got {url!r}"
         )
     return STREAM_FORMATS[scheme.lower()]
 
@@ -115,9 +115,9 @@ class StreamSink(SinkBase):
     def __init__(
         self, url: str, size: tuple[int, int], frame_rate: Fraction | float, **encoding: Any
     ) -> None:
-        packed_as = stream_format(url)
+        container_format = stream_format(url)
         codec = encoding.setdefault("codec", DEFAULT_CODEC)
-        key_frames = {"g": str(max(1, round(KEY_FRAME_EVERY_S * float(frame_rate))))}
+        key_frames = {"g": str(max(1, round(KEY_FRAME_INTERVAL_S * float(frame_rate))))}
         encoding["options"] = {
             **key_frames,
             **LIVE_OPTIONS.get(codec, {}),
@@ -125,10 +125,10 @@ class StreamSink(SinkBase):
         }
         with media_errors(url):
             self._encoder = Encoder(
-                url, size, frame_rate, container_format=packed_as, is_live=True, **encoding
+                url, size, frame_rate, container_format=container_format, is_live=True, **encoding
             )
         self.siting = siting_of(codec)
-        self.notes = [f"{url}: {self._encoder.lost}"] if self._encoder.lost else []
+        self.notes = [f"{url}: {self._encoder.losses}"] if self._encoder.losses else []
         """Remarks on the stream for the user, in sentences."""
         self._is_open = True
 
@@ -184,9 +184,7 @@ class PipeSink(SinkBase):
         stream: BinaryIO | None = None,
     ) -> None:
         if kind not in ("y4m", "rawvideo"):
-            raise InvalidParameter(
-                f"a pipe of kind {kind!r} is not known; valid are y4m and rawvideo"
-            )
+            raise InvalidParameter(f"kind must be y4m or rawvideo; got {kind!r}")
         self._stream = stream or sys.stdout.buffer
         self.siting = "center" if kind == "y4m" else "left"
         self._rate = Fraction(frame_rate).limit_denominator(1_000_000)
@@ -251,15 +249,15 @@ class VirtualCamera(SinkBase):
     def __init__(self, device: str, size: tuple[int, int], frame_rate: Fraction | float) -> None:
         name = Path(device).name
         if not (VIRTUAL_CAMERAS / name).exists():
-            found = (
+            names = (
                 sorted(path.name for path in VIRTUAL_CAMERAS.glob("video*"))
                 if VIRTUAL_CAMERAS.is_dir()
                 else []
             )
-            here = f"here are {', '.join('/dev/' + n for n in found)}" if found else "here is none"
+            available = ", ".join(f"/dev/{n}" for n in names) or "none available"
             raise MediaError(
-                f"{device} is no virtual camera; {here}. On Linux 'sudo modprobe v4l2loopback' makes one, if the "
-                "module is installed"
+                f"the output must be a virtual camera ({available}); got {device}; on Linux, "
+                "'sudo modprobe v4l2loopback' creates one if the module is installed"
             )
         with media_errors(device):
             self._encoder = Encoder(
@@ -299,16 +297,16 @@ class Preview(SinkBase):
         if sys.platform.startswith("linux") and not (
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         ):
-            raise MediaError("there is no display for a preview window")
+            raise MediaError("a preview window requires a display")
         if find_spec("tkinter") is None or find_spec("_tkinter") is None:
             raise MediaError(
-                "a preview window needs Tk, which this Python lacks; on Debian 'apt install python3-tk'"
+                "a preview window requires Tk for Python; on Debian: apt install python3-tk"
             )
         self._newest: Image | None = None
-        self._news = threading.Condition()
-        self._is_over = False
+        self._changed = threading.Condition()
+        self._is_closing = False
         command = [sys.executable, "-m", "omnimirror.io._preview_window", *map(str, size), title]
-        # In a session of its own, the window does not receive signals of the terminal.
+        # In a separate session, the window does not receive signals of the terminal.
         try:
             with interrupts.postponed():
                 self._window = Popen(
@@ -321,10 +319,10 @@ class Preview(SinkBase):
             self._window.communicate()
             raise
         if not is_open:
-            _, said = self._window.communicate()
-            reason = (
-                said.decode(errors="replace").strip().splitlines() or ["it does not say why"]
-            )[-1]
+            _, stderr = self._window.communicate()
+            reason = (stderr.decode(errors="replace").strip().splitlines() or ["unknown reason"])[
+                -1
+            ]
             raise MediaError(f"cannot open a preview window: {reason}")
         self._thread = threading.Thread(target=self._feed, name="preview", daemon=True)
         self._thread.start()
@@ -332,23 +330,23 @@ class Preview(SinkBase):
     def write(self, frame: av.VideoFrame) -> None:
         """Show a frame, unless an earlier one is still being drawn."""
         if self._newest is None:
-            picture = image_of_frame(frame)
-            with self._news:
-                self._newest = picture
-                self._news.notify()
+            image = image_of_frame(frame)
+            with self._changed:
+                self._newest = image
+                self._changed.notify()
         self.frames_written += 1
 
     def _feed(self) -> None:
         pipe = self._window.stdin
         assert pipe is not None
         while True:
-            with self._news:
-                self._news.wait_for(lambda: self._newest is not None or self._is_over)
-                picture = self._newest
-            if picture is None:
+            with self._changed:
+                self._changed.wait_for(lambda: self._newest is not None or self._is_closing)
+                image = self._newest
+            if image is None:
                 break
             try:
-                pipe.write(picture.data)
+                pipe.write(image.data)
             except OSError:  # the window was closed
                 interrupts.request()
                 break
@@ -358,9 +356,9 @@ class Preview(SinkBase):
 
     def close(self) -> None:
         """Close the window after the last frame."""
-        with self._news:
-            self._is_over = True
-            self._news.notify()
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify()
         self._thread.join()
         self._window.wait()
         for pipe in (self._window.stdout, self._window.stderr):
@@ -388,15 +386,15 @@ class Tee(SinkBase):
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
         """Write a copy of the packet to each sink, since writers change its times."""
-        copies = [_copied(packet) for _ in self._sinks[1:]]
-        for sink, own in zip(self._sinks, [packet, *copies], strict=True):
-            sink.write_packet(own)
+        copies = [_copy_packet(packet) for _ in self._sinks[1:]]
+        for sink, copy in zip(self._sinks, [packet, *copies], strict=True):
+            sink.write_packet(copy)
 
     def close(self) -> None:
         """Close all sinks, even if closing one of them fails."""
-        with ExitStack() as all_of_them:
+        with ExitStack() as stack:
             for sink in reversed(self._sinks):
-                all_of_them.callback(sink.close)
+                stack.callback(sink.close)
 
     def abort(self) -> None:
         """Abort all sinks."""
@@ -404,7 +402,7 @@ class Tee(SinkBase):
             sink.abort()
 
 
-def _copied(packet: Packet[AudioStream]) -> Packet[AudioStream]:
+def _copy_packet(packet: Packet[AudioStream]) -> Packet[AudioStream]:
     copy: Any = Packet(bytes(packet))
     copy.stream = packet.stream
     copy.pts, copy.dts, copy.duration = packet.pts, packet.dts, packet.duration

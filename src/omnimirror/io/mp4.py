@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.errors import MediaError
 from ._panorama import GPano
 
-# -- Boxes of MP4 and MOV files (ISO/IEC 14496-12), and the index at the end of a finished file ----
+# -- Boxes of MP4 and MOV files (ISO/IEC 14496-12) ---------------------------------------------------
 
 
 def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
@@ -32,7 +32,7 @@ def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
         file.seek(at)
         kind, index = next(iterate_boxes(file.read()))
         if kind != b"moov":
-            raise MediaError(f"{path} has no index at its end, where it could be changed")
+            raise MediaError(f"{path} must have its index (moov) at the end")
         changed = change(index)
         if changed != index:
             file.seek(at)
@@ -87,21 +87,21 @@ def change_box(body: bytes, path: list[bytes], change: Callable[[bytes], bytes])
     """Return the body of a box with the first box at a path of kinds changed."""
     if not path:
         return change(body)
-    parts, is_done = [], False
+    parts, is_changed = [], False
     for kind, part in iterate_boxes(body):
-        if kind == path[0] and not is_done:
-            part, is_done = change_box(part, path[1:], change), True
+        if kind == path[0] and not is_changed:
+            part, is_changed = change_box(part, path[1:], change), True
         parts.append(make_box(kind, part))
     return b"".join(parts)
 
 
-# -- Correction of the duration of fragmented MP4 files, for which FFmpeg writes too small a value
+# -- Duration of fragmented MP4 files ----------------------------------------------------------------
 #
-# At the end of a fragment the muxer (``mov_write_packet`` of movenc.c, FFmpeg 8.1) discards the
-# maximum presentation time and continues from the next packet. Packets are in decoding order: this
-# one may be presented before others in the file (B-frames). If none is presented after those, the
-# edit list ends before them, and players omit the last frames of a video. The index contains the
-# correct times.
+# FFmpeg writes too short a duration: at the end of a fragment the muxer (``mov_write_packet`` of
+# movenc.c, FFmpeg 8.1) discards the maximum presentation time and continues from the next packet.
+# Packets are in decoding order: this one may be presented before others in the file (B-frames). If
+# none is presented after those, the edit list ends before them, and players omit the last frames of a
+# video. The index contains the correct times.
 
 TIME_SCALE_LAYOUT = {0: (12, ">I", 16), 1: (20, ">Q", 24)}
 """Layout of mvhd and mdhd by version: offset of the time scale, format and offset of the duration.
@@ -130,14 +130,14 @@ def extend_duration(path: Path) -> None:
 
 def _with_extended_durations(index: bytes) -> bytes:
     """Return the index of a movie with durations that include all frames of its video tracks."""
-    scale, latest, told = _scale(dict(iterate_boxes(index))[b"mvhd"]), 0, b""
+    scale, duration, changed = _scale(dict(iterate_boxes(index))[b"mvhd"]), 0, b""
     for kind, body in iterate_boxes(index):
         if kind == b"trak" and is_video(body):
             body, length = _track(body, scale)
-            latest = max(latest, length)
-        told += make_box(kind, body)
+            duration = max(duration, length)
+        changed += make_box(kind, body)
     return change_box(
-        told, [b"mvhd"], lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], latest)
+        changed, [b"mvhd"], lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], duration)
     )
 
 
@@ -145,14 +145,14 @@ def _track(body: bytes, scale: int) -> tuple[bytes, int]:
     """Return a video track with the duration of its frames, and this duration (movie units)."""
     media = dict(iterate_boxes(dict(iterate_boxes(body))[b"mdia"]))
     units = _presentation_duration(media)
-    shown = -(-units * scale // _scale(media[b"mdhd"]))  # rounded up, as in FFmpeg
+    duration = -(-units * scale // _scale(media[b"mdhd"]))  # rounded up, as in FFmpeg
     body = change_box(
         body,
         [b"mdia", b"mdhd"],
         lambda head: _at_least(head, *TIME_SCALE_LAYOUT[head[0]][1:], units),
     )
-    body = change_box(body, [b"edts", b"elst"], lambda edits: _extended_edit_list(edits, shown))
-    length = _track_duration(body, shown)
+    body = change_box(body, [b"edts", b"elst"], lambda edits: _extended_edit_list(edits, duration))
+    length = _track_duration(body, duration)
     return change_box(
         body, [b"tkhd"], lambda head: _at_least(head, *TRACK_HEADER_LAYOUT[head[0]], length)
     ), length
@@ -164,8 +164,8 @@ def _presentation_duration(media: dict[bytes, bytes]) -> int:
     durations = _expanded_runs(samples[b"stts"])
     decoded = np.concatenate([[0], np.cumsum(durations)[:-1]])
     shifts = _expanded_runs(samples[b"ctts"]) if b"ctts" in samples else np.zeros_like(durations)
-    begins = decoded + shifts
-    return int((begins + durations).max() - begins.min())
+    starts = decoded + shifts
+    return int((starts + durations).max() - starts.min())
 
 
 def _expanded_runs(body: bytes) -> NDArray[np.int64]:
@@ -178,36 +178,36 @@ def _scale(head: bytes) -> int:
     return int(struct.unpack_from(">I", head, TIME_SCALE_LAYOUT[head[0]][0])[0])
 
 
-def _extended_edit_list(edits: bytes, shown: int) -> bytes:
+def _extended_edit_list(edits: bytes, duration: int) -> bytes:
     """Return an edit list whose last entry, with the frames, covers all of them."""
     form, step = EDIT_LIST_LAYOUT[edits[0]]
     return _at_least(
-        edits, form, FIRST_EDIT_OFFSET + step * (int.from_bytes(edits[4:8], "big") - 1), shown
+        edits, form, FIRST_EDIT_OFFSET + step * (int.from_bytes(edits[4:8], "big") - 1), duration
     )
 
 
-def _track_duration(track: bytes, shown: int) -> int:
+def _track_duration(track: bytes, duration: int) -> int:
     """Return the duration of a track, including an initial empty edit, in units of the movie."""
     edits = dict(iterate_boxes(dict(iterate_boxes(track)).get(b"edts", b""))).get(b"elst")
     if edits is None:
-        return shown
+        return duration
     form, step = EDIT_LIST_LAYOUT[edits[0]]
     return sum(
         struct.unpack_from(form, edits, at)[0] for at in range(FIRST_EDIT_OFFSET, len(edits), step)
     )
 
 
-def _at_least(body: bytes, form: str, at: int, least: int) -> bytes:
+def _at_least(body: bytes, form: str, at: int, minimum: int) -> bytes:
     """Return the body of a box with the number at an offset raised to a minimum."""
-    found = struct.unpack_from(form, body, at)[0]
+    value = struct.unpack_from(form, body, at)[0]
     return (
         body
-        if found >= least
-        else body[:at] + struct.pack(form, least) + body[at + struct.calcsize(form) :]
+        if value >= minimum
+        else body[:at] + struct.pack(form, minimum) + body[at + struct.calcsize(form) :]
     )
 
 
-# -- Panorama metadata of MP4 files: Spherical Video, version 1 and version 2 ----------------------
+# -- Panorama metadata (Spherical Video, version 1 and version 2) ------------------------------------
 #
 # https://github.com/google/spatial-media specifies both: version 1 is an XML text in a uuid box of
 # the track, version 2 consists of boxes in the sample description. Both are written, since players
@@ -245,19 +245,19 @@ def make_spherical(path: Path, panorama: GPano) -> None:
 
 def _with_metadata(index: bytes, panorama: GPano) -> bytes:
     """Return the index of the movie with the metadata in its first video track."""
-    parts, is_done = [], False
+    parts, is_changed = [], False
     for kind, body in iterate_boxes(index):
-        if kind == b"trak" and not is_done and is_video(body):
+        if kind == b"trak" and not is_changed and is_video(body):
             body = change_box(
                 body,
                 [b"mdia", b"minf", b"stbl", b"stsd"],
                 lambda stsd: _sample_descriptions(stsd, panorama),
             )
             body += make_box(b"uuid", V1_UUID + v1_text(panorama))
-            is_done = True
+            is_changed = True
         parts.append(make_box(kind, body))
-    if not is_done:
-        raise MediaError("there is no video track to add spherical metadata to")
+    if not is_changed:
+        raise MediaError("the file must have a video track for spherical metadata")
     return b"".join(parts)
 
 
@@ -280,12 +280,12 @@ def v2_boxes(panorama: GPano) -> bytes:
     yaw = round(((180.0 - heading) % 360.0 - 180.0) * 65536)
     pitch, roll = round(panorama.pitch_deg * 65536), round(panorama.roll_deg * 65536)
     bounds = panorama.bounds
-    shares = (
-        min(round(share * 2**32), 2**32 - 1)
-        for share in (bounds.top, bounds.bottom, bounds.left, bounds.right)
+    fractions = (
+        min(round(fraction * 2**32), 2**32 - 1)
+        for fraction in (bounds.top, bounds.bottom, bounds.left, bounds.right)
     )
     projection = make_box(b"prhd", _full_box(struct.pack(">iii", yaw, pitch, roll))) + make_box(
-        b"equi", _full_box(struct.pack(">4I", *shares))
+        b"equi", _full_box(struct.pack(">4I", *fractions))
     )
     spherical = make_box(b"svhd", _full_box(SOURCE_NAME + b"\0")) + make_box(b"proj", projection)
     return make_box(b"st3d", _full_box(bytes([MONOSCOPIC]))) + make_box(b"sv3d", spherical)

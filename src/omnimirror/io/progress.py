@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-REPORT_EVERY_S = 0.2
-RATE_OVER_S = 5.0  # averaging time of the rate
+REPORT_INTERVAL_S = 0.2
+RATE_AVERAGING_S = 5.0
 
 
 class FrameProgress(NamedTuple):
@@ -21,14 +21,16 @@ class FrameProgress(NamedTuple):
     rate: float
     """Recent frames per second."""
     elapsed_s: float
-    left_s: float | None
+    remaining_s: float | None
 
 
 class ProgressMeter:
     """Counter of frames with periodic reports."""
 
-    def __init__(self, progress: Callable[[FrameProgress], None] | None, total: int | None) -> None:
-        self._progress, self._total = progress, total
+    def __init__(
+        self, on_progress: Callable[[FrameProgress], None] | None, total: int | None
+    ) -> None:
+        self._on_progress, self._total = on_progress, total
         self._start = self._reported = time.monotonic()
         self.done = 0
         self._recent: deque[tuple[float, int]] = deque([(self._start, 0)])
@@ -42,19 +44,21 @@ class ProgressMeter:
         """Count one frame."""
         self.done += 1
         now = time.monotonic()
-        if now - self._reported >= REPORT_EVERY_S:
+        if now - self._reported >= REPORT_INTERVAL_S:
             self._reported = now
             self.report()
 
     def report(self) -> None:
         """Report the progress."""
-        if self._progress is None:
+        if self._on_progress is None:
             return
         now = time.monotonic()
         self._recent.append((now, self.done))
-        while len(self._recent) > 2 and now - self._recent[0][0] > RATE_OVER_S:
+        while len(self._recent) > 2 and now - self._recent[0][0] > RATE_AVERAGING_S:
             self._recent.popleft()
-        since, before = self._recent[0]
-        rate = (self.done - before) / max(now - since, 1e-9)
-        left = None if self._total is None or rate <= 0 else max(0, self._total - self.done) / rate
-        self._progress(FrameProgress(self.done, self._total, rate, now - self._start, left))
+        first_time, first_done = self._recent[0]
+        rate = (self.done - first_done) / max(now - first_time, 1e-9)
+        remaining = (
+            None if self._total is None or rate <= 0 else max(0, self._total - self.done) / rate
+        )
+        self._on_progress(FrameProgress(self.done, self._total, rate, now - self._start, remaining))

@@ -17,30 +17,8 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ..base.errors import InvalidParameter, MediaError, OmnimirrorError
-from .video_frames import (
-    CHROMA_444_CODECS,
-    CODECS_WITHOUT_ALPHA,
-    FULL_RANGE,
-    ColourCoding,
-    PixelFormat,
-    conversion_losses,
-    converted,
-    is_full_range,
-    nearest_format,
-)
-from .video_metadata import (
-    CHAPTER_FORMATS,
-    DISPLAY_LOST,
-    DISPLAY_OPTIONS,
-    SUBTITLE_CODECS,
-    Chapter,
-    MasteringDisplay,
-    SubtitleTrack,
-    copy_track_metadata,
-    holds_data,
-    lost_data,
-    unsupported_tracks,
-)
+from .video_frames import CHROMA_444_CODECS, CODECS_WITHOUT_ALPHA, FULL_RANGE, ColourCoding, PixelFormat, conversion_losses, converted, is_full_range, nearest_format
+from .video_metadata import CHAPTER_FORMATS, DISPLAY_LOST, DISPLAY_OPTIONS, SUBTITLE_CODECS, Chapter, MasteringDisplay, SubtitleTrack, copy_track_metadata, holds_data, lost_data, unsupported_tracks
 
 DEFAULT_CODEC = "libx264"
 KNOWN_CODECS = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "mpeg4", "mjpeg", "ffv1")
@@ -82,16 +60,16 @@ class Encoder:
         Constant rate factor, smaller is better; the default of the encoder if None.
     options
         Other options of the encoder, such as ``{"preset": "fast"}``.
-    like
+    source_format
         Pixel format of the input: bit depth, chroma subsampling and transparency are kept if the
-        codec supports them, and ``lost`` describes the losses. RGB images become 4:2:0 if players
+        codec supports them, and ``losses`` describes the losses. RGB images become 4:2:0 if players
         expect it.
     pixel_format
         Encoded pixel format, regardless of the input.
     colour
         Colour coding; frames of images are converted to it.
     display
-        Metadata of the HDR mastering display; ``lost`` reports if the codec does not support it.
+        Metadata of the HDR mastering display; ``losses`` reports if the codec does not support it.
     rotation_deg : deg
         Rotation in the metadata, counter-clockwise.
     pixel_aspect
@@ -99,13 +77,13 @@ class Encoder:
     audio
         Audio streams whose packets are copied.
     subtitles
-        Text subtitle streams, whose packets are converted for the container; ``lost_tracks``
+        Text subtitle streams, whose packets are converted for the container; ``dropped_tracks``
         reports unsupported ones.
     data
         Data streams whose packets are copied; ``lost_data`` reports unsupported ones.
     chapters
-        Chapters; ``lost_tracks`` reports if the container does not support them.
-    begins_s : s
+        Chapters; ``dropped_tracks`` reports if the container does not support them.
+    start_time_s : s
         Offset of the times of all frames and packets.
     metadata
         Title, time, place and other metadata.
@@ -134,7 +112,7 @@ class Encoder:
         codec: str = DEFAULT_CODEC,
         crf: int | None = None,
         options: Mapping[str, str] | None = None,
-        like: str = "yuv420p",
+        source_format: str = "yuv420p",
         pixel_format: str | None = None,
         colour: ColourCoding | None = None,
         display: MasteringDisplay | None = None,
@@ -144,7 +122,7 @@ class Encoder:
         subtitles: Sequence[Any] = (),
         data: Sequence[Any] = (),
         chapters: Sequence[Chapter] = (),
-        begins_s: Fraction = Fraction(0),
+        start_time_s: Fraction = Fraction(0),
         metadata: Mapping[str, str] | None = None,
         container_format: str | None = None,
         container_options: Mapping[str, str] | None = None,
@@ -154,74 +132,45 @@ class Encoder:
         self.target, self.codec = target if isinstance(target, str) else "the stream", codec
         rate = Fraction(frame_rate).limit_denominator(1_000_000)
         encoder_options = _options(codec, crf, options or {})
-        told = (display or MasteringDisplay()).options(codec)
-        if told:
+        display_options = (display or MasteringDisplay()).options(codec)
+        if display_options:
             name = DISPLAY_OPTIONS[codec]
-            encoder_options[name] = ":".join(filter(None, [told, encoder_options.get(name)]))
-        self.container: OutputContainer = av.open(
-            target, "w", format=container_format, container_options=dict(container_options or {})
-        )
+            encoder_options[name] = ":".join(filter(None, [display_options, encoder_options.get(name)]))
+        self.container: OutputContainer = av.open(target, "w", format=container_format, container_options=dict(container_options or {}))
         try:
             self._stream = self._video_stream(codec, rate, encoder_options)
             context = self._stream.codec_context
             self._time_base = time_base or 1 / rate
             context.time_base = self._stream.time_base = self._time_base
-            self.pixel_format = context.pix_fmt = _pixel_format(
-                context.codec, size, like, pixel_format
-            )
-            self.lost = (
-                "" if pixel_format else conversion_losses(like, PixelFormat.of(self.pixel_format))
-            )
-            """Losses of images in the pixel format ``like``, as a phrase."""
+            self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size, source_format, pixel_format)
+            self.losses = "" if pixel_format else conversion_losses(source_format, PixelFormat.of(self.pixel_format))
+            """Losses of images in the pixel format ``source_format``, as a phrase."""
             context.width, context.height = size
             context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
-            self.colour = (
-                ColourCoding()
-                if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING
-                else colour
-            )
-            self.colour.put_on(context)
-            if (
-                colour is not None
-                and colour.is_hdr
-                and (self.colour != colour or PixelFormat.of(self.pixel_format).bits < 10)
-            ):
-                lost = "its tags are lost" if self.colour != colour else "8 bits of it show steps"
-                self.lost = ", ".join(filter(None, [self.lost, f"the picture is HDR, and {lost}"]))
-            if told is None and display not in (None, MasteringDisplay()):
-                self.lost = ", ".join(filter(None, [self.lost, DISPLAY_LOST]))
+            self.colour = ColourCoding() if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING else colour
+            self.colour.apply_to(context)
+            if colour is not None and colour.is_hdr and (self.colour != colour or PixelFormat.of(self.pixel_format).bits < 10):
+                loss = "HDR tags are lost" if self.colour != colour else "HDR with 8 bits causes banding"
+                self.losses = ", ".join(filter(None, [self.losses, loss]))
+            if display_options is None and display not in (None, MasteringDisplay()):
+                self.losses = ", ".join(filter(None, [self.losses, DISPLAY_LOST]))
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
-            self._copied: dict[int, Any] = {
-                stream.index: self._audio_stream(stream) for stream in audio
-            }
-            self._begins_s, name = begins_s, self.container.format.name
-            self.lost_tracks = unsupported_tracks(name, audio, subtitles, chapters)
+            self._copied: dict[int, Any] = {stream.index: self._audio_stream(stream) for stream in audio}
+            self._start_time_s, name = start_time_s, self.container.format.name
+            self.dropped_tracks = unsupported_tracks(name, audio, subtitles, chapters)
             """Subtitles and chapters that the container does not support, as a phrase."""
-            held = subtitles if name in SUBTITLE_CODECS else ()
-            self._subtitles = {
-                stream.index: SubtitleTrack(self.container, stream) for stream in held
-            }
+            supported = subtitles if name in SUBTITLE_CODECS else ()
+            self._subtitles = {stream.index: SubtitleTrack(self.container, stream) for stream in supported}
             self.lost_data = lost_data(name, data)
             """Data tracks that the container does not support, as a phrase."""
-            self._copied |= {
-                stream.index: self._data_stream(stream)
-                for stream in data
-                if holds_data(name, stream)
-            }
+            self._copied |= {stream.index: self._data_stream(stream) for stream in data if holds_data(name, stream)}
             if chapters and name in CHAPTER_FORMATS:
-                moved = (
-                    c._replace(start_s=c.start_s + begins_s, end_s=c.end_s + begins_s)
-                    for c in chapters
-                )
-                self.container.set_chapters(
-                    [chapter.to_av(number) for number, chapter in enumerate(moved, 1)]
-                )
-            kept = {
-                key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA
-            }
-            self.container.metadata.update(kept)
+                shifted = (c._replace(start_s=c.start_s + start_time_s, end_s=c.end_s + start_time_s) for c in chapters)
+                self.container.set_chapters([chapter.to_av(number) for number, chapter in enumerate(shifted, 1)])
+            content_metadata = {key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA}
+            self.container.metadata.update(content_metadata)
             with media_errors(self.target):
                 context.open()
                 self._begin(audio)
@@ -235,16 +184,11 @@ class Encoder:
         ``is_key`` forces a key frame, if the codec has them.
         """
         if (frame.width, frame.height) != self.size:
-            raise InvalidParameter(
-                f"a frame of {frame.width} x {frame.height} px does not fit into {self.target}, which has "
-                f"{self.size[0]} x {self.size[1]} px"
-            )
+            raise InvalidParameter(f"frames of {self.target} must have {self.size[0]} x {self.size[1]} px; got {frame.width} x {frame.height} px")
         frame = self._converted(frame)
         self._set_time(frame)
         # key frames of the source are not forced
-        frame.pict_type = (
-            av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
-        )
+        frame.pict_type = av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
         with media_errors(self.target):
             self.container.mux(self._stream.encode(frame))
         self.frames_written += 1
@@ -258,21 +202,14 @@ class Encoder:
         is_full = is_full_range(frame)
         if is_full != self.colour.is_full_range:
             return converted(frame, self.pixel_format, dst_color_range=1 if is_full else FULL_RANGE)
-        return (
-            frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
-        )
+        return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
 
     def _set_time(self, frame: av.VideoFrame) -> None:
         """Set increasing times in the unit of the target, as encoders and players require."""
         if frame.pts is None:
-            pts = self._latest_pts + round(
-                1 / self._stream.codec_context.framerate / self._time_base
-            )
+            pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
         else:
-            pts = round(
-                (frame.pts * (frame.time_base or self._time_base) + self._begins_s)
-                / self._time_base
-            )
+            pts = round((frame.pts * (frame.time_base or self._time_base) + self._start_time_s) / self._time_base)
         if frame.duration and frame.time_base:
             frame.duration = round(frame.duration * frame.time_base / self._time_base)
         if self.frames_written:
@@ -284,19 +221,19 @@ class Encoder:
 
     def copy(self, packet: Packet[AudioStream]) -> None:
         """Write a packet of an audio, subtitle or data stream."""
-        made: Packet[Any] | None = None
+        output: Packet[Any] | None = None
         if packet.size and (stream := self._copied.get(packet.stream_index)) is not None:
-            packet.stream, made = stream, packet
+            packet.stream, output = stream, packet
         elif packet.size and (track := self._subtitles.get(packet.stream_index)) is not None:
-            made = track.packet(packet)
-        if made is None:
+            output = track.packet(packet)
+        if output is None:
             return
-        if self._begins_s:
-            shift = round(self._begins_s / made.time_base)
-            made.pts = None if made.pts is None else made.pts + shift
-            made.dts = None if made.dts is None else made.dts + shift
+        if self._start_time_s:
+            shift = round(self._start_time_s / output.time_base)
+            output.pts = None if output.pts is None else output.pts + shift
+            output.dts = None if output.dts is None else output.dts + shift
         with media_errors(self.target):
-            self.container.mux(made)
+            self.container.mux(output)
 
     def finish(self) -> None:
         """Flush the encoder, and write the trailer."""
@@ -314,17 +251,12 @@ class Encoder:
         try:
             stream = self.container.add_stream(codec, rate=rate, options=options)
         except ValueError:
-            raise MediaError(
-                f"{name} cannot hold video encoded by {codec}; mp4 and mkv hold most kinds"
-            ) from None
+            raise MediaError(f"{name} does not support the video codec {codec}; use .mp4 or .mkv") from None
         assert isinstance(stream, VideoStream)
         return stream
 
     def _audio_stream(self, source: AudioStream) -> AudioStream:
-        is_private = (
-            self.container.format.name == "mpegts"
-            and source.codec_context.name not in MPEG_TS_AUDIO_CODECS
-        )
+        is_private = self.container.format.name == "mpegts" and source.codec_context.name not in MPEG_TS_AUDIO_CODECS
         try:
             if not is_private:
                 stream = self.container.add_stream_from_template(source)
@@ -332,7 +264,7 @@ class Encoder:
                 return stream
         except ValueError:
             pass
-        raise self._cannot_hold(source)
+        raise self._unsupported_audio(source)
 
     def _data_stream(self, source: Any) -> Any:
         stream: Any = self.container.add_data_stream(source.name)
@@ -347,18 +279,15 @@ class Encoder:
         try:
             self.container.start_encoding()
         except (av.error.ArgumentError, av.error.InvalidDataError, av.error.PatchWelcomeError):
-            can_hold = self.container.supported_codecs
+            supported = self.container.supported_codecs
             for stream in audio:
-                if stream.codec_context and stream.codec_context.name not in can_hold:
-                    raise self._cannot_hold(stream) from None
+                if stream.codec_context and stream.codec_context.name not in supported:
+                    raise self._unsupported_audio(stream) from None
             raise
 
-    def _cannot_hold(self, source: AudioStream) -> MediaError:
-        codec = source.codec_context.name if source.codec_context else "of an unknown kind"
-        return MediaError(
-            f"{self.container.format.name} cannot hold the source's sound, which is {codec}; write to .mkv, or leave "
-            "the sound out"
-        )
+    def _unsupported_audio(self, source: AudioStream) -> MediaError:
+        codec = source.codec_context.name if source.codec_context else "unknown"
+        return MediaError(f"{self.container.format.name} does not support the audio codec of the source, {codec}; write to .mkv, or omit the audio")
 
 
 def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[str, str]:
@@ -366,56 +295,41 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
     try:
         context = av.CodecContext.create(codec, "w")
     except ValueError:
-        raise MediaError(
-            f"there is no encoder {codec!r}; valid are {', '.join(KNOWN_CODECS)}, among others"
-        ) from None
+        raise MediaError(f"codec must be an FFmpeg encoder such as {', '.join(KNOWN_CODECS)}; got {codec!r}") from None
     if codec == "libsvtav1":
         os.environ.setdefault("SVT_LOG", "0")  # suppresses terminal output
     if context.type != "video":
-        raise MediaError(
-            f"{codec} does not encode pictures; valid are {', '.join(KNOWN_CODECS)}, among others"
-        )
-    known = {
-        option.name
-        for option in (*context.supported_options.generic, *context.supported_options.private)
-    }
-    wanted = {**({} if crf is None else {"crf": str(crf)}), **options}
-    for name in wanted:
-        if name not in known:
-            raise MediaError(f"the encoder {codec} knows no option {name!r}")
+        raise MediaError(f"codec must be a video encoder such as {', '.join(KNOWN_CODECS)}; got {codec!r}")
+    supported = {option.name for option in (*context.supported_options.generic, *context.supported_options.private)}
+    encoder_options = {**({} if crf is None else {"crf": str(crf)}), **options}
+    for name in encoder_options:
+        if name not in supported:
+            raise MediaError(f"options must be supported by the encoder {codec}; got {name!r}")
     for name, value in ADDED_OPTIONS.get(codec, {}).items():
-        wanted.setdefault(name, value)
-    return wanted
+        encoder_options.setdefault(name, value)
+    return encoder_options
 
 
-def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | None) -> str:
+def _pixel_format(codec: Any, size: tuple[int, int], source_format: str, requested: str | None) -> str:
     """Return the requested pixel format, or that closest to the input; check the image size."""
-    known = [pixel_format.name for pixel_format in codec.video_formats or []]
-    if asked is not None and known and asked not in known:
-        raise InvalidParameter(
-            f"{codec.name} does not encode {asked}; valid are {', '.join(known)}"
-        )
-    chosen = asked or nearest_format(_required_format(codec.name, like), known)
+    supported = [pixel_format.name for pixel_format in codec.video_formats or []]
+    if requested is not None and supported and requested not in supported:
+        raise InvalidParameter(f"pixel_format must be one of {', '.join(supported)} for {codec.name}; got {requested}")
+    chosen = requested or nearest_format(_required_format(codec.name, source_format), supported)
     try:
         kind = PixelFormat.of(chosen)
     except ValueError:
-        raise InvalidParameter(
-            f"pixel format {chosen} is not known; yuv420p is one, and yuv422p10le"
-        ) from None
-    sides = [
-        side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)
-    ]
+        raise InvalidParameter(f"pixel_format must be one of FFmpeg, such as yuv420p or yuv422p10le; got {chosen}") from None
+    sides = [side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)]
     if sides != [*size] and codec.name not in CHROMA_444_CODECS:
-        raise InvalidParameter(
-            f"a video of {size[0]} x {size[1]} px cannot be encoded by {codec.name}, which halves the colours' "
-            f"resolution; valid are even sides, such as {sides[0]} x {sides[1]} px"
-        )
+        raise InvalidParameter(f"the size of a video encoded by {codec.name} must be even because of chroma subsampling, such as {sides[0]} x {sides[1]} px; got {size[0]} x {size[1]} px")
     return chosen
 
 
-def _required_format(codec: str, like: str) -> PixelFormat:
+def _required_format(codec: str, source_format: str) -> PixelFormat:
     """Return the required properties of the pixel format of an encoder."""
-    kind, is_yuv = PixelFormat.of(like), like.startswith(("yuv", "nv", "p0", "p2", "p4"))
+    kind = PixelFormat.of(source_format)
+    is_yuv = source_format.startswith(("yuv", "nv", "p0", "p2", "p4"))
     if not is_yuv and codec not in CHROMA_444_CODECS:
         kind = replace(kind, colours="420", bits=min(kind.bits, 10))
     return replace(kind, alpha=kind.alpha and codec not in CODECS_WITHOUT_ALPHA)
@@ -429,7 +343,7 @@ def media_errors(target: str | Path) -> Iterator[None]:
     except (MediaError, InvalidParameter):
         raise
     except BrokenPipeError as e:
-        raise MediaError(f"cannot write {target}: the other side has gone away") from e
+        raise MediaError(f"cannot write {target}: the receiver closed the connection") from e
     except (av.FFmpegError, OSError) as e:
         raise MediaError(f"cannot write {target}: {getattr(e, 'strerror', None) or e}") from None
     except OmnimirrorError as e:

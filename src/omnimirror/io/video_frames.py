@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..base.errors import MediaError
 from .exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, UPRIGHT, oriented
 
-# -- Properties of pixel formats: chroma subsampling, bit depth, transparency ----------------------
+# -- Pixel formats ---------------------------------------------------------------------------------
 
 ChromaSubsampling = Literal["420", "422", "444"]
 DEPTHS = (8, 10, 12, 16)
@@ -33,10 +33,10 @@ CODECS_WITHOUT_ALPHA = ("libx265", "libvpx-vp9")
 class PixelFormat:
     """Properties of a pixel format of luma and chroma.
 
-    >>> Kind.of("yuva444p10le")
-    Kind(colours='444', bits=10, alpha=True)
-    >>> Kind.of("rgb48be").name, Kind.of("nv12").name, Kind.of("yuv411p").name
-    ('yuv444p16le', 'yuv420p', 'yuv422p')
+    >>> PixelFormat.of("yuva444p10le")
+    PixelFormat(colours='444', bits=10, alpha=True)
+    >>> [PixelFormat.of(name).name for name in ("rgb48be", "nv12", "yuv411p")]
+    ['yuv444p16le', 'yuv420p', 'yuv422p']
     """
 
     colours: ChromaSubsampling = "420"
@@ -53,19 +53,19 @@ class PixelFormat:
         ValueError
             There is no such format.
         """
-        found = av.VideoFormat(pixel_format, 64, 64)
-        parts = found.components
-        is_packed_colour = found.is_rgb or found.has_palette
+        coded = av.VideoFormat(pixel_format, 64, 64)
+        parts = coded.components
+        is_packed_colour = coded.is_rgb or coded.has_palette
         shared = parts[1] if len(parts) > 2 and not is_packed_colour else None
         colours: ChromaSubsampling = "444" if is_packed_colour else "420"
-        if shared is not None and shared.height == found.height:
-            colours = "444" if shared.width == found.width else "422"
-        elif shared is not None and shared.width == found.width:
+        if shared is not None and shared.height == coded.height:
+            colours = "444" if shared.width == coded.width else "422"
+        elif shared is not None and shared.width == coded.width:
             colours = "444"
-        alpha = any(part.is_alpha for part in parts) or found.has_palette
+        alpha = any(part.is_alpha for part in parts) or coded.has_palette
         bits = max(part.bits for part in parts)
-        lacking = (12,) if alpha and colours == "420" else ()  # FFmpeg has no such format
-        depths = [depth for depth in DEPTHS if depth >= bits and depth not in lacking]
+        unsupported = (12,) if alpha and colours == "420" else ()  # FFmpeg has no such format
+        depths = [depth for depth in DEPTHS if depth >= bits and depth not in unsupported]
         return cls(colours, depths[0] if depths else DEPTHS[-1], alpha)
 
     @property
@@ -79,56 +79,49 @@ class PixelFormat:
         return self.colours != "444", self.colours == "420"
 
 
-def nearest_format(wanted: PixelFormat, known: Sequence[str]) -> str:
-    """Return the known format with the smallest loss, and among these with the smallest excess.
+def nearest_format(requested: PixelFormat, supported: Sequence[str]) -> str:
+    """Return the supported format with the smallest loss, and among these with the smallest excess.
 
-    >>> nearest(Kind("422", 10), ["yuv420p", "yuv444p", "yuv422p10le", "yuv444p12le"])
+    >>> nearest_format(PixelFormat("422", 10), ["yuv420p", "yuv444p", "yuv422p10le", "yuv444p12le"])
     'yuv422p10le'
-    >>> nearest(Kind("444", 12, True), ["yuv420p", "yuv444p10le"])
+    >>> nearest_format(PixelFormat("444", 12, True), ["yuv420p", "yuv444p10le"])
     'yuv444p10le'
     """
 
     def costs(name: str) -> tuple[int, ...]:
         kind = PixelFormat.of(name)
-        colour = int(kind.colours) - int(wanted.colours)
-        bits = kind.bits - wanted.bits
-        is_lost = (wanted.alpha > kind.alpha, max(0, -colour), max(0, -bits))
-        is_added = (
-            max(0, colour),
-            max(0, bits),
-            kind.alpha > wanted.alpha,
-            name.startswith("yuvj"),
-        )
+        colour = int(kind.colours) - int(requested.colours)
+        bits = kind.bits - requested.bits
+        is_lost = (requested.alpha > kind.alpha, max(0, -colour), max(0, -bits))
+        is_added = (max(0, colour), max(0, bits), kind.alpha > requested.alpha, name.startswith("yuvj"))
         return (*map(int, is_lost), *map(int, is_added))
 
-    planar = [
-        name
-        for name in known
-        if name.startswith("yuv") and PixelFormat.of(name).name in (name, name.replace("j", ""))
-    ]
-    return min(planar, key=costs, default=known[0] if known else PixelFormat().name)
+    planar = [name for name in supported if name.startswith("yuv") and PixelFormat.of(name).name in (name, name.replace("j", ""))]
+    return min(planar, key=costs, default=supported[0] if supported else PixelFormat().name)
 
 
 def conversion_losses(of: str, to: PixelFormat) -> str:
     """Describe the losses of a pixel format conversion; empty if there are none.
 
-    >>> losses("yuva444p12le", Kind("420", 8)), losses("yuv420p", Kind("422", 10)), losses("rgb24", Kind())
-    ('12 bits become 8, colours in 4:4:4 become 4:2:0, transparency is lost', '', 'colours in RGB become 4:2:0')
+    >>> conversion_losses("yuva444p12le", PixelFormat("420", 8))
+    '12 bits are reduced to 8, chroma is reduced from 4:4:4 to 4:2:0, transparency is lost'
+    >>> conversion_losses("yuv420p", PixelFormat("422", 10)), conversion_losses("rgb24", PixelFormat())
+    ('', 'chroma is reduced from RGB to 4:2:0')
     """
-    source, told = PixelFormat.of(of), []
-    held = av.VideoFormat(of, 64, 64)
-    bits = max(part.bits for part in held.components)
+    source, losses = PixelFormat.of(of), []
+    coded = av.VideoFormat(of, 64, 64)
+    bits = max(part.bits for part in coded.components)
     if bits > to.bits:
-        told.append(f"{bits} bits become {to.bits}")
+        losses.append(f"{bits} bits are reduced to {to.bits}")
     if source.colours > to.colours:
-        full = "RGB" if held.is_rgb or held.has_palette else ":".join(source.colours)
-        told.append(f"colours in {full} become {':'.join(to.colours)}")
-    if any(part.is_alpha for part in held.components) and not to.alpha:
-        told.append("transparency is lost")
-    return ", ".join(told)
+        full = "RGB" if coded.is_rgb or coded.has_palette else ":".join(source.colours)
+        losses.append(f"chroma is reduced from {full} to {':'.join(to.colours)}")
+    if any(part.is_alpha for part in coded.components) and not to.alpha:
+        losses.append("transparency is lost")
+    return ", ".join(losses)
 
 
-# -- Video frames: access to planes as arrays, and conversion of arrays to frames ------------------
+# -- Frames and arrays -----------------------------------------------------------------------------
 #
 # A frame is a PyAV frame: it owns its memory, and has a time (``pts`` in units of ``time_base``,
 # ``time`` in seconds) and a colour coding. Conversions use this coding and copy it to their results.
@@ -156,7 +149,7 @@ _thread_cache = threading.local()
 class ColourCoding:
     """Colour coding with the numbers of FFmpeg (ITU-T H.273); unspecified by default.
 
-    >>> Colour(range=2).is_full_range
+    >>> ColourCoding(range=2).is_full_range
     True
     """
 
@@ -179,19 +172,14 @@ class ColourCoding:
     @classmethod
     def of(cls, coded: Any) -> ColourCoding:
         """Return the colour coding of a frame, or of a codec context."""
-        return cls(
-            int(coded.color_range),
-            int(coded.colorspace),
-            int(coded.color_primaries),
-            int(coded.color_trc),
-        )
+        return cls(int(coded.color_range), int(coded.colorspace), int(coded.color_primaries), int(coded.color_trc))
 
     @classmethod
-    def told_by(cls, frame: av.VideoFrame) -> ColourCoding:
+    def of_video(cls, frame: av.VideoFrame) -> ColourCoding:
         """Return the colour coding of a video with such frames; RGB becomes BT.709."""
         return RGB_CODING if frame.format.is_rgb or frame.format.has_palette else cls.of(frame)
 
-    def put_on(self, coded: Any) -> None:
+    def apply_to(self, coded: Any) -> None:
         """Set the colour coding of a frame, or of a codec context."""
         coded.color_range = self.range
         coded.colorspace = self.space
@@ -222,9 +210,7 @@ def planes(frame: av.VideoFrame) -> Planes:
     ([(47, 63), (24, 32), (24, 32)], np.uint8(128))
     """
     if not has_planes(frame):
-        raise MediaError(
-            f"frames of pixel format {frame.format.name} have no planes; valid are nv12 and planar YUV"
-        )
+        raise MediaError(f"the pixel format must be nv12 or planar YUV to access planes; got {frame.format.name}")
     kind = np.dtype(np.uint8 if PixelFormat.of(frame.format.name).bits == 8 else "<u2")
     views: list[NDArray[Any]] = []
     for plane in frame.planes:
@@ -233,11 +219,7 @@ def planes(frame: av.VideoFrame) -> Planes:
         if plane.line_size < 0:  # stored bottom-up
             rows = rows[::-1]
         is_pairs = len(frame.planes) == 2 and bool(views)
-        views.append(
-            rows[:, : 2 * plane.width].reshape(plane.height, -1, 2)
-            if is_pairs
-            else rows[:, : plane.width]
-        )
+        views.append(rows[:, : 2 * plane.width].reshape(plane.height, -1, 2) if is_pairs else rows[:, : plane.width])
     return tuple(views)
 
 
@@ -261,11 +243,11 @@ def converted(frame: av.VideoFrame, pixel_format: str, **colours: int) -> av.Vid
     The setup of a conversion in FFmpeg takes longer than the conversion; it is cached per thread
     for the next frame.
     """
-    kept: dict[Any, VideoReformatter] = _thread_cache.__dict__.setdefault("reformatters", {})
+    reformatters: dict[Any, VideoReformatter] = _thread_cache.__dict__.setdefault("reformatters", {})
     kind = (frame.width, frame.height, frame.format.name, pixel_format)
-    if kind not in kept:
-        kept[kind] = VideoReformatter()
-    return kept[kind].reformat(frame, format=pixel_format, **colours)
+    if kind not in reformatters:
+        reformatters[kind] = VideoReformatter()
+    return reformatters[kind].reformat(frame, format=pixel_format, **colours)
 
 
 def planar(frame: av.VideoFrame) -> av.VideoFrame:
@@ -286,13 +268,11 @@ def workable(frame: av.VideoFrame) -> av.VideoFrame:
     if has_planes(frame):
         return frame
     if frame.format.is_rgb or frame.format.has_palette:
-        RGB_CODING.put_on(frame)
+        RGB_CODING.apply_to(frame)
     return converted(frame, PixelFormat.of(frame.format.name).name)
 
 
-def empty_frame(
-    size: tuple[int, int], pixel_format: str = "yuv420p", like: av.VideoFrame | None = None
-) -> tuple[av.VideoFrame, Planes]:
+def empty_frame(size: tuple[int, int], pixel_format: str = "yuv420p", like: av.VideoFrame | None = None) -> tuple[av.VideoFrame, Planes]:
     """Allocate a frame to be filled through its planes, which avoids a copy.
 
     Parameters
@@ -306,7 +286,7 @@ def empty_frame(
     frame = av.VideoFrame(size[0], size[1], pixel_format)
     if like is not None:
         _copy_time(like, frame)
-        ColourCoding.of(like).put_on(frame)
+        ColourCoding.of(like).apply_to(frame)
     return frame, planes(frame)
 
 
@@ -323,9 +303,7 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
     frame, into = empty_frame((width, height), "nv12" if len(parts) == 2 else "yuv420p", like)
     if [part.shape for part in parts] != [plane.shape for plane in into]:
         shapes = ", ".join(str(part.shape) for part in parts)
-        raise MediaError(
-            f"planes of shapes {shapes} are not one 4:2:0 picture of {width} x {height} px"
-        )
+        raise MediaError(f"planes must have the shapes of a 4:2:0 image of {width} x {height} px; got {shapes}")
     for part, plane in zip(parts, into, strict=True):
         plane[:] = part
     return frame
@@ -352,21 +330,11 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
         The array is not such an image.
     """
     channels = image.shape[2] if image.ndim == 3 else 1
-    if (
-        image.ndim not in (2, 3)
-        or channels not in PACKED_FORMATS
-        or image.dtype != np.uint8
-        or 0 in image.shape
-    ):
-        raise MediaError(
-            f"an array of {image.dtype} and shape {image.shape} is no frame; valid are uint8 pictures of 1, 3 or 4 "
-            "channels"
-        )
+    if image.ndim not in (2, 3) or channels not in PACKED_FORMATS or image.dtype != np.uint8 or 0 in image.shape:
+        raise MediaError(f"image must be uint8 of shape (h, w), (h, w, 3) or (h, w, 4); got {image.dtype} of shape {image.shape}")
     if channels == 1:
         image = image.reshape(image.shape[:2])
-    frame = av.VideoFrame.from_numpy_buffer(
-        np.ascontiguousarray(image), format=PACKED_FORMATS[channels]
-    )
+    frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format=PACKED_FORMATS[channels])
     if like is not None:
         _copy_time(like, frame)
         frame.colorspace, frame.color_range = like.colorspace, like.color_range
@@ -389,13 +357,15 @@ def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, i
     return y, u, v
 
 
-def as_frame(made: av.VideoFrame | Image | Planes, like: av.VideoFrame) -> av.VideoFrame:
+def as_frame(result: av.VideoFrame | Image | Planes, like: av.VideoFrame) -> av.VideoFrame:
     """Convert the result of an image function (frame, image or planes) to a frame."""
-    if isinstance(made, av.VideoFrame):
-        if made.pts is None:
-            _copy_time(like, made)
-        return made
-    return frame_of_planes(made, like) if isinstance(made, tuple) else frame_of_image(made, like)
+    if isinstance(result, av.VideoFrame):
+        if result.pts is None:
+            _copy_time(like, result)
+        return result
+    if isinstance(result, tuple):
+        return frame_of_planes(result, like)
+    return frame_of_image(result, like)
 
 
 def _copy_time(like: av.VideoFrame, frame: av.VideoFrame) -> None:
@@ -406,29 +376,13 @@ def _copy_time(like: av.VideoFrame, frame: av.VideoFrame) -> None:
     frame.duration = like.duration
 
 
-# -- Orientation of a video: the display matrix that files carry for frames taken with a turned camera
+# -- Orientation of a video (display matrix) ---------------------------------------------------------
 
-ORIENTATION_OF_AXES = {
-    ((1, 0), (0, 1)): 1,
-    ((-1, 0), (0, 1)): 2,
-    ((-1, 0), (0, -1)): 3,
-    ((1, 0), (0, -1)): 4,
-    ((0, 1), (1, 0)): 5,
-    ((0, 1), (-1, 0)): 6,
-    ((0, -1), (-1, 0)): 7,
-    ((0, -1), (1, 0)): 8,
-}
+ORIENTATION_OF_AXES = {((1, 0), (0, 1)): 1, ((-1, 0), (0, 1)): 2, ((-1, 0), (0, -1)): 3, ((1, 0), (0, -1)): 4, ((0, 1), (1, 0)): 5, ((0, 1), (-1, 0)): 6, ((0, -1), (-1, 0)): 7, ((0, -1), (1, 0)): 8}
 """Orientation as in EXIF, by the directions (right, down) on the display of the stored rows and
 columns.
 """
-SITING_AFTER_ORIENTATION: dict[int, ChromaSiting] = {
-    2: "right",
-    3: "right",
-    5: "top",
-    6: "top",
-    7: "bottom",
-    8: "bottom",
-}
+SITING_AFTER_ORIENTATION: dict[int, ChromaSiting] = {2: "right", 3: "right", 5: "top", 6: "top", 7: "bottom", 8: "bottom"}
 """Position of chroma samples after an orientation of left-sited frames, by orientation."""
 
 
@@ -436,8 +390,8 @@ def frame_orientation(frame: av.VideoFrame) -> int | None:
     """Return the orientation of a frame as in EXIF, 1 to 8; None for a rotation by no multiple of
     90 deg.
     """
-    beside: Any = frame.side_data
-    matrix = beside.get(SideData.DISPLAYMATRIX)
+    side_data: Any = frame.side_data
+    matrix = side_data.get(SideData.DISPLAYMATRIX)
     if matrix is None:
         return UPRIGHT
     values = np.array(struct.unpack("=9i", bytes(matrix)[:36])).reshape(3, 3)[:2, :2] / 65536.0
@@ -474,17 +428,17 @@ def upright(frame: av.VideoFrame, orientation: int) -> av.VideoFrame:
     kind = PixelFormat.of(frame.format.name)
     if kind.colours == "422" or (kind.colours == "420" and (frame.width % 2 or frame.height % 2)):
         frame = converted(frame, replace(kind, colours="444").name)
-    turned = [oriented(part, orientation) for part in planes(frame)]
-    height, width = turned[0].shape[:2]
-    made, into = empty_frame((width, height), frame.format.name, like=frame)
+    parts = [oriented(part, orientation) for part in planes(frame)]
+    height, width = parts[0].shape[:2]
+    output, targets = empty_frame((width, height), frame.format.name, like=frame)
     if is_full_range(frame):
-        made.color_range = FULL_RANGE
-    for part, target in zip(turned, into, strict=True):
+        output.color_range = FULL_RANGE
+    for part, target in zip(parts, targets, strict=True):
         target[:] = part
-    return made
+    return output
 
 
-# -- Deinterlacing: fields captured at different times cannot be dewarped as one image -------------
+# -- Deinterlacing -----------------------------------------------------------------------------------
 
 
 class Deinterlacer:
@@ -505,11 +459,11 @@ class Deinterlacer:
         ready: list[av.VideoFrame] = []
         kind = (frame.width, frame.height, frame.format.name)
         if self._graph is None or kind != self._kind:
-            ready, self._graph, self._kind = self.rest(), _graph(frame), kind
+            ready, self._graph, self._kind = self.flush(), _graph(frame), kind
         self._graph.push(frame)
         return ready + _finished_frames(self._graph)
 
-    def rest(self) -> list[av.VideoFrame]:
+    def flush(self) -> list[av.VideoFrame]:
         """Return the delayed image."""
         graph, self._graph = self._graph, None
         if graph is None:
@@ -520,12 +474,7 @@ class Deinterlacer:
 
 def _graph(frame: av.VideoFrame) -> Graph:
     graph = Graph()
-    source = graph.add_buffer(
-        width=frame.width,
-        height=frame.height,
-        format=frame.format,
-        time_base=frame.time_base or Fraction(1, av.time_base),
-    )
+    source = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base or Fraction(1, av.time_base))
     bwdif = graph.add("bwdif", "mode=send_frame:deint=interlaced")
     sink = graph.add("buffersink")
     source.link_to(bwdif)

@@ -13,17 +13,11 @@ import av
 from av.packet import Packet
 from av.sidedata.sidedata import Type as SideData
 
-# -- Tracks and chapters of a video besides frames: those kept in another file, and those lost -----
+# -- Tracks and chapters ---------------------------------------------------------------------------
 
 TEXT_SUBTITLES = ("subrip", "ass", "webvtt", "mov_text", "text")
 """Codecs of text subtitles, which containers store in different forms; others are images."""
-SUBTITLE_CODECS = {
-    "mp4": ("mov_text",),
-    "mov": ("mov_text",),
-    "ipod": ("mov_text",),
-    "matroska": ("subrip", "ass", "webvtt"),
-    "webm": ("webvtt",),
-}
+SUBTITLE_CODECS = {"mp4": ("mov_text",), "mov": ("mov_text",), "ipod": ("mov_text",), "matroska": ("subrip", "ass", "webvtt"), "webm": ("webvtt",)}
 """Text subtitle codecs by container format; others are converted to the first."""
 CHAPTER_FORMATS = tuple(SUBTITLE_CODECS)
 TRACK_METADATA = {"title": "title", "name": "title", "comment": "comment"}
@@ -125,27 +119,7 @@ QUICKTIME_LANGUAGES = frozenset(
     ]
 )
 """Languages that FFmpeg writes to QuickTime files."""
-QUICKTIME_LANGUAGE_CODES = {
-    "deu": "ger",
-    "fre": "fra",
-    "nld": "dut",
-    "swe": "sve",
-    "ell": "gre",
-    "isl": "ice",
-    "zho": "chi",
-    "sqi": "alb",
-    "rum": "ron",
-    "cze": "ces",
-    "slo": "slk",
-    "mkd": "mac",
-    "hye": "arm",
-    "kat": "geo",
-    "bod": "tib",
-    "mya": "bur",
-    "msa": "may",
-    "cym": "wel",
-    "eus": "baq",
-}
+QUICKTIME_LANGUAGE_CODES = {"deu": "ger", "fre": "fra", "nld": "dut", "swe": "sve", "ell": "gre", "isl": "ice", "zho": "chi", "sqi": "alb", "rum": "ron", "cze": "ces", "slo": "slk", "mkd": "mac", "hye": "arm", "kat": "geo", "bod": "tib", "mya": "bur", "msa": "may", "cym": "wel", "eus": "baq"}
 """Alternative codes of ISO 639-2 for them."""
 DATA_OF = {"mp4": ("bin_data",), "mpegts": ("klv", "timed_id3")}
 """Data codecs by container format, in which FFmpeg keeps their identification.
@@ -171,40 +145,28 @@ class Chapter(NamedTuple):
     def to_av(self, number: int) -> Any:
         """Return the chapter as PyAV expects it."""
         start, end = (round(time / MILLISECOND) for time in (self.start_s, self.end_s))
-        return {
-            "id": number,
-            "start": start,
-            "end": end,
-            "time_base": MILLISECOND,
-            "metadata": self.metadata,
-        }
+        return {"id": number, "start": start, "end": end, "time_base": MILLISECOND, "metadata": self.metadata}
 
 
 def chapters_between(container: Any, start: Fraction, end: Fraction | None) -> tuple[Chapter, ...]:
     """Return the chapters of a file between two times (s), with times relative to the start."""
-    found = []
-    for each in container.chapters():
-        first, last = each["start"] * each["time_base"], each["end"] * each["time_base"]
+    chapters = []
+    for chapter in container.chapters():
+        first, last = (chapter[key] * chapter["time_base"] for key in ("start", "end"))
         last = last if end is None else min(last, end)
         if last > max(first, start):
-            found.append(Chapter(max(first, start) - start, last - start, dict(each["metadata"])))
-    return tuple(found)
+            chapters.append(Chapter(max(first, start) - start, last - start, dict(chapter["metadata"])))
+    return tuple(chapters)
 
 
 def text_subtitles(container: Any) -> tuple[Any, ...]:
     """Return the subtitle streams of a file that are text."""
-    return tuple(
-        stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES
-    )
+    return tuple(stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES)
 
 
-def data_streams(container: Any) -> tuple[Any, ...]:
+def dropped_tracks(container: Any) -> tuple[Any, ...]:
     """Return the data streams of a file, without chapters and timecodes, which are read as such."""
-    return tuple(
-        stream
-        for stream in container.streams.data
-        if stream.discard != NO_PACKETS and "timecode" not in stream.metadata
-    )
+    return tuple(stream for stream in container.streams.data if stream.discard != NO_PACKETS and "timecode" not in stream.metadata)
 
 
 def holds_data(format_name: str, stream: Any) -> bool:
@@ -216,9 +178,7 @@ def holds_data(format_name: str, stream: Any) -> bool:
 
 def lost_data(format_name: str, data: Sequence[Any]) -> str:
     """Describe the data tracks that a format does not support; empty if it supports all."""
-    return " and ".join(
-        _data_track(stream) for stream in data if not holds_data(format_name, stream)
-    )
+    return " and ".join(_data_track(stream) for stream in data if not holds_data(format_name, stream))
 
 
 def _data_track(stream: Any) -> str:
@@ -230,9 +190,7 @@ def _data_track(stream: Any) -> str:
 
 def lost_tracks(container: Any) -> Iterable[str]:
     """Yield descriptions of the tracks of a file that no output keeps."""
-    images = [
-        stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES
-    ]
+    images = [stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES]
     if images:
         yield f"{_number(images, 'subtitle track')} with images instead of text"
     if container.streams.attachments:
@@ -244,33 +202,23 @@ def lost_tracks(container: Any) -> Iterable[str]:
             yield _data_track(stream)
 
 
-def unsupported_tracks(
-    format_name: str, audio: Sequence[Any], subtitles: Sequence[Any], chapters: Sequence[Chapter]
-) -> str:
+def unsupported_tracks(format_name: str, audio: Sequence[Any], subtitles: Sequence[Any], chapters: Sequence[Chapter]) -> str:
     """Describe the tracks and chapters that a format does not support; empty if it supports all.
 
-    >>> lost_in("mpegts", (), (), (Chapter(Fraction(0), Fraction(1), {}),))
+    >>> unsupported_tracks("mpegts", (), (), (Chapter(Fraction(0), Fraction(1), {}),))
     '1 chapter'
     """
-    lost = []
+    unsupported = []
     if format_name == "mov":
-        languages = dict.fromkeys(
-            language_code(format_name, track) for track in (*audio, *subtitles)
-        )
-        lost += [
-            f"the language {name!r}"
-            for name in languages
-            if name and name not in QUICKTIME_LANGUAGES
-        ]
-    if format_name in FORMATS_WITHOUT_TITLES and any(
-        {"title", "name"} & set(track.metadata) for track in (*audio, *subtitles)
-    ):
-        lost.append("the titles of tracks")
+        languages = dict.fromkeys(language_code(format_name, track) for track in (*audio, *subtitles))
+        unsupported += [f"the language {name!r}" for name in languages if name and name not in QUICKTIME_LANGUAGES]
+    if format_name in FORMATS_WITHOUT_TITLES and any({"title", "name"} & set(track.metadata) for track in (*audio, *subtitles)):
+        unsupported.append("the titles of tracks")
     if chapters and format_name not in CHAPTER_FORMATS:
-        lost.append(_number(chapters, "chapter"))
+        unsupported.append(_number(chapters, "chapter"))
     if subtitles and format_name not in SUBTITLE_CODECS:
-        lost.append(_number(subtitles, "subtitle track"))
-    return " and ".join(lost)
+        unsupported.append(_number(subtitles, "subtitle track"))
+    return " and ".join(unsupported)
 
 
 def language_code(format_name: str, source: Any) -> str:
@@ -283,13 +231,7 @@ def language_code(format_name: str, source: Any) -> str:
 
 def copy_track_metadata(stream: Any, source: Any, format_name: str) -> None:
     """Copy language, title and disposition of a track to the output."""
-    stream.metadata.update(
-        {
-            TRACK_METADATA[key]: text
-            for key, text in source.metadata.items()
-            if key in TRACK_METADATA
-        }
-    )
+    stream.metadata.update({TRACK_METADATA[key]: text for key, text in source.metadata.items() if key in TRACK_METADATA})
     if language := language_code(format_name, source):
         stream.metadata["language"] = language
     stream.disposition = source.disposition
@@ -307,14 +249,14 @@ class SubtitleTrack:
     """
 
     def __init__(self, container: Any, source: Any) -> None:
-        held, codec = SUBTITLE_CODECS[container.format.name], _codec(source)
+        supported, codec = SUBTITLE_CODECS[container.format.name], _codec(source)
         self._source = source
-        self._is_same = codec in held
+        self._is_same = codec in supported
         if self._is_same:
             self._stream = container.add_stream_from_template(source)
         else:
             source.codec_context.open(strict=False)
-            self._stream = container.add_stream(held[0])
+            self._stream = container.add_stream(supported[0])
             context = self._stream.codec_context
             context.subtitle_header = source.codec_context.subtitle_header
             context.time_base = self._stream.time_base = MILLISECOND
@@ -329,12 +271,12 @@ class SubtitleTrack:
         if decoded is None or not len(decoded):
             return None
         try:
-            made: Any = self._stream.codec_context.encode_subtitle(decoded)
+            output: Any = self._stream.codec_context.encode_subtitle(decoded)
         except av.FFmpegError:  # empty text
             return None
-        made.pts, made.dts, made.duration = packet.pts, packet.dts, packet.duration
-        made.time_base, made.stream = packet.time_base, self._stream
-        return made if made.size else None
+        output.pts, output.dts, output.duration = packet.pts, packet.dts, packet.duration
+        output.time_base, output.stream = packet.time_base, self._stream
+        return output if output.size else None
 
 
 def _codec(stream: Any) -> str:
@@ -342,61 +284,50 @@ def _codec(stream: Any) -> str:
     return "" if context is None else str(context.codec.canonical_name)
 
 
-def _number(things: Sequence[object], what: str) -> str:
-    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
+def _number(items: Sequence[object], noun: str) -> str:
+    return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
 # -- SMPTE timecodes of frames (ST 12) -------------------------------------------------------------
 
 
-def read_timecode(notes: Iterable[Mapping[str, str]]) -> str | None:
+def read_timecode(metadata: Iterable[Mapping[str, str]]) -> str | None:
     """Return the first timecode in the metadata of a file and its streams."""
-    told = (text for note in notes for key, text in note.items() if key.lower() == "timecode")
-    return next(told, None)
+    timecodes = (text for part in metadata for key, text in part.items() if key.lower() == "timecode")
+    return next(timecodes, None)
 
 
 def advance_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     """Add a number of frames to a timecode; a semicolon marks drop-frame timecode.
 
-    >>> later("00:00:59;29", 1, Fraction(30000, 1001)), later("00:09:59;29", 1, Fraction(30000, 1001))
-    ('00:01:00;02', '00:10:00;00')
-    >>> later("23:59:59:24", 26, Fraction(25))
+    >>> [advance_timecode(t, 1, Fraction(30000, 1001)) for t in ("00:00:59;29", "00:09:59;29")]
+    ['00:01:00;02', '00:10:00;00']
+    >>> advance_timecode("23:59:59:24", 26, Fraction(25))
     '00:00:01:00'
     """
     parts = re.fullmatch(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d+)", timecode)
     if parts is None:
         return timecode
     hours, minutes, seconds, frame = (int(parts[i]) for i in (1, 2, 3, 5))
-    a_second = round(rate)
-    dropped = a_second // 15 if parts[4] != ":" else 0  # per minute, except every tenth
-    a_minute, ten_minutes = 60 * a_second - dropped, 600 * a_second - 9 * dropped
+    per_second = round(rate)
+    dropped = per_second // 15 if parts[4] != ":" else 0  # per minute, except every tenth
+    per_minute = 60 * per_second - dropped
+    per_ten_minutes = 600 * per_second - 9 * dropped
     minutes += 60 * hours
-    count = (
-        (60 * minutes + seconds) * a_second + frame - dropped * (minutes - minutes // 10) + frames
-    )
-    tens, rest = divmod(count % (144 * ten_minutes), ten_minutes)
-    number = (
-        rest
-        + tens * 9 * dropped
-        + tens * ten_minutes
-        + (max(0, rest - dropped) // a_minute) * dropped
-    )
-    seconds, frame = divmod(number, a_second)
+    count = (60 * minutes + seconds) * per_second + frame - dropped * (minutes - minutes // 10) + frames
+    tens, rest = divmod(count % (144 * per_ten_minutes), per_ten_minutes)
+    number = rest + tens * 9 * dropped + tens * per_ten_minutes + (max(0, rest - dropped) // per_minute) * dropped
+    seconds, frame = divmod(number, per_second)
     return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}{parts[4]}{frame:02}"
 
 
-# -- HDR metadata of the mastering display of a video (SMPTE ST 2086, CTA-861.3) -------------------
+# -- HDR metadata (SMPTE ST 2086, CTA-861.3) -------------------------------------------------------
 
-DYNAMIC_HDR = {
-    SideData.DYNAMIC_HDR_PLUS: "HDR10+",
-    SideData.DYNAMIC_HDR_VIVID: "HDR Vivid",
-    SideData.DOVI_RPU_BUFFER: "Dolby Vision",
-    SideData.DOVI_METADATA: "Dolby Vision",
-}
+DYNAMIC_HDR = {SideData.DYNAMIC_HDR_PLUS: "HDR10+", SideData.DYNAMIC_HDR_VIVID: "HDR Vivid", SideData.DOVI_RPU_BUFFER: "Dolby Vision", SideData.DOVI_METADATA: "Dolby Vision"}
 """Dynamic metadata for the display of each image: valid only for whole images before dewarping."""
 DISPLAY_OPTIONS = {"libx265": "x265-params", "libx264": "x264-params", "libsvtav1": "svtav1-params"}
 """Encoder options for the metadata, by codec; other codecs do not support it."""
-DISPLAY_LOST = "what it tells of the display that it was graded on is lost"
+DISPLAY_LOST = "HDR metadata of the mastering display are lost"
 
 
 @dataclass(frozen=True)
@@ -414,22 +345,24 @@ class MasteringDisplay:
     def of(cls, side_data: Any) -> MasteringDisplay:
         """Read the side data of a frame.
 
-        >>> Display.of({})
-        Display(primaries=(), luminance=(), light=())
+        >>> MasteringDisplay.of({})
+        MasteringDisplay(primaries=(), luminance=(), light=())
         """
-        told = cls()
+        display = cls()
         if (mastering := side_data.get(SideData.MASTERING_DISPLAY_METADATA)) is not None:
             *parts, has_primaries, has_luminance = struct.unpack("22i", bytes(mastering)[:88])
             values = tuple(Fraction(parts[i], parts[i + 1] or 1) for i in range(0, 20, 2))
-            told = cls(values[:8] if has_primaries else (), values[8:] if has_luminance else ())
+            display = cls(values[:8] if has_primaries else (), values[8:] if has_luminance else ())
         if (light := side_data.get(SideData.CONTENT_LIGHT_LEVEL)) is not None:
-            told = cls(told.primaries, told.luminance, struct.unpack("2I", bytes(light)[:8]))
-        return told
+            levels = struct.unpack("2I", bytes(light)[:8])
+            display = cls(display.primaries, display.luminance, levels)
+        return display
 
     def options(self, codec: str) -> str | None:
         """Return the encoder options; None if the codec does not support all data.
 
-        >>> Display(light=(1000, 400)).options("libx265"), Display(light=(1000, 400)).options("ffv1")
+        >>> display = MasteringDisplay(light=(1000, 400))
+        >>> display.options("libx265"), display.options("ffv1")
         ('max-cll=1000,400', None)
         """
         has_mastering = bool(self.primaries and self.luminance)
@@ -438,21 +371,17 @@ class MasteringDisplay:
         is_av1 = codec == "libsvtav1"
         names = {"libx265": ("master-display", "max-cll"), "libx264": ("mastering-display", "cll")}
         mastering, light = names.get(codec, ("mastering-display", "content-light"))
-        told = []
+        options = []
         if has_mastering:
             xy = [f"{float(v):.6f}" if is_av1 else str(round(50_000 * v)) for v in self.primaries]
-            least, most = (
-                f"{float(v):.6f}" if is_av1 else str(round(10_000 * v)) for v in self.luminance
-            )
+            low, high = (f"{float(v):.6f}" if is_av1 else str(round(10_000 * v)) for v in self.luminance)
             red, green, blue, white = (f"({xy[i]},{xy[i + 1]})" for i in range(0, 8, 2))
-            told.append(f"{mastering}=G{green}B{blue}R{red}WP{white}L({most},{least})")
+            options.append(f"{mastering}=G{green}B{blue}R{red}WP{white}L({high},{low})")
         if self.light:
-            told.append(f"{light}={self.light[0]},{self.light[1]}")
-        return ":".join(told)
+            options.append(f"{light}={self.light[0]},{self.light[1]}")
+        return ":".join(options)
 
 
 def dynamic_hdr_names(side_data: Any) -> str:
     """Return the names of the dynamic HDR metadata as a phrase; empty if there are none."""
-    return " and ".join(
-        dict.fromkeys(name for kind, name in DYNAMIC_HDR.items() if side_data.get(kind) is not None)
-    )
+    return " and ".join(dict.fromkeys(name for kind, name in DYNAMIC_HDR.items() if side_data.get(kind) is not None))

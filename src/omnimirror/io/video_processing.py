@@ -20,7 +20,7 @@ from .video_frames import Image, Planes, as_frame, image_of_frame, planar, plane
 from .video_reader import Item
 from .video_writer import Sink
 
-FrameInput = Literal["picture", "planes", "frame"]
+FrameInput = Literal["image", "planes", "frame"]
 FrameResult = av.VideoFrame | Image | Planes
 FrameFunction = Callable[[Any, float], FrameResult]
 """Function of an image (h, w, 3), planes, or a frame, and its time (s); returns an image, planes,
@@ -45,7 +45,7 @@ class ProcessingResult(NamedTuple):
     """True if a signal stopped the run, and not the closing of a preview window."""
 
     @property
-    def stopped(self) -> bool:
+    def is_stopped(self) -> bool:
         """True if the run was stopped early."""
         return self.exit_code != 0
 
@@ -59,10 +59,10 @@ def process(
     items: Iterable[Item],
     sink: Sink,
     function: FrameFunction,
-    pixels: FrameInput = "picture",
-    progress: Callable[[FrameProgress], None] | None = None,
+    pixels: FrameInput = "image",
+    on_progress: Callable[[FrameProgress], None] | None = None,
     total: int | None = None,
-    ahead: int = 4,
+    queue_size: int = 4,
 ) -> ProcessingResult:
     """Apply a function to every frame, in order; audio packets pass unchanged.
 
@@ -78,20 +78,20 @@ def process(
     sink
         Sink, such as a :class:`VideoWriter`.
     function
-        Called as ``function(picture, time_s)``. The result must have memory of its own, since it is
+        Called as ``function(image, time_s)``. The result must have separate memory, since it is
         written while the next frame is processed; :func:`omnimirror.io.video_frames.empty_frame`
         avoids a copy.
     pixels
-        Input of the function. ``"picture"``: (h, w, 3) uint8, red, green, blue. ``"planes"``: (y,
+        Input of the function. ``"image"``: (h, w, 3) uint8, red, green, blue. ``"planes"``: (y,
         u, v), or (y, uv) of NV12, as from :func:`omnimirror.io.video_frames.planes`, without
         conversion for sources of 4:2:0 with 8 bits. ``"frame"``: the frame with planes of the bit
         depth and chroma subsampling of the source and its colour coding, as for
         :func:`omnimirror.dewarp.video_files.dewarp_frame`.
-    progress
+    on_progress
         Called a few times per second, and at the end.
     total
         Expected number of frames, for the remaining time.
-    ahead
+    queue_size
         Maximum number of frames queued between two threads. 0 reads in the thread of the caller:
         for live sources, which have their own thread and whose frames must not wait.
 
@@ -101,30 +101,30 @@ def process(
         The source is damaged, raised after all readable frames are written; or the sink fails.
         Errors of the function are passed on, and abort the sink.
     """
-    meter = ProgressMeter(progress, total)
+    meter = ProgressMeter(on_progress, total)
     with interrupts.deferred():
         source = (
-            _ReaderThread(items, pixels, ahead)
-            if ahead
+            _ReaderThread(items, pixels, queue_size)
+            if queue_size
             else (_prepared(item, pixels) for item in items)
         )
-        writing = _WriterThread(sink, max(1, ahead))
-        problem: MediaError | None = None
+        writing = _WriterThread(sink, max(1, queue_size))
+        error: MediaError | None = None
         try:
             try:
-                _work(source, function, writing, meter)
+                _process_items(source, function, writing, meter)
             except _SourceError as e:
-                problem = e.error
+                error = e.error
             finally:
                 if isinstance(source, _ReaderThread):
                     source.stop()
             exit_code, is_signal = interrupts.exit_code(), interrupts.is_signal()
-            writing.finish(may_be_empty=bool(exit_code) or problem is not None)
+            writing.finish(may_be_empty=bool(exit_code) or error is not None)
         except BaseException:
-            writing.give_up()
+            writing.discard()
             raise
-    if problem is not None:
-        raise problem
+    if error is not None:
+        raise error
     meter.report()
     return ProcessingResult(sink.frames_written, meter.elapsed_s, exit_code, is_signal)
 
@@ -138,22 +138,22 @@ def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
         if isinstance(item, av.VideoFrame):
             start = time.monotonic() - (item.time or 0.0) if start is None else start
             while (
-                left := start + (item.time or 0.0) - time.monotonic()
+                remaining := start + (item.time or 0.0) - time.monotonic()
             ) > 0 and not interrupts.is_pending():
-                time.sleep(min(left, interrupts.POLL_S))
+                time.sleep(min(remaining, interrupts.POLL_S))
         yield item
 
 
-def _work(
+def _process_items(
     source: Iterable[PreparedItem],
     function: FrameFunction,
     writing: _WriterThread,
     meter: ProgressMeter,
 ) -> None:
     """Process all items of the source until its end or a requested stop."""
-    for item, pixels_of_item in source:
+    for item, prepared in source:
         if isinstance(item, av.VideoFrame):
-            writing.put(as_frame(function(pixels_of_item, item.time or 0.0), item))
+            writing.put(as_frame(function(prepared, item.time or 0.0), item))
             meter.step()
         else:
             writing.put(item)
@@ -172,7 +172,7 @@ def _prepared(item: Item, pixels: FrameInput) -> PreparedItem:
     """Return an item with the input of the function; None for audio."""
     if not isinstance(item, av.VideoFrame):
         return item, None
-    if pixels == "picture":
+    if pixels == "image":
         return item, image_of_frame(item)
     if pixels == "frame":
         item = workable(item)
@@ -184,8 +184,8 @@ def _prepared(item: Item, pixels: FrameInput) -> PreparedItem:
 class _ReaderThread:
     """Reader of queued items in a separate thread."""
 
-    def __init__(self, items: Iterable[Item], pixels: FrameInput, ahead: int) -> None:
-        self._waiting: queue.Queue[PreparedItem | BaseException | None] = queue.Queue(ahead)
+    def __init__(self, items: Iterable[Item], pixels: FrameInput, queue_size: int) -> None:
+        self._queue: queue.Queue[PreparedItem | BaseException | None] = queue.Queue(queue_size)
         self._stopping = threading.Event()
         self._thread = threading.Thread(
             target=self._run, args=(items, pixels), name="reading", daemon=True
@@ -195,7 +195,7 @@ class _ReaderThread:
     def __iter__(self) -> Iterator[PreparedItem]:
         while not interrupts.is_pending():
             try:
-                item = self._waiting.get(timeout=interrupts.POLL_S)
+                item = self._queue.get(timeout=interrupts.POLL_S)
             except queue.Empty:
                 continue
             if item is None:
@@ -219,7 +219,7 @@ class _ReaderThread:
         """Queue an item; return False if the consumer has stopped."""
         while not self._stopping.is_set():
             with suppress(queue.Full):
-                self._waiting.put(item, timeout=interrupts.POLL_S)
+                self._queue.put(item, timeout=interrupts.POLL_S)
                 return True
         return False
 
@@ -232,11 +232,11 @@ class _ReaderThread:
 class _WriterThread:
     """Writer of queued items in order, in a separate thread."""
 
-    def __init__(self, sink: Sink, ahead: int) -> None:
+    def __init__(self, sink: Sink, queue_size: int) -> None:
         self._sink = sink
-        self._waiting: queue.Queue[Item | None] = queue.Queue(ahead)
+        self._queue: queue.Queue[Item | None] = queue.Queue(queue_size)
         self._error: BaseException | None = None
-        self._is_over = False
+        self._is_finished = False
         self._thread = threading.Thread(target=self._run, name="writing", daemon=True)
         self._thread.start()
 
@@ -244,13 +244,13 @@ class _WriterThread:
         """Queue the next frame or packet; raise an error of the sink."""
         while self._error is None:
             with suppress(queue.Full):
-                self._waiting.put(item, timeout=interrupts.POLL_S)
+                self._queue.put(item, timeout=interrupts.POLL_S)
                 return
         raise self._error
 
     def _run(self) -> None:
         while True:
-            item = self._waiting.get()
+            item = self._queue.get()
             if item is None:
                 return
             if self._error is not None:  # drain the queue, so no producer blocks
@@ -271,18 +271,18 @@ class _WriterThread:
         self._thread.join()
         if self._error is not None:
             raise self._error
-        self._is_over = True
+        self._is_finished = True
         if may_be_empty and not self._sink.frames_written:
             self._sink.abort()
         else:
             self._sink.close()
 
-    def give_up(self) -> None:
+    def discard(self) -> None:
         """Discard the queued items and abort the sink."""
-        if self._is_over:
+        if self._is_finished:
             return
-        self._error = self._error or MediaError("given up")
-        self._waiting.put(None)
+        self._error = self._error or MediaError("aborted")
+        self._queue.put(None)
         self._thread.join()
-        self._is_over = True
+        self._is_finished = True
         self._sink.abort()

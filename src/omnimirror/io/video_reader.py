@@ -20,39 +20,19 @@ from ..base.errors import InvalidParameter, MediaError
 from ..base.files import check_file
 from .exif import TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
-from .video_frames import (
-    SITING_AFTER_ORIENTATION,
-    ColourCoding,
-    Deinterlacer,
-    frame_orientation,
-    orientation_note,
-    siting_of,
-    upright,
-)
-from .video_metadata import (
-    ARBITRARY_ORIGIN_FORMATS,
-    DATA_OF,
-    MasteringDisplay,
-    advance_timecode,
-    chapters_between,
-    data_streams,
-    dynamic_hdr_names,
-    holds_data,
-    lost_tracks,
-    read_timecode,
-    text_subtitles,
-)
+from .video_frames import SITING_AFTER_ORIENTATION, ColourCoding, Deinterlacer, frame_orientation, orientation_note, siting_of, upright
+from .video_metadata import ARBITRARY_ORIGIN_FORMATS, DATA_OF, MasteringDisplay, advance_timecode, chapters_between, dropped_tracks, dynamic_hdr_names, read_timecode, text_subtitles
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
 """Decoded frame, or audio packet as stored."""
 
-SEEK_BACK_S = (0, 2, 10)
+SEEK_MARGINS_S = (0, 2, 10)
 """Successive margins (s) for seeking earlier if the index of a file leads past the requested frame.
 """
-LATE_SOUND_S = 5
+MAX_AUDIO_DELAY_S = 5
 """Maximum delay of audio relative to video within a file."""
-CUT_SHORT_S = 0.5
+DURATION_TOLERANCE_S = 0.5
 """Tolerance of the duration before a file is reported as truncated."""
 
 
@@ -61,7 +41,7 @@ class VideoReader:
 
     The rotation or mirroring in the display matrix of a file is applied, as by FFmpeg and players,
     unless ``stored_orientation`` is set. Interlaced frames are deinterlaced
-    (:class:`.interlace.Fields`). Only the first video stream is read, with all audio streams, text
+    (:class:`.Deinterlacer`). Only the first video stream is read, with all audio streams, text
     subtitles, data streams that an output can store, and chapters; ``notes`` names other, dropped
     tracks. Each pass reads the file again.
 
@@ -74,7 +54,7 @@ class VideoReader:
     duration_s : s, optional
         Duration; the rest by default. Frames with times in [start, start + duration) are read, with
         the times in the file minus ``start_s``.
-    with_sound
+    with_audio
         Whether packets of audio, subtitles and data are read too.
     frame_rate : frames a second
         Frame rate of image sequences; files contain their own.
@@ -93,38 +73,24 @@ class VideoReader:
     >>> VideoReader("missing.mp4")
     Traceback (most recent call last):
     ...
-    omnimirror.base.errors.MediaError: there is no video missing.mp4
+    omnimirror.base.errors.MediaError: cannot read the video missing.mp4: the file does not exist
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        start_s: float = 0.0,
-        duration_s: float | None = None,
-        with_sound: bool = True,
-        frame_rate: float = 25.0,
-        stored_orientation: bool = False,
-    ) -> None:
+    def __init__(self, path: str | Path, start_s: float = 0.0, duration_s: float | None = None, with_audio: bool = True, frame_rate: float = 25.0, stored_orientation: bool = False) -> None:
         self.path = Path(path)
         self._options: dict[str, str] = {}
         if is_sequence(path):
             if not 0 < frame_rate < math.inf:
-                raise InvalidParameter(
-                    f"a frame rate of {frame_rate:g} is not valid; it is a number above 0"
-                )
+                raise InvalidParameter(f"frame_rate must be greater than 0; got {frame_rate:g}")
             rate = Fraction(frame_rate).limit_denominator(1001)
             self._options = {"start_number": str(first_number(self.path)), "framerate": str(rate)}
         if not (math.isfinite(start_s) and start_s >= 0):
-            raise InvalidParameter(
-                f"a start at {start_s:g} s is not in a video; it is valid from 0"
-            )
+            raise InvalidParameter(f"start_s must be at least 0 s; got {start_s:g}")
         if duration_s is not None and not duration_s > 0:
-            raise InvalidParameter(
-                f"a duration of {duration_s:g} s holds nothing; it is valid above 0"
-            )
+            raise InvalidParameter(f"duration_s must be greater than 0 s; got {duration_s:g}")
         self.start_s = start_s
         self.duration_s = duration_s
-        self.with_sound = with_sound
+        self.with_audio = with_audio
         self.stored_orientation = stored_orientation
         self._container = self._open()
         try:
@@ -138,78 +104,57 @@ class VideoReader:
         stream = self._container.streams.video[0]
         first = next(_decoded(self._container, stream), None)
         if first is None:
-            raise MediaError(
-                f"no frame of the video {self.path} can be decoded; it is damaged or cut short"
-            )
-        found = frame_orientation(first)
-        self.orientation = UPRIGHT if found is None or self.stored_orientation else found
+            raise MediaError(f"cannot read the video {self.path}: no frame can be decoded; it is damaged or truncated")
+        stored = frame_orientation(first)
+        self.orientation = UPRIGHT if stored is None or self.stored_orientation else stored
         """Orientation applied to the stored frames, as in EXIF, 1 to 8."""
         is_quarter_turn = self.orientation in TRANSPOSING_ORIENTATIONS
-        self.size: tuple[int, int] = (
-            (first.height, first.width) if is_quarter_turn else (first.width, first.height)
-        )
+        self.size: tuple[int, int] = (first.height, first.width) if is_quarter_turn else (first.width, first.height)
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
-        self.colour = ColourCoding.told_by(first)
+        self.colour = ColourCoding.of_video(first)
         self.siting = siting_of(stream.codec_context.name)
         if self.siting == "left":
             self.siting = SITING_AFTER_ORIENTATION.get(self.orientation, self.siting)
         self.notes: list[str] = []
         """Remarks on the file for the user, in sentences."""
-        if note := orientation_note(str(self.path), found, self.stored_orientation):
-            self.notes.append(note)
+        if note := orientation_note(str(self.path}: {ORIENTATION_NAMES[self.orientation]} according to the file; {STORED_ORIENTATION_HINT}"), stored self.notes.append(f"{self.path}: the rotation in the file is not a multiple of 90 deg and is not applied")
+        elif stored != UPRIGHT:
+            self.notes.append(f"{self.path}: frames as stored; the display orientation is: {ORIENTATION_NAMES[stored]}")
         if first.interlaced_frame:
-            self.notes.append(
-                f"{self.path} is interlaced; each picture is made whole from its first field"
-            )
-        beside: Any = first.side_data
-        self.display = MasteringDisplay.of(beside)
-        if dynamic := dynamic_hdr_names(beside):
-            self.notes.append(
-                f"{self.path} tells players by {dynamic} how to show each picture, which is not kept"
-            )
+            self.notes.append(f"{self.path} is interlaced; frames are deinterlaced from the first field")
+        side_data: Any = first.side_data
+        self.display = MasteringDisplay.of(side_data)
+        if dynamic := dynamic_hdr_names(side_data):
+            self.notes.append(f"{self.path}: dropped dynamic HDR metadata ({dynamic})")
         self.rotation_deg: int = first.rotation if self.orientation == UPRIGHT else 0
         aspect = stream.sample_aspect_ratio or Fraction(1)
         self.pixel_aspect = 1 / aspect if is_quarter_turn else aspect
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
         self.time_base: Fraction = stream.time_base or 1 / self.frame_rate
         self.metadata: dict[str, str] = dict(self._container.metadata)
-        if timecode := read_timecode(
-            [self.metadata, *(stream.metadata for stream in self._container.streams)]
-        ):
+        if timecode := read_timecode([self.metadata, *(stream.metadata for stream in self._container.streams)]):
             frames = round(Fraction(self.start_s) * self.frame_rate)
             self.metadata["timecode"] = advance_timecode(timecode, frames, self.frame_rate)
-        self.audio_streams: tuple[AudioStream, ...] = (
-            tuple(self._container.streams.audio) if self.with_sound else ()
-        )
-        self.subtitle_streams = text_subtitles(self._container) if self.with_sound else ()
+        self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_audio else ()
+        self.subtitle_streams = text_subtitles(self._container) if self.with_audio else ()
         """Text subtitle streams, whose packets are returned with those of the audio."""
         data = data_streams(self._container) if self.with_sound else ()
         self.data_streams = tuple(s for s in data if any(holds_data(name, s) for name in DATA_OF))
         """Data streams, such as telemetry, whose packets are returned with those of the audio."""
         origin = _origin(self._container)
         start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
-        length = (
-            None
-            if self.duration_s is None
-            else Fraction(self.duration_s).limit_denominator(1_000_000)
-        )
-        self.chapters = chapters_between(
-            self._container, start, None if length is None else start + length
-        )
-        is_clocked = any(
-            name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(",")
-        )
-        self.begins_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
+        length = None if self.duration_s is None else Fraction(self.duration_s).limit_denominator(1_000_000)
+        self.chapters = chapters_between(self._container, start, None if length is None else start + length)
+        is_clocked = any(name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(","))
+        self.start_time_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
         """Start time in the file; times of frames and packets are relative to it."""
-        if self.with_sound and (lost := " and ".join(lost_tracks(self._container))):
-            self.notes.append(f"{self.path}: not kept are {lost}")
+        if self.with_audio and (dropped := " and ".join(dropped_tracks(self._container))):
+            self.notes.append(f"{self.path}: dropped {dropped}")
         self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
-        self.whole_s = _duration(self._container, stream)
-        if self.whole_s is not None and self.start_s >= self.whole_s:
-            raise InvalidParameter(
-                f"a start at {self.start_s:g} s lies behind the end of {self.path}, which lasts {self.whole_s:.6g} s"
-            )
+        self.total_duration_s = _duration(self._container, stream)
+        if self.total_duration_s is not None and self.start_s >= self.total_duration_s:
+            raise InvalidParameter(f"start_s must be less than the duration of {self.path}, {self.total_duration_s:.6g} s; got {self.start_s:g}")
 
     @property
     def expected_frames(self) -> int | None:
@@ -218,12 +163,10 @@ class VideoReader:
         is_whole = self.start_s == 0 and self.duration_s is None
         if is_whole and stream.frames:
             return stream.frames
-        if self.whole_s is None:
+        if self.total_duration_s is None:
             return None if self.duration_s is None else round(self.duration_s * self.frame_rate)
-        rest = self.whole_s - max(self.start_s, self._first_s)
-        return round(
-            (rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate
-        )
+        rest = self.total_duration_s - max(self.start_s, self._first_s)
+        return round((rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate)
 
     def frames(self) -> Iterator[av.VideoFrame]:
         """Yield the frames in presentation order, as :meth:`items` without audio."""
@@ -247,12 +190,7 @@ class VideoReader:
     def __enter__(self) -> VideoReader:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
     def _open(self) -> InputContainer:
@@ -260,19 +198,17 @@ class VideoReader:
             kind = "image2" if self._options else None
             for path in numbered_files(self.path) if self._options else (self.path,):
                 check_file(path)  # FFmpeg would block on a pipe
-            container = av.open(
-                str(self.path), "r", format=kind, options=self._options, metadata_errors="replace"
-            )
+            container = av.open(str(self.path), "r", format=kind, options=self._options, metadata_errors="replace")
         except FileNotFoundError:
-            raise MediaError(f"there is no video {self.path}") from None
+            raise MediaError(f"cannot read the video {self.path}: the file does not exist") from None
         except (av.FFmpegError, OSError) as e:
             reason = e.strerror or str(e)
             if isinstance(e, av.error.InvalidDataError):
-                reason = "it is no video, or is damaged or cut short"
+                reason = "it is not a video, or is damaged or truncated"
             raise MediaError(f"cannot read the video {self.path}: {reason}") from None
         if not container.streams.video or container.streams.video[0].codec_context is None:
             container.close()
-            raise MediaError(f"there is no video that can be decoded in {self.path}")
+            raise MediaError(f"cannot read the video {self.path}: no video stream can be decoded")
         container.streams.video[0].thread_type = "AUTO"
         return container
 
@@ -288,18 +224,16 @@ class _Pass:
         self.audio = list(container.streams.audio)[: len(reader.audio_streams)]
         sparse = (*reader.subtitle_streams, *reader.data_streams)
         self.sparse = [container.streams[own.index] for own in sparse]
-        self.lasting = {own.index: own for own in (*reader.audio_streams, *sparse)}
+        self.reader_streams = {own.index: own for own in (*reader.audio_streams, *sparse)}
         """Streams of the reader: packets are used after this pass has closed its container."""
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
         length = reader.duration_s
-        self.end = (
-            None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
-        )
-        self.fields = Deinterlacer()
+        self.end = None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
+        self.deinterlace = Deinterlacer()
         self.packets = 0
         self.damaged = 0
-        self.given = 0
+        self.decoded = 0
         self.reached = Fraction(0)
         """End time of the data read, of any stream."""
 
@@ -308,7 +242,7 @@ class _Pass:
         items = self._from_start() if self.reader.start_s > 0 else self._read(None)
         try:
             for item in items:
-                self.given += isinstance(item, av.VideoFrame)
+                self.decoded += isinstance(item, av.VideoFrame)
                 yield item
         except av.FFmpegError as e:
             problem = e.strerror or str(e)
@@ -316,7 +250,7 @@ class _Pass:
 
     def _from_start(self) -> Iterator[Item]:
         """Decode from the key frame before the start, and drop frames before the start."""
-        for back in SEEK_BACK_S:
+        for back in SEEK_MARGINS_S:
             target = max(Fraction(0), self.start - back)
             try:
                 self.container.seek(int(target / self.tick), stream=self.video)
@@ -357,7 +291,7 @@ class _Pass:
         expected = Fraction(0)
         for packet in self.container.demux(streams):
             self._note(packet)
-            if self.end is not None and _time(packet) > self.end + LATE_SOUND_S:
+            if self.end is not None and _time(packet) > self.end + MAX_AUDIO_DELAY_S:
                 return
             if isinstance(packet.stream, VideoStream):
                 for frame in self._decode(packet):
@@ -369,7 +303,7 @@ class _Pass:
                     if self.end is not None and time >= self.end:
                         running.discard(packet.stream.index)
             elif packet.pts is not None and packet.size:
-                packet.stream = self.lasting[packet.stream_index]
+                packet.stream = self.reader_streams[packet.stream_index]
                 yield packet, _time(packet)
                 if self.end is not None and _time(packet) >= self.end:
                     running.discard(packet.stream.index)
@@ -384,24 +318,22 @@ class _Pass:
             self.damaged += 1
         except av.error.EOFError:  # already flushed
             pass
-        whole = [ready for frame in frames for ready in self.fields(frame)]
-        whole = whole if packet.size else whole + self.fields.rest()
-        return [upright(frame, self.reader.orientation) for frame in whole]
+        complete = [ready for frame in frames for ready in self.deinterlace(frame)]
+        complete = complete if packet.size else complete + self.deinterlace.flush()
+        return [upright(frame, self.reader.orientation) for frame in complete]
 
     def _note(self, packet: AnyPacket) -> None:
         if packet.size:
             self.packets += isinstance(packet.stream, VideoStream)
             self.damaged += packet.is_corrupt and isinstance(packet.stream, VideoStream)
-            self.reached = max(
-                self.reached, _time(packet) + (packet.duration or 0) * packet.time_base
-            )
+            self.reached = max(self.reached, _time(packet) + (packet.duration or 0) * packet.time_base)
 
     def _is_inside(self, item: Item, time: Fraction) -> bool:
         # File times are rounded to the ticks of the stream; half a tick before the start is inside.
         # Data before the start of the file, such as the priming of an audio codec, belong to it.
-        slack = (item.time_base or self.tick) / 2
-        begins = self.reader.start_s == 0 or time >= self.start - slack
-        return begins and (self.end is None or time < self.end - slack)
+        tolerance = (item.time_base or self.tick) / 2
+        has_begun = self.reader.start_s == 0 or time >= self.start - tolerance
+        return has_begun and (self.end is None or time < self.end - tolerance)
 
     def _shifted(self, item: Item) -> Item:
         shift = round(self.start / (item.time_base or self.tick))
@@ -412,31 +344,20 @@ class _Pass:
 
     def _check(self, problem: str | None) -> None:
         """Report missing data in one sentence."""
-        path, count = self.reader.path, self.given
+        path, count = self.reader.path, self.decoded
         if problem is not None:
-            raise MediaError(
-                f"the video {path} is damaged: {problem} after {count} frames, which were read"
-            )
+            raise MediaError(f"the video {path} is damaged: {problem} after {count} decoded frames")
         if self.damaged:
-            raise MediaError(
-                f"the video {path} is damaged: {self.damaged} of its {self.packets} pictures cannot be decoded; "
-                f"{count} were read"
-            )
+            raise MediaError(f"the video {path} is damaged: cannot decode {self.damaged} of {self.packets} frames; decoded {count}")
         is_whole = self.reader.start_s == 0 and self.end is None
-        says = self.reader.whole_s
-        counts = "mov" in self.container.format.name  # other formats count skipped frames, or none
-        lacks = is_whole and counts and self.packets < self.video.frames
-        ends_early = (
-            self.end is None and says is not None and self.reached + Fraction(CUT_SHORT_S) < says
-        )
-        if lacks or ends_early:
-            raise MediaError(
-                f"the video {path} is cut short: its end is missing after {count} frames, which were read"
-            )
+        nominal_s = self.reader.total_duration_s
+        is_counted = "mov" in self.container.format.name  # other formats count skipped frames, or none
+        is_missing_frames = is_whole and is_counted and self.packets < self.video.frames
+        ends_early = self.end is None and nominal_s is not None and self.reached + Fraction(DURATION_TOLERANCE_S) < nominal_s
+        if is_missing_frames or ends_early:
+            raise MediaError(f"the video {path} is truncated after {count} decoded frames")
         if not count:
-            raise MediaError(
-                f"there is no frame of the video {path} in the part that was asked for"
-            )
+            raise MediaError(f"the requested part of the video {path} must contain at least one frame")
 
 
 def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.VideoFrame]:
@@ -456,9 +377,9 @@ def _duration(container: InputContainer, stream: VideoStream) -> float | None:
     if stream.duration is not None and stream.time_base is not None:
         begin = Fraction(stream.start_time or 0) * stream.time_base
         return float(begin + stream.duration * stream.time_base - _origin(container))
-    told = re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", ""))  # Matroska
-    if told:
-        return 3600.0 * int(told[1]) + 60.0 * int(told[2]) + float(told[3])
+    match = re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", ""))  # Matroska
+    if match:
+        return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3])
     return None if container.duration is None else container.duration / av.time_base
 
 

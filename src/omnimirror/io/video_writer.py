@@ -16,7 +16,7 @@ from av.audio.stream import AudioStream
 from av.packet import Packet
 
 from ..base.errors import MediaError
-from ..base.files import replacing
+from ..base.files import atomic_output
 from ._panorama import GPano
 from .batch import WRITABLE_VIDEO_SUFFIXES
 from .image_sequences import NUMBER_PATTERN, SEQUENCE_SUFFIXES, numbered, numbers_of
@@ -34,17 +34,8 @@ DEFAULT_CODECS = {".webm": "libvpx-vp9"}
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
 CLUSTERS = {"cluster_time_limit": "1000"}
 MAX_RESCUED_FILES = 999
-LOSS_HINT = (
-    "--codec ffv1 in .mkv and prores_ks in .mov keep most, --pixel-format names another choice"
-)
-RECOVERABLE_OPTIONS = {
-    ".mp4": FRAGMENTS,
-    ".m4v": FRAGMENTS,
-    ".mov": FRAGMENTS,
-    ".mkv": CLUSTERS,
-    ".webm": CLUSTERS,
-    ".ts": {},
-}
+LOSS_HINT = "use --codec ffv1 with .mkv, --codec prores_ks with .mov, or --pixel-format"
+RECOVERABLE_OPTIONS = {".mp4": FRAGMENTS, ".m4v": FRAGMENTS, ".mov": FRAGMENTS, ".mkv": CLUSTERS, ".webm": CLUSTERS, ".ts": {}}
 """Container options for files that play up to the last second after any termination of the writer.
 MP4 and MOV are fragmented, and are converted to one ordinary file at the end.
 """
@@ -116,25 +107,14 @@ class VideoWriter:
     >>> folder.cleanup()
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        size: tuple[int, int],
-        frame_rate: Fraction | float,
-        panorama: GPano | None = None,
-        **encoding: Any,
-    ) -> None:
+    def __init__(self, path: str | Path, size: tuple[int, int], frame_rate: Fraction | float, panorama: GPano | None = None, **encoding: Any) -> None:
         self.path = Path(path)
         suffix = check_video_name(path)
         if panorama is not None and not can_be_spherical(path):
-            raise MediaError(
-                f"{path} cannot say that it is a panorama; valid are {', '.join(SPHERICAL_SUFFIXES)}"
-            )
+            raise MediaError(f"cannot write {path}: panorama metadata requires {', '.join(SPHERICAL_SUFFIXES)}")
         if panorama is not None and panorama.cropped_size != size:
-            told = " x ".join(map(str, panorama.cropped_size))
-            raise MediaError(
-                f"cannot write {path}: the video has {size[0]} x {size[1]} px, and the panorama {told} px"
-            )
+            expected = " x ".join(map(str, panorama.cropped_size))
+            raise MediaError(f"cannot write {path}: size must be that of panorama, {expected} px; got {size[0]} x {size[1]} px")
         self._panorama = panorama
         encoding.setdefault("codec", DEFAULT_CODECS.get(suffix, DEFAULT_CODEC))
         encoding["container_options"] = {"flush_packets": "1", **RECOVERABLE_OPTIONS[suffix]}
@@ -142,34 +122,30 @@ class VideoWriter:
         """Remarks on the file for the user, in sentences."""
         self._stack: ExitStack | None = ExitStack()
         with media_errors(path), self._stack:
-            self._temporary = self._stack.enter_context(replacing(self.path, self._rescue))
+            self._temporary = self._stack.enter_context(atomic_output(self.path, self._rescue))
             self._encoder = Encoder(str(self._temporary), size, frame_rate, **encoding)
             self._encoder.target = str(path)
-            if self._encoder.lost:
-                self.notes.append(f"{path}: {self._encoder.lost}; {LOSS_HINT}")
-            if self._encoder.lost_tracks:
-                self.notes.append(
-                    f"{path}: not kept are {self._encoder.lost_tracks}; .mkv keeps them"
-                )
+            if self._encoder.losses:
+                self.notes.append(f"{path}: {self._encoder.losses}; {LOSS_HINT}")
+            if self._encoder.dropped_tracks:
+                self.notes.append(f"{path}: dropped {self._encoder.dropped_tracks}; .mkv supports them")
             if self._encoder.lost_data:
                 self.notes.append(f"{path}: not kept are {self._encoder.lost_data}; {DATA_KEEPERS}")
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
-                self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv keep it")
+                self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv support it")
             self._stack = self._stack.pop_all()
 
     @classmethod
-    def like(
-        cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **more: Any
-    ) -> VideoWriter:
+    def from_source(cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **options: Any) -> VideoWriter:
         """Create a writer with rate, times, bit depth, colour coding, rotation, metadata and tracks
         of a source.
 
-        ``more`` is passed to :class:`VideoWriter`, and overrides the source: a view drawn upright,
-        for example, requires ``rotation_deg=0``.
+        ``options`` are passed to :class:`VideoWriter`, and override the source: an upright view, for
+        example, requires ``rotation_deg=0``.
         """
         as_source = {
             "time_base": source.time_base,
-            "like": source.pixel_format,
+            "source_format": source.pixel_format,
             "colour": source.colour,
             "display": source.display,
             "rotation_deg": source.rotation_deg,
@@ -178,30 +154,22 @@ class VideoWriter:
             "subtitles": source.subtitle_streams,
             "data": source.data_streams,
             "chapters": source.chapters,
-            "begins_s": source.begins_s,
+            "start_time_s": source.start_time_s,
             "metadata": source.metadata,
         }
-        return cls(
-            path,
-            size or source.size,
-            more.pop("frame_rate", source.frame_rate),
-            **{**as_source, **more},
-        )
+        return cls(path, size or source.size, options.pop("frame_rate", source.frame_rate), **{**as_source, **options})
 
     def _rescue(self, leftover: Path) -> Path | None:
         """Return a name for the output of a killed run, if it contains any frame."""
         try:
-            VideoReader(leftover, with_sound=False).close()
+            VideoReader(leftover, with_audio=False).close()
         except MediaError:
             return None
         stem, suffix = f"{self.path.stem}.rescued", self.path.suffix
-        names = (
-            leftover.with_name(f"{stem}{n}{suffix}")
-            for n in ("", *(f"-{i}" for i in range(2, MAX_RESCUED_FILES + 1)))
-        )
+        names = (leftover.with_name(f"{stem}{n}{suffix}") for n in ("", *(f"-{i}" for i in range(2, MAX_RESCUED_FILES + 1))))
         name = next((name for name in names if not name.exists()), None)
         if name is not None:
-            self.notes.append(f"what a run that was killed had done of {self.path} is {name} now")
+            self.notes.append(f"the partial output of a terminated run for {self.path} was renamed to {name}")
         return name
 
     @property
@@ -240,7 +208,7 @@ class VideoWriter:
             return
         if not self.frames_written:
             self.abort()
-            raise MediaError(f"no frame was written to {self.path}")
+            raise MediaError(f"cannot write {self.path}: there are no frames")
         stack, self._stack = self._stack, None
         with media_errors(self.path), stack:
             try:
@@ -259,19 +227,14 @@ class VideoWriter:
             return
         stack, self._stack = self._stack, None
         self._encoder.discard()
-        given_up = MediaError("given up")
+        aborted = MediaError("aborted")
         with suppress(MediaError):
-            stack.__exit__(MediaError, given_up, None)
+            stack.__exit__(MediaError, aborted, None)
 
     def __enter__(self) -> VideoWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         is_stopped = isinstance(error, KeyboardInterrupt) and self.frames_written > 0
         if error is None or is_stopped:
             self.close()
@@ -292,14 +255,11 @@ def check_video_name(path: str | Path) -> str:
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITABLE_VIDEO_SUFFIXES:
-        what = f"videos of kind {suffix!r} are" if suffix else "a video without a suffix is"
-        raise MediaError(
-            f"cannot write {path}: {what} not known; valid are {', '.join(WRITABLE_VIDEO_SUFFIXES)}"
-        )
+        raise MediaError(f"cannot write {path}: the suffix must be one of {', '.join(WRITABLE_VIDEO_SUFFIXES)}; got {suffix!r}")
     return suffix
 
 
-# -- Image sequences as video output, each image written atomically --------------------------------
+# -- Image sequences -------------------------------------------------------------------------------
 
 EXACT_CONVERSION = 2 | 0x2000 | 0x40000
 """FFmpeg's bilinear, full_chroma_int and accurate_rnd; without the last, 10-bit white is not exact.
@@ -322,14 +282,14 @@ class ImageSequenceWriter:
         Pattern whose suffix selects the format; ``%04d`` in its name is the number with four
         digits, from 1.
     size : (width, height) px
-    like
+    source_format
         Pixel format of the input.
     colour
         Colour coding of the input.
     panorama
         Panorama metadata of every image; ignored for formats without support.
     skip_existing
-        Skip the numbers of existing images; the caller filters frames with :meth:`lacking`.
+        Skip the numbers of existing images; the caller filters frames with :meth:`missing_frames`.
 
     Raises
     ------
@@ -341,59 +301,46 @@ class ImageSequenceWriter:
     >>> import tempfile
     >>> from omnimirror.io.video_frames import frame_of_image
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     pictures = NumberedPictures(folder + "/f%03d.png", (64, 48))
+    ...     sequence = ImageSequenceWriter(folder + "/f%03d.png", (64, 48))
     ...     for _ in range(2):
-    ...         pictures.write(frame_of_image(np.full((48, 64, 3), 128, np.uint8)))
+    ...         sequence.write(frame_of_image(np.full((48, 64, 3), 128, np.uint8)))
     ...     sorted(path.name for path in Path(folder).iterdir())
     ['f001.png', 'f002.png']
     """
 
     siting: ChromaSiting = "center"  # siting assumed by FFmpeg in conversions to RGB
 
-    def __init__(
-        self,
-        pattern: str | Path,
-        size: tuple[int, int],
-        like: str = "yuv420p",
-        colour: ColourCoding | None = None,
-        panorama: GPano | None = None,
-        *,
-        skip_existing: bool = False,
-    ) -> None:
+    def __init__(self, pattern: str | Path, size: tuple[int, int], source_format: str = "yuv420p", colour: ColourCoding | None = None, panorama: GPano | None = None, *, skip_existing: bool = False) -> None:
         self.pattern, self.frames_written = check_pattern(pattern), 0
         check_size(self.pattern, size)
         self._panorama = panorama
-        held = av.VideoFormat(like, 64, 64)
-        kind, of = PixelFormat.of(like), format_of(self.pattern)
+        coded = av.VideoFormat(source_format, 64, 64)
+        kind, of = PixelFormat.of(source_format), format_of(self.pattern)
         self._is_deep = kind.bits > 8 and "uint16" in of.depths
-        self._has_alpha = of.has_alpha and (
-            any(part.is_alpha for part in held.components) or held.has_palette
-        )
-        self._there = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
-        self._numbers = (number for number in count(1) if number not in self._there)
-        self.notes = [f"{pattern}: {lost}" for lost in self._losses(kind, of, colour)]
+        self._has_alpha = of.has_alpha and (any(part.is_alpha for part in coded.components) or coded.has_palette)
+        self._existing = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
+        self._numbers = (number for number in count(1) if number not in self._existing)
+        self.notes = [f"{pattern}: {loss}" for loss in self._losses(kind, of, colour)]
         """Remarks on the images for the user, in sentences."""
 
-    def _losses(
-        self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None
-    ) -> Iterator[str]:
-        told = []
+    def _losses(self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None) -> Iterator[str]:
+        losses = []
         if kind.bits > 8 and not self._is_deep:
-            told.append(f"{kind.bits} bits become 8")
+            losses.append(f"{kind.bits} bits are reduced to 8")
         if kind.alpha and not of.has_alpha:
-            told.append("transparency is lost")
-        if told:
-            yield f"{', '.join(told)}; .png and .tif keep them"
+            losses.append("transparency is lost")
+        if losses:
+            yield f"{', '.join(losses)}; use .png or .tif"
         if colour is not None and colour.is_hdr:
-            yield "the picture is HDR, and pictures do not say so; a video keeps its tags"
+            yield "HDR tags are lost in images; write a video to keep them"
 
-    def lacking(self, items: Iterable[Item]) -> Iterator[Item]:
+    def missing_frames(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yield the frames of a video whose images do not exist yet."""
         number = 0
         for item in items:
             if isinstance(item, av.VideoFrame):
                 number += 1
-                if number not in self._there:
+                if number not in self._existing:
                     yield item
 
     def write(self, frame: av.VideoFrame) -> None:
@@ -404,21 +351,13 @@ class ImageSequenceWriter:
         MediaError
             The image cannot be written, for example because the disk is full.
         """
-        write_image(
-            numbered(self.pattern, next(self._numbers)),
-            self._picture(frame),
-            panorama=self._panorama,
-        )
+        write_image(numbered(self.pattern, next(self._numbers)), self._image(frame), panorama=self._panorama)
         self.frames_written += 1
 
-    def _picture(self, frame: av.VideoFrame) -> Image:
+    def _image(self, frame: av.VideoFrame) -> Image:
         if not self._is_deep:
-            return converted(
-                frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION
-            ).to_ndarray()
-        image: Image = converted(
-            frame, "rgba64le" if self._has_alpha else "rgb48le", interpolation=EXACT_CONVERSION
-        ).to_ndarray()
+            return converted(frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION).to_ndarray()
+        image: Image = converted(frame, "rgba64le" if self._has_alpha else "rgb48le", interpolation=EXACT_CONVERSION).to_ndarray()
         colours = image[..., :3]  # white of FFmpeg is 255/256
         np.minimum(colours, WHITE_16_BIT, out=colours)
         colours += colours >> 8
@@ -435,8 +374,8 @@ class ImageSequenceWriter:
         MediaError
             No image was written, and none existed before.
         """
-        if not self.frames_written and not self._there:
-            raise MediaError(f"no frame was written to {self.pattern}")
+        if not self.frames_written and not self._existing:
+            raise MediaError(f"cannot write {self.pattern}: there are no frames")
 
     def abort(self) -> None:
         """Stop; written images are complete and are kept."""
@@ -445,13 +384,11 @@ class ImageSequenceWriter:
 def is_image_output(name: str | Path) -> bool:
     """Return whether the name of an output is that of an image or an image sequence.
 
-    >>> is_of_pictures("out/f%04d.jpg"), is_of_pictures("f.png"), is_of_pictures("f%d.gif"), is_of_pictures("f%d.mp4")
-    (True, True, True, False)
+    >>> [is_image_output(name) for name in ("out/f%04d.jpg", "f.png", "f%d.gif", "f%d.mp4")]
+    [True, True, True, False]
     """
     suffix = Path(name).suffix.lower()
-    return suffix in SEQUENCE_SUFFIXES or (
-        bool(NUMBER_PATTERN.search(Path(name).name)) and suffix not in WRITABLE_VIDEO_SUFFIXES
-    )
+    return suffix in SEQUENCE_SUFFIXES or (bool(NUMBER_PATTERN.search(Path(name).name)) and suffix not in WRITABLE_VIDEO_SUFFIXES)
 
 
 def check_pattern(pattern: str | Path) -> Path:
@@ -463,21 +400,15 @@ def check_pattern(pattern: str | Path) -> Path:
         The pattern has no number or several, one without zero padding, or the suffix is unknown.
     """
     path = Path(pattern)
-    found = NUMBER_PATTERN.findall(path.name)
-    valid = "such as f%04d.png"
+    numbers = NUMBER_PATTERN.findall(path.name)
+    example = "such as f%04d.png"
     if path.suffix.lower() not in SEQUENCE_SUFFIXES:
-        raise MediaError(
-            f"cannot write {pattern}: numbered pictures are {', '.join(SEQUENCE_SUFFIXES)}"
-        )
-    if not found:
-        raise MediaError(f"cannot write {pattern}: a video becomes numbered pictures, {valid}")
-    if len(found) > 1 or "%" in NUMBER_PATTERN.sub("", str(pattern)):
-        raise MediaError(
-            f"cannot write {pattern}: the name takes one number and no other %, {valid}"
-        )
-    zero, width = found[0]
+        raise MediaError(f"cannot write {pattern}: the suffix of an image sequence must be one of {', '.join(SEQUENCE_SUFFIXES)}")
+    if not numbers:
+        raise MediaError(f"cannot write {pattern}: the name must contain a number, {example}")
+    if len(numbers) > 1 or "%" in NUMBER_PATTERN.sub("", str(pattern)):
+        raise MediaError(f"cannot write {pattern}: the name must contain one number and no other %, {example}")
+    zero, width = numbers[0]
     if width and (not zero or int(width) > 9):
-        raise MediaError(
-            f"cannot write {pattern}: a number has up to 9 digits and zeros before it, {valid}"
-        )
+        raise MediaError(f"cannot write {pattern}: the number must have at most 9 digits with leading zeros, {example}")
     return path

@@ -12,10 +12,18 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ..analysis.comparison import compare
-from ..base.arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
+from ..base.arguments import (
+    InvalidType,
+    file_name,
+    format_value,
+    integer,
+    number,
+    optional_number,
+    validate_arguments,
+)
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.escaping import file_stem
-from ..base.files import replacing
+from ..base.files import atomic_output
 from ..base.registry import Registry
 from ..design.requirement_check import judge
 from ..design.requirement_files import load_requirements
@@ -128,7 +136,7 @@ class Format:
     is_one_sheet: bool = False
 
 
-@checked
+@validate_arguments
 def export(
     sensor: Sensor,
     path: str | Path,
@@ -210,14 +218,14 @@ def export(
     """
     check_sensor(sensor)
     if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
-        raise WrongKind(
-            f"formats must be a list of names from {', '.join(FORMATS)}; got {shown(formats)}"
+        raise InvalidType(
+            f"formats must be a list of names from {', '.join(FORMATS)}; got {format_value(formats)}"
         )
     formats = None if formats is None else list(formats)
     path = file_name("path", path)
     digits, grid_points = (
-        whole("digits", digits, 0, 15),
-        whole("grid_points", grid_points, 3, 10_001),
+        integer("digits", digits, 0, 15),
+        integer("grid_points", grid_points, 3, 10_001),
     )
     chord_tolerance_um = number("chord_tolerance_um", chord_tolerance_um, above=0.0, unit="um")
     step_mm, step_deg = optional_number("step_mm", step_mm), optional_number("step_deg", step_deg)
@@ -256,7 +264,7 @@ def export(
             for target, what in targets.items()
         ]
         for target, file in temporary.items():
-            copyfile(file, stack.enter_context(replacing(target)))
+            copyfile(file, stack.enter_context(atomic_output(target)))
     return written
 
 
@@ -280,7 +288,7 @@ def _targets(
     for name in formats or ():
         if not isinstance(name, str) or name not in FORMATS:
             raise InvalidParameter(
-                f"formats must be names from {', '.join(FORMATS)}; got {shown(name)}"
+                f"formats must be names from {', '.join(FORMATS)}; got {format_value(name)}"
             )
     by_suffix = {suffix: name for name, f in FORMATS.items() for suffix in f.suffixes}
     suffix = path.suffix.lower()
@@ -415,10 +423,10 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
         )
     (drawing,) = plan.drawn
     write_drawing(path, drawing, plan.page)
-    shown = (
+    description = (
         "drawing" if path.suffix.lower() == ".pdf" else f"drawing of the {drawing.names[plan.page]}"
     )
-    return Content(f"{shown}, {plan.sheet}, {scale_words(drawing.scales[plan.page])}", None)
+    return Content(f"{description}, {plan.sheet}, {scale_words(drawing.scales[plan.page])}", None)
 
 
 def _tool_path(plan: Plan, part: Part, path: Path) -> Content:
@@ -446,7 +454,9 @@ BUILT_IN_FORMATS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, Format):
-        raise WrongKind(f"kind must be an omnimirror.manufacturing.Format; got {shown(kind)}")
+        raise InvalidType(
+            f"kind must be an omnimirror.manufacturing.Format; got {format_value(kind)}"
+        )
     if taken := [s for s in kind.suffixes for f in BUILT_IN_FORMATS.values() if s in f.suffixes]:
         raise InvalidParameter(f"suffixes must not belong to another format; got {taken[0]}")
 

@@ -8,7 +8,7 @@ from datetime import date as calendar_date
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from ..base.arguments import check_fields, checked, file_name, shown
+from ..base.arguments import check_fields, file_name, format_value, validate_arguments
 from ..base.errors import InvalidParameter, SpecError
 from ..base.files import parse_toml, read_text
 from ..base.parameters import Parameter
@@ -34,7 +34,7 @@ class _Sheeted:
             words = getattr(self, name)
             if len(words) > room or not words.isprintable():
                 raise InvalidParameter(
-                    f"{name} must be printable text of at most {room} characters; got {shown(words)}"
+                    f"{name} must be printable text of at most {room} characters; got {format_value(words)}"
                 )
 
 
@@ -247,7 +247,7 @@ TABLES: dict[str, type[Any]] = {
 }
 
 
-@checked
+@validate_arguments
 def load_workshop(path: str | Path) -> Workshop:
     """Read a workshop file.
 

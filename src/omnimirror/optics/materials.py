@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import choice, number, shown
+from ..base.arguments import choice, format_value, number
 from ..base.errors import InvalidParameter, SpecError
 from ..base.files import read_text
 from ..base.typing import Array
@@ -316,7 +316,7 @@ def _metal_index(reflectivity: Reflectivity) -> float | complex:
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
             raise InvalidParameter(
-                f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}"
+                f"reflectivity = {format_value(reflectivity)} is not known; valid are {', '.join(METALS)}"
             )
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):

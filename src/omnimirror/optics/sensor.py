@@ -10,14 +10,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import finite, instance, numbers, places, shown, vectors
+from ..base.arguments import finite, format_value, instance, numbers, positions, vectors
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from ..base.notebook_card import Line, card, field_range, line_drawing, origin
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Projection, Rays, inside_image
-from ..cameras.frames import Mount, turned
+from ..cameras.frames import Mount, rotate_vectors
 from .housing import Housing
 from .image_sensor import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective
@@ -111,9 +111,9 @@ class Sensor:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):
             instance(name, getattr(self, name), kind, f"one of omnimirror's {name}s")
         instance("housing", self.housing, Housing, "a Housing of omnimirror.optics.housing")
-        if numbers("mirror_distance_mm", self.mirror_distance_mm, "(it takes one)").ndim:
+        if numbers("mirror_distance_mm", self.mirror_distance_mm, "a number").ndim:
             raise InvalidParameter(
-                f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number"
+                f"mirror_distance_mm = {format_value(self.mirror_distance_mm)} is not one number"
             )
         if self.lens.TELECENTRIC:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
@@ -455,12 +455,12 @@ class Sensor:
         return clear_field_deg(self.field_deg, self.obscured)
 
     @property
-    def hidden_to_deg(self) -> float:
+    def obscured_to_deg(self) -> float:
         """Upper field angle, degrees, of the obscured centre, or of the field's start."""
         return self.clear_field_deg[0]
 
     @property
-    def hidden_percent(self) -> float:
+    def obscured_percent(self) -> float:
         """Obscured fraction of the area of the image circle, %."""
         return sum(ring.picture_percent for ring in self.obscured)
 
@@ -546,7 +546,7 @@ class Sensor:
         return -self._axes[:, 2]
 
     @property
-    def is_picture_reversed(self) -> bool:
+    def is_image_reversed(self) -> bool:
         """True if the raw image is mirrored: text is reversed and markers are not detected.
 
         A second reflection restores the orientation.
@@ -602,8 +602,8 @@ class Sensor:
         s, (x, z) = np.sin(rays.omega), rays.last
         z = z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
-        origins[valid] = turned(np.stack([x * cos, x * sin, z], axis=-1), rotation)
-        directions[valid] = turned(
+        origins[valid] = rotate_vectors(np.stack([x * cos, x * sin, z], axis=-1), rotation)
+        directions[valid] = rotate_vectors(
             np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation
         )
         return Rays(origins, directions, valid)
@@ -626,7 +626,7 @@ class Sensor:
         InvalidParameter
             If the points have another shape.
         """
-        points = turned(vectors("points_mm", points_mm, 3), self._axes)
+        points = rotate_vectors(vectors("points_mm", points_mm, 3), self._axes)
         if not self.is_axial:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
@@ -653,7 +653,7 @@ class Sensor:
         InvalidParameter
             If the directions have another shape.
         """
-        towards = turned(vectors("directions", directions, 3), self._axes)
+        towards = rotate_vectors(vectors("directions", directions, 3), self._axes)
         if not self.is_axial:
             return self._project_in_space(towards, distant=True)
         x, y, z = np.moveaxis(towards, -1, 0)
@@ -726,7 +726,7 @@ class Sensor:
         InvalidParameter
             If the pixels or pupil points have another shape.
         """
-        pixels, pupil = vectors("pixels", pixels, 2), places("pupil", pupil)
+        pixels, pupil = vectors("pixels", pixels, 2), positions("pupil", pupil)
         _check_pupil(pupil, pixels)
         flat, depth = self.image_plane.flat_mm(pixels)
         origins, directions = self.optical_train.rays_of_image(flat, pupil)
@@ -793,8 +793,8 @@ class Sensor:
             self.optical_train.passes_lens(start, towards) if pupil.any() else True
         )
         rotation = self._axes.T
-        origins[valid] = turned(found.points, rotation)
-        directions[valid] = turned(found.directions, rotation)
+        origins[valid] = rotate_vectors(found.points, rotation)
+        directions[valid] = rotate_vectors(found.directions, rotation)
         valid[valid] = passes
         shape = pixels.shape[:-1]
         return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))
@@ -944,7 +944,7 @@ def _field_properties(sensor: Sensor) -> dict[str, str]:
         "Resolution": f"{rate.min():.3g} to {rate.max():.3g} px/° radial",
     }
     return (
-        {**properties, "Obscuration": f"{sensor.hidden_percent:.3g} % of the image"}
+        {**properties, "Obscuration": f"{sensor.obscured_percent:.3g} % of the image"}
         if sensor.obscured
         else properties
     )

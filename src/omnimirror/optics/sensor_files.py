@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, create_model
 
-from ..base.arguments import checked, file_name, instance, shown
+from ..base.arguments import file_name, format_value, instance, validate_arguments
 from ..base.errors import OmnimirrorError, SpecError
 from ..base.escaping import line_comment
 from ..base.files import parse_toml, read_text, write_text
@@ -139,7 +139,7 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
     )
 
 
-@checked
+@validate_arguments
 def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = None) -> Sensor:
     """Parse a Sensor from the text of a sensor file.
 
@@ -260,12 +260,12 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
 def mount_table(mount: Mount) -> dict[str, Any]:
     """Return the table [mount], without pitch and roll if they are 0."""
     table = dataclasses.asdict(mount)
-    if not mount.leans:
+    if not mount.is_tilted:
         del table["pitch_deg"], table["roll_deg"]
     return table
 
 
-@checked
+@validate_arguments
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
     """Write the sensor's file atomically.
 
@@ -434,7 +434,8 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
             )
         if not isinstance(part, dict):
             raise where.error(
-                ("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]"
+                ("housing", name),
+                f"housing.{name} = {format_value(part)} is not a table [housing.{name}]",
             )
     if len(shells := [name for name in SHELLS if name in table]) > 1:
         raise where.error(
@@ -521,7 +522,7 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     return load_ocam(path) if is_ocam_text(text) else parse_camera(text, str(path), path.parent)
 
 
-@checked
+@validate_arguments
 def parse_camera(text: str, source: str = "camera file", folder: Path | None = None) -> AnyCamera:
     """Parse a camera from the text of its file; see :func:`load_camera`.
 

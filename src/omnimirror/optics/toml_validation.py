@@ -18,8 +18,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from ..base.arguments import shown
-from ..base.errors import OmnimirrorError, SpecError, shortened
+from ..base.arguments import format_value
+from ..base.errors import OmnimirrorError, SpecError, abbreviate
 from ..base.parameters import Parameter
 from ..cameras.frames import CameraLooks
 
@@ -119,7 +119,7 @@ class SourceLocator:
     """Locator of entries in a file; formats errors as ``file line n: ...``."""
 
     def __init__(self, text: str, source: str) -> None:
-        self.source = shortened(source)
+        self.source = abbreviate(source)
         self.entries = list(_entries(text))
 
     def line(self, path: tuple[str, ...]) -> int | None:
@@ -178,13 +178,13 @@ def check_entries(
     """Check that entries outside tables are known, of the right type and of this file format."""
     for key, value in data.items():
         if key not in known:
-            name = shown(key)[1:-1]
+            name = format_value(key)[1:-1]
             raise where.error(
                 (key,),
                 f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}",
             )
         if not isinstance(value, known[key]) or isinstance(value, bool):
-            raise where.error((key,), f"{key} = {shown(value)} is not {NOUNS[known[key]]}")
+            raise where.error((key,), f"{key} = {format_value(value)} is not {NOUNS[known[key]]}")
     if (found := data.get("format", file_format)) != file_format:
         raise where.error(
             ("format",), f"format = {found} is not known to this version, which reads {file_format}"
@@ -215,10 +215,10 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
                 f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
             )
         case "literal_error":
-            return f"{name} = {shown(value)} is not one of {problem['ctx']['expected']}"
+            return f"{name} = {format_value(value)} is not one of {problem['ctx']['expected']}"
         case _:
             wanted = problem["msg"].replace("Input should be", "it should be")
-            return f"{name}{index} = {shown(value)}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
+            return f"{name}{index} = {format_value(value)}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
 
 
 def _describe(model: type[Table], name: str) -> str:
@@ -242,6 +242,6 @@ def class_of(
         hint = did_you_mean(str(kind), registry)
         raise where.error(
             (section, "kind"),
-            f"{section}.kind = {shown(kind)} is not known{hint}; valid are {', '.join(registry)}",
+            f"{section}.kind = {format_value(kind)} is not known{hint}; valid are {', '.join(registry)}",
         )
     return registry[kind]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..base.colour import Light
 from ..base.native import backend
 from ..base.typing import Array
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..optics.lenses import Lens, Orthographic, Perspective
 from ..optics.lenses.distortion import fold
 from ..optics.mirrors import Mirror
@@ -241,7 +241,7 @@ def compiled_light(
         return _of_environment(sensor, placed.scene, placed, plan, radiometry, progress, medium)
     # Rays past the mirror have arbitrary origins
     if isinstance(placed.scene, PaintedScene) and not radiometry.sees_past:
-        starts = turned(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
+        starts = rotate_vectors(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
         starts = np.where(placed.distant, placed.shift_mm, starts)
         margin = 0.0 if placed.distant else BESIDE * sensor.mirror.rim_radius_mm
         surroundings = placed.scene.surroundings_from(

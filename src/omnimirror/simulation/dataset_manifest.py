@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..base.errors import InvalidParameter, MediaError
-from ..base.files import LARGEST_TEXT, parse_json, read_bytes, write_text
+from ..base.files import MAX_TEXT_BYTES, parse_json, read_bytes, write_text
 from ..io.keyframes import Keyframes
 from ..optics.sensor import Sensor
 from ..optics.sensor_files import AnyCamera, format_camera, parse_camera
@@ -131,7 +131,7 @@ def _remove_leftovers(folder: Path) -> None:
 
 def _description(folder: Path) -> dict[str, Any] | None:
     try:
-        found = parse_json(read_bytes(folder / DESCRIPTION, 16 * LARGEST_TEXT))
+        found = parse_json(read_bytes(folder / DESCRIPTION, 16 * MAX_TEXT_BYTES))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as e:
@@ -283,7 +283,7 @@ def load_recipe(path: str | Path) -> StoredRecipe:
 def _record_in(path: str | Path) -> dict[str, Any]:
     """Read the recipe in a dataset.json of this format as JSON data."""
     try:
-        data = parse_json(read_bytes(path, 16 * LARGEST_TEXT))
+        data = parse_json(read_bytes(path, 16 * MAX_TEXT_BYTES))
         record = data["recipe"]
         kind, told = record["kind"], data.get("format")
     except OSError as e:

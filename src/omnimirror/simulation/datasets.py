@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..base.arguments import checked, file_name, whole
+from ..base.arguments import file_name, integer, validate_arguments
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.escaping import markdown_text, yaml_string
-from ..base.files import replacing, write_text
+from ..base.files import atomic_output, write_text
 from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..io import read_image, write_image
@@ -72,7 +72,7 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     """
     if not 1 <= count <= MOST_VIEWS:
         raise InvalidParameter(f"views = {count} is outside 1 to {MOST_VIEWS}")
-    chance = np.random.default_rng(whole("seed", seed))
+    chance = np.random.default_rng(integer("seed", seed))
     places = POSITION_RANGE_MM * chance.uniform(-1, 1, (count - 1, 3))
     turns = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
     return [
@@ -102,7 +102,7 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
     return found
 
 
-@checked
+@validate_arguments
 def write_calibration_set(
     sensor: AnyCamera,
     folder: str | Path,
@@ -221,7 +221,7 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
     yield folder / DESCRIPTION
 
 
-@checked
+@validate_arguments
 def write_video_set(
     sensor: AnyCamera,
     scene: Scene | SceneSource,
@@ -398,7 +398,7 @@ def write_truth(
     from ..io.exr import write_channels
 
     truth = ground_truth(sensor, scene, radiometry)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         write_channels(temporary, truth.channels(light))
 
 
@@ -445,7 +445,7 @@ def _lists(corners: dict[str, Array]) -> dict[str, Any]:
 CARD = "README.md"
 
 
-@checked
+@validate_arguments
 def write_learning_set(
     camera: AnyCamera,
     scene: Scene,
@@ -512,7 +512,7 @@ def write_learning_set(
     ...     [shard.name for shard in shards]
     ['set-000000.tar']
     """
-    folder, per_shard = file_name("folder", folder), whole("per_shard", per_shard, 1, 1_000_000)
+    folder, per_shard = file_name("folder", folder), integer("per_shard", per_shard, 1, 1_000_000)
     times = frame_times(path, frame_rate, duration_s)
     if (folder / CARD).exists():
         raise InvalidParameter(
@@ -555,7 +555,7 @@ def write_learning_set(
 def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
     """Write a tar file that is reproducible byte by byte."""
     with (
-        replacing(path) as temporary,
+        atomic_output(path) as temporary,
         tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard,
     ):
         for number, files in samples:

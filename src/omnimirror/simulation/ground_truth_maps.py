@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import checked
+from ..base.arguments import validate_arguments
 from ..base.colour import Light
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
@@ -64,7 +64,7 @@ class Truth(NamedTuple):
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
 
 
-@checked
+@validate_arguments
 def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
     """Return the ground truth of each pixel centre by its chief ray.
 
@@ -101,15 +101,10 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
         pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
         seen = sights(camera, pixels, radiometry)
         band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
-        origins[band], directions[band] = (
-            seen.origins.reshape(*shape, 3),
-            seen.directions.reshape(*shape, 3),
-        )
+        origins[band], directions[band] = (seen.origins.reshape(*shape, 3), seen.directions.reshape(*shape, 3))
         hidden[band] = seen.hidden.reshape(shape)
         valid = seen.valid
-        depth[band][valid.reshape(shape)] = distances_mm(
-            scene, seen.origins[valid], seen.directions[valid]
-        )
+        depth[band][valid.reshape(shape)] = distances_mm(scene, seen.origins[valid], seen.directions[valid])
     return Truth(origins, directions, depth, hidden)
 
 
@@ -146,9 +141,7 @@ class LearningTruth(NamedTuple):
     """Mask (h, w) of points that are not occluded in the next frame."""
 
 
-def learning_truth(
-    camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None
-) -> LearningTruth:
+def learning_truth(camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None) -> LearningTruth:
     """Return the ground truth of a frame, and its flow to the following one.
 
     Normals are those of the plane through three points on adjacent rays, on the sides without an
@@ -157,11 +150,7 @@ def learning_truth(
     truth = ground_truth(camera, now.seen, radiometry)
     shape = truth.depth_mm.shape
     valid = np.isfinite(truth.directions[..., 0])
-    origins, towards, depth = (
-        truth.origins_mm[valid],
-        truth.directions[valid],
-        truth.depth_mm[valid],
-    )
+    origins, towards, depth = (truth.origins_mm[valid], truth.directions[valid], truth.depth_mm[valid])
     normals, flow = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
     labels, again = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
     normals[valid] = _normals(now.seen, origins, towards, depth)
@@ -180,9 +169,7 @@ def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) ->
     helper = np.eye(3)[np.abs(towards).argmin(axis=1)]
     across = np.cross(towards, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    one, other = (
-        _along(scene, origins, towards, depth, axis) for axis in (across, np.cross(towards, across))
-    )
+    one, other = (_along(scene, origins, towards, depth, axis) for axis in (across, np.cross(towards, across)))
     normal: Array = np.cross(one, other)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal *= -np.sign(np.einsum("ni,ni->n", normal, towards))[:, None]
@@ -213,13 +200,7 @@ def _reach(scene: PosedScene, origins: Array, towards: Array) -> Array:
     return reach
 
 
-def _moved(
-    camera: Camera,
-    now: Moment,
-    following: Moment,
-    seen: tuple[Array, Array, Array, NDArray[np.int64]],
-    radiometry: Radiometry | None,
-) -> tuple[Array, Mask]:
+def _moved(camera: Camera, now: Moment, following: Moment, seen: tuple[Array, Array, Array, NDArray[np.int64]], radiometry: Radiometry | None) -> tuple[Array, Mask]:
     """Return pixels (n, 2) of the visible points in the following frame, and their visibility."""
     origins, towards, depth, labels = seen
     far = np.isinf(depth)
@@ -241,9 +222,7 @@ def _moved(
         ok = there.valid
         ends[ok] = distances_mm(following.seen, there.origins[ok], there.directions[ok])
         wanted = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - there.origins, axis=1))
-        same = (ends == wanted) | (
-            np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted
-        )
+        same = (ends == wanted) | (np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted)
     again[valid] = ok & ~there.hidden & same
     pixels[~valid] = np.nan
     return pixels, again

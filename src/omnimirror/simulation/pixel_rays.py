@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import numbers, shown
+from ..base.arguments import format_value, numbers
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera, Projection, inside_image
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.shell_transmission import ShellTransit, passage
@@ -66,14 +66,16 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
     for name, value in (("samples", samples), ("seed", seed)):
-        if numbers(name, value, "(it takes one)").ndim:
-            raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
+        if numbers(name, value, "a number").ndim:
+            raise InvalidParameter(f"{name} = {format_value(value)} is not one whole number")
     if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
         raise InvalidParameter(
-            f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
+            f"samples = {format_value(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
         )
     if not (0 <= seed < 1 << 32 and int(seed) == seed):
-        raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")
+        raise InvalidParameter(
+            f"seed = {format_value(seed)} is not a whole number from 0 to {2**32 - 1}"
+        )
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:
@@ -221,14 +223,14 @@ class ThroughShell:
             If a ray starts outside.
         """
         turn = self.sensor.mount.rotation()
-        points, towards = (turned(v, turn) for v in (origins_mm, directions))
+        points, towards = (rotate_vectors(v, turn) for v in (origins_mm, directions))
         light = np.zeros(points.shape)
         left = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
         points, towards, share = points[left], towards[left], np.ones(len(left))
         for _ in range(1 + MAX_GHOST_ORDER):
             left_by = passage(self.shell, points, towards)
             seen = self.scene.radiance(
-                turned(left_by.points, turn.T), turned(left_by.directions, turn.T)
+                rotate_vectors(left_by.points, turn.T), rotate_vectors(left_by.directions, turn.T)
             )
             light[left] += (share * left_by.passed)[:, None] * seen
             ghosts = self._ghosts(left_by)
@@ -354,7 +356,7 @@ def mirror_net(sensor: Sensor) -> Array:
     points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
     # A lens that views it via a second mirror has the opposite direction
     points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])
-    return turned(points, rotation.T).reshape(*across.shape[:2], 3)
+    return rotate_vectors(points, rotation.T).reshape(*across.shape[:2], 3)
 
 
 def check_clear(sensor: Sensor, scene: Scene) -> None:
@@ -448,7 +450,9 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
-    return PixelRays(turned(points, rotation), turned(directions, rotation), valid, hidden)
+    return PixelRays(
+        rotate_vectors(points, rotation), rotate_vectors(directions, rotation), valid, hidden
+    )
 
 
 def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.operating_conditions import at_wavelength
-from ..base.arguments import checked, finite, instance, whole
-from ..base.colour import Light, Picture, srgb_bytes
+from ..base.arguments import finite, instance, integer, validate_arguments
+from ..base.colour import Light, SrgbImage, srgb_bytes
 from ..base.errors import InvalidParameter
 from ..base.native import backend
 from ..cameras.camera import Camera
-from ..cameras.frames import turned
+from ..cameras.frames import rotate_vectors
 from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
@@ -61,7 +61,7 @@ class Bundle(NamedTuple):
     """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
 
 
-@checked
+@validate_arguments
 def expose(
     camera: Camera,
     scene: Scene,
@@ -163,7 +163,7 @@ def exposed(
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     instance("scene", scene, Scene, "a scene, such as om.Room()")
     _check_size(camera)
-    workers = None if workers is None else whole("workers", workers, 1)
+    workers = None if workers is None else integer("workers", workers, 1)
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
@@ -337,8 +337,8 @@ def _trace_sensor(
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(
-        turned(points, rotation).reshape(*shape, 3),
-        turned(directions, rotation).reshape(*shape, 3),
+        rotate_vectors(points, rotation).reshape(*shape, 3),
+        rotate_vectors(directions, rotation).reshape(*shape, 3),
         weight.reshape(shape),
         fate.reshape(shape),
     )
@@ -366,7 +366,7 @@ def take_picture(
     progress: Progress | None = None,
     workers: int | None = None,
     low_pass: bool = False,
-) -> Picture:
+) -> SrgbImage:
     """Render the image (rows, columns, 3), uint8 sRGB in RGB order, of a scene captured by a
     camera.
 
@@ -481,8 +481,8 @@ def _low_passed(light: Light) -> Light:
     return np.ascontiguousarray(light, np.float32)
 
 
-@checked
-def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Picture:
+@validate_arguments
+def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> SrgbImage:
     """Render the image of an ideal camera at the world origin: the reference for dewarped images.
 
     Parameters
@@ -535,7 +535,7 @@ def _check_samples(samples: int) -> None:
         )
 
 
-def _develop(light: Light, samples: int) -> Picture:
+def _develop(light: Light, samples: int) -> SrgbImage:
     """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
     return srgb_bytes(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.viewpoints import best_viewpoint, viewpoint_angle_error
-from ..base.arguments import checked
+from ..base.arguments import validate_arguments
 from ..base.colour import srgb_from_linear
 from ..base.errors import OutsideField
 from ..base.typing import Array
@@ -68,7 +68,7 @@ class RoundTrip:
         return float(1 - 10 ** ((self.blurred_db - self.exact_db) / 10))
 
 
-@checked
+@validate_arguments
 def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> RoundTrip:
     """Simulate the wall of the room at 800 mm, dewarp it with four methods, and compare each with a
     pinhole image.

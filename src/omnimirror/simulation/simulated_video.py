@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import checked, number
+from ..base.arguments import number, validate_arguments
 from ..base.colour import Light
 from ..base.errors import InvalidParameter, MediaError
 from ..cameras.camera import Camera
@@ -26,7 +26,7 @@ MOST_FRAMES = 100_000
 MIN_FRAME_RATE = 1e-3  # frames per second
 
 
-@checked
+@validate_arguments
 def load_path(path: str | Path) -> Keyframes:
     """Read poses over time from a CSV or TOML file with ``time_s`` and any of ``x_mm``, ``y_mm``, ``pan_deg``, ...
 
@@ -129,7 +129,7 @@ class VideoFrame(NamedTuple):
     """Linear light (h, w, 3)."""
 
 
-@checked
+@validate_arguments
 def write_video(
     camera: Camera,
     scene: Scene,

@@ -99,6 +99,6 @@ def test_missing_opencv_raises_with_remedy(statement, place):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
     assert run.returncode == 1
     last = run.stderr.strip().splitlines()[-1]
-    assert "OpenCV cannot be imported" in last
+    assert "cannot import OpenCV" in last
     assert last.endswith("pip install --force-reinstall --no-deps opencv-python-headless")
     assert "should not have happened" not in run.stderr

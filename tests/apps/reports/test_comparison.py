@@ -139,7 +139,7 @@ def test_from_the_command_line(tmp_path):
         "compare", "paper-spherical", "folded-spherical", "--csv", "c.csv", cwd=tmp_path
     )
     assert run.returncode == 0
-    assert "Length, lens to far end" in run.stdout
+    assert "Length from the lens" in run.stdout
     assert "112.1 *" in run.stdout
     assert (
         (tmp_path / "c.csv").read_text().startswith("quantity,paper-spherical,folded-spherical\n")

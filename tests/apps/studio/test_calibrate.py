@@ -146,7 +146,7 @@ def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
         (
             BLANK,
             {"columns": 1},
-            "columns = 1 is not valid; it is valid as a whole number, 2 to 200",
+            "columns must be an integer between 2 and 200; got 1",
         ),
         (
             BLANK,

@@ -18,7 +18,7 @@ from omnimirror.apps.studio import _http_messages
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import api, create_app
 from omnimirror.apps.studio.bench_messages import Trouble
-from omnimirror.base.files import MOST_NESTED
+from omnimirror.base.files import MAX_NESTING
 from omnimirror.interop.http_server import request_bodies
 from omnimirror.optics.sensor_files import tables_of
 from tests.everyday import few
@@ -366,7 +366,7 @@ def nested(levels: int) -> str:
         '"Größe 🪞"',
         '{"a": [1, -2.5, true, {"b": null}]}',
         f"[{2**63 - 1}, {-(2**63)}, 1e308]",
-        nested(MOST_NESTED),
+        nested(MAX_NESTING),
     ],
 )
 def test_json_is_parsed_as_python_parses_it(text):
@@ -383,8 +383,8 @@ def test_json_is_parsed_as_python_parses_it(text):
         (b"\xff", "the body must be JSON in UTF-8"),
         (b'{"a": }', "the body must be JSON: Expecting value at character 6"),
         (b"", "the body must be JSON: Expecting value at character 0"),
-        (nested(MOST_NESTED + 1), f"the body must have at most {MOST_NESTED} nested levels"),
-        (nested(200_000), f"the body must have at most {MOST_NESTED} nested levels"),
+        (nested(MAX_NESTING + 1), f"the body must have at most {MAX_NESTING} nested levels"),
+        (nested(200_000), f"the body must have at most {MAX_NESTING} nested levels"),
         ("9" * 5000, "the body must hold integers of at most 64 bits"),
         (f'{{"a": [{2**63}]}}', f"the body must hold integers of at most 64 bits; got {2**63}"),
         (

@@ -254,7 +254,7 @@ def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
 
 @pytest.mark.full
 def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_path):
-    transport = make_video(tmp_path / "a.ts", 100, with_sound=False).read_bytes()
+    transport = make_video(tmp_path / "a.ts", 100, with_audio=False).read_bytes()
     half = transport[: len(transport) // 2]
     with (
         streaming(

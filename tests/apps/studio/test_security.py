@@ -897,4 +897,4 @@ def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
             told = page.receive_json()
             while told["state"] != "ended":
                 told = page.receive_json()
-    assert told["sentence"].startswith(f"nothing has come from {address} for")
+    assert told["sentence"].startswith(f"no frame from {address} for")

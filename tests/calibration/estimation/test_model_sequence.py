@@ -47,6 +47,6 @@ def test_what_lies_past_the_end_of_a_field_is_shown_at_its_end_and_nothing_jumps
     end = camera.model_end
     inside, outside = ([[np.sin(end + d), 0.0, -np.cos(end + d)]] for d in (-1e-6, 0.2))
     assert not camera.image(outside).valid.any()
-    shown = camera.image_to_the_end(outside)
+    shown = camera.image_clamped(outside)
     assert shown.pixels[0] == pytest.approx(camera.image(inside).pixels[0], abs=1e-3)
     assert shown.d_points[0, 0, 2] == 0.0  # constant farther out

@@ -32,6 +32,6 @@ def seen(camera, most_deg=180.0):
     _, directions, valid = camera.backproject(pixels)
     turned = directions[valid] @ camera.mount.rotation()
     reversed_x = -1 if camera.mount.image_flipped else 1
-    points = turned * [reversed_x, 1, -1 if camera.looks_back else 1]
+    points = turned * [reversed_x, 1, -1 if camera.is_backward_facing else 1]
     near = points[:, 2] > np.cos(np.radians(most_deg))
     return pixels[valid][near], points[near] * np.linspace(500, 3000, near.sum())[:, None]

@@ -392,5 +392,5 @@ def test_flipping_a_camera_mirrors_its_pixels(camera):
     expected = pixels[valid] * [-1, 1] + [SIZE[0] - 1, 0]
     np.testing.assert_allclose(mirrored.pixels, expected, atol=1e-9, rtol=0)
     assert flipped(flipped(camera)) == camera
-    assert flipped(camera).is_picture_reversed != camera.is_picture_reversed
+    assert flipped(camera).is_image_reversed != camera.is_image_reversed
     assert Mount() == camera.mount

@@ -171,8 +171,14 @@ def test_four_coefficients_without_a_model_are_ambiguous(tmp_path):
             "<!DOCTYPE a [<!ENTITY b 'cc'>]><opencv_storage><xi>&b;</xi></opencv_storage>",
             "must not declare",
         ),
-        ("<opencv_storage>\n<xi>1</opencv_storage>", r"line 2 is not valid XML: mismatched tag"),
-        ("<a>" * 100 + "</a>" * 100, "must not be nested more than 32 levels"),
+        (
+            "<opencv_storage>\n<xi>1</opencv_storage>",
+            r"a\.xml line 2 must be valid XML: mismatched tag",
+        ),
+        (
+            "<a>" * 100 + "</a>" * 100,
+            r"a\.xml: tables and lists must be nested at most 32 levels deep",
+        ),
         ("<a><xi>1</xi><xi>2</xi></a>", "xi stands in the file a second time"),
     ],
 )
@@ -184,7 +190,7 @@ def test_wrong_xml_is_refused(tmp_path, text, message):
 def test_damaged_gzip_is_refused(tmp_path):
     for i, data in enumerate((gzip.compress(QUOTED.encode())[:-9], b"\x1f\x8b" + b"x" * 40)):
         (tmp_path / f"{i}.yml.gz").write_bytes(data)
-        with pytest.raises(SpecError, match=r"damaged|cut short"):
+        with pytest.raises(SpecError, match=r"damaged|truncated"):
             read(tmp_path / f"{i}.yml.gz")
 
 
@@ -519,11 +525,11 @@ def test_a_consistent_file_has_no_notes(tmp_path):
         ({"inverse_scale": 0.7}, r"inverse polynomial .* up to 115 px"),
         (
             {"centre": "515.32 382.29"},
-            r"centre \(382\.3, 515\.3\) lies 185 px from the middle .* swapped it lies 4",
+            r"centre \(382\.3, 515\.3\) is 185 px from the centre .* 4[.\d]* px with swapped",
         ),
         (
             {"size": "1024 768"},
-            r"centre \(515\.3, 382\.3\) lies 185 px from the middle .* swapped it lies 4",
+            r"centre \(515\.3, 382\.3\) is 185 px from the centre .* 4[.\d]* px with swapped",
         ),
         (
             {"affine": "0.884 0 0"},
@@ -533,7 +539,7 @@ def test_a_consistent_file_has_no_notes(tmp_path):
             {"affine": "1 0.2 0"},
             r"stretched by 22\.1 %",
         ),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
-        ({"centre": "-50 515"}, r"centre \(515, -50\) lies outside the image"),
+        ({"centre": "-50 515"}, r"centre \(515, -50\) is outside the"),
     ],
 )
 def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magnitude):

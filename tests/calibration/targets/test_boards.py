@@ -33,10 +33,10 @@ def test_corners_of_an_april_grid_are_kalibrs():
     [
         (
             {"kind": "chess"},
-            "kind = 'chess' is not known; valid are chessboard, charuco, aprilgrid",
+            "kind must be one of chessboard, charuco, aprilgrid; got 'chess'",
         ),
-        ({"columns": 1}, "columns = 1 is not valid"),
-        ({"square_mm": 0}, "square_mm = 0 is not valid"),
+        ({"columns": 1}, "columns must be an integer between 2 and 200; got 1"),
+        ({"square_mm": 0}, "square_mm must be greater than 0 mm and finite; got 0"),
         ({"kind": "charuco", "marker_mm": 31.0}, "it is valid below square_mm = 30"),
         ({"marker_mm": 10.0}, "marker_mm belongs to boards of kind charuco"),
         (

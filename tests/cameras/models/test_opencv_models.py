@@ -11,7 +11,7 @@ CAMERA = KannalaBrandt((300.0, 310.0), (322.0, 237.0), (640, 480), *COEFFICIENTS
 MATRIX = np.array([[300.0, 0.0, 322.0], [0.0, 310.0, 237.0], [0.0, 0.0, 1.0]])
 
 
-def test_pixels_and_derivatives_are_opencvs():
+def test_pixels_and_derivatives_equal_opencv():
     """Points in front of the camera; OpenCV has no projection beyond 90 deg."""
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-300, 300, (400, 2)), rng.uniform(20, 200, 400)])
@@ -40,7 +40,7 @@ def test_pixels_and_derivatives_are_opencvs():
     np.testing.assert_allclose(found.d_points, expected[:, :, 11:14], rtol=1e-8, atol=1e-8)
 
 
-def test_it_goes_on_behind_the_camera():
+def test_projection_continues_behind_camera():
     """Radii of r = Omega (1 + ...), up to 180 deg."""
     omega = np.radians([100.0, 130.0, 170.0])
     camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=0.01)
@@ -51,7 +51,7 @@ def test_it_goes_on_behind_the_camera():
     assert np.degrees(camera.model_end) == pytest.approx(180.0)
 
 
-def test_it_ends_where_the_polynomial_turns_back():
+def test_projection_ends_at_polynomial_maximum():
     """1 - 3 k Omega^2 = 0.01 of r = Omega - k Omega^3."""
     camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=-0.2)
     assert camera.model_end == pytest.approx(np.sqrt(0.99 / 0.6), rel=1e-12)

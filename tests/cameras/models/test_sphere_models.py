@@ -84,7 +84,7 @@ CASES = {
 
 @pytest.mark.parametrize(("model", "paper", "omega_max"), CASES.values(), ids=CASES)
 @pytest.mark.parametrize("optics", ["mirror", "fisheye"])
-def test_pixels_are_those_of_the_papers(model, paper, omega_max, optics):
+def test_pixels_equal_papers(model, paper, omega_max, optics):
     """Frames of the papers look ahead; that of a mirror looks back and is not a rotation of the
     camera frame."""
     camera, points = model(optics), directions_within(omega_max)
@@ -93,7 +93,7 @@ def test_pixels_are_those_of_the_papers(model, paper, omega_max, optics):
     np.testing.assert_allclose(found.pixels, paper(points), rtol=1e-11, atol=1e-9)
 
 
-def test_a_paraboloid_seen_from_afar_is_the_unified_sphere_at_one():
+def test_distant_paraboloid_equals_unified_model():
     """Reflection on ``z = (x^2 - p^2) / 2p`` about its focus: r = p tan(Omega / 2) exactly."""
     p, x = 30.0, np.linspace(0, 60, 40)
     towards_focus = np.stack(
@@ -104,7 +104,7 @@ def test_a_paraboloid_seen_from_afar_is_the_unified_sphere_at_one():
     np.testing.assert_allclose(found.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
 
 
-def test_the_sphere_of_the_sensor_that_is_one():
+def test_hyperboloid_sensor_equals_unified_model():
     """A hyperboloid observed from its second focus, by its rays: focal distance and eccentricity
     determine xi."""
     sensor = om.load_sensor("paper-hyperboloidal")
@@ -113,7 +113,7 @@ def test_the_sphere_of_the_sensor_that_is_one():
     radius = symmetry.radius_px(omega)
     e = np.sqrt(-sensor.mirror.conic)
     xi = 2 * e / (1 + e * e)
-    shape = Unified(xi, (1.0, 1.0), (0.0, 0.0), (2, 2))._law_radius(omega)
+    shape = Unified(xi, (1.0, 1.0), (0.0, 0.0), (2, 2))._projected_radius(omega)
     np.testing.assert_allclose(radius / shape, radius[-1] / shape[-1], rtol=2e-3)
 
 
@@ -134,7 +134,7 @@ def test_the_sphere_of_the_sensor_that_is_one():
         (DoubleSphere(0.5, 0.5, FOCAL, CENTRE, SIZE), 180.0),
     ],
 )
-def test_the_field_ends_where_it_should(model, end_deg):
+def test_field_ends_at_expected_angle(model, end_deg):
     assert np.degrees(model.model_end) == pytest.approx(end_deg, abs=1e-6)
     assert model.model_end < np.radians(end_deg)  # where r still increases
 
@@ -147,7 +147,7 @@ SECTION = np.stack([np.sin(OMEGA), 0 * OMEGA, np.cos(OMEGA)], axis=-1)
 @pytest.mark.parametrize(
     ("kind", "other"), [(DoubleSphere, x) for x in (-0.6, 0.3, 0.8)] + [(EnhancedUnified, 1.7)]
 )
-def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha):
+def test_field_ends_at_maximum_radius(kind, other, alpha):
     """Along a fine section: the end of growth, or a sign change of the depth and thus of the
     radius."""
     shape = (other, alpha) if kind is DoubleSphere else (alpha, other)
@@ -165,9 +165,7 @@ def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha
         (DoubleSphere, (-0.3, 0.6), None),
     ],
 )
-def test_by_default_there_is_neither_skew_nor_distortion_and_a_mirror_looks_back(
-    kind, shape, paper
-):
+def test_model_defaults(kind, shape, paper):
     points = directions_within(1.8)
     expected = of_kind(kind, *(paper or shape))[1](points)
     expected[:, 0] -= SKEW * (expected[:, 1] - CENTRE[1]) / FOCAL[1]
@@ -176,7 +174,7 @@ def test_by_default_there_is_neither_skew_nor_distortion_and_a_mirror_looks_back
 
 
 @given(st.floats(0, 3), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1))
-def test_distortion_ends_the_field_before_it_folds_the_picture(xi, k1, k2):
+def test_distortion_limits_field(xi, k1, k2):
     camera = Unified(xi, (200.0, 200.0), (1000.0, 1000.0), (2001, 2001), k1=k1, k2=k2)
     radius = camera.radius_from_omega(np.linspace(0, camera.omega_max, 500))
     assert (np.diff(radius) > 0).all()
@@ -190,18 +188,36 @@ def test_distortion_ends_the_field_before_it_folds_the_picture(xi, k1, k2):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Unified(-0.1, FOCAL, CENTRE, SIZE), "xi = -0.1 is not valid"),
+        (lambda: Unified(-0.1, FOCAL, CENTRE, SIZE), r"xi must be between 0 and 10000; got -0\.1"),
         (lambda: Unified(1.0, (0.0, 1.0), CENTRE, SIZE), "focal_px"),
         (lambda: Unified(1.0, FOCAL, (1.0, np.nan), SIZE), "centre_px"),
-        (lambda: Unified(1.0, FOCAL, CENTRE, SIZE, k1=np.inf), "k1 = "),
-        (lambda: Unified(1.0, FOCAL, CENTRE, SIZE, optics="lens"), "optics = 'lens' is not known"),
-        (lambda: Unified(1.0, FOCAL, CENTRE, SIZE, rim_radius_px=0.0), "rim_radius_px = 0"),
-        (lambda: EnhancedUnified(1.1, 1.0, FOCAL, CENTRE, SIZE), "alpha = 1.1"),
-        (lambda: EnhancedUnified(0.5, 0.0, FOCAL, CENTRE, SIZE), "beta = 0"),
-        (lambda: DoubleSphere(1.2, 0.5, FOCAL, CENTRE, SIZE), "xi = 1.2"),
+        (
+            lambda: Unified(1.0, FOCAL, CENTRE, SIZE, k1=np.inf),
+            r"k1 must be between -1e\+12 and 1e\+12; got inf",
+        ),
+        (
+            lambda: Unified(1.0, FOCAL, CENTRE, SIZE, optics="lens"),
+            "optics must be one of mirror, fisheye; got 'lens'",
+        ),
+        (
+            lambda: Unified(1.0, FOCAL, CENTRE, SIZE, rim_radius_px=0.0),
+            r"rim_radius_px must be greater than 0 px and at most 1e\+06 px; got 0\.0",
+        ),
+        (
+            lambda: EnhancedUnified(1.1, 1.0, FOCAL, CENTRE, SIZE),
+            r"alpha must be between 0 and 1; got 1\.1",
+        ),
+        (
+            lambda: EnhancedUnified(0.5, 0.0, FOCAL, CENTRE, SIZE),
+            r"beta must be between 0\.0001 and 10000; got 0\.0",
+        ),
+        (
+            lambda: DoubleSphere(1.2, 0.5, FOCAL, CENTRE, SIZE),
+            r"xi must be between -1 and 1; got 1\.2",
+        ),
     ],
 )
-def test_what_is_no_camera_is_refused(make, message):
+def test_invalid_model_raises(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
 
@@ -218,7 +234,7 @@ def reflected(offsets, ball_radius):
     return d - 2 * (normal @ d)[:, None] * normal
 
 
-def test_rays_are_those_of_a_reflecting_sphere():
+def test_rays_equal_reflecting_sphere():
     field_deg, rim = 260.0, 300.0
     ball = om.MirrorBall((400.0, 310.0), rim, field_deg, (801, 621), Mount("up", 0.0))
     offsets = np.random.default_rng(0).uniform(-210, 210, (300, 2))
@@ -232,14 +248,14 @@ def test_rays_are_those_of_a_reflecting_sphere():
 
 
 @given(st.floats(1, 360), st.floats(5, 5000))
-def test_the_rim_sees_half_the_field(field_deg, rim):
+def test_rim_is_at_half_field(field_deg, rim):
     ball = om.MirrorBall((0.0, 0.0), rim, field_deg, (100_000, 10))
     z = ball.backproject([[rim, 0.0]]).directions[0, 2]
     assert np.degrees(np.arccos(np.clip(-z, -1, 1))) == pytest.approx(field_deg / 2, abs=1e-5)
     assert not ball.backproject([[rim * 1.001, 0.0]]).valid[0]
 
 
-def test_equal_areas_of_the_picture_see_equal_solid_angles():
+def test_mirror_ball_is_equal_area():
     ball = om.MirrorBall((500.0, 500.0), 400.0, 300.0, (1001, 1001))
     radii = 400 * np.sqrt(np.linspace(0, 1, 11))
     solid_angle = 2 * np.pi * -np.diff(np.cos(ball.omega_from_radius(radii)))
@@ -257,7 +273,7 @@ def test_equal_areas_of_the_picture_see_equal_solid_angles():
         {"centre_px": (np.nan, 0.0)},
     ],
 )
-def test_what_is_no_ball_is_refused(wrong):
+def test_invalid_mirror_ball_raises(wrong):
     good = {
         "centre_px": (5.0, 5.0),
         "rim_radius_px": 5.0,
@@ -269,6 +285,8 @@ def test_what_is_no_ball_is_refused(wrong):
 
 
 @pytest.mark.parametrize("size", [(0, 5), (5.5, 5), (1_000_000, 5)])
-def test_a_picture_without_a_sensible_size_is_refused(size):
-    with pytest.raises(InvalidParameter, match="is not a whole number of pixels"):
+def test_invalid_image_size_raises(size):
+    with pytest.raises(
+        InvalidParameter, match="image width must be an integer between 1 and 100000 px"
+    ):
         om.MirrorBall((5.0, 5.0), 5.0, 260.0, size)

@@ -16,7 +16,7 @@ CAMERA = ViewpointSpline(RADII, HEIGHTS, 230.0, (320.0, 238.0), (640, 480))
 KNOTS = np.radians(115.0) * np.arange(1, 6) / 5
 
 
-def test_the_radius_is_the_odd_spline_through_the_knots():
+def test_radius_is_odd_spline():
     """SciPy spline through knots mirrored about the axis."""
     mirrored = CubicSpline(
         np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII]
@@ -28,7 +28,7 @@ def test_the_radius_is_the_odd_spline_through_the_knots():
     np.testing.assert_allclose(found.pixels[:-1, 0] - 320.0, mirrored(omega[:-1]), atol=1e-10)
 
 
-def test_the_viewpoint_is_the_even_spline_through_the_knots():
+def test_viewpoint_is_even_spline():
     mirrored = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])
     symmetry = CAMERA.symmetry
     omega = np.linspace(0.01, symmetry.omega_max, 200)
@@ -37,7 +37,7 @@ def test_the_viewpoint_is_the_even_spline_through_the_knots():
 
 
 @pytest.mark.parametrize("distance_mm", [15.0, 100.0, 1e4])
-def test_points_on_a_ray_are_seen_by_it(distance_mm):
+def test_points_on_ray_project_to_pixel(distance_mm):
     omega = np.linspace(0, 0.999 * CAMERA.model_end, 100)
     heights = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])(omega)
     points = np.stack(
@@ -52,11 +52,11 @@ def test_points_on_a_ray_are_seen_by_it(distance_mm):
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
 @pytest.mark.parametrize("xi", [0.0, 0.5, 0.95, 1.0])
-def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
+def test_unbounded_model_is_fitted_within_image(xi, kind):
     camera = Unified(xi, (200.0, 200.0), (320.0, 240.0), (640, 480))
     m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
     shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
-    spline = kind.like(camera)
+    spline = kind.from_model(camera)
     assert spline.field_deg / 2 == pytest.approx(shown, abs=0.5)
     omega = np.radians(np.linspace(0.1, 0.95 * shown, 50))
     ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
@@ -69,29 +69,29 @@ def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
 
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
-def test_a_spline_has_the_knots_that_it_takes(kind):
+def test_fitted_spline_has_sufficient_knots(kind):
     """Radii of a single-viewpoint mirror increase progressively towards the rim; nearly linear ones
     need few knots."""
     steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
     even = Unified(4.0, (1500.0, 1500.0), (511.5, 511.5), (1024, 1024))
     for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
-        spline = kind.like(camera, field_deg=field)
+        spline = kind.from_model(camera, field_deg=field)
         omega = np.radians(np.linspace(0.1, field / 2, 500))
         ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
         off = spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
         assert np.nanmax(np.abs(off)) < 0.5
         assert (len(spline.radii_px) > 8) == more
-        assert len(kind.like(camera, 5, field).radii_px) == 5
+        assert len(kind.from_model(camera, 5, field).radii_px) == 5
 
 
-def test_what_is_nearer_than_the_rays_meet_is_not_seen():
+def test_points_within_caustic_are_invalid():
     assert 1.0 < CAMERA.nearest_mm < 15.0
     for factor in (0.99, 1.01):
         point = [[0.0, 0.0, -CAMERA._heights(np.zeros(1))[0] - factor * CAMERA.nearest_mm]]
         assert CAMERA.image(point).valid.tolist() == [factor > 1]
 
 
-def test_one_viewpoint_is_the_central_model():
+def test_constant_viewpoint_equals_central_model():
     central = RadialSpline(RADII, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
     shifted = ViewpointSpline(
         RADII, (3.0,) * 5, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5
@@ -103,7 +103,7 @@ def test_one_viewpoint_is_the_central_model():
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
-def test_it_can_be_a_mirror_that_is_not_central(name):
+def test_viewpoint_spline_fits_noncentral_mirror(name):
     """Points at finite distances by the rays of the sensor: the spline of eight knots has small
     errors, a central one much larger ones."""
     sensor = om.load_sensor(name)
@@ -133,30 +133,45 @@ def test_it_can_be_a_mirror_that_is_not_central(name):
     assert np.sqrt(np.mean(central**2)) > 10 * np.sqrt(np.mean(errors**2))
 
 
-def test_a_spline_starts_like_another_model():
+def test_spline_from_model():
     unified = Unified(0.95, (220.0, 222.0), (322.0, 238.0), (640, 480), k1=-0.05)
-    for start in (RadialSpline.like(unified, 8, 220.0), ViewpointSpline.like(unified, 8, 220.0)):
+    for start in (
+        RadialSpline.from_model(unified, 8, 220.0),
+        ViewpointSpline.from_model(unified, 8, 220.0),
+    ):
         omega = np.linspace(0, np.radians(109.0), 50)
         for phi in (0.0, 1.0, 2.0):
             d = np.stack(
                 [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), -np.cos(omega)], axis=-1
             )
             np.testing.assert_allclose(start.image(d).pixels, unified.image(d).pixels, atol=0.3)
-    with pytest.raises(InvalidParameter, match="field_deg = 359 is wider"):
-        RadialSpline.like(unified, 8, 359.0)
+    with pytest.raises(
+        InvalidParameter,
+        match=r"field_deg must be at most 262\.039 deg, the field of the model; got 359",
+    ):
+        RadialSpline.from_model(unified, 8, 359.0)
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"radii_px": (10.0, 20.0)}, "no row of 3 or more radii that grow"),
-        ({"radii_px": (10.0, 20.0, 15.0, 30.0, 40.0)}, "no row of 3 or more radii that grow"),
-        ({"viewpoints_mm": (1.0, 2.0)}, "does not give one height for each of the 5 knots"),
-        ({"field_deg": 361.0}, "field_deg = 361"),
-        ({"stretch_x": 0.6}, "stretch_x = 0.6"),
-        ({"p1": np.nan}, "p1 = nan"),
+        (
+            {"radii_px": (10.0, 20.0)},
+            r"radii_px must be at least 3 increasing radii greater than 0; got \(10\.0, 20\.0\)",
+        ),
+        (
+            {"radii_px": (10.0, 20.0, 15.0, 30.0, 40.0)},
+            "radii_px must be at least 3 increasing radii",
+        ),
+        (
+            {"viewpoints_mm": (1.0, 2.0)},
+            r"viewpoints_mm must have one value for each of the 5 knots; got \(1\.0, 2\.0\)",
+        ),
+        ({"field_deg": 361.0}, r"field_deg must be between 0\.001 and 360 deg; got 361\.0"),
+        ({"stretch_x": 0.6}, r"stretch_x must be between -0\.5 and 0\.5; got 0\.6"),
+        ({"p1": np.nan}, r"p1 must be between -1e\+12 and 1e\+12 1/px; got nan"),
     ],
 )
-def test_what_is_no_spline_is_refused(wrong, message):
+def test_invalid_spline_raises(wrong, message):
     with pytest.raises(InvalidParameter, match=message):
         replace(CAMERA, **wrong)

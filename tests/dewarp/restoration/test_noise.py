@@ -113,7 +113,7 @@ def test_grey_pictures_and_fine_colours(light, inside, quality: int):
         cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
     ]
     data = cv2.imencode(".jpg", noisy(light, 0.01)[..., ::-1], fine)[1]
-    assert parse_jpeg_coding(data.tobytes()).coarser == (1, 1)
+    assert parse_jpeg_coding(data.tobytes()).subsampling == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_the_coding_of_a_file_is_that_of_its_writer(light, tmp_path):
             coding.tables, (*standard_tables(quality), standard_tables(quality)[1]), strict=True
         ):
             np.testing.assert_array_equal(table, standard)
-        assert coding.coarser == (2, 2)
+        assert coding.subsampling == (2, 2)
         everywhere = np.ones(picture.shape[:2], bool)
         found = detected_coding(picture, everywhere)
         assert np.abs(np.log(found.tables[0] / coding.tables[0])).mean() < 0.1
@@ -187,7 +187,7 @@ def test_what_is_no_picture_is_refused(tmp_path):
         np.zeros((8, 8), int),
         [[1, 2]],
     ):
-        with pytest.raises(InvalidParameter, match=r"is not valid|is not an array"):
+        with pytest.raises(InvalidParameter, match=r"is not valid|must be an array"):
             om.estimate_noise(wrong)
     with pytest.raises(InvalidParameter, match="1 values that are NaN"):
         om.estimate_noise(np.full((1, 1), np.nan, np.float32))

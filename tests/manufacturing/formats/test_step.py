@@ -147,9 +147,9 @@ def test_file_header_states_content_and_deviation(tmp_path, capfd):
         ({"bore_diameter_mm": 5.0, "bore_depth_mm": 54.0}, "use at most 53.19"),
         ({"bore_diameter_mm": 90.0}, "less than the mirror diameter 87.8"),
         ({"thread": "M6", "bore_diameter_mm": 5.0}, "bore_diameter_mm must not be given"),
-        ({"thread": "M7"}, "not one of"),
+        ({"thread": "M7"}, "thread must be one of"),
         ({"flange_width_mm": 2.0, "flange_thickness_mm": 6.0}, "at most thickness_mm = 5"),
-        ({"thickness_mm": -1.0}, "outside"),
+        ({"thickness_mm": -1.0}, "thickness_mm must be between 0.001 and 10000 mm; got -1"),
     ],
 )
 def test_invalid_body_is_rejected_with_advice(body, advice):

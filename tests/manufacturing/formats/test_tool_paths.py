@@ -95,11 +95,11 @@ def test_nose_larger_than_concave_radius_is_rejected():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ({"radius_mm": 0.0}, "radius_mm = 0 mm is outside 0.001 to 100 mm"),
+        ({"radius_mm": 0.0}, r"radius_mm must be between 0\.001 and 100 mm; got 0"),
         *(
             (
                 {name: value * (1 + off)},
-                rf"{name} = .* {unit} is outside {low:g} to {high:g} {unit}",
+                rf"{name} must be between {low:g} and {high:g} {unit}; got",
             )
             for name, unit, low, high in (
                 ("radius_mm", "mm", 1e-3, 100.0),
@@ -109,9 +109,9 @@ def test_nose_larger_than_concave_radius_is_rejected():
             )
             for value, off in ((low, -1e-6), (high, 1e-6))
         ),
-        ({"clearance_mm": -1e-6}, "clearance_mm = -1e-06 mm is outside 0 to 1000 mm"),
-        ({"clearance_mm": 1001.0}, "clearance_mm = 1001 mm is outside 0 to 1000 mm"),
-        ({"x_is_diameter": 2}, "x_is_diameter = 2 is not"),
+        ({"clearance_mm": -1e-6}, "clearance_mm must be between 0 and 1000 mm; got -1e-06"),
+        ({"clearance_mm": 1001.0}, "clearance_mm must be between 0 and 1000 mm; got 1001"),
+        ({"x_is_diameter": 2}, "x_is_diameter must be True or False; got 2"),
     ],
 )
 def test_invalid_tool_is_rejected(words, sentence):
@@ -204,5 +204,5 @@ def test_command_writes_program_and_list(tmp_path):
         "export", "folded-spherical", "-o", tmp_path / "a.nc", "--tool-radius-mm", -1
     )
     assert refused.returncode != 0
-    assert "radius_mm = -1 mm is outside" in refused.stderr
+    assert "radius_mm must be between 0.001 and 100 mm; got -1" in refused.stderr
     assert not (tmp_path / "a.nc").exists()

@@ -156,7 +156,7 @@ def test_partial_coverage_reduces_the_order():
         (on(Sphere(80.0, 44.0), {}, 0.1), "does not match the mirror"),
         (on(HYPERBOLOID, {}, 0.1) * [1, 1, 0], "is flat"),
         (np.full((300, 3), np.nan), "points"),
-        (np.zeros((300, 4)), r"points_mm has shape \(300, 4\)"),
+        (np.zeros((300, 4)), r"points_mm must have the shape \(n, 3\); got shape \(300, 4\)"),
         (np.zeros((300, 2)), "one single point"),
         (on(HYPERBOLOID, {}, 0.1)[:, [2, 0, 1]], "check"),
         (np.zeros((300, 3)), "."),

@@ -140,9 +140,7 @@ def test_oversized_archive_is_rejected(tmp_path, monkeypatch):
     with zipfile.ZipFile(tmp_path / "a.x3p", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("bindata/data.bin", bytes(3 << 20))
     assert (tmp_path / "a.x3p").stat().st_size < 1 << 14
-    with pytest.raises(
-        OmnimirrorError, match=r"a\.x3p: its content must not be larger than 1 MB; got 3 MB"
-    ):
+    with pytest.raises(OmnimirrorError, match=r"the content must be at most 1 MB"):
         om.read_points(tmp_path / "a.x3p")
 
 
@@ -246,9 +244,7 @@ def test_a_machines_file_has_at_most_256_mb(machine, tmp_path):
     assert om.read_points(tmp_path / "a.sur").shape == (6, 3)
     with open(tmp_path / "a.sur", "ab") as file:
         file.write(b"\0")
-    with pytest.raises(
-        OmnimirrorError, match=r"cannot read the points .*a\.sur: it must not be larger than 256 MB"
-    ):
+    with pytest.raises(OmnimirrorError, match=r"the file must be at most 256 MB"):
         om.read_points(tmp_path / "a.sur")
 
 

@@ -225,9 +225,9 @@ def test_derivatives_match_small_errors(error):
 def test_obscurations_match_the_sensor():
     sensor = replace(SPH, housing=Housing(rod=Rod(4.0)))
     values = columns({"mirror.displacement_mm": 1.0})
-    found = required(sensor, ("hidden_percent",), values)["hidden_percent"]
+    found = required(sensor, ("obscured_percent",), values)["obscured_percent"]
     assert found == pytest.approx(
-        perturbed(sensor, {"mirror.displacement_mm": 1.0}).aligned().hidden_percent
+        perturbed(sensor, {"mirror.displacement_mm": 1.0}).aligned().obscured_percent
     )
 
 

@@ -220,7 +220,7 @@ def test_temperature_matches_thermal_model():
             r"zernike = \[5, 5\] are not numbers of terms, each once",
         ),
         (lambda: MirrorForm((5, 8), (1.0,)), "um has 1 amplitudes for 2 terms; it needs as many"),
-        (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] = 500 is outside 1 to 91"),
+        (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] must be between 1 and 91; got 500"),
         (
             lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)),
             "behind a orthographic|imager_pose leans",

@@ -242,7 +242,9 @@ def test_entries_are_refused_outside_their_bounds(name):
     is_column = name in COLUMNS
     for value in (low - 1e-4, high + 0.1):
         wrong = (value,) * len(ANGLES) if is_column else value
-        with pytest.raises(OmnimirrorError, match=re.escape(f"is outside {low:g} to {high:g}")):
+        with pytest.raises(
+            OmnimirrorError, match=re.escape(f"must be between {low:g} and {high:g}")
+        ):
             replace(lens, **{name: wrong})
 
 

@@ -417,7 +417,10 @@ def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
         Tube(110.0, refractive_index=1.5, material="bk7")
     with pytest.raises(InvalidParameter, match="medium = 'water' were both given"):
         Dome(medium="water", medium_index=1.3)
-    with pytest.raises(InvalidParameter, match="material = 'jelly' is not one of air, acrylic"):
+    with pytest.raises(
+        InvalidParameter,
+        match="material must be one of air, acrylic, polycarbonate, bk7, fused_silica, sapphire, water, s",
+    ):
         Tube(material="jelly")
     with pytest.raises(InvalidParameter, match=r"ends inside the cover; it is valid above \d"):
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)

@@ -284,7 +284,7 @@ export interface CameraShown {
   tilt_max_deg: number;
   pixels_per_degree: number;
   pole: "nadir" | "zenith";
-  is_picture_reversed: boolean;
+  is_image_reversed: boolean;
   /** whether its circle may be moved to fit a picture */
   is_adjustable: boolean;
   tables: TableLayout;

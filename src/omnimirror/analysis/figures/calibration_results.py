@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
-from ...base.escaping import plot_text, visible
+from ...base.escaping import escape_invisible, plot_text
 from ...base.typing import Array
 from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, styled
 
@@ -189,7 +189,7 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
 
 def _short(name: str) -> str:
     """Return the distinguishing end of a long name."""
-    stem = visible(name.rsplit("/", 1)[-1])
+    stem = escape_invisible(name.rsplit("/", 1)[-1])
     return plot_text(stem if len(stem) <= 16 else f"…{stem[-15:]}")
 
 

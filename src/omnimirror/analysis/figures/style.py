@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
 from ...base.errors import InvalidParameter
-from ...base.files import replacing
+from ...base.files import atomic_output
 from ...base.quantities import QUANTITIES
 from ...base.typing import Array
 
@@ -324,6 +324,6 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     """
     path = Path(path)
     data = render(figure, path.suffix.lstrip(".").lower())
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_bytes(data)
     return path

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from ... import __version__
-from ...base.errors import InvalidParameter, OmnimirrorError, explained_import_error, one_line
+from ...base.errors import InvalidParameter, OmnimirrorError, explain_import_error, one_line
 from ._process_state import Terminated, be_quiet, forget_output, process_state, stopped_code
 
 COMMANDS = {
@@ -217,8 +217,8 @@ def explained(error: Exception) -> tuple[str, int]:
             return f"{error.filename or 'the operating system'}: {error.strerror or error}", 1
         case MemoryError():
             return "there is not enough memory for this", 1
-        case ImportError() if isinstance(explained_import_error(error), OmnimirrorError):
-            return str(explained_import_error(error)), 1
+        case ImportError() if isinstance(explain_import_error(error), OmnimirrorError):
+            return str(explain_import_error(error)), 1
         case UnicodeEncodeError() if re.search("[\udc80-\udcff]", error.object):
             return f"the name {error.object!r} is not UTF-8, which is needed here", 1
         case _:

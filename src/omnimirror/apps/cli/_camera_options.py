@@ -61,7 +61,7 @@ class OrientationOptions(Options):
         from ...io.video_reader import VideoReader
 
         with VideoReader(
-            video, with_sound=False, stored_orientation=self.stored_orientation
+            video, with_audio=False, stored_orientation=self.stored_orientation
         ) as reader:
             for note in reader.notes:
                 remark(f"omnimirror: {note}")
@@ -178,7 +178,7 @@ class CameraOptions(Options):
 
     def drawing(self, camera: AnyCamera) -> AnyCamera:
         """Return the camera that draws the view: as if plumb if the options keep the tilt."""
-        return replace(camera, mount=camera.mount.upright) if self.keep_lean else camera
+        return replace(camera, mount=camera.mount.levelled) if self.keep_lean else camera
 
     def words(self) -> tuple[str, tuple[str, ...]]:
         """Return a name for the camera, and these options as words of a command line."""

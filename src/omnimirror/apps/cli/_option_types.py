@@ -10,7 +10,7 @@ import numpy as np
 from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
 
-from ...base.arguments import float_of, shown
+from ...base.arguments import format_value, parse_float
 
 MOST_VALUES = 1_000_000
 
@@ -20,7 +20,7 @@ def _as_written(value: Any) -> Any:
     rejected.
     """
     if isinstance(value, str) and (not value.isascii() or "_" in value):
-        raise click.BadParameter(f"{shown(value)} is not a number")
+        raise click.BadParameter(f"{format_value(value)} is not a number")
     return value
 
 
@@ -70,28 +70,28 @@ def values(text: str) -> NDArray[np.float64]:
     (array([  0.,  45.,  90., 135.]), array([ 90., 104.]))
     """
     try:
-        parts = [float_of(p) for p in text.split(":" if ":" in text else ",")]
+        parts = [parse_float(p) for p in text.split(":" if ":" in text else ",")]
     except ValueError:
         raise click.BadParameter(
-            f"{shown(text)} is not a range START:STOP:STEP or a list of numbers"
+            f"{format_value(text)} is not a range START:STOP:STEP or a list of numbers"
         ) from None
     if not np.isfinite(parts).all():
-        raise click.BadParameter(f"{shown(text)} holds a number that is not finite")
+        raise click.BadParameter(f"{format_value(text)} holds a number that is not finite")
     if ":" not in text:
         return np.array(parts)
     if len(parts) != 3:
         raise click.BadParameter(
-            f"{shown(text)} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5"
+            f"{format_value(text)} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5"
         )
     start, stop, step = parts
     if step <= 0 or stop < start:
         raise click.BadParameter(
-            f"{shown(text)} is an empty range; START must not be above STOP, nor STEP 0 or less"
+            f"{format_value(text)} is an empty range; START must not be above STOP, nor STEP 0 or less"
         )
     count = int(np.floor((stop - start) / step + 1e-9)) + 1
     if count > MOST_VALUES:
         raise click.BadParameter(
-            f"{shown(text)} stands for {count} numbers; at most {MOST_VALUES} are valid"
+            f"{format_value(text)} stands for {count} numbers; at most {MOST_VALUES} are valid"
         )
     return start + step * np.arange(count, dtype=np.float64)
 
@@ -140,7 +140,7 @@ def picture_size(text: str) -> tuple[int | None, int | None]:
     match = re.fullmatch(r"([0-9]{0,6})x([0-9]{0,6})", text.strip().lower())
     if not match:
         raise click.BadParameter(
-            f"{shown(text)} is not a size in pixels, such as 1440x360, 1440x or x360"
+            f"{format_value(text)} is not a size in pixels, such as 1440x360, 1440x or x360"
         )
     width, height = (int(side) if side else None for side in match.groups())
     return width, height
@@ -170,11 +170,11 @@ def three_wavelengths(text: str) -> Any:
 def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     """Parse a given number of finite values with a separator."""
     try:
-        numbers = [float_of(part) for part in text.split(separator)]
+        numbers = [parse_float(part) for part in text.split(separator)]
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"{shown(text)} is not {what}")
+        raise click.BadParameter(f"{format_value(text)} is not {what}")
     return numbers
 
 
@@ -185,11 +185,11 @@ def number_or_range(text: str) -> float | tuple[float, float]:
     (12.0, (10.0, 14.0))
     """
     try:
-        numbers = [float_of(part) for part in text.split(":")]
+        numbers = [parse_float(part) for part in text.split(":")]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"{shown(text)} is not a number or a range LOW:HIGH")
+        raise click.BadParameter(f"{format_value(text)} is not a number or a range LOW:HIGH")
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
@@ -200,12 +200,12 @@ def distance(text: str) -> float:
     inf
     """
     try:
-        number = float_of(text)
+        number = parse_float(text)
     except ValueError:
         number = float("nan")
     if not number > 0:
         raise click.BadParameter(
-            f"{shown(text)} is not a distance in mm; it is valid above 0, and 'inf'"
+            f"{format_value(text)} is not a distance in mm; it is valid above 0, and 'inf'"
         )
     return number
 
@@ -257,7 +257,7 @@ def factor(text: str) -> float:
     """
     (number,) = _numbers(text, 1, ",", "a factor above 0")
     if number <= 0:
-        raise click.BadParameter(f"{shown(text)} is not a factor above 0")
+        raise click.BadParameter(f"{format_value(text)} is not a factor above 0")
     return number
 
 
@@ -277,6 +277,8 @@ def focus(text: str) -> float | str:
     if text == "auto":
         return text
     try:
-        return float_of(text)
+        return parse_float(text)
     except ValueError:
-        raise click.BadParameter(f"{shown(text)} is not a distance in mm, nor 'auto'") from None
+        raise click.BadParameter(
+            f"{format_value(text)} is not a distance in mm, nor 'auto'"
+        ) from None

@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from ...base.errors import InvalidParameter
-from ...base.native import MOST_THREADS
+from ...base.native import MAX_THREADS
 from ...cameras.camera import Camera
 from ...dewarp import views
 from ...dewarp.interfaces import INTERPOLATIONS, Interpolation
@@ -305,7 +305,7 @@ class SamplingOptions(Options):
         help="Colour outside the field, in values of the image or as #rrggbb.  [default: see --transparent]",
     )
     threads: int | None = option(
-        type=WholeRange(1, MOST_THREADS),
+        type=WholeRange(1, MAX_THREADS),
         metavar="N",
         help="Number of dewarping threads.  [default: one per processor core]",
     )

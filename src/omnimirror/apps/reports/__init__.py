@@ -12,10 +12,10 @@ import numpy as np
 from ...analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
 from ...analysis.figures import FIGURES, draw, render
 from ...analysis.focus import best_focus
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.escaping import html_text, shell_word
 from ...base.files import write_text
-from ...base.quantities import QUANTITIES, explained
+from ...base.quantities import QUANTITIES, describe_quantity
 from ...dewarp import Dewarper, screens, views
 from ...io import write_image
 from ...optics.sensor import Sensor
@@ -56,7 +56,7 @@ FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
-@checked
+@validate_arguments
 def write_demo(
     sensor: Sensor,
     out: str | Path = "omnimirror-demo",
@@ -159,7 +159,7 @@ def _numbers(result: Evaluation) -> str:
         "Depth of field": f"{near:.1f} to {far:.1f} mm",
         area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
-        "Hidden": hidden_words(sensor.obscurations, sensor.hidden_percent),
+        "Hidden": hidden_words(sensor.obscurations, sensor.obscured_percent),
     }
     return "".join(
         f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()
@@ -197,7 +197,7 @@ def _figures(sensor: Sensor, tell: Told) -> str:
 
 def _table(result: Evaluation) -> str:
     head = "".join(
-        f'<th title="{html_text(explained(q))}">{html_text(q.heading)}'
+        f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}'
         f"<small>{html_text(q.unit) or '&nbsp;'}</small></th>"
         for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
     )

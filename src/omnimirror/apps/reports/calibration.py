@@ -18,7 +18,7 @@ from ...analysis.figures.calibration_results import (
     residuals_by_radius,
 )
 from ...analysis.figures.style import styled
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.escaping import html_text
 from ...base.files import write_text
 from ...base.typing import Array
@@ -37,7 +37,7 @@ CAPTIONS = {
 }
 
 
-@checked
+@validate_arguments
 def write_calibration_report(calibration: Calibration, path: str | Path, command: str = "") -> Path:
     """Write a calibration as one self-contained page.
 
@@ -76,7 +76,7 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
     return path
 
 
-@checked
+@validate_arguments
 def write_calibration_figures(
     calibration: Calibration, folder: str | Path, kind: str = "svg"
 ) -> list[Path]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...analysis.comparison import Comparison
 from ...analysis.figures import picture_sheet, render, side_by_side, table_sheet
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.escaping import html_text, shell_command
 from ...base.files import write_text
@@ -38,7 +38,7 @@ class Pictures(NamedTuple):
     panoramas: list[NDArray[Any]]
 
 
-@checked
+@validate_arguments
 def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | None = None) -> Path:
     """Write a comparison as one self-contained page (``.html``) or one image (``.png``).
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...analysis.figures.style import render, styled
-from ...base.arguments import checked, file_name
+from ...base.arguments import file_name, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.escaping import html_text, shell_word
 from ...base.files import write_text
@@ -86,7 +86,7 @@ class _Order:
         return self.report.plan.costs.get(name, 1.0) * (asked / held if held else 0.0)
 
 
-@checked
+@validate_arguments
 def write_tolerances(report: ToleranceReport, path: str | Path) -> Path:
     """Write tolerances as one self-contained page for a purchase order.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...analysis.figures import FIGURES, PAPER, save_all, save_figure
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.errors import InvalidParameter
 from . import _claims, _paper_claims
 from ._claims import CheckedClaim, Claim, check_claims
@@ -94,7 +94,7 @@ def _figure_names(which: Iterable[str] | None) -> list[str]:
     return names
 
 
-@checked
+@validate_arguments
 def reproduce_paper(
     out: str | Path = "reproduced",
     *,

@@ -208,8 +208,8 @@ def taken(ask: PictureAsk) -> bytes:
     return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
 
 
-def coarser(sensor: Sensor, longest_px: int) -> Sensor:
-    """Return the sensor with an imager of the same size and ``longest_px`` pixels along its longer
+def coarser(sensor: Sensor, max_side_px: int) -> Sensor:
+    """Return the sensor with an imager of the same size and ``max_side_px`` pixels along its longer
     side.
 
     >>> import omnimirror as om
@@ -218,7 +218,7 @@ def coarser(sensor: Sensor, longest_px: int) -> Sensor:
     ((256, 256), 125.4)
     """
     i = sensor.imager
-    share = longest_px / max(i.size)
+    share = max_side_px / max(i.size)
     centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
     width, height = (max(1, round(side * share)) for side in i.size)
     return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]

@@ -87,7 +87,7 @@ def bench_start() -> BenchStart:
         place=part_of("place", Secondary),
         mount=PartOf(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
-        columns=tuple(map(_quantity, quantities.PER_ANGLE)),
+        columns=tuple(map(_quantity, quantities.FIELD_QUANTITIES)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
         of_frequency=tuple(
             name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None

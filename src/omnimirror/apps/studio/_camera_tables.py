@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.typing import Array, Mask
 from ...cameras.camera import inside_image
-from ...cameras.frames import Mount, turned
+from ...cameras.frames import Mount, rotate_vectors
 from ...cameras.models import MirrorBall, OCam, ViewpointSpline
 from ...dewarp.field_of_view import field_of
 from ...dewarp.radial_table import tables_of
@@ -332,7 +332,7 @@ def camera_model(
         tilt_max_deg=seen.tilt_max_deg,
         pixels_per_degree=seen.pixels_per_degree,
         pole=seen.pole,
-        is_picture_reversed=camera.is_picture_reversed,
+        is_image_reversed=camera.is_image_reversed,
         is_adjustable=camera.symmetry is not None and isinstance(camera, Sensor | MirrorBall),
         tables=layout,
     )
@@ -425,7 +425,7 @@ def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
         pixels = project(places)
         seen = np.isfinite(pixels[:, 0])
         starts = np.full((len(places), 3), np.nan)
-        starts[seen] = turned(camera.backproject(pixels[seen]).origins, axes)
+        starts[seen] = rotate_vectors(camera.backproject(pixels[seen]).origins, axes)
         return np.concatenate([pixels, starts], axis=1)
 
     return traced
@@ -440,10 +440,10 @@ def _traced_once(sensor: Sensor, axes: Array) -> Exact:
         values = np.full((len(places), 5), np.nan)
         inside, directions = _directions_of(places, axes.T)
         image, start = train.image_and_start_of(
-            RayEndpoints.of(turned(directions, rotation), distant=True)
+            RayEndpoints.of(rotate_vectors(directions, rotation), distant=True)
         )
         pixels = sensor.image_plane.pixels(image)
-        found = np.concatenate([pixels, turned(start, rotation.T @ axes)], axis=1)
+        found = np.concatenate([pixels, rotate_vectors(start, rotation.T @ axes)], axis=1)
         found[~inside_image(pixels, sensor.image_size)] = np.nan
         values[inside] = found
         return values

@@ -89,7 +89,7 @@ class CameraShown(Message):
     tilt_max_deg: float
     pixels_per_degree: float
     pole: Literal["nadir", "zenith"]
-    is_picture_reversed: bool
+    is_image_reversed: bool
     is_adjustable: bool = Field(description="whether its circle may be moved to fit a picture")
     tables: TableLayout
 

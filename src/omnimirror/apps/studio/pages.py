@@ -16,7 +16,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import number, shown
+from ...base.arguments import format_value, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, MediaError
 from ...base.escaping import script_json
@@ -200,7 +200,7 @@ def video_viewer_of(
         raise MediaError(
             f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}"
         )
-    video = VideoReader(path, with_sound=False, stored_orientation=stored_orientation)
+    video = VideoReader(path, with_audio=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
         raise MediaError(
             f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}"
@@ -238,14 +238,14 @@ def _beside(path: Path, page: Path) -> str:
 def _page_with(
     camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
 ) -> str:
-    shown = Embedded(
+    content = Embedded(
         camera=camera_model(name, name, title_of(camera), options, camera),
         tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()),
         media=media,
         is_video=is_video,
         name=file,
     )
-    return page_holding(embedded=shown)
+    return page_holding(embedded=content)
 
 
 def page_holding(**messages: Message) -> str:
@@ -350,7 +350,7 @@ def show(
     """
     if not isinstance(camera, AnyCamera):
         raise InvalidParameter(
-            f"camera = {shown(camera)} is no camera; load_sensor and load_camera give some"
+            f"camera = {format_value(camera)} is no camera; load_sensor and load_camera give some"
         )
     height = number("height_px", height_px)
     if not LOWEST_PX <= height <= HIGHEST_PX:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import checked, choice
+from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
@@ -595,7 +595,7 @@ def _mark_names(stack: Stack) -> tuple[str, ...]:
     )
 
 
-@checked
+@validate_arguments
 def adjust(
     model: CameraModel,
     sightings: Sequence[Sighting],

@@ -15,10 +15,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import WrongKind, checked, choice, instance, optional_number, shown
+from ...base.arguments import (
+    InvalidType,
+    choice,
+    format_value,
+    instance,
+    optional_number,
+    validate_arguments,
+)
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...cameras.frames import Mount, turned
+from ...cameras.frames import Mount, rotate_vectors
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
 from ...cameras.models.sphere_models import Unified
@@ -136,12 +143,12 @@ def _parallax_at(
     central: Adjustment, other: Adjustment, pixels: Array, move: Motion, distance_mm: float
 ) -> ViewpointCost:
     rays, world = other.model.backproject(pixels), other.model.mount.rotation()
-    starts, ways = (turned(a[rays.valid], world) for a in (rays.origins, rays.directions))
+    starts, ways = (rotate_vectors(a[rays.valid], world) for a in (rays.origins, rays.directions))
     is_far = np.isinf(distance_mm)
     seen = ways @ move.rotation.T if is_far else move(starts + distance_mm * ways)
     image = central.model.image(seen, distant=bool(is_far))
     off_px = np.linalg.norm((image.pixels - pixels[rays.valid])[image.valid], axis=1)
-    looks = turned(
+    looks = rotate_vectors(
         central.model.backproject(pixels[rays.valid]).directions, central.model.mount.rotation()
     )
     off = np.linalg.norm(looks - seen / np.linalg.norm(seen, axis=1)[:, None], axis=1)
@@ -165,7 +172,7 @@ TOGETHER = (
 OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 
 
-@checked
+@validate_arguments
 def calibrate_camera(
     pictures: Sequence[Detection] | Sequence[Picture | str | Path] = (),
     board: Board | None = None,
@@ -396,8 +403,8 @@ def _with_names(detections: Sequence[Detection]) -> list[Detection]:
 
 def _prior(given: Any) -> Prior:
     if not (isinstance(given, tuple) and len(given) == len(Prior._fields)):
-        raise WrongKind(
-            f"{shown(given)} among the priors is not a name, a value and its standard deviation"
+        raise InvalidType(
+            f"{format_value(given)} among the priors is not a name, a value and its standard deviation"
         )
     return Prior(*given)
 
@@ -428,7 +435,7 @@ def _wanted(
         return (model,)
     if not isinstance(model, CameraModel):
         raise InvalidParameter(
-            f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}"
+            f"model = {format_value(model)} is no model and no name of one: auto, {', '.join(KINDS)}"
         )
     if tuple(model.image_size) != tuple(size):
         (w, h), (width, height) = model.image_size, size
@@ -607,7 +614,7 @@ def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]
         return []
     remedy = (
         "choose the model sensor or viewpoint-spline"
-        if fit.model.looks_back
+        if fit.model.is_backward_facing
         else "choose viewpoint-spline"
     )
     return [

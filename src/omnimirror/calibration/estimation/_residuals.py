@@ -244,7 +244,7 @@ def slid(found: Linearised, stack: Stack, shared: Array, motions: Array) -> Arra
 def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Mask, Array, Array]:
     """Return pixels, validity and derivatives of near and distant points; 0 where invalid."""
     if distant.all() or not distant.any():
-        image = model.image_to_the_end(points, distant=bool(distant.any()))
+        image = model.image_clamped(points, distant=bool(distant.any()))
         seen = image.valid
         if seen.all():
             return image.pixels, seen, image.d_points, image.d_parameters

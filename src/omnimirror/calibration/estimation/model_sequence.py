@@ -11,7 +11,7 @@ from ...base.arguments import choice, instance
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
 from ...cameras.camera import inside_image
-from ...cameras.frames import Mount, turned
+from ...cameras.frames import Mount, rotate_vectors
 from ...cameras.models import (
     DoubleSphere,
     EnhancedUnified,
@@ -64,11 +64,11 @@ def _ocam(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _radial_spline(u: Unified, omega_max_deg: float) -> CameraModel:
-    return RadialSpline.like(u, field_deg=2 * omega_max_deg)
+    return RadialSpline.from_model(u, field_deg=2 * omega_max_deg)
 
 
 def _viewpoint_spline(u: Unified, omega_max_deg: float) -> CameraModel:
-    return ViewpointSpline.like(u, field_deg=2 * omega_max_deg)
+    return ViewpointSpline.from_model(u, field_deg=2 * omega_max_deg)
 
 
 def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -389,7 +389,7 @@ def replaced_boards(fit: Adjustment) -> tuple[Sighting, ...]:
         other = None
         if rays.valid.sum() >= len(sighting) / 2 and not sighting.is_known:
             other = linear_pose(
-                sighting.only(rays.valid), turned(rays.directions[rays.valid], world)
+                sighting.only(rays.valid), rotate_vectors(rays.directions[rays.valid], world)
             )
         here = _median_px(fit.model, sighting, sighting.motion)
         result.append(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import checked, finite, number, shown, whole
+from ...base.arguments import finite, format_value, integer, number, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.files import read_text
 from ...base.typing import Array, Mask
@@ -459,7 +459,7 @@ class _Row(NamedTuple):
     is_distant: bool
 
 
-@checked
+@validate_arguments
 def read_surveys(
     points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()
 ) -> Surveys:
@@ -537,7 +537,7 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     if target is None or len(set(columns)) < len(columns):
         ways = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
         raise InvalidParameter(
-            f"line {number} of {path} names {shown(head)}; valid is {ways}, and {IMAGE_COLUMN} if several"
+            f"line {number} of {path} names {format_value(head)}; valid is {ways}, and {IMAGE_COLUMN} if several"
         )
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
@@ -578,7 +578,7 @@ MAX_TILT = np.radians(45.0)
 BOARD_DISTANCES = (0.9, 2.5)  # multiples of the board's diagonal
 
 
-@checked
+@validate_arguments
 def simulate_detections(
     camera: Camera,
     board: Board,
@@ -622,9 +622,9 @@ def simulate_detections(
     >>> [len(d.ids) > 50 for d in om.simulate_detections(camera, om.Board("chessboard", 11, 7, 30.0), 3)]
     [True, True, True]
     """
-    whole("count", count, 1, MAX_IMAGES)
+    integer("count", count, 1, MAX_IMAGES)
     number("noise_px", noise_px, low=0.0, unit="px")
-    random = np.random.default_rng(whole("seed", seed))
+    random = np.random.default_rng(integer("seed", seed))
     points = board.points_mm if points_mm is None else finite("points_mm", points_mm, last=3)
     detections = []
     for i in range(count):

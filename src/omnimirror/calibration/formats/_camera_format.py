@@ -11,10 +11,17 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ...base.arguments import float_of, shown
+from ...base.arguments import format_value, parse_float
 from ...base.caching import cached_property
 from ...base.errors import SpecError
-from ...base.files import LARGEST_TEXT, TOO_DEEP, compose_yaml, decompressed, parse_json, parse_xml
+from ...base.files import (
+    MAX_TEXT_BYTES,
+    NESTING_MESSAGE,
+    compose_yaml,
+    decompress,
+    parse_json,
+    parse_xml,
+)
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import Mount
@@ -81,7 +88,7 @@ class Node:
         value = self.value
         try:
             number = (
-                np.nan if isinstance(value, bool | dict | list | None) else float_of(str(value))
+                np.nan if isinstance(value, bool | dict | list | None) else parse_float(str(value))
             )
         except ValueError:
             number = np.nan
@@ -93,7 +100,7 @@ class Node:
         """Return an integer, such as a number of pixels."""
         number = self.number()
         if number != np.floor(number) or abs(number) > 2**31:
-            self.refuse(f"= {shown(self.value)} is not valid; it is valid as a whole number")
+            self.refuse(f"= {format_value(self.value)} is not valid; it is valid as a whole number")
         return int(number)
 
     def word(self) -> str:
@@ -106,7 +113,7 @@ class Node:
         """Return one of several words."""
         word = self.word()
         if word not in valid:
-            self.refuse(f"= {shown(word)} is not known; valid are {', '.join(valid)}")
+            self.refuse(f"= {format_value(word)} is not known; valid are {', '.join(valid)}")
         return word
 
     def entries(self) -> list[Node]:
@@ -155,7 +162,7 @@ class Node:
                 return "a list"
             case None:
                 return "empty"
-        return shown(self.value)
+        return format_value(self.value)
 
 
 # -- reading ----------------------------------------------------------------------------------
@@ -236,7 +243,7 @@ def read_json(text: str, source: str) -> Node:
     except ValueError as problem:
         reason = (
             f": {problem}"
-            if str(problem) == TOO_DEEP
+            if str(problem) == NESTING_MESSAGE
             else " holds a whole number of thousands of digits"
         )
         raise SpecError(f"{source}{reason}") from None
@@ -294,7 +301,7 @@ def _element(element: Any, source: str, name: str) -> Node:
 
 def _is_number(word: str) -> bool:
     try:
-        float_of(word)
+        parse_float(word)
     except ValueError:
         return False
     return True
@@ -414,7 +421,7 @@ class CameraFile:
         """
         if data.startswith(GZIP):
             try:
-                data = decompressed(data, LARGEST_TEXT)
+                data = decompress(data, MAX_TEXT_BYTES)
             except ValueError as problem:
                 raise SpecError(f"cannot read {source}: {problem}") from None
         return cls(source, data)

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from ...base.arguments import float_of
+from ...base.arguments import parse_float
 from ...base.errors import OmnimirrorError, SpecError
 from ...cameras.models import (
     EnhancedUnified,
@@ -104,7 +104,7 @@ def _lines(text: str, reading: Reading) -> list[Line]:
         _, name, *numbers = words
         try:
             identity = int(words[0])
-            width, height, *parameters = (float_of(word) for word in numbers)
+            width, height, *parameters = (parse_float(word) for word in numbers)
         except ValueError:
             raise SpecError(
                 f"{where}: a camera's id and what follows its model are numbers"

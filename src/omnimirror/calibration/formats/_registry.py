@@ -7,9 +7,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...base.arguments import WrongKind, choice, shown
+from ...base.arguments import InvalidType, choice, format_value
 from ...base.errors import InvalidParameter, SpecError
-from ...base.files import LARGEST_TEXT, read_bytes
+from ...base.files import MAX_TEXT_BYTES, read_bytes
 from ...base.registry import Registry
 from ...cameras.models import RadialModel
 from ...cameras.models.plausibility import plausibility_warnings
@@ -73,7 +73,7 @@ BUILT_IN_FORMATS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, CameraFormat):
-        raise WrongKind(f"{shown(kind)} is no omnimirror.calibration.formats.CameraFormat")
+        raise InvalidType(f"{format_value(kind)} is no omnimirror.calibration.formats.CameraFormat")
     taken = [
         layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts
     ]
@@ -149,7 +149,7 @@ def read_cameras(
     if name is not None:
         choice("from_", name, FORMATS)
     try:
-        data = read_bytes(path, LARGEST_TEXT)
+        data = read_bytes(path, MAX_TEXT_BYTES)
     except FileNotFoundError:
         raise SpecError(f"there is no camera file {path}") from None
     except OSError as e:
@@ -236,12 +236,12 @@ def targets_of(path: str | Path, to: str | None) -> list[Target]:
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
     if to is not None:
         if not isinstance(to, str):
-            raise WrongKind(f"to = {shown(to)} is no name of a format; valid are {known}")
+            raise InvalidType(f"to = {format_value(to)} is no name of a format; valid are {known}")
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
             return _of_path(FORMATS[to], path)
-        raise InvalidParameter(f"to = {shown(to)} is not known; valid are {known}")
+        raise InvalidParameter(f"to = {format_value(to)} is not known; valid are {known}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _of_path(kind, path)

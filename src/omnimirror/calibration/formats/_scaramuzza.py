@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ...base.arguments import float_of
+from ...base.arguments import parse_float
 from ...base.errors import OmnimirrorError, SpecError
 from ...base.typing import Array
 from ...cameras.models import OCam
@@ -229,7 +229,7 @@ def _arguments(text: str, source: str) -> Node:
 def _word(word: str, source: str, name: str, line: int) -> Node:
     entry = Node(word, source, name, line)
     try:
-        float_of(word)
+        parse_float(word)
     except ValueError:
         entry.refuse(f"holds {word[:40]!r}, which is not a number")
     return entry

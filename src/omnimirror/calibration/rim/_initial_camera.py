@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...base.arguments import checked, instance
+from ...base.arguments import instance, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
 from ...cameras.frames import CameraLooks, Mount
@@ -68,7 +68,7 @@ Its radii are between those of a sphere and a hyperboloid, which limits the erro
 """
 
 
-@checked
+@validate_arguments
 def camera_from_rim(
     rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mount: Mount | None = None
 ) -> FirstCamera:
@@ -119,7 +119,7 @@ def camera_from_rim(
     return _centred(rim, sensor if mount is None else replace(sensor, mount=mount))
 
 
-@checked
+@validate_arguments
 def mirror_of(name: str | Path) -> CommonMirror | Sensor:
     """Return the mirror with a given name.
 
@@ -166,7 +166,7 @@ def check_sure(rim: FoundRim) -> None:
         )
 
 
-@checked
+@validate_arguments
 def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     """Estimate the scale and mirror pose of a known sensor from its rim in one image.
 
@@ -209,7 +209,7 @@ def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     return sensors_from_rim(rim, sensor)[0]
 
 
-@checked
+@validate_arguments
 def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
     """Return a known sensor in all poses that produce a rim: one, or two with opposite tilts.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_fields, checked
+from ...base.arguments import check_fields, validate_arguments
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
@@ -316,7 +316,7 @@ class _AnalysedImage:
         return np.nonzero(near)[0]
 
 
-@checked
+@validate_arguments
 def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from ...base.arguments import checked, whole
+from ...base.arguments import integer, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ._image_preparation import grey
@@ -299,8 +299,8 @@ class _Fit:
             square = derivatives @ derivatives.transpose(0, 2, 1)
             right = (derivatives @ residual[..., None])[..., 0] + prior * (wanted - terms)
             diagonal = np.einsum("mii->mi", square) + prior
-            whole = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
-            step = np.linalg.solve(whole, right[..., None])[..., 0]
+            normal_matrix = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
+            step = np.linalg.solve(normal_matrix, right[..., None])[..., 0]
             terms = terms + np.clip(step, -limits, limits)
             if (
                 np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX
@@ -308,7 +308,7 @@ class _Fit:
             ):
                 break
         variance = np.sum(residual**2, axis=1) / np.maximum(self.count - 9, 1)
-        noise = np.linalg.inv(whole)[:, 4:6, 4:6]
+        noise = np.linalg.inv(normal_matrix)[:, 4:6, 4:6]
         sigma = np.sqrt(np.einsum("mii->m", noise) / 2 * variance)
         return terms, sigma, np.sqrt(variance)
 
@@ -476,7 +476,7 @@ squares of 16 px, on rendered mirror images.
 """
 
 
-@checked
+@validate_arguments
 def refine_corners(
     picture: NDArray[Any], detection: Detection, board: Board, *, passes: int = REFINEMENT_PASSES
 ) -> Detection:
@@ -522,7 +522,7 @@ def refine_corners(
     >>> found.corners_px.round(2).tolist()[:2]
     [[14.5, 14.5], [29.5, 14.5]]
     """
-    whole("passes", passes, 1, MAX_REFINEMENT_PASSES)
+    integer("passes", passes, 1, MAX_REFINEMENT_PASSES)
     values = grey(picture)
     height, width = values.shape
     if (width, height) != tuple(detection.image_size):

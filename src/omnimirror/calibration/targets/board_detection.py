@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import checked, instance
+from ...base.arguments import instance, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...cameras.camera import Camera
 from .._worker_processes import WorkerPool
@@ -40,7 +40,7 @@ LONG_S = 2.0  # minimum remaining time for which worker processes are started
 STOPPED = "the search was stopped before this picture"
 
 
-@checked
+@validate_arguments
 def find_board(
     picture: Picture,
     board: Board,
@@ -128,7 +128,7 @@ def _back_in_picture(
     return _whole(part, board, name, size) if is_board else None
 
 
-@checked
+@validate_arguments
 def find_boards(
     pictures: Iterable[Picture | str | Path],
     board: Board,

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_fields, choice, number, whole
+from ...base.arguments import check_fields, choice, integer, number
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 
@@ -92,8 +92,8 @@ class Board:
     def __post_init__(self) -> None:
         check_fields(self)
         choice("kind", self.kind, KINDS)
-        whole("columns", self.columns, 2, LARGEST)
-        whole("rows", self.rows, 2, LARGEST)
+        integer("columns", self.columns, 2, LARGEST)
+        integer("rows", self.rows, 2, LARGEST)
         number("square_mm", self.square_mm, above=0, unit="mm")
         number("spacing", self.spacing, above=0, high=1)
         if self.marker_mm is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import checked, file_name, instance, number, whole
+from ...base.arguments import file_name, instance, integer, number, validate_arguments
 from ...base.errors import MediaError
 from ...base.typing import Array
 from ...cameras.camera import Camera
@@ -32,7 +32,7 @@ BLURRED = 2.0  # multiple of the median blur
 QUICK_PX = 500  # longer side of the reduced image for the comparison of sharpness
 
 
-@checked
+@validate_arguments
 def choose_frames(
     video: str | Path,
     board: Board,
@@ -96,11 +96,11 @@ def choose_frames(
 
     path = file_name("video", video)
     instance("board", board, Board, "a board")
-    whole("count", count, 1)
+    integer("count", count, 1)
     number("every_s", every_s, above=0, unit="s")
     found: list[Detection] = []
     with VideoReader(
-        path, start_s, duration_s, with_sound=False, stored_orientation=stored_orientation
+        path, start_s, duration_s, with_audio=False, stored_orientation=stored_orientation
     ) as reader:
         expected = reader.expected_frames
         total = (

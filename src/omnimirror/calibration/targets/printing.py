@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import checked, choice, file_name, number
+from ...base.arguments import choice, file_name, number, validate_arguments
 from ...base.errors import InvalidParameter, MediaError
 from ...base.escaping import xml_text
-from ...base.files import replacing
+from ...base.files import atomic_output
 from ...base.typing import Array
 from .boards import Board, dictionary
 
@@ -107,7 +107,7 @@ def words_of(board: Board) -> str:
     return f"omnimirror {board.kind} {size}{markers}{gaps}; the line is {RULER_MM:g} mm long"
 
 
-@checked
+@validate_arguments
 def draw_board(
     board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None = None
 ) -> NDArray[np.uint8]:
@@ -141,7 +141,7 @@ def draw_board(
     )
 
 
-@checked
+@validate_arguments
 def write_board(
     board: Board,
     path: str | Path,
@@ -200,7 +200,7 @@ def write_board(
             data = _svg(sheet).encode()
         case _:
             data = _png(_raster(sheet, number("dpi", dpi, above=0) / 25.4), dpi)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_bytes(data)
     return path
 

@@ -3,7 +3,7 @@
 from typing import TypeAlias, get_args
 
 from ._opencv_models import KannalaBrandt, RationalPinhole, ThinPrismFisheye
-from .camera_model import CameraModel, Image, ModelParameter
+from .camera_model import CameraModel, ModelParameter, PointImages
 from .ocam import OCam, load_ocam, parse_ocam
 from .radial_model import RadialModel
 from .sphere_models import DoubleSphere, EnhancedUnified, MirrorBall, Unified
@@ -30,11 +30,11 @@ __all__ = [
     "CameraModel",
     "DoubleSphere",
     "EnhancedUnified",
-    "Image",
     "KannalaBrandt",
     "MirrorBall",
     "ModelParameter",
     "OCam",
+    "PointImages",
     "RadialModel",
     "RadialSpline",
     "RationalPinhole",

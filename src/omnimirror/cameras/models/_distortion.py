@@ -12,7 +12,7 @@ from ...base.typing import Array, Mask
 
 Rows = tuple[Array, Array]
 
-MIN_RATE = 0.01  # minimum rate relative to the centre, limit of validity of fitted polynomials
+MIN_RATE = 0.01  # relative to the centre: limit of validity of fitted polynomials
 INVERSION_NODES = 257  # of the table of initial values for inversion
 MAX_STEPS = 30
 MIN_COEFFICIENT = 1e-60  # smaller coefficients have no effect and would overflow as divisors
@@ -55,15 +55,15 @@ class DistortionModel(Protocol):
         """Compute the derivative of :meth:`radius`."""
         ...
 
-    def end(self) -> float:
+    def max_radius(self) -> float:
         """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
         ...
 
-    def applied(self, x: Array, y: Array) -> DistortedPoints:
+    def distort(self, x: Array, y: Array) -> DistortedPoints:
         """Distort points of the circular image."""
         ...
 
-    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+    def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
         """Return derivatives of the distorted point by the fields, (of x, of y) each."""
         ...
 
@@ -100,21 +100,25 @@ class Distortion(NamedTuple):
         s = r * r
         return 1 + s * (3 * self.k1 + s * (5 * self.k2 + s * 7 * self.k3))
 
-    def end(self) -> float:
+    def max_radius(self) -> float:
         """Return the radius at which the rate falls to 1 % of that at the centre; else infinity."""
         return float(
-            np.sqrt(first_root(np.array([1 - MIN_RATE, 3 * self.k1, 5 * self.k2, 7 * self.k3])))
+            np.sqrt(
+                smallest_positive_root(
+                    np.array([1 - MIN_RATE, 3 * self.k1, 5 * self.k2, 7 * self.k3])
+                )
+            )
         )
 
-    def applied(self, x: Array, y: Array) -> DistortedPoints:
+    def distort(self, x: Array, y: Array) -> DistortedPoints:
         """Distort points of the circular image."""
         k1, k2, k3, p1, p2 = self
         s = x * x + y * y
         factor = 1 + s * (k1 + s * (k2 + s * k3))
         growth = 2 * (k1 + s * (2 * k2 + 3 * k3 * s))
-        return _moved(x, y, factor, growth, p1, p2)
+        return _distort_radial_tangential(x, y, factor, growth, p1, p2)
 
-    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+    def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
         """Return derivatives of the distorted point by k1 to k3, p1 and p2."""
         s = x * x + y * y
         radial = tuple((x * power, y * power) for power in (s, s * s, s**3))
@@ -148,38 +152,46 @@ class Rational(NamedTuple):
 
     def radius(self, r: Array) -> Array:
         """Compute distorted radii from undistorted radii, by the radial part."""
-        over, under, _, _ = self._parts(r * r)
-        return np.asarray(r * over / under)
+        numerator, denominator, _, _ = self._parts(r * r)
+        return np.asarray(r * numerator / denominator)
 
     def rate(self, r: Array) -> Array:
         """Compute the derivative of :meth:`radius`."""
         s = r * r
-        over, under, d_over, d_under = self._parts(s)
-        return np.asarray(over / under + 2 * s * (d_over * under - over * d_under) / under**2)
-
-    def end(self) -> float:
-        """Return the radius of a vanishing or diverging rate; else infinity."""
-        over, under = np.array([1.0, *self[:3]]), np.array([1.0, *self[3:6]])
-        cross = polysub(polymul(polyder(over), under), polymul(over, polyder(under)))
-        rate = polysub(
-            polyadd(polymul(over, under), polymul([0.0, 2.0], cross)),
-            MIN_RATE * polymul(under, under),
+        numerator, denominator, d_numerator, d_denominator = self._parts(s)
+        return np.asarray(
+            numerator / denominator
+            + 2 * s * (d_numerator * denominator - numerator * d_denominator) / denominator**2
         )
-        return float(np.sqrt(min(first_root(rate), first_root(under))))
 
-    def applied(self, x: Array, y: Array) -> DistortedPoints:
+    def max_radius(self) -> float:
+        """Return the radius of a vanishing or diverging rate; else infinity."""
+        # With s = r^2, r' = r N(s) / D(s) and dr'/dr = (N D + 2 s (N' D - N D')) / D^2.
+        numerator, denominator = np.array([1.0, *self[:3]]), np.array([1.0, *self[3:6]])
+        cross = polysub(
+            polymul(polyder(numerator), denominator), polymul(numerator, polyder(denominator))
+        )
+        rate = polysub(
+            polyadd(polymul(numerator, denominator), polymul([0.0, 2.0], cross)),
+            MIN_RATE * polymul(denominator, denominator),
+        )
+        return float(
+            np.sqrt(min(smallest_positive_root(rate), smallest_positive_root(denominator)))
+        )
+
+    def distort(self, x: Array, y: Array) -> DistortedPoints:
         """Distort points of the circular image."""
-        over, under, d_over, d_under = self._parts(x * x + y * y)
-        growth = 2 * (d_over * under - over * d_under) / under**2
-        return _moved(x, y, over / under, growth, self.p1, self.p2)
+        numerator, denominator, d_numerator, d_denominator = self._parts(x * x + y * y)
+        growth = 2 * (d_numerator * denominator - numerator * d_denominator) / denominator**2
+        return _distort_radial_tangential(x, y, numerator / denominator, growth, self.p1, self.p2)
 
-    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+    def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
         """Return derivatives of the distorted point by k1 to k6, p1 and p2."""
         s = x * x + y * y
-        over, under, _, _ = self._parts(s)
-        shares = [power / under for power in (s, s * s, s**3)]
-        shares += [-share * over / under for share in shares]
-        return (*((x * share, y * share) for share in shares), *_tangential_terms(x, y, s))
+        numerator, denominator, _, _ = self._parts(s)
+        factors = [power / denominator for power in (s, s * s, s**3)]  # by k1, k2, k3
+        factors += [-factor * numerator / denominator for factor in factors]  # by k4, k5, k6
+        return (*((x * factor, y * factor) for factor in factors), *_tangential_terms(x, y, s))
 
     def _parts(self, s: Array) -> tuple[Array, Array, Array, Array]:
         """Return numerator and denominator, and their derivatives by r^2."""
@@ -196,7 +208,7 @@ class ThinPrism(NamedTuple):
     """``x' = x + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + s2 r^4``; y' with p1 and p2 exchanged, s3
     and s4.
 
-    >>> ThinPrism(s1=0.1).applied(np.array([1.0]), np.array([0.0])).x
+    >>> ThinPrism(s1=0.1).distort(np.array([1.0]), np.array([0.0])).x
     array([1.1])
     """
 
@@ -223,14 +235,14 @@ class ThinPrism(NamedTuple):
         """Return ones."""
         return np.ones_like(r)
 
-    def end(self) -> float:
+    def max_radius(self) -> float:
         """Return infinity."""
         return np.inf
 
-    def applied(self, x: Array, y: Array) -> DistortedPoints:
+    def distort(self, x: Array, y: Array) -> DistortedPoints:
         """Distort points of the circular image."""
         s = x * x + y * y
-        at = _moved(x, y, np.ones_like(s), np.zeros_like(s), self.p1, self.p2)
+        at = _distort_radial_tangential(x, y, np.ones_like(s), np.zeros_like(s), self.p1, self.p2)
         right, down = 2 * self.s1 + 4 * self.s2 * s, 2 * self.s3 + 4 * self.s4 * s
         return DistortedPoints(
             at.x + s * (self.s1 + self.s2 * s),
@@ -241,14 +253,14 @@ class ThinPrism(NamedTuple):
             at.d_yy + down * y,
         )
 
-    def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
+    def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
         """Return derivatives of the distorted point by p1, p2 and s1 to s4."""
         s = x * x + y * y
         zero = np.zeros_like(s)
         return (*_tangential_terms(x, y, s), (s, zero), (s * s, zero), (zero, s), (zero, s * s))
 
 
-def _moved(
+def _distort_radial_tangential(
     x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: float
 ) -> DistortedPoints:
     """Apply a radial factor, whose derivative by x is ``growth x``, and tangential distortion."""
@@ -269,16 +281,15 @@ def _tangential_terms(x: Array, y: Array, s: Array) -> tuple[Rows, Rows]:
     return (2 * x * y, s + 2 * y * y), (s + 2 * x * x, 2 * x * y)
 
 
-# -- inversion -------------------------------------------------------------------------------------
+# -- Inversion -------------------------------------------------------------------------------------
 
 
-def undistorted_radius(distortion: DistortionModel, radius: Array, end: float) -> Array:
+def undistort_radius(distortion: DistortionModel, radius: Array, end: float) -> Array:
     """Invert the radial part: radii (n,) up to ``end`` of distorted radii; ``end`` beyond."""
     if not distortion.is_radial or not radius.size:
         return np.minimum(radius, end)
     radius = np.where(np.isfinite(radius), radius, 0.0)
-    far = float(radius.max())
-    high = _reach(distortion, far, end)
+    high = _bracket_end(distortion, float(radius.max()), end)
     nodes = np.linspace(0.0, high, INVERSION_NODES)
     values = distortion.radius(nodes)
     inside = np.minimum(radius, values[-1])
@@ -293,55 +304,55 @@ def undistorted_radius(distortion: DistortionModel, radius: Array, end: float) -
     )
 
 
-def undistorted(
+def undistort_points(
     distortion: DistortionModel, x: Array, y: Array, end: float
 ) -> tuple[Array, Array, Mask]:
     """Remove distortion from points of the circular image, within a radius."""
     r = np.hypot(x, y)
     if not (distortion.is_radial or distortion.is_tangential):
         return x, y, r <= end
-    ratio = undistorted_radius(distortion, r, end) / np.where(r > 0, r, 1.0)
+    ratio = undistort_radius(distortion, r, end) / np.where(r > 0, r, 1.0)
     px, py = x * ratio, y * ratio
-    solved = np.ones(r.shape, dtype=bool)
+    is_solved = np.ones(r.shape, dtype=bool)
     if distortion.is_tangential:
-        px, py, solved = _refined(distortion, x, y, px, py)
+        px, py, is_solved = _refine_points(distortion, x, y, px, py)
     with np.errstate(invalid="ignore"):
         inside = np.hypot(px, py) <= end
         if not distortion.is_tangential and np.isfinite(end):
             inside = r <= distortion.radius(np.array(end))
-    return px, py, solved & inside
+    return px, py, is_solved & inside
 
 
-def _refined(
+def _refine_points(
     distortion: DistortionModel, x: Array, y: Array, px: Array, py: Array
 ) -> tuple[Array, Array, Mask]:
     """Refine undistorted points from the radial solution by Newton's method in two dimensions."""
     with np.errstate(all="ignore"):
         for _ in range(MAX_STEPS):
-            at = distortion.applied(px, py)
+            at = distortion.distort(px, py)
             ex, ey = at.x - x, at.y - y
             determinant = at.d_xx * at.d_yy - at.d_xy * at.d_yx
             dx = (at.d_yy * ex - at.d_xy * ey) / determinant
             dy = (at.d_xx * ey - at.d_yx * ex) / determinant
             px, py = px - dx, py - dy
-            unsolved = np.hypot(dx, dy) > NEWTON_TOLERANCE * np.hypot(px, py)
-            if not unsolved.any():
+            is_unsolved = np.hypot(dx, dy) > NEWTON_TOLERANCE * np.hypot(px, py)
+            if not is_unsolved.any():
                 break
-    return px, py, (determinant > 0) & ~unsolved
+    return px, py, (determinant > 0) & ~is_unsolved
 
 
-def _reach(distortion: DistortionModel, far: float, end: float) -> float:
-    """Return a radius whose distorted radius is at least ``far``, or else the end."""
-    high = max(far, 1.0)
-    while high < end and distortion.radius(np.array(high)) < far:
+def _bracket_end(distortion: DistortionModel, distorted: float, end: float) -> float:
+    """Return a radius whose distorted radius is at least ``distorted``, or else the end."""
+    high = max(distorted, 1.0)
+    while high < end and distortion.radius(np.array(high)) < distorted:
         high *= 2
     return min(high, end)
 
 
-def first_root(coefficients: Array) -> float:
+def smallest_positive_root(coefficients: Array) -> float:
     """Return the smallest positive root of a polynomial, infinity if there is none."""
-    known = np.flatnonzero(np.abs(coefficients) > MIN_COEFFICIENT)
-    roots = polyroots(coefficients[: known[-1] + 1])
+    significant = np.flatnonzero(np.abs(coefficients) > MIN_COEFFICIENT)
+    roots = polyroots(coefficients[: significant[-1] + 1])
     return float(
         roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf)
     )

@@ -14,11 +14,18 @@ from ...base.parameters import Uncertainty
 from ...base.root_finding import increasing_root
 from ...base.typing import Array
 from ..frames import Mount
-from ._distortion import MAX_COEFFICIENT, MIN_RATE, DistortionModel, Rational, ThinPrism, first_root
+from ._distortion import (
+    MAX_COEFFICIENT,
+    MIN_RATE,
+    DistortionModel,
+    Rational,
+    ThinPrism,
+    smallest_positive_root,
+)
 from .camera_model import Optics
 from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialProjection
 
-# -- Kannala-Brandt fisheye model, as in OpenCV's module fisheye, Kalibr and ROS -------------------
+# -- Kannala-Brandt fisheye model ------------------------------------------------------------------
 
 NODES = 257  # of the table of initial values for inversion
 
@@ -89,12 +96,12 @@ class KannalaBrandt(FocalModel):
             number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        law = tuple(
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        slots = tuple(
             ParameterSlot(name, name, None, "", 0.1**i)
             for i, name in enumerate(self.COEFFICIENTS, start=1)
         )
-        return law, self._affine_places
+        return slots, self._affine_slots
 
     @property
     def _polynomial(self) -> Array:
@@ -106,49 +113,53 @@ class KannalaBrandt(FocalModel):
         return self._polynomial * np.arange(1, 2 * len(self._polynomial), 2)
 
     @cached_property
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         return float(
             min(
                 np.sqrt(
-                    first_root(np.asarray(polysub(self._rate_polynomial, [MIN_RATE]), dtype=float))
+                    smallest_positive_root(
+                        np.asarray(polysub(self._rate_polynomial, [MIN_RATE]), dtype=float)
+                    )
                 ),
                 np.pi,
             )
         )
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         radius: Array = omega * polyval(omega * omega, self._polynomial)
         return radius
 
-    def _law(self, omega: Array) -> RadialProjection:
+    def _projection(self, omega: Array) -> RadialProjection:
         square = omega * omega
         odd = np.empty((len(omega), len(self.COEFFICIENTS)))
         odd[:, 0] = omega * square
         for i in range(1, len(self.COEFFICIENTS)):
             odd[:, i] = odd[:, i - 1] * square
-        return RadialProjection(self._law_radius(omega), self._law_rate(omega), odd)
+        return RadialProjection(self._projected_radius(omega), self._projection_rate(omega), odd)
 
-    def _law_rate(self, omega: Array) -> Array:
+    def _projection_rate(self, omega: Array) -> Array:
         return np.asarray(polyval(omega * omega, self._rate_polynomial), dtype=float)
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         omegas, radii = self._table
         inside = np.minimum(radius, radii[-1])
         cell = np.clip(np.searchsorted(radii, inside) - 1, 0, NODES - 2)
 
         def difference(omega: Array) -> tuple[Array, Array]:
-            return self._law_radius(omega) - inside, self._law_rate(omega)
+            return self._projected_radius(omega) - inside, self._projection_rate(omega)
 
         start = np.interp(inside, radii, omegas)
-        return increasing_root(difference, omegas[cell], omegas[cell + 1], start, self._law_end)
+        return increasing_root(
+            difference, omegas[cell], omegas[cell + 1], start, self._projection_end
+        )
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        omegas = np.asarray(np.linspace(0.0, self._law_end, NODES), dtype=float)
-        return omegas, self._law_radius(omegas)
+        omegas = np.asarray(np.linspace(0.0, self._projection_end, NODES), dtype=float)
+        return omegas, self._projected_radius(omegas)
 
 
-# -- Lens models with additional terms: OpenCV's rational pinhole, and the thin-prism fisheye ------
+# -- Rational pinhole and thin-prism fisheye -------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -218,21 +229,21 @@ class RationalPinhole(FocalModel):
         return Rational(**{name: getattr(self, name) for name in self.LENS})
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        return (), self._affine_places
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        return (), self._affine_slots
 
     @property
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         return np.pi / 2 * (1 - ROUNDING)
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         return np.tan(omega)
 
-    def _law(self, omega: Array) -> RadialProjection:
+    def _projection(self, omega: Array) -> RadialProjection:
         tan = np.tan(omega)
         return RadialProjection(tan, 1 + tan * tan, np.empty((len(omega), 0)))
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         return np.arctan(radius)
 
 
@@ -272,7 +283,7 @@ class ThinPrismFisheye(KannalaBrandt):
     Examples
     --------
     >>> camera = ThinPrismFisheye((100.0, 100.0), (319.5, 239.5), (640, 480), s3=0.1)
-    >>> camera.image([[1.0, 0.0, 0.0]]).pixels.round(2)  # 90 deg to the right, pi/2 from the centre before the prism
+    >>> camera.image([[1.0, 0.0, 0.0]]).pixels.round(2)  # 90 deg to the right
     array([[476.58, 264.17]])
     """
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import choice, finite, shown
+from ...base.arguments import choice, finite, format_value
 from ...base.errors import InvalidParameter
 from ...base.notebook_card import Line, card, field_range, line_drawing, origin
 from ...base.parameters import Uncertainty
@@ -17,14 +17,11 @@ from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Projection, Rays
 from ..frames import Mount
 
-# -- Base class of calibrated models: parameters, and images of points with derivatives ------------
+# -- Base class --------------------------------------------------------------------------------------
 #
-# A model uses the camera frame (X right and Y down in the image, Z ahead). ``optics`` defines the
-# direction of the image centre: backwards past the lens (a mirror) or forwards (a fisheye). The frame
-# is right-handed, and no other axis is negated "because of the mirror".
-#
-# Calibrated parameters refer to the calibrated image: centres and radii are those of the image *as
-# delivered*, and ``mount.image_flipped`` only marks this image as mirrored.
+# A model uses the right-handed camera frame (X right and Y down in the image, Z ahead). ``optics``
+# defines the direction of the image centre: backwards past the lens (a mirror) or forwards (a fisheye).
+# Centres and radii refer to the image as delivered; ``mount.image_flipped`` marks it as mirrored.
 
 Optics = Literal["mirror", "fisheye"]
 
@@ -41,8 +38,8 @@ class ModelParameter(NamedTuple):
     """Typical change, for conditioning."""
 
 
-class Image(NamedTuple):
-    """Image of points with derivatives; NaN if invalid."""
+class PointImages(NamedTuple):
+    """Image points with derivatives; NaN if invalid."""
 
     pixels: Array
     """(n, 2), px, inside or outside the image."""
@@ -75,13 +72,13 @@ class CameraModel(ABC):
         """Return the model with other values (p,) of its parameters."""
 
     @abstractmethod
-    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
         """Project points (n, 3) in the camera frame, with derivatives; ``distant``: directions.
 
         Image edges and rim are ignored.
         """
 
-    def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+    def image_clamped(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
         """Project points, clamping points beyond the field to its end.
 
         Parameters
@@ -93,7 +90,7 @@ class CameraModel(ABC):
 
         Returns
         -------
-        Image
+        PointImages
             Pixels (n, 2), validity (n,), and derivatives (n, 2, 3) and (n, 2, p).
 
         Raises
@@ -106,14 +103,13 @@ class CameraModel(ABC):
         >>> import omnimirror as om
         >>> camera = om.Unified(0.0, (100.0, 100.0), (319.5, 239.5), (640, 480), optics="fisheye")  # a pinhole
         >>> behind = [[0.0, 100.0, -50.0]]
-        >>> camera.image(behind).valid[0], camera.image_to_the_end(behind).valid[0]
+        >>> camera.image(behind).valid[0], camera.image_clamped(behind).valid[0]
         (np.False_, np.True_)
         """
         return self.image(points_mm, distant=distant)
 
     def _repr_html_(self) -> str:
         """Return an HTML card for notebooks."""
-
         return camera_card(self)
 
     # -- Camera interface, in the world frame -----------------------------------------------------
@@ -135,42 +131,46 @@ class CameraModel(ABC):
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Return the pixels of world directions (n, 3) of any non-zero length."""
 
-    # -- orientation -------------------------------------------------------------------------------
+    # -- Orientation -------------------------------------------------------------------------------
 
     @property
-    def looks_back(self) -> bool:
+    def is_backward_facing(self) -> bool:
         """True if the image centre is directed backwards past the lens (-Z), as for a mirror."""
         return self.optics == "mirror"
 
     @property
     def axis(self) -> Array:
         """World direction (3,) of the image centre."""
-        forward = -1.0 if self.looks_back else 1.0
+        forward = -1.0 if self.is_backward_facing else 1.0
         return forward * self.mount.rotation()[:, 2]
 
     @property
-    def is_picture_reversed(self) -> bool:
+    def is_image_reversed(self) -> bool:
         """True if the raw image is mirrored: text is reversed and markers are not detected."""
-        return self.looks_back != self.mount.image_flipped
+        return self.is_backward_facing != self.mount.image_flipped
 
     @property
     def _signs(self) -> Array:
         """Signs of image right, image down and axis, relative to camera X, Y, Z."""
         return np.array(
-            [-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0]
+            [
+                -1.0 if self.mount.image_flipped else 1.0,
+                1.0,
+                -1.0 if self.is_backward_facing else 1.0,
+            ]
         )
 
-    # -- validation in the constructors of all models --------------------------------------------
+    # -- Validation in the constructors of all models --------------------------------------------
 
     def _check_camera(self) -> None:
         if finite("image_size", self.image_size).shape != (2,):
             raise InvalidParameter(
-                f"image_size = {shown(self.image_size)} is no pair of numbers, (width, height)"
+                f"image_size must be two numbers (width, height); got {format_value(self.image_size)}"
             )
         for name, length in zip(("width", "height"), self.image_size, strict=True):
             if not (1 <= length <= MAX_IMAGE_PX and int(length) == length):
                 raise InvalidParameter(
-                    f"image {name} = {length} is not a whole number of pixels from 1 to {MAX_IMAGE_PX}"
+                    f"image {name} must be an integer between 1 and {MAX_IMAGE_PX} px; got {length}"
                 )
         choice("optics", self.optics, get_args(Optics))
 
@@ -188,7 +188,7 @@ def direction_covariance(model: CameraModel, covariance: Array, directions: Arra
     plane across d. NaN outside the field of view.
     """
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return direction_covariance_at(model, covariance, unit, _across(unit), distant=True)
+    return direction_covariance_at(model, covariance, unit, _perpendicular_axes(unit), distant=True)
 
 
 def direction_covariance_at(
@@ -199,23 +199,23 @@ def direction_covariance_at(
     Targets are in the camera frame.
     """
     spread = np.full((len(targets), 2, 2), np.nan)
-    asked = np.flatnonzero(np.isfinite(targets).all(axis=1))
-    image = model.image(targets[asked], distant=distant)
-    moves = image.d_points @ axes[asked]
-    kept = (
+    finite_rows = np.flatnonzero(np.isfinite(targets).all(axis=1))
+    image = model.image(targets[finite_rows], distant=distant)
+    moves = image.d_points @ axes[finite_rows]
+    is_regular = (
         image.valid
         & np.isfinite(moves).all(axis=(1, 2))
         & np.isfinite(image.d_parameters).all(axis=(1, 2))
     )
-    kept[kept] = np.abs(np.linalg.det(moves[kept])) > 0
-    change = -np.linalg.solve(moves[kept], image.d_parameters[kept])
-    spread[asked[kept]] = change @ covariance @ change.transpose(0, 2, 1)
+    is_regular[is_regular] = np.abs(np.linalg.det(moves[is_regular])) > 0
+    change = -np.linalg.solve(moves[is_regular], image.d_parameters[is_regular])
+    spread[finite_rows[is_regular]] = change @ covariance @ change.transpose(0, 2, 1)
     return spread
 
 
 def field_angles(model: CameraModel, directions: Array) -> Array:
     """Return angles (n,), deg, of directions (n, 3) from the image centre."""
-    forward = -1.0 if model.looks_back else 1.0
+    forward = -1.0 if model.is_backward_facing else 1.0
     return np.degrees(
         np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2])
     )
@@ -251,23 +251,24 @@ def direction_sigma_deg(
     (n,) array
         NaN outside the field of view or the calibrated field.
     """
-    given = np.asarray(directions, dtype=float)
-    sigma = np.degrees(major_sigma(direction_covariance(model, covariance, given)))
-    return np.where(within_field(model, given, field_deg), sigma, np.nan)
+    vectors = np.asarray(directions, dtype=float)
+    sigma = np.degrees(major_sigma(direction_covariance(model, covariance, vectors)))
+    return np.where(within_field(model, vectors, field_deg), sigma, np.nan)
 
 
 def major_sigma(spread: Array) -> Array:
     """Return the larger standard deviation (n,), along the major axis, of covariances (n, 2, 2).
 
-    >>> larger_sigma(np.array([[[4.0, 0.0], [0.0, 9.0]]]))
+    >>> major_sigma(np.array([[[4.0, 0.0], [0.0, 9.0]]]))
     array([3.])
     """
     a, b, c = spread[:, 0, 0], (spread[:, 0, 1] + spread[:, 1, 0]) / 2, spread[:, 1, 1]
-    larger: Array = np.sqrt(np.maximum((a + c) / 2 + np.hypot((a - c) / 2, b), 0.0))
-    return larger
+    # larger eigenvalue of [[a, b], [b, c]]
+    sigma: Array = np.sqrt(np.maximum((a + c) / 2 + np.hypot((a - c) / 2, b), 0.0))
+    return sigma
 
 
-def _across(directions: Array) -> Array:
+def _perpendicular_axes(directions: Array) -> Array:
     """Return two unit vectors (n, 3, 2) orthogonal to unit vectors (n, 3)."""
     helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(directions, helper)
@@ -275,7 +276,7 @@ def _across(directions: Array) -> Array:
     return np.stack([first, np.cross(directions, first)], axis=2)
 
 
-# -- Notebook card of a calibrated camera ----------------------------------------------------------
+# -- Notebook card -----------------------------------------------------------
 
 RING_STEP_DEG = 30.0
 RING_POINTS = 61
@@ -292,7 +293,7 @@ def camera_card(camera: CameraModel) -> str:
     sigmas = camera.uncertainty.sigmas if camera.uncertainty else {}
     displayed = camera.parameters[:MAX_PARAMETERS]
     parameters = {
-        p.name: f"{p.value:.6g}{_deviation(sigmas.get(p.name))} {p.unit}" for p in displayed
+        p.name: f"{p.value:.6g}{_format_sigma(sigmas.get(p.name))} {p.unit}" for p in displayed
     }
     omitted = len(camera.parameters) - len(displayed)
     more = {f"{omitted} more parameters": ""} if omitted else {}
@@ -300,11 +301,11 @@ def camera_card(camera: CameraModel) -> str:
         "Optics": camera.optics,
         **field,
         "Image": f"{width} × {height} px",
-        "Camera looks": camera.mount.camera_looks,
+        "Camera orientation": camera.mount.camera_looks,
     }
     drawing = line_drawing(
         list(_field_rings(camera)),
-        f"Rings of the field every {RING_STEP_DEG:g} degrees in the image",
+        f"Image with rings of constant field angle every {RING_STEP_DEG:g} degrees",
     )
     return card(
         camera.KIND,
@@ -315,7 +316,7 @@ def camera_card(camera: CameraModel) -> str:
     )
 
 
-def _deviation(sigma: float | None) -> str:
+def _format_sigma(sigma: float | None) -> str:
     return "" if sigma is None else f" ± {sigma:.2g}"
 
 

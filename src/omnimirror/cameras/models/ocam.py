@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
 
-from ...base.arguments import file_name, finite, float_of, shown
+from ...base.arguments import file_name, finite, format_value, parse_float
 from ...base.caching import cached_property
 from ...base.errors import (
     InvalidParameter,
     OmnimirrorError,
     OmnimirrorWarning,
     SpecError,
-    shortened,
+    abbreviate,
 )
 from ...base.files import read_text
 from ...base.parameters import Uncertainty
@@ -80,7 +80,7 @@ class OCam(RadialModel):
     >>> camera = OCam((-100.0, 0.0, 0.0025), (319.5, 239.5), (640, 480))
     >>> float(np.degrees(camera.omega_from_radius(np.array([200.0]))[0]))  # f(200) = 0: the horizon
     90.0
-    >>> camera.project_directions([[1.0, 0.0, 0.0]]).pixels  # forward, at the top of the picture
+    >>> camera.project_directions([[1.0, 0.0, 0.0]]).pixels  # forward, at the top of the image
     array([[319.5,  39.5]])
     """
 
@@ -100,27 +100,27 @@ class OCam(RadialModel):
         self._check_radial()
         if finite("polynomial", self.polynomial).ndim != 1:
             raise InvalidParameter(
-                f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)"
+                f"polynomial must be numbers of shape (n,); got {format_value(self.polynomial)}"
             )
         if finite("affine", self.affine).shape != (3,):
             raise InvalidParameter(
-                f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0"
+                f"affine must be three numbers (c, d, e) near 1, 0, 0; got {format_value(self.affine)}"
             )
         if not (
             len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0
         ):
             raise InvalidParameter(
-                f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
-                "polynomial does (f(0) < 0)"
+                "polynomial must begin with a negative number, f(0) < 0, as OCamCalib's direct polynomial; "
+                f"got {format_value(self.polynomial)}"
             )
         if not np.max(np.abs(self.polynomial)) < MAX_OCAM_COEFFICIENT:
             raise InvalidParameter(
-                f"polynomial = {self.polynomial} holds {max(self.polynomial, key=abs):g}, which is no coefficient of a "
-                f"camera; they are valid below {MAX_OCAM_COEFFICIENT:g}"
+                f"polynomial must have coefficients with magnitudes less than {MAX_OCAM_COEFFICIENT:g}; "
+                f"got {max(self.polynomial, key=abs):g}"
             )
         if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.matrix)) < 1e-3:
             raise InvalidParameter(
-                f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0"
+                f"affine must be an invertible matrix (c, d, e) near (1, 0, 0); got {self.affine}"
             )
 
     @property
@@ -130,14 +130,14 @@ class OCam(RadialModel):
         return np.array([[1.0, e], [d, c]])
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         """All parameters except a1 (0) and e (equivalent to a rotation)."""
         half = min(self.image_size) / 2
-        law = tuple(
+        slots = tuple(
             ParameterSlot(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100)
             for i in self._powers
         )
-        return law, (
+        return slots, (
             ParameterSlot("c", "affine", 0, "", 0.01),
             ParameterSlot("d", "affine", 1, "", 0.01),
         )
@@ -147,15 +147,15 @@ class OCam(RadialModel):
         return [i for i in range(len(self.polynomial)) if i != 1]
 
     @cached_property
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         """Largest field angle of the polynomial, limited to slightly beyond the image."""
         return float(self._table[1][-1])
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         """Compute the field angle by ``tan(Omega) = rho / -f(rho)``."""
         return np.arctan2(radius, -polyval(radius, self.polynomial))
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         """Solve ``rho cos(Omega) + f(rho) sin(Omega) = 0``, with a single root."""
         nodes, omegas = self._table
         cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
@@ -168,9 +168,9 @@ class OCam(RadialModel):
         start = np.interp(omega, omegas, nodes)
         return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
 
-    def _law(self, omega: Array) -> RadialProjection:
+    def _projection(self, omega: Array) -> RadialProjection:
         """Compute radii and derivatives by the implicit function theorem."""
-        rho = self._law_radius(omega)
+        rho = self._projected_radius(omega)
         cos, sin = np.cos(omega), np.sin(omega)
         to_rho = cos + polyval(rho, polyder(self.polynomial)) * sin
         to_omega = polyval(rho, self.polynomial) * cos - rho * sin
@@ -179,16 +179,18 @@ class OCam(RadialModel):
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        beyond = MAX_RADIUS_RATIO * self._farthest_corner(np.linalg.inv(self.matrix))
-        nodes = np.linspace(0.0, min(_end_of_use(np.array(self.polynomial)), beyond), NODES)
-        return nodes, self._law_inverse(nodes)
+        max_radius = MAX_RADIUS_RATIO * self._farthest_corner(np.linalg.inv(self.matrix))
+        nodes = np.linspace(
+            0.0, min(_max_valid_radius(np.array(self.polynomial)), max_radius), NODES
+        )
+        return nodes, self._inverse_projection(nodes)
 
 
-def _end_of_use(a: Array) -> float:
+def _max_valid_radius(a: Array) -> float:
     """Return the radius (px) at which the field angle nearly stops increasing; else infinity.
 
     ``dOmega/drho = g / (rho^2 + f^2)`` with ``g = rho f' - f``, and ``1 / |a0|`` at the centre. The
-    limit is therefore the first root of the polynomial ``g |a0| - SLOWEST (rho^2 + f^2)``.
+    limit is therefore the first root of the polynomial ``g |a0| - MIN_RATE (rho^2 + f^2)``.
     """
     g = a * (np.arange(len(a)) - 1)
     rest = polyadd(g * abs(a[0]), -MIN_RATE * polyadd([0.0, 0.0, 1.0], polymul(a, a)))
@@ -197,7 +199,7 @@ def _end_of_use(a: Array) -> float:
     return float(ends.min(initial=np.inf))
 
 
-# -- the file --------------------------------------------------------------------------------------
+# -- Calibration files --------------------------------------------------------------------------------------
 
 
 def load_ocam(
@@ -240,17 +242,20 @@ def load_ocam(
     --------
     >>> import tempfile, omnimirror as om
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     made = om.convert(om.OCam((-260.0, 0.0, 0.0011), (402.7, 299.2), (800, 600)), f"{folder}/calib_results.txt")
-    ...     camera = om.load_ocam(f"{folder}/calib_results.txt")
+    ...     path = f"{folder}/calib_results.txt"
+    ...     result = om.convert(om.OCam((-260.0, 0.0, 0.0011), (402.7, 299.2), (800, 600)), path)
+    ...     camera = om.load_ocam(path)
     >>> camera.image_size
     (800, 600)
     """
     path = file_name("path", path)
-    text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
+    text = read_text(
+        path, "OCamCalib file", SpecError, f"path must be an existing OCamCalib file; got {path}"
+    )
     model, inverse = parse_polynomials(text, str(path))
-    camera = _placed(model, optics, mount, rim_radius_px)
-    for doubt in (*inverse_polynomial_warnings(camera, inverse), *plausibility_warnings(camera)):
-        warnings.warn(f"{shortened(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
+    camera = _with_mount(model, optics, mount, rim_radius_px)
+    for message in (*inverse_polynomial_warnings(camera, inverse), *plausibility_warnings(camera)):
+        warnings.warn(f"{abbreviate(str(path))}: {message}", OmnimirrorWarning, stacklevel=2)
     return camera
 
 
@@ -270,10 +275,12 @@ def parse_ocam(
     (319.5, 239.5)
     """
     model, _ = parse_polynomials(text, source)
-    return _placed(model, optics, mount, rim_radius_px)
+    return _with_mount(model, optics, mount, rim_radius_px)
 
 
-def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: float | None) -> OCam:
+def _with_mount(
+    model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: float | None
+) -> OCam:
     return replace(
         model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px
     )
@@ -288,7 +295,7 @@ def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
     c, d, e = lines.numbers("the affine parameters (c, d and e)", 3)
     height, width = lines.numbers("the image size (height and width)", 2)
     if not (height == int(height) and width == int(width)):
-        raise lines.error(f"the image size {height:g} {width:g} is not in whole pixels")
+        raise lines.error(f"the image size must be integers; got {height:g} {width:g}")
     size = (int(width), int(height))
     try:
         return OCam(direct, (column, row), size, (c, d, e)), inverse
@@ -300,7 +307,7 @@ class _Lines:
     """Iterator over the numeric lines of a file, with errors that name them."""
 
     def __init__(self, text: str, source: str) -> None:
-        self.source = shortened(source)
+        self.source = abbreviate(source)
         self.number = 0
         stripped = (
             (i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1)
@@ -315,8 +322,7 @@ class _Lines:
         count, *coefficients = self._next(f"{what} (a count, then that many coefficients)")
         if count != len(coefficients) or not coefficients:
             raise self.error(
-                f"{what} announces {count:g} coefficients and has {len(coefficients)}; expected a count, "
-                "then that many coefficients"
+                f"{what} must have the number of coefficients that precedes them, {count:g}; got {len(coefficients)}"
             )
         return tuple(coefficients)
 
@@ -324,19 +330,19 @@ class _Lines:
         """Parse a line of ``count`` numbers."""
         values = self._next(what)
         if len(values) != count:
-            raise self.error(f"expected {what}: {count} numbers, and there are {len(values)}")
+            raise self.error(f"{what} must be {count} numbers; got {len(values)}")
         return tuple(values)
 
     def _next(self, what: str) -> list[float]:
         if not self.lines:
-            raise SpecError(f"{self.source} ends before {what}")
+            raise SpecError(f"{self.source} must contain {what}; got the end of the file")
         self.number, words = self.lines.pop(0)
         values = []
         for word in words:
             try:
-                values.append(float_of(word))
+                values.append(parse_float(word))
             except ValueError:
                 values.append(np.nan)
             if not np.isfinite(values[-1]):
-                raise self.error(f"expected {what}, and {word[:40]!r} is not a number")
+                raise self.error(f"{what} must be numbers; got {word[:40]!r}")
         return values

@@ -31,30 +31,30 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
     Examples
     --------
     >>> import omnimirror as om
-    >>> doubts(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]  # doctest: +ELLIPSIS
-    'the centre (380, 510) lies 182 px from the middle of the image of 1024x768; with its coordinates, or width ...'
+    >>> plausibility_warnings(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]
+    'the centre (380, 510) is 182 px from the centre of the 1024 x 768 px image, but ... with swapped coordinates ...'
     """
-    found = []
+    messages = []
     (u, v), (width, height) = camera.centre_px, camera.image_size
     middle = np.array([width - 1, height - 1]) / 2
-    off, swapped = (float(np.hypot(*(np.array(place) - middle))) for place in ((u, v), (v, u)))
-    place = f"the centre ({u:.4g}, {v:.4g}) lies"
-    if off > MAX_CENTRE_OFFSET * min(width, height) and swapped < MAX_SWAPPED_RATIO * off:
-        found.append(
-            f"{place} {off:.3g} px from the middle of the image of {width}x{height}; with its coordinates, or width "
-            f"and height, swapped it lies {swapped:.3g} px from it: check the file"
+    offset, swapped = (float(np.hypot(*(np.array(uv) - middle))) for uv in ((u, v), (v, u)))
+    centre, size = f"the centre ({u:.4g}, {v:.4g})", f"{width} x {height} px image"
+    if offset > MAX_CENTRE_OFFSET * min(width, height) and swapped < MAX_SWAPPED_RATIO * offset:
+        messages.append(
+            f"{centre} is {offset:.3g} px from the centre of the {size}, but {swapped:.3g} px with swapped "
+            "coordinates or swapped width and height; check their order in the file"
         )
     elif not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
-        found.append(f"{place} outside the image of {width}x{height}")
+        messages.append(f"{centre} is outside the {size}")
     large, small = np.linalg.svd(camera.matrix, compute_uv=False)
     stretch = float(large / small) - 1
     if stretch > MAX_STRETCH:
         shift = stretch * min(camera.field_radius_px, min(width, height) / 2)
-        found.append(
+        messages.append(
             f"the image is stretched by {100 * stretch:.3g} % in one direction ({_affine(camera)}), up to {shift:.3g} "
-            "px; pixels are square in nearly all cameras"
+            "px; nearly all cameras have square pixels"
         )
-    return found
+    return messages
 
 
 def inverse_polynomial_warnings(
@@ -79,8 +79,8 @@ def inverse_polynomial_warnings(
     """
     if not len(inverse):
         return []
-    reach = min(camera.field_radius_px, min(camera.image_size) / 2)
-    end = float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING)
+    max_radius = min(camera.field_radius_px, min(camera.image_size) / 2)
+    end = float(camera.omega_from_radius(np.array([max_radius]))[0]) * (1 - ROUNDING)
     # An inverse with many terms deviates in unfitted regions, such as the centre of annular images.
     omega = np.linspace(EXCLUDED_FRACTION * end, end, SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -88,12 +88,12 @@ def inverse_polynomial_warnings(
             polyval(omega - start, np.asarray(inverse, dtype=float))
             - camera.radius_from_omega(omega)
         )
-    worst = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0
-    if difference[worst] <= MAX_DIFFERENCE_PX:
+    largest = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0
+    if difference[largest] <= MAX_DIFFERENCE_PX:
         return []
     return [
-        f"the inverse polynomial of the file differs from the direct one by up to {difference[worst]:.3g} px "
-        f"({np.degrees(omega[worst]):.3g} deg from the axis); the direct one is used"
+        f"the inverse polynomial of the file differs from the direct one by up to {difference[largest]:.3g} px "
+        f"({np.degrees(omega[largest]):.3g} deg from the axis); the direct one is used"
     ]
 
 

@@ -10,34 +10,41 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import finite, instance, number, optional_number, places, shown, vectors
+from ...base.arguments import (
+    finite,
+    format_value,
+    instance,
+    number,
+    optional_number,
+    positions,
+    vectors,
+)
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
 from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Projection, Rays, inside_image
-from ..frames import Mount, turned
+from ..frames import Mount, rotate_vectors
 from ._distortion import (
     DistortedPoints,
     Distortion,
     DistortionModel,
-    undistorted,
-    undistorted_radius,
+    undistort_points,
+    undistort_radius,
 )
-from .camera_model import CameraModel, Image, ModelParameter
+from .camera_model import CameraModel, ModelParameter, PointImages
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-# -- Radial camera models: field angle, radius, distortion, delivered image ------------------------
+# -- Radial models ---------------------------------------------------------------------------------
 #
-# The projection function of the model maps the field angle Omega of a point to the radius of its
-# image, at the azimuth of the point; Brown's distortion is applied; a matrix and the centre convert
-# to pixels. A model provides the projection function, its inverse and derivatives. All other steps,
-# from the mount to the image edge, are implemented here.
+# The projection function of a model maps the field angle Omega of a point to the radius of its image,
+# at the azimuth of the point; Brown's distortion is applied; a matrix and the centre convert to pixels.
+# A model provides the projection function, its inverse and derivatives.
 
-MAX_PX = 1e6  # of a radius, a focal length, a centre
+MAX_PX = 1e6  # maximum radius, focal length and centre coordinate
 ROUNDING = 1e-12  # relative tolerance of angles and radii at the rim
 
 
@@ -85,28 +92,28 @@ class RadialModel(CameraModel):
     LENS: ClassVar[Mapping[str, tuple[str, float]]] = {}
     """Supported ones of k1, k2, k3, p1 and p2, with unit and typical change."""
 
-    # -- interface of the models --------------------------------------------------------------
+    # -- Interface of the models --------------------------------------------------------------
 
     @abstractmethod
-    def _law(self, omega: Array) -> RadialProjection:
-        """Return the radii of field angles (n,), radians, up to :attr:`_law_end`."""
+    def _projection(self, omega: Array) -> RadialProjection:
+        """Return the radii of field angles (n,), radians, up to :attr:`_projection_end`."""
 
     @abstractmethod
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         """Return the radii only."""
 
     @abstractmethod
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         """Return the field angles of radii."""
 
     @property
     @abstractmethod
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         """Largest field angle (radians) of the projection function, which increases up to it."""
 
     @property
     @abstractmethod
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         """Parameters of the projection function, and of the matrix."""
 
     @property
@@ -129,7 +136,7 @@ class RadialModel(CameraModel):
         square = rho * rho + z * z
         return AngleRates(z / square, -rho / square)
 
-    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+    def _ray_origins(self, omega: Array) -> tuple[Array, Array]:
         """Return the ray origins of field angles, from and along the axis, mm."""
         return np.zeros_like(omega), np.zeros_like(omega)
 
@@ -142,13 +149,14 @@ class RadialModel(CameraModel):
         """True if all rays start at the origin."""
         return True
 
-    # -- parameters --------------------------------------------------------------------------------
+    # -- Parameters --------------------------------------------------------------------------------
 
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """Adjustable parameters of projection function, matrix, centre and distortion."""
         return tuple(
-            ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places
+            ModelParameter(p.name, float(self._slot_value(p)), p.unit, p.scale)
+            for p in self._all_slots
         )
 
     def with_parameters(self, values: Sequence[float] | Array) -> Self:
@@ -169,27 +177,25 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the values are invalid.
         """
-        places = self._all_places
-        found = finite("values", values)
-        if found.shape != (len(places),):
+        slots = self._all_slots
+        array = finite("values", values)
+        if array.shape != (len(slots),):
             raise InvalidParameter(
-                f"values has shape {found.shape}; {self.KIND} has {len(places)} parameters"
+                f"values must have the shape ({len(slots)},) for the parameters of {self.KIND}; got shape {array.shape}"
             )
         changes: dict[str, Any] = {}
-        for place, value in zip(places, found.tolist(), strict=True):
-            if place.item is None:
-                changes[place.field] = value
+        for slot, value in zip(slots, array.tolist(), strict=True):
+            if slot.item is None:
+                changes[slot.field] = value
             else:
-                changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = (
-                    value
-                )
+                changes.setdefault(slot.field, list(getattr(self, slot.field)))[slot.item] = value
         model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
-        changed = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
-        return replace(model, **changed, uncertainty=None)  # type: ignore[return-value]
+        fields = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
+        return replace(model, **fields, uncertainty=None)  # type: ignore[return-value]
 
     @cached_property
-    def _all_places(self) -> tuple[ParameterSlot, ...]:
-        law, affine = self._places
+    def _all_slots(self) -> tuple[ParameterSlot, ...]:
+        projection, affine = self._parameter_slots
         centre = tuple(
             ParameterSlot(name, "centre_px", i, "px", 1.0) for i, name in enumerate(("cx", "cy"))
         )
@@ -197,20 +203,20 @@ class RadialModel(CameraModel):
             ParameterSlot(name, name, None, unit, scale)
             for name, (unit, scale) in self.LENS.items()
         )
-        return (*law, *affine, *centre, *lens)
+        return (*projection, *affine, *centre, *lens)
 
-    def _at(self, place: ParameterSlot) -> float:
-        value = getattr(self, place.field)
-        return value if place.item is None else value[place.item]  # type: ignore[no-any-return]
+    def _slot_value(self, slot: ParameterSlot) -> float:
+        value = getattr(self, slot.field)
+        return value if slot.item is None else value[slot.item]  # type: ignore[no-any-return]
 
     @cached_property
     def distortion(self) -> DistortionModel:
         """Distortion of the model; zero if it has no such parameters."""
         return Distortion(**{name: getattr(self, name) for name in self.LENS})
 
-    # -- projection with derivatives ---------------------------------------------------------------
+    # -- Projection with derivatives ---------------------------------------------------------------
 
-    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
         """Project points or directions in the camera frame, with derivatives.
 
         Parameters
@@ -222,7 +228,7 @@ class RadialModel(CameraModel):
 
         Returns
         -------
-        Image
+        PointImages
             Pixels (n, 2), validity (n,), and derivatives (n, 2, 3) and (n, 2, p).
 
         Raises
@@ -234,13 +240,13 @@ class RadialModel(CameraModel):
             vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False
         )
 
-    def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+    def image_clamped(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
         # Continuous to first order: the projection function ends at a stationary radius.
         return self._image(
             vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True
         )
 
-    def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
+    def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> PointImages:
         """Project points (n, 3), with optional clamping to the end of the field."""
         signs = self._signs
         x, y, z = (points * signs).T
@@ -249,50 +255,54 @@ class RadialModel(CameraModel):
         with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
             inside = omega <= self.model_end
             valid = (np.isfinite(omega) if is_clamped else inside) & np.isfinite(ux)
-            law = self._law(np.minimum(omega, self.model_end))
+            projection = self._projection(np.minimum(omega, self.model_end))
             if is_clamped:
-                law = law._replace(rate=np.where(inside, law.rate, 0.0))
+                projection = projection._replace(rate=np.where(inside, projection.rate, 0.0))
             angle = self._angle_rates(omega, rho, z, distant)
-            meridional = law.rate * angle.rho
-            across = np.where(rho > ROUNDING * np.abs(z), law.radius / rho, meridional)
-            rx, ry = law.radius * ux, law.radius * uy
-            at = self.distortion.applied(rx, ry)
+            # With r(Omega) at the unit vector u of the azimuth, the derivative by the point across
+            # the axis is (dr/drho) u u^T + (r / rho) (1 - u u^T); on the axis r / rho = dr/drho.
+            meridional = projection.rate * angle.rho
+            across = np.where(rho > ROUNDING * np.abs(z), projection.radius / rho, meridional)
+            rx, ry = projection.radius * ux, projection.radius * uy
+            at = self.distortion.distort(rx, ry)
             matrix = self.matrix
-            step = _Step(matrix, at)
+            to_pixels = _PixelDerivatives(matrix, at)
             extra = meridional - across
             d_points = np.empty((len(points), 2, 3))
-            step.put(d_points, 0, signs[0] * (across + extra * ux * ux), signs[0] * extra * ux * uy)
-            step.put(d_points, 1, extra * ux * uy, across + extra * uy * uy)
-            along = signs[2] * law.rate * angle.z
-            step.put(d_points, 2, along * ux, along * uy)
-            d_parameters = self._parameter_derivatives(
-                step, (rx, ry), (at.x, at.y), (ux, uy), law, angle
+            d_points[:, :, 0] = to_pixels.columns(
+                signs[0] * (across + extra * ux * ux), signs[0] * extra * ux * uy
             )
-            pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
+            d_points[:, :, 1] = to_pixels.columns(extra * ux * uy, across + extra * uy * uy)
+            along = signs[2] * projection.rate * angle.z
+            d_points[:, :, 2] = to_pixels.columns(along * ux, along * uy)
+            d_parameters = self._parameter_derivatives(
+                to_pixels, (rx, ry), (at.x, at.y), (ux, uy), projection, angle
+            )
+            pixels = rotate_vectors(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
         valid = valid & np.isfinite(pixels).all(axis=-1)  # excludes poles of rational models
         if not valid.all():
             pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
-        return Image(pixels, valid, d_points, d_parameters)
+        return PointImages(pixels, valid, d_points, d_parameters)
 
     def _parameter_derivatives(
         self,
-        step: _Step,
-        flat: tuple[Array, Array],
+        to_pixels: _PixelDerivatives,
+        undistorted: tuple[Array, Array],
         distorted: tuple[Array, Array],
-        side: tuple[Array, Array],
-        law: RadialProjection,
+        azimuth: tuple[Array, Array],
+        projection: RadialProjection,
         angle: AngleRates,
     ) -> Array:
         terms = (
-            law.terms
+            projection.terms
             if angle.terms is None
-            else np.hstack([law.terms, law.rate[:, None] * angle.terms])
+            else np.hstack([projection.terms, projection.rate[:, None] * angle.terms])
         )
         q = terms.shape[1]
-        result = np.zeros((len(terms), 2, len(self._all_places)))
-        moved = step.of(side[0], side[1])
+        result = np.zeros((len(terms), 2, len(self._all_slots)))
+        radial = to_pixels.of(azimuth[0], azimuth[1])
         for row in (0, 1):
-            result[:, row, :q] = moved[row][:, None] * terms
+            result[:, row, :q] = radial[row][:, None] * terms
         for i, direction in enumerate(self.AFFINE, start=q):
             for row in (0, 1):
                 result[:, row, i] = (
@@ -302,43 +312,53 @@ class RadialModel(CameraModel):
         result[:, 0, first] = result[:, 1, first + 1] = 1.0
         if names := self.LENS:
             derivatives = dict(
-                zip(self.distortion._fields, self.distortion.terms(*flat), strict=True)
+                zip(
+                    self.distortion._fields,
+                    self.distortion.parameter_derivatives(*undistorted),
+                    strict=True,
+                )
             )
             for i, name in enumerate(names, start=first + 2):
                 dx, dy = derivatives[name]
                 for row in (0, 1):
-                    result[:, row, i] = step.matrix[row, 0] * dx + step.matrix[row, 1] * dy
+                    result[:, row, i] = (
+                        to_pixels.matrix[row, 0] * dx + to_pixels.matrix[row, 1] * dy
+                    )
         return result
 
-    # -- limits of the field -----------------------------------------------------------------------
+    # -- Limits of the field -----------------------------------------------------------------------
 
     @cached_property
     def model_end(self) -> float:
         """Largest field angle (radians) of projection function and distortion."""
-        end = self._law_end
-        if (plane := self.distortion.end()) < np.inf:
+        end = self._projection_end
+        if (limit := self.distortion.max_radius()) < np.inf:
             with np.errstate(over="ignore"):
-                reached = float(self._law_radius(np.array([end]))[0])
-            if plane < reached:
-                end = float(self._law_inverse(np.array([plane]))[0])
+                max_radius = float(self._projected_radius(np.array([end]))[0])
+            if limit < max_radius:
+                end = float(self._inverse_projection(np.array([limit]))[0])
         return end
 
     @cached_property
     def omega_max(self) -> float:
         """Largest field angle (radians), limited by rim, image corners and model."""
         end = self._plane_end
-        x, y, found = self._round_picture(self._corners, end)
-        radii = [float(np.hypot(x, y).max()) if found.all() else end]
+        x, y, is_solved = self._circular_image_points(self._corners, end)
+        radii = [float(np.hypot(x, y).max()) if is_solved.all() else end]
         if self.rim_radius_px is not None:
             radii.append(
                 float(
-                    undistorted_radius(
+                    undistort_radius(
                         self.distortion, np.array([self.rim_radius_px / self.scale_px]), end
                     )[0]
                 )
             )
         radius = min(radii)
-        return self.model_end if radius >= end else float(self._law_inverse(np.array([radius]))[0])
+        return (
+            self.model_end
+            if radius >= end
+            else float(self._inverse_projection(np.array([radius]))[0])
+        )
 
     @property
     def _corners(self) -> Array:
@@ -352,7 +372,7 @@ class RadialModel(CameraModel):
     @property
     def _plane_end(self) -> float:
         with np.errstate(over="ignore"):
-            return float(self._law_radius(np.array([self.model_end]))[0])
+            return float(self._projected_radius(np.array([self.model_end]))[0])
 
     @cached_property
     def field_radius_px(self) -> float:
@@ -378,7 +398,7 @@ class RadialModel(CameraModel):
             If the angles are not one-dimensional.
         """
         return self.scale_px * self.distortion.radius(
-            self._law_radius(places("omega", omega, is_row=True))
+            self._projected_radius(positions("omega", omega, is_row=True))
         )
 
     def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
@@ -400,9 +420,9 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the angles are not one-dimensional.
         """
-        omega = places("omega", omega, is_row=True)
-        law = self._law(omega)
-        rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
+        omega = positions("omega", omega, is_row=True)
+        projection = self._projection(omega)
+        rate = self.scale_px * self.distortion.rate(projection.radius) * projection.rate
         return (
             self.radius_from_omega(omega),
             rate,
@@ -427,8 +447,8 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the radii are not one-dimensional.
         """
-        radius = places("radius_px", radius_px, is_row=True) / self.scale_px
-        return self._law_inverse(undistorted_radius(self.distortion, radius, self._plane_end))
+        radius = positions("radius_px", radius_px, is_row=True) / self.scale_px
+        return self._inverse_projection(undistort_radius(self.distortion, radius, self._plane_end))
 
     @property
     def stretch(self) -> Array:
@@ -444,7 +464,7 @@ class RadialModel(CameraModel):
             return None
         x, y, _ = self.mount.rotation().T
         right, down = self._signs[0] * x, self._signs[1] * y
-        starts = None if self.is_central else self._ray_starts
+        starts = None if self.is_central else self._ray_origins
         return AxialSymmetry(
             self.centre_px,
             self.axis,
@@ -477,19 +497,19 @@ class RadialModel(CameraModel):
             If the pixels have another shape.
         """
         pixels = vectors("pixels", pixels, 2)
-        end = float(self._law_radius(np.array([self.omega_max]))[0])
-        x, y, found = self._round_picture(pixels, end * (1 + ROUNDING))
+        end = float(self._projected_radius(np.array([self.omega_max]))[0])
+        x, y, is_solved = self._circular_image_points(pixels, end * (1 + ROUNDING))
         radius, (ux, uy) = _length_and_unit(x, y)
-        valid = inside_image(pixels, self.image_size) & found
-        omega = self._law_inverse(np.minimum(radius[valid], end))
+        valid = inside_image(pixels, self.image_size) & is_solved
+        omega = self._inverse_projection(np.minimum(radius[valid], end))
         signs = self._signs
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
         for rays, (across, along) in (
             (directions, (np.sin(omega), np.cos(omega))),
-            (origins, self._ray_starts(omega)),
+            (origins, self._ray_origins(omega)),
         ):
             in_camera = np.stack([across * ux[valid], across * uy[valid], along], axis=-1) * signs
-            rays[valid] = turned(in_camera, self.mount.rotation().T)
+            rays[valid] = rotate_vectors(in_camera, self.mount.rotation().T)
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
@@ -510,7 +530,7 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the points have another shape.
         """
-        return self._projected(vectors("points_mm", points_mm, 3), distant=False)
+        return self._project_world(vectors("points_mm", points_mm, 3), distant=False)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Project directions (n, 3) of any non-zero length.
@@ -530,35 +550,37 @@ class RadialModel(CameraModel):
         InvalidParameter
             If the directions have another shape.
         """
-        return self._projected(vectors("directions", directions, 3), distant=True)
+        return self._project_world(vectors("directions", directions, 3), distant=True)
 
-    def _projected(self, world: Array, distant: bool) -> Projection:
-        in_camera = turned(world, self.mount.rotation()) * self._signs
+    def _project_world(self, world: Array, distant: bool) -> Projection:
+        in_camera = rotate_vectors(world, self.mount.rotation()) * self._signs
         rho, (ux, uy) = _length_and_unit(in_camera[..., 0], in_camera[..., 1])
         omega = self._field_angle(rho, in_camera[..., 2], distant)
         with np.errstate(invalid="ignore"):
-            seen = (omega <= self.omega_max * (1 + ROUNDING)) & np.isfinite(ux)
-        radius = self._law_radius(np.minimum(omega[seen], self.omega_max))
-        at = self.distortion.applied(radius * ux[seen], radius * uy[seen])
+            in_field = (omega <= self.omega_max * (1 + ROUNDING)) & np.isfinite(ux)
+        radius = self._projected_radius(np.minimum(omega[in_field], self.omega_max))
+        at = self.distortion.distort(radius * ux[in_field], radius * uy[in_field])
         pixels = np.full((*rho.shape, 2), np.nan)
-        pixels[seen] = self.centre_px + turned(np.stack([at.x, at.y], axis=-1), self.matrix.T)
+        pixels[in_field] = self.centre_px + rotate_vectors(
+            np.stack([at.x, at.y], axis=-1), self.matrix.T
+        )
         valid = inside_image(pixels, self.image_size)
         pixels[~valid] = np.nan
         return Projection(pixels, valid)
 
-    def _round_picture(self, pixels: Array, end: float) -> tuple[Array, Array, Mask]:
+    def _circular_image_points(self, pixels: Array, end: float) -> tuple[Array, Array, Mask]:
         """Return points (n,), (n,) of the undistorted circular image, and validity."""
-        plane = turned(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
+        plane = rotate_vectors(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
         with np.errstate(invalid="ignore"):
-            return undistorted(self.distortion, plane[..., 0], plane[..., 1], end)
+            return undistort_points(self.distortion, plane[..., 0], plane[..., 1], end)
 
-    # -- validation in the constructors of all models --------------------------------------------
+    # -- Validation in the constructors of all models --------------------------------------------
 
     def _check_radial(self) -> None:
         self._check_camera()
         if finite("centre_px", self.centre_px, -MAX_PX, MAX_PX, unit="px").shape != (2,):
             raise InvalidParameter(
-                f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)"
+                f"centre_px must be two numbers (u, v); got {format_value(self.centre_px)}"
             )
         optional_number("rim_radius_px", self.rim_radius_px, above=0.0, high=MAX_PX, unit="px")
         instance("mount", self.mount, Mount, "a Mount")
@@ -566,8 +588,8 @@ class RadialModel(CameraModel):
             instance("uncertainty", self.uncertainty, Uncertainty, "an Uncertainty")
 
 
-class _Step:
-    """Derivatives of a pixel by its position in the undistorted circular image."""
+class _PixelDerivatives:
+    """Derivatives of pixels by their positions in the undistorted circular image."""
 
     def __init__(self, matrix: Array, at: DistortedPoints) -> None:
         self.matrix = matrix
@@ -582,8 +604,9 @@ class _Step:
         (a, b), (c, d) = self.rows
         return a * dx + b * dy, c * dx + d * dy
 
-    def put(self, derivatives: Array, column: int, dx: Array, dy: Array) -> None:
-        derivatives[:, 0, column], derivatives[:, 1, column] = self.of(dx, dy)
+    def columns(self, dx: Array, dy: Array) -> Array:
+        """Convert displacements likewise, to (n, 2)."""
+        return np.stack(self.of(dx, dy), axis=-1)
 
 
 def _length_and_unit(x: Array, y: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -595,7 +618,7 @@ def _length_and_unit(x: Array, y: Array) -> tuple[Array, tuple[Array, Array]]:
         return length, (np.where(zero, 1.0, x / divisor), y / divisor)
 
 
-# -- Models with a circular image in focal lengths, and the camera matrix K of OpenCV --------------
+# -- Radial models with a camera matrix K ----------------------------------------------------------
 
 MIN_FOCAL_PX = 1e-6
 
@@ -621,7 +644,7 @@ class FocalModel(RadialModel):
         return fx if fx == fy else float(np.sqrt(fx * fy))
 
     @property
-    def _affine_places(self) -> tuple[ParameterSlot, ...]:
+    def _affine_slots(self) -> tuple[ParameterSlot, ...]:
         fx, fy = self.focal_px
         return (
             ParameterSlot("fx", "focal_px", 0, "px", 0.01 * fx),
@@ -634,6 +657,6 @@ class FocalModel(RadialModel):
         focal = finite("focal_px", self.focal_px, high=MAX_PX, unit="px")
         if focal.shape != (2,) or not focal.min() >= MIN_FOCAL_PX:
             raise InvalidParameter(
-                f"focal_px = {shown(self.focal_px)} is not valid; it is valid as (fx, fy), both above 0 px"
+                f"focal_px must be two numbers (fx, fy) greater than 0 px; got {format_value(self.focal_px)}"
             )
         number("skew_px", self.skew_px, low=-MAX_PX, high=MAX_PX, unit="px")

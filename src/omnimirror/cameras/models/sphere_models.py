@@ -15,7 +15,7 @@ from ._distortion import MAX_COEFFICIENT
 from .camera_model import Optics
 from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialModel, RadialProjection
 
-# -- Sphere-based models: projection onto a sphere, then from an offset point onto the image -------
+# -- Projection onto a sphere, then from an offset point onto the image ----------------------------
 
 MAX_SHAPE = 1e4  # largest shape parameter: all larger ones are equivalent
 
@@ -96,18 +96,18 @@ class Unified(FocalModel):
             number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        return (ParameterSlot("xi", "xi", None, "", 0.1),), self._affine_places
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        return (ParameterSlot("xi", "xi", None, "", 0.1),), self._affine_slots
 
     @property
-    def _law_end(self) -> float:
-        least = min(self.xi, 1 / self.xi) if self.xi else 0.0
-        return float(np.arccos(-least)) * (1 - ROUNDING)
+    def _projection_end(self) -> float:
+        end_cosine = min(self.xi, 1 / self.xi) if self.xi else 0.0
+        return float(np.arccos(-end_cosine)) * (1 - ROUNDING)
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         return np.sin(omega) / self._depth(omega)
 
-    def _law(self, omega: Array) -> RadialProjection:
+    def _projection(self, omega: Array) -> RadialProjection:
         sin, cos, depth = np.sin(omega), np.cos(omega), self._depth(omega)
         return RadialProjection(
             sin / depth, (1 + self.xi * cos) / depth**2, (-sin / depth**2)[:, None]
@@ -118,9 +118,11 @@ class Unified(FocalModel):
         depth: Array = 2 * np.cos(omega / 2) ** 2 + (self.xi - 1)
         return depth
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
+        # The ray (radius, 1) from the point xi behind the centre meets the unit sphere at this length
+        # (Mei and Rives, Eq. 4); the root vanishes at the end of the field for xi > 1.
         square = radius * radius
-        inside = np.maximum(1 + (1 - self.xi**2) * square, 0.0)  # the end itself, for xi > 1
+        inside = np.maximum(1 + (1 - self.xi**2) * square, 0.0)
         length = (self.xi + np.sqrt(inside)) / (1 + square)
         return np.arctan2(length * radius, length - self.xi)
 
@@ -189,32 +191,32 @@ class EnhancedUnified(FocalModel):
         number("beta", self.beta, low=1 / MAX_SHAPE, high=MAX_SHAPE)
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         return (
             ParameterSlot("alpha", "alpha", None, "", 0.01),
             ParameterSlot("beta", "beta", None, "", 0.05),
-        ), self._affine_places
+        ), self._affine_slots
 
     @property
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         w = _field_end_cosine(self.alpha)
         return float(np.arctan2(np.sqrt(1 - w * w), -w * np.sqrt(self.beta))) * (1 - ROUNDING)
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         sin, cos = np.sin(omega), np.cos(omega)
         radius: Array = sin / (
             self.alpha * np.sqrt(self.beta * sin**2 + cos**2) + (1 - self.alpha) * cos
         )
         return radius
 
-    def _law(self, omega: Array) -> RadialProjection:
+    def _projection(self, omega: Array) -> RadialProjection:
         a, sin, cos = self.alpha, np.sin(omega), np.cos(omega)
         q = np.sqrt(self.beta * sin**2 + cos**2)
         depth = a * q + (1 - a) * cos
         terms = np.stack([(cos - q) * sin, -a * sin**3 / (2 * q)], axis=-1) / depth[:, None] ** 2
         return RadialProjection(sin / depth, (1 - a + a * cos / q) / depth**2, terms)
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         a, square = self.alpha, self.beta * radius * radius
         root = np.sqrt(np.maximum(1 - (2 * a - 1) * square, 0.0))
         return np.arctan2(radius, (1 - a * a * square) / (a * root + 1 - a))
@@ -284,25 +286,25 @@ class DoubleSphere(FocalModel):
         number("alpha", self.alpha, low=0.0, high=1.0)
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         return (
             ParameterSlot("xi", "xi", None, "", 0.05),
             ParameterSlot("alpha", "alpha", None, "", 0.01),
-        ), self._affine_places
+        ), self._affine_slots
 
     @property
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         w = _field_end_cosine(self.alpha)
         distance = np.sqrt(1 - self.xi**2 * (1 - w * w)) - self.xi * w
         return float(np.arccos(np.clip(-distance * w - self.xi, -1.0, 1.0))) * (1 - ROUNDING)
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         cos = np.cos(omega)
         d = np.sqrt(1 + 2 * self.xi * cos + self.xi**2)
         radius: Array = np.sin(omega) / (self.alpha * d + (1 - self.alpha) * (self.xi + cos))
         return radius
 
-    def _law(self, omega: Array) -> RadialProjection:
+    def _projection(self, omega: Array) -> RadialProjection:
         xi, a, sin, cos = self.xi, self.alpha, np.sin(omega), np.cos(omega)
         d = np.sqrt(1 + 2 * xi * cos + xi * xi)
         depth = a * d + (1 - a) * (xi + cos)
@@ -310,7 +312,7 @@ class DoubleSphere(FocalModel):
         terms = np.stack([-sin * growth, -sin * (d - xi - cos)], axis=-1) / depth[:, None] ** 2
         return RadialProjection(sin / depth, (1 + xi * cos) * growth / depth**2, terms)
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         xi, a, square = self.xi, self.alpha, radius * radius
         root = np.sqrt(np.maximum(1 - (2 * a - 1) * square, 0.0))
         z = (1 - a * a * square) / (a * root + 1 - a)
@@ -325,7 +327,7 @@ def _field_end_cosine(alpha: float) -> float:
     return alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
 
 
-# -- Mirror ball: a reflecting sphere at a large camera distance -----------------------------------
+# -- Mirror ball -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -380,32 +382,32 @@ class MirrorBall(RadialModel):
         number("field_deg", self.field_deg)
         if not 0 < self.field_deg <= 360:
             raise InvalidParameter(
-                f"field_deg = {self.field_deg:g} is not the full angle of a field; it is valid above 0, up to 360"
+                f"field_deg must be greater than 0 and at most 360 deg; got {self.field_deg:g}"
             )
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
         return (ParameterSlot("rim_radius_px", "rim_radius_px", None, "px", 1.0),), ()
 
     @property
-    def _law_end(self) -> float:
+    def _projection_end(self) -> float:
         return float(np.radians(self.field_deg / 2))
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         return self._ball_radius_px * np.sin(omega / 2)
 
-    def _law(self, omega: Array) -> RadialProjection:
-        radius = self._law_radius(omega)
+    def _projection(self, omega: Array) -> RadialProjection:
+        radius = self._projected_radius(omega)
         return RadialProjection(
             radius,
             self._ball_radius_px / 2 * np.cos(omega / 2),
             (radius / self.rim_radius_px)[:, None],
         )
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         return 2 * np.arcsin(np.minimum(radius / self._ball_radius_px, 1.0))
 
     @property
     def _ball_radius_px(self) -> float:
         """Radius of the complete ball's outline, which the rim may truncate."""
-        return self.rim_radius_px / float(np.sin(self._law_end / 2))
+        return self.rim_radius_px / float(np.sin(self._projection_end / 2))

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import finite, number, shown, whole
+from ...base.arguments import finite, format_value, integer, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
@@ -20,7 +20,7 @@ from ._distortion import MAX_COEFFICIENT, MIN_RATE
 from .camera_model import Optics
 from .radial_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
 
-# -- Even and odd cubic splines on uniform knots, defined by their values at the knots -------------
+# -- Even and odd cubic splines on uniform knots ---------------------------------------------------
 
 
 class SplineBasis(NamedTuple):
@@ -30,14 +30,14 @@ class SplineBasis(NamedTuple):
     cells: Array
     """Coefficients (n, 4, n) by cell, power, and value at the knot."""
 
-    def at(self, x: Array) -> Array:
+    def weights(self, x: Array) -> Array:
         """Return the weights (m, n) of the knot values in the spline at x (m,)."""
-        cell, t = _place(x, self.step, len(self.cells))
+        cell, t = _locate_cell(x, self.step, len(self.cells))
         c, t = self.cells[cell], t[:, None]
-        shares: Array = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
-        return shares
+        weights: Array = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
+        return weights
 
-    def of(self, values: Array) -> Spline:
+    def spline(self, values: Array) -> Spline:
         """Return the spline with values (n,) at the knots."""
         return Spline(self.step, self.cells @ values)
 
@@ -50,30 +50,30 @@ class Spline(NamedTuple):
     """Coefficients (n, 4) of x from the start of each cell."""
 
     def __call__(self, x: Array) -> Array:
-        cell, t = _place(x, self.step, len(self.cells))
+        cell, t = _locate_cell(x, self.step, len(self.cells))
         c = self.cells[cell]
         value: Array = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
         return value
 
     def rate(self, x: Array) -> Array:
         """Evaluate the derivative."""
-        cell, t = _place(x, self.step, len(self.cells))
+        cell, t = _locate_cell(x, self.step, len(self.cells))
         c = self.cells[cell]
         value: Array = c[..., 1] + t * (2 * c[..., 2] + 3 * t * c[..., 3])
         return value
 
-    def end_of_growth(self, slowest: float) -> float:
+    def monotonic_end(self, min_rate: float) -> float:
         """Return the first position at which the derivative falls below a value; the last knot if
         there is none.
         """
         for cell, (_, b, c, d) in enumerate(self.cells.tolist()):
-            for t in sorted(_crossings(3 * d, 2 * c, b - slowest)):
+            for t in sorted(_downward_crossings(3 * d, 2 * c, b - min_rate)):
                 if 0 <= t <= self.step:
                     return cell * self.step + t
         return len(self.cells) * self.step
 
 
-def _crossings(a: float, b: float, c: float) -> list[float]:
+def _downward_crossings(a: float, b: float, c: float) -> list[float]:
     """Return the position at which ``a t^2 + b t + c`` crosses 0 downwards."""
     square = b * b - 4 * a * c
     if square < 0 or (a == 0 and b >= 0):
@@ -83,7 +83,7 @@ def _crossings(a: float, b: float, c: float) -> list[float]:
     return [2 * c / (-b + root)] if b < 0 else [(-b - root) / (2 * a)]
 
 
-def _place(x: Array, step: float, count: int) -> tuple[NDArray[np.intp], Array]:
+def _locate_cell(x: Array, step: float, count: int) -> tuple[NDArray[np.intp], Array]:
     cell = np.fmin(np.fmax(x / step, 0), count - 1).astype(np.intp)  # NaN maps to the first cell
     return cell, x - cell * step
 
@@ -93,14 +93,14 @@ def odd_basis(count: int, end: float) -> SplineBasis:
     """Return the basis of odd splines, ``f(-x) = -f(x)``, on ``count`` uniform knots up to ``end``,
     3 or more.
 
-    >>> spline = odd_basis(4, 2.0).of(np.array([0.5, 1.0, 1.5, 2.0]) ** 3)
-    >>> spline(np.array([0.3, 1.7])).round(12)  # what is a cubic is met exactly
+    >>> spline = odd_basis(4, 2.0).spline(np.array([0.5, 1.0, 1.5, 2.0]) ** 3)
+    >>> spline(np.array([0.3, 1.7])).round(12)  # exact for cubics
     array([0.027, 4.913])
     """
     at_zero = np.zeros((2, count + 1 + count + 1))
     at_zero[0, 0] = 1.0  # f(0)
     at_zero[1, count + 1] = 1.0  # f''(0)
-    basis = _solved(count, end, at_zero)
+    basis = _solve_basis(count, end, at_zero)
     basis.cells[0, [0, 2]] = 0.0  # exact zero: rounding would affect radii near the axis
     return basis
 
@@ -110,7 +110,7 @@ def even_basis(count: int, end: float) -> SplineBasis:
     """Return the basis of even splines, ``f(-x) = f(x)``, on ``count`` uniform knots up to ``end``;
     parabolic in the first cell.
 
-    >>> spline = even_basis(4, 2.0).of(np.array([0.5, 1.0, 1.5, 2.0]) ** 2)
+    >>> spline = even_basis(4, 2.0).spline(np.array([0.5, 1.0, 1.5, 2.0]) ** 2)
     >>> spline(np.array([0.3, 1.7])).round(12)
     array([0.09, 2.89])
     """
@@ -119,25 +119,25 @@ def even_basis(count: int, end: float) -> SplineBasis:
     at_zero[0, [0, 1]] = -1 / h, 1 / h  # f'(0) in the first cell
     at_zero[0, [count + 1, count + 2]] = -h / 3, -h / 6
     at_zero[1, [count + 1, count + 2]] = 1.0, -1.0
-    return _solved(count, end, at_zero)
+    return _solve_basis(count, end, at_zero)
 
 
-def _solved(count: int, end: float, at_zero: Array) -> SplineBasis:
+def _solve_basis(count: int, end: float, at_zero: Array) -> SplineBasis:
     """Solve for values y and second derivatives m of knots 0 to n from two equations at 0, (y0 ...
     yn, m0 ... mn).
     """
     n, h = count, end / count
-    matrix, given = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, n))
+    matrix, right = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, n))
     matrix[:2] = at_zero
     for i in range(1, n + 1):  # values
-        matrix[1 + i, i], given[1 + i, i - 1] = 1.0, 1.0
+        matrix[1 + i, i], right[1 + i, i - 1] = 1.0, 1.0
     for i in range(1, n):
         # Continuous first derivative: m[i-1] + 4 m[i] + m[i+1] = 6 (y[i-1] - 2 y[i] + y[i+1]) / h^2
         row = n + 1 + i
         matrix[row, n + i : n + i + 3] = 1.0, 4.0, 1.0
         matrix[row, i - 1 : i + 2] = np.array([-6.0, 12.0, -6.0]) / h**2
     matrix[-1, 2 * n - 1 :] = 1.0, -2.0, 1.0  # continuous f''' at knot n - 1
-    y, m = np.split(np.linalg.solve(matrix, given), 2)
+    y, m = np.split(np.linalg.solve(matrix, right), 2)
     cells = np.stack(
         [
             y[:-1],
@@ -150,12 +150,12 @@ def _solved(count: int, end: float, at_zero: Array) -> SplineBasis:
     return SplineBasis(h, cells)
 
 
-# -- Spline camera models: radius and viewpoint as splines of the field angle ----------------------
+# -- Camera models ---------------------------------------------------------------------------------
 
 NODES_PER_CELL = 16  # of the table of initial values for inversion
 MIN_KNOTS = 3
-MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # knots, and deviation, of a spline fitted to another model
-PROBES = 2001
+MAX_FITTED_KNOTS, MAX_FIT_ERROR_PX = 16, 0.5  # of a spline fitted to another model
+FIT_SAMPLES = 2001
 MAX_MM = 1e6
 MIN_FIELD_DEG = 1e-3  # star trackers have degrees; rates of narrower fields would overflow
 
@@ -179,7 +179,8 @@ class SplineModel(RadialModel):
         radii = finite("radii_px", self.radii_px, high=MAX_PX, unit="px")
         if radii.ndim != 1 or len(radii) < MIN_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
             raise InvalidParameter(
-                f"radii_px = {shown(self.radii_px)} is no row of {MIN_KNOTS} or more radii that grow from knot to knot"
+                f"radii_px must be at least {MIN_KNOTS} increasing radii greater than 0; "
+                f"got {format_value(self.radii_px)}"
             )
         for name in ("stretch_x", "shear"):
             number(name, getattr(self, name), low=-0.5, high=0.5)
@@ -195,12 +196,12 @@ class SplineModel(RadialModel):
         return np.array([[1 + s, h], [h, 1 - s]])
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        law = tuple(
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        slots = tuple(
             ParameterSlot(f"r{i}", "radii_px", i - 1, "px", 1.0)
             for i in range(1, len(self.radii_px) + 1)
         )
-        return law, (
+        return slots, (
             ParameterSlot("stretch_x", "stretch_x", None, "", 0.01),
             ParameterSlot("shear", "shear", None, "", 0.01),
         )
@@ -211,21 +212,21 @@ class SplineModel(RadialModel):
 
     @cached_property
     def _spline(self) -> Spline:
-        return self._basis.of(np.array(self.radii_px))
+        return self._basis.spline(np.array(self.radii_px))
 
     @cached_property
-    def _law_end(self) -> float:
-        slowest = MIN_RATE * float(self._spline.cells[0, 1])
-        return min(self._spline.end_of_growth(slowest), float(np.radians(self.field_deg / 2)))
+    def _projection_end(self) -> float:
+        min_rate = MIN_RATE * float(self._spline.cells[0, 1])
+        return min(self._spline.monotonic_end(min_rate), float(np.radians(self.field_deg / 2)))
 
-    def _law_radius(self, omega: Array) -> Array:
+    def _projected_radius(self, omega: Array) -> Array:
         return self._spline(omega)
 
-    def _law(self, omega: Array) -> RadialProjection:
-        shares = self._basis.at(omega)
-        return RadialProjection(self._spline(omega), self._spline.rate(omega), shares)
+    def _projection(self, omega: Array) -> RadialProjection:
+        weights = self._basis.weights(omega)
+        return RadialProjection(self._spline(omega), self._spline.rate(omega), weights)
 
-    def _law_inverse(self, radius: Array) -> Array:
+    def _inverse_projection(self, radius: Array) -> Array:
         omegas, radii = self._table
         inside = np.clip(radius, 0.0, radii[-1])
         cell = np.clip(np.searchsorted(radii, inside) - 1, 0, len(radii) - 2)
@@ -234,30 +235,36 @@ class SplineModel(RadialModel):
             return self._spline(omega) - inside, self._spline.rate(omega)
 
         start = np.interp(inside, radii, omegas)
-        return increasing_root(difference, omegas[cell], omegas[cell + 1], start, self._law_end)
+        return increasing_root(
+            difference, omegas[cell], omegas[cell + 1], start, self._projection_end
+        )
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        omegas = np.linspace(0.0, self._law_end, NODES_PER_CELL * len(self.radii_px) + 1)
+        omegas = np.linspace(0.0, self._projection_end, NODES_PER_CELL * len(self.radii_px) + 1)
         return omegas, self._spline(omegas)
 
 
-def _initial_table(
-    camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None
+def _fitted_parameters(
+    camera: RadialModel, knots: int | None, min_knots: int, field_deg: float | None
 ) -> dict[str, object]:
     """Return radii, centre, stretch and orientation of another model for a spline."""
-    widest = float(np.degrees(2 * camera.model_end))
+    model_field = float(np.degrees(2 * camera.model_end))
     if field_deg is None:  # radii of some models are unbounded; the image limits them
-        is_endless = not float(camera.radius_from_omega(np.array([camera.model_end]))[0]) <= MAX_PX
-        field_deg = float(np.degrees(2 * camera.omega_max)) if is_endless else widest
+        is_unbounded = (
+            not float(camera.radius_from_omega(np.array([camera.model_end]))[0]) <= MAX_PX
+        )
+        field_deg = float(np.degrees(2 * camera.omega_max)) if is_unbounded else model_field
     field = number("field_deg", field_deg, low=MIN_FIELD_DEG, high=360.0, unit="deg")
-    if field > widest * (1 + 1e-9):
+    if field > model_field * (1 + 1e-9):
         raise InvalidParameter(
-            f"field_deg = {field:g} is wider than the model's own, {widest:g} deg"
+            f"field_deg must be at most {model_field:g} deg, the field of the model; got {field:g}"
         )
     end = float(np.radians(field / 2))
     count = (
-        _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, MIN_KNOTS)
+        _sufficient_knots(camera, min_knots, end)
+        if knots is None
+        else integer("knots", knots, MIN_KNOTS)
     )
     omega = np.minimum(np.arange(1, count + 1) / count * end, camera.model_end)
     half = (camera.stretch + camera.stretch.T) / 2
@@ -275,21 +282,21 @@ def _initial_table(
     }
 
 
-def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
+def _sufficient_knots(camera: RadialModel, min_knots: int, end: float) -> int:
     """Return the number of even knots that fit the radii of a model.
 
     Radii of a mirror with low resolution at the rim increase rapidly there and need many cubic
     pieces.
     """
-    omega = np.linspace(0.0, end, PROBES)
+    omega = np.linspace(0.0, end, FIT_SAMPLES)
     radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
-    for count in range(fewest, MOST_KNOTS):
-        spline = odd_basis(count, end).of(
+    for count in range(min_knots, MAX_FITTED_KNOTS):
+        spline = odd_basis(count, end).spline(
             np.interp(np.arange(1, count + 1) / count * end, omega, radii)
         )
-        if np.abs(spline(omega) - radii).max() <= FOLLOWED_PX:
+        if np.abs(spline(omega) - radii).max() <= MAX_FIT_ERROR_PX:
             return count
-    return MOST_KNOTS
+    return MAX_FITTED_KNOTS
 
 
 @dataclass(frozen=True)
@@ -353,7 +360,7 @@ class RadialSpline(SplineModel):
         self._check_splines()
 
     @classmethod
-    def like(
+    def from_model(
         cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None
     ) -> Self:
         """Fit a spline to another model's radii, without tangential distortion.
@@ -378,7 +385,7 @@ class RadialSpline(SplineModel):
         InvalidParameter
             If the field is wider than that of the other model.
         """
-        return cls(**_initial_table(camera, knots, 6, field_deg))  # type: ignore[arg-type]
+        return cls(**_fitted_parameters(camera, knots, 6, field_deg))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -450,12 +457,12 @@ class ViewpointSpline(SplineModel):
         heights = finite("viewpoints_mm", self.viewpoints_mm, -MAX_MM, MAX_MM, unit="mm")
         if heights.shape != (len(self.radii_px),):
             raise InvalidParameter(
-                f"viewpoints_mm = {shown(self.viewpoints_mm)} does not give one height for each of the "
-                f"{len(self.radii_px)} knots"
+                f"viewpoints_mm must have one value for each of the {len(self.radii_px)} knots; "
+                f"got {format_value(self.viewpoints_mm)}"
             )
 
     @classmethod
-    def like(
+    def from_model(
         cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None
     ) -> Self:
         """Fit a spline to another model's radii and viewpoints, as an initial value.
@@ -480,7 +487,7 @@ class ViewpointSpline(SplineModel):
         InvalidParameter
             If the field is wider than that of the other model.
         """
-        start = _initial_table(camera, knots, 8, field_deg)
+        start = _fitted_parameters(camera, knots, 8, field_deg)
         count = len(start["radii_px"])  # type: ignore[arg-type]
         omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]
         inside = np.minimum(omega, camera.model_end)
@@ -491,12 +498,12 @@ class ViewpointSpline(SplineModel):
         return cls(**start)  # type: ignore[arg-type]
 
     @property
-    def _places(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
-        law, affine = super()._places
+    def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
+        radii, affine = super()._parameter_slots
         heights = (
             ParameterSlot(f"z{i + 1}", "viewpoints_mm", i, "mm", 1.0) for i in self._free_heights
         )
-        return (*law, *heights), affine
+        return (*radii, *heights), affine
 
     @property
     def _free_heights(self) -> list[int]:
@@ -509,7 +516,7 @@ class ViewpointSpline(SplineModel):
 
     @cached_property
     def _heights(self) -> Spline:
-        return self._height_basis.of(np.array(self.viewpoints_mm))
+        return self._height_basis.spline(np.array(self.viewpoints_mm))
 
     @cached_property
     def nearest_mm(self) -> float:
@@ -524,7 +531,7 @@ class ViewpointSpline(SplineModel):
     def _viewpoint_mm(self, omega: Array) -> Array:
         return self._heights(omega)
 
-    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+    def _ray_origins(self, omega: Array) -> tuple[Array, Array]:
         """Return ray origins beyond all ray intersections, on a shell about the viewpoints."""
         return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(
             omega
@@ -538,8 +545,8 @@ class ViewpointSpline(SplineModel):
         """
         if distant:
             return super()._field_angle(rho, z, distant)
-        known = np.isfinite(rho) & np.isfinite(z)
-        rho, z = np.where(known, rho, 0.0), np.where(known, z, 0.0)
+        is_finite = np.isfinite(rho) & np.isfinite(z)
+        rho, z = np.where(is_finite, rho, 0.0), np.where(is_finite, z, 0.0)
         end = self.model_end
 
         def difference(omega: Array) -> tuple[Array, Array]:
@@ -554,7 +561,7 @@ class ViewpointSpline(SplineModel):
             difference, np.zeros_like(rho), np.full_like(rho, np.pi), start, np.pi
         )
         distance = (z - self._heights(np.minimum(omega, end))) * np.cos(omega) + rho * np.sin(omega)
-        return np.where(known & (distance > self.nearest_mm), omega, np.nan)
+        return np.where(is_finite & (distance > self.nearest_mm), omega, np.nan)
 
     def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
         """Compute derivatives of the same equation by the implicit function theorem."""
@@ -562,8 +569,8 @@ class ViewpointSpline(SplineModel):
             central = super()._angle_rates(omega, rho, z, distant)
             return central._replace(terms=np.zeros((len(omega), len(self._free_heights))))
         sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, self.model_end)
-        shares = self._height_basis.at(inside)
+        weights = self._height_basis.weights(inside)
         rate = (z - self._heights(inside)) * cos + (rho - self._heights.rate(inside)) * sin
         return AngleRates(
-            cos / rate, -sin / rate, (sin / rate)[:, None] * shares[:, self._free_heights]
+            cos / rate, -sin / rate, (sin / rate)[:, None] * weights[:, self._free_heights]
         )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.evaluation import evaluate
-from ...base.arguments import numbers, shown
+from ...base.arguments import format_value, numbers
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import read_bytes
 from ...base.typing import Array
@@ -443,14 +443,14 @@ def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
             found = function(radius)
             if not isinstance(found, Sequence | np.ndarray) or len(found) != 2:
                 raise InvalidParameter(
-                    f"the function of the blur returns {shown(found)}; valid are two sizes"
+                    f"the function of the blur returns {format_value(found)}; valid are two sizes"
                 )
             return _checked(
                 BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found))
             )
 
         return sizes
-    table = numbers("blur", told, "one, two, or (n, 3)")
+    table = numbers("blur", told, "one or two numbers, or numbers of shape (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))

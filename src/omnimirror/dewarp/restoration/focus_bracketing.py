@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.focus import FocusStudy
 from ...analysis.meridional_imaging import virtual_images
-from ...base.arguments import checked, distances, instance, number, row
+from ...base.arguments import distances, instance, number, row, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
@@ -173,7 +173,7 @@ def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
     return replace(sensor, lens=sensor.lens.focused_at(focus_mm))
 
 
-@checked
+@validate_arguments
 def merge_bracket(
     sensor: Sensor,
     pictures: Sequence[NDArray[Any]],

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.typing import Array, Mask
@@ -85,7 +85,7 @@ def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     planes = [colours[..., 0]] if colours.shape[2] == 1 else _shades(colours)
     total = 0.0
     for n, (plane, table) in enumerate(zip(planes, coding.tables, strict=False)):
-        coarser = coding.coarser if n else (1, 1)
+        coarser = coding.subsampling if n else (1, 1)
         held, counted = _binned(plane, coarser), _binned(inside.astype(float), coarser)
         whole = blocks_of(counted > WHOLE).all(axis=(2, 3))
         if whole.any():
@@ -341,7 +341,7 @@ class Noise(NamedTuple):
         return self._replace(by_pixel=self.by_pixel[rows, columns])
 
 
-@checked
+@validate_arguments
 def estimate_noise(
     picture: Picture, file: str | Path | None = None, *, where: Mask | None = None
 ) -> Noise:

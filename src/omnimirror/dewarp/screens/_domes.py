@@ -8,7 +8,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, places
+from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
@@ -40,7 +40,7 @@ class PolarScreen(CentredScreen):
     def _from_middle(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array, Array]:
         """Return pixel offsets from the image centre, right and down, and their length."""
         width, height = self.size
-        x, y = places("u", u) - (width - 1) / 2, places("v", v) - (height - 1) / 2
+        x, y = positions("u", u) - (width - 1) / 2, positions("v", v) - (height - 1) / 2
         radius: Array = np.hypot(x, y)
         return x, y, radius
 
@@ -134,7 +134,7 @@ class Dome(PolarScreen):
         check_zoom(factor)
         return replace(self, omega_max_deg=min(180.0, self.omega_max_deg / factor))
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
         refuse_tilt(self, tilt_deg)
@@ -210,7 +210,7 @@ class LittlePlanet(PolarScreen):
             ),
         )
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
         refuse_tilt(self, tilt_deg)

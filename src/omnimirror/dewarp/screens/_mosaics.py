@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from ...base.arguments import check_fields, checked
+from ...base.arguments import check_fields, validate_arguments
 from ...base.errors import InvalidParameter
 from ._planes import Plane
 from ._screen import (
@@ -126,14 +126,14 @@ class CubeMap:
             if name
         )
 
-    @checked
+    @validate_arguments
     def zoomed(self, factor: float) -> Self:
         """Raise an error: a cube covers all directions and cannot be zoomed."""
         raise InvalidParameter(
             f"a cube map shows everything around and cannot be zoomed by {factor:g}"
         )
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the cube rotated with its front farther to the right."""
         if tilt_deg:
@@ -222,7 +222,7 @@ class Mosaic:
         """Return the mosaic with every view zoomed."""
         return self._each("zoomed", factor)
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the mosaic with every view rotated."""
         return self._each("panned", pan_deg, tilt_deg)

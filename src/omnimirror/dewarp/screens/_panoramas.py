@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, number, numbers, places
+from ...base.arguments import number, numbers, positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
@@ -48,7 +48,7 @@ class Panorama(CentredScreen):
     def pans_at(self, u: ArrayLike) -> Array:
         """Return the pan of columns (...), radians."""
         return np.radians(
-            self.pan_deg + ((places("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg
+            self.pan_deg + ((positions("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg
         )
 
     @abstractmethod
@@ -59,7 +59,7 @@ class Panorama(CentredScreen):
         """Return values at rows (...) that decrease linearly from the upper to the lower image
         edge.
         """
-        return highest - (places("v", v) + 0.5) / self.size[1] * (highest - lowest)
+        return highest - (positions("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
     def _words(self, name: str) -> str:
         around = (
@@ -74,7 +74,7 @@ class Panorama(CentredScreen):
             numbers(
                 "tilt_min_deg and tilt_max_deg",
                 (self.tilt_min_deg, self.tilt_max_deg),
-                "(one each)",
+                "two numbers",
             ).ndim
             != 1
         ):
@@ -153,7 +153,7 @@ class Cylinder(Panorama):
             )
 
     @classmethod
-    @checked
+    @validate_arguments
     def wall(
         cls,
         size: tuple[int, int],
@@ -197,7 +197,7 @@ class Cylinder(Panorama):
             self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
         )
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated to the right with its rows moved up by an angle, or by the
         height at this angle.
@@ -277,7 +277,7 @@ class Sphere(Panorama):
             self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
         )
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated to the right with its rows moved up."""
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1.0, tilt_deg)

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, places
+from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
@@ -88,8 +88,8 @@ class Plane(CentredScreen):
         """Return vectors (..., 3), of length 1 at the centre."""
         width, height = self.size
         forward, right, down = view_axes(self.pan_deg, self.tilt_deg, self.roll_deg)
-        x = (places("u", u) - (width - 1) / 2) / self.focal_px
-        y = (places("v", v) - (height - 1) / 2) / self.focal_px
+        x = (positions("u", u) - (width - 1) / 2) / self.focal_px
+        y = (positions("v", v) - (height - 1) / 2) / self.focal_px
         return on_plane(forward, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
@@ -102,7 +102,7 @@ class Plane(CentredScreen):
             ),
         )
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the view rotated to the right and up."""
         return replace(self, pan_deg=self.pan_deg + pan_deg, tilt_deg=self.tilt_deg + tilt_deg)
@@ -163,7 +163,7 @@ class Ground:
                 f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0"
             )
 
-    @checked
+    @validate_arguments
     def targets(self, first_row: int, last_row: int) -> Array:
         """Return points (rows, width, 3) in mm."""
         return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
@@ -172,8 +172,8 @@ class Ground:
         """Return points (..., 3) in mm at columns u and rows v, which may be fractional."""
         width, height = self.size
         _, right, down = view_axes(self.pan_deg, -90.0)
-        x = (places("u", u) - (width - 1) / 2) * self.mm_per_px
-        y = (places("v", v) - (height - 1) / 2) * self.mm_per_px
+        x = (positions("u", u) - (width - 1) / 2) * self.mm_per_px
+        y = (positions("v", v) - (height - 1) / 2) * self.mm_per_px
         centre = np.add(self.offset_mm, (0.0, 0.0, -self.height_mm))
         return on_plane(centre, x, right, y, down)
 
@@ -182,7 +182,7 @@ class Ground:
         check_zoom(factor)
         return replace(self, mm_per_px=self.mm_per_px / factor)
 
-    @checked
+    @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
         refuse_tilt(self, tilt_deg)

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, number, numbers, shown
+from ...base.arguments import format_value, number, numbers, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 
@@ -133,7 +133,7 @@ class CentredScreen(ABC):
         """True if the distance is infinite."""
         return math.isinf(self.distance_mm)  # NumPy rejects integers above 2^64
 
-    @checked
+    @validate_arguments
     def targets(self, first_row: int, last_row: int) -> Array:
         """Return points (rows, width, 3) in mm, or directions for an infinite distance."""
         return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
@@ -158,12 +158,9 @@ class CentredScreen(ABC):
 
     def _check_place(self) -> None:
         check_size(self.size)
-        if (
-            numbers("distance_mm", self.distance_mm, "(it takes one)").ndim
-            or not self.distance_mm > 0
-        ):
+        if numbers("distance_mm", self.distance_mm, "a number").ndim or not self.distance_mm > 0:
             raise InvalidParameter(
-                f"distance_mm = {shown(self.distance_mm)} is no distance; it is valid above 0, and inf"
+                f"distance_mm = {format_value(self.distance_mm)} is no distance; it is valid above 0, and inf"
             )
         check_offset(self.offset_mm)
         if self.is_distant and any(self.offset_mm):
@@ -195,19 +192,19 @@ def offset_words(offset_mm: Offset) -> str:
 
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
-    if numbers("size", size, "(width, height)").shape != (2,) or not all(
+    if numbers("size", size, "two numbers (width, height)").shape != (2,) or not all(
         1 <= n <= LARGEST_PX and int(n) == n for n in size
     ):
         raise InvalidParameter(
-            f"size = {shown(size)} is not a width and a height from 1 to {LARGEST_PX} px"
+            f"size = {format_value(size)} is not a width and a height from 1 to {LARGEST_PX} px"
         )
 
 
 def check_offset(offset_mm: Offset) -> None:
     """Raise an error unless the offset is a point in the world."""
-    offset = numbers("offset_mm", offset_mm, "of shape (3,)")
+    offset = numbers("offset_mm", offset_mm, "numbers of shape (3,)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise InvalidParameter(f"offset_mm = {shown(offset_mm)} is not x, y and z in mm")
+        raise InvalidParameter(f"offset_mm = {format_value(offset_mm)} is not x, y and z in mm")
 
 
 def check_angle(name: str, angle_deg: float) -> None:
@@ -229,15 +226,15 @@ def check_range(name: str, value: float, low: float, high: float, upper_included
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Raise an error for an unknown choice."""
     if not isinstance(value, str) or value not in choices:
-        raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(choices)}")
+        raise InvalidParameter(f"{name} = {format_value(value)} is not one of {', '.join(choices)}")
 
 
 def check_zoom(factor: float) -> None:
     """Raise an error unless the zoom is a positive finite factor."""
-    found = numbers("zoom", factor, "(it takes one)")
+    found = numbers("zoom", factor, "a number")
     if found.ndim or not (np.isfinite(found) and found > 0):
         raise InvalidParameter(
-            f"zoom = {shown(factor)} is no factor; it is valid above 0 and finite"
+            f"zoom = {format_value(factor)} is no factor; it is valid above 0 and finite"
         )
 
 

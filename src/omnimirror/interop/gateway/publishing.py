@@ -18,7 +18,7 @@ import av
 
 from ...base.errors import MediaError
 from ...io.live_outputs import stream_format
-from ...io.live_sources import LOW_DELAY, named
+from ...io.live_sources import LOW_DELAY, without_credentials
 from ...io.video_encoder import media_errors
 from .stream_outputs import TransportOutput
 
@@ -66,7 +66,7 @@ async def publish_stream(
         finally:
             await _terminate(process)
         if not is_lost:
-            on_status(f"cannot publish to {named(url)}: {reason}; retrying")
+            on_status(f"cannot publish to {without_credentials(url)}: {reason}; retrying")
         is_lost = True
         await asyncio.sleep(delay_s)
         delay_s = min(2 * delay_s, MAX_DELAY_S)

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ... import __version__
-from ...base.arguments import shown
+from ...base.arguments import format_value
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.escaping import html_text
 from ..http_server.auth import AccessGuard
@@ -271,7 +271,7 @@ def _steering_error(error: RequestValidationError) -> str:
         if problem["type"] in RANGE_ERRORS:
             return validation_message(error.errors())
         kind = "true or false" if name == "relative" else "a number"
-        return f"{name} must be {kind}; got {shown(problem['input'])}"
+        return f"{name} must be {kind}; got {format_value(problem['input'])}"
     return f'the body must be a JSON object such as {{"pan_deg": 40}} with keys from {valid}'
 
 

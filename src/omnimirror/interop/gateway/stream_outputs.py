@@ -98,7 +98,7 @@ class TransportEncoder:
                 self._rate,
                 TICKS,
                 options=H264_OPTIONS,
-                colour=ColourCoding.told_by(frame),
+                colour=ColourCoding.of_video(frame),
                 container_format="mpegts",
                 container_options=MPEGTS_OPTIONS,
                 is_live=True,

@@ -18,9 +18,9 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
 from starlette.websockets import WebSocketDisconnect
 
-from ...base.arguments import shown
+from ...base.arguments import format_value
 from ...base.errors import InvalidParameter
-from ...base.files import MOST_NESTED
+from ...base.files import MAX_NESTING
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -44,7 +44,7 @@ def parse_body(data: bytes | str) -> Any:
     InvalidMessage
         If the body is not JSON in UTF-8, or contains a non-finite number, an integer beyond 64
         bits, a lone surrogate, a duplicate name, or more than
-        :data:`~omnimirror.base.files.MOST_NESTED` nested levels.
+        :data:`~omnimirror.base.files.MAX_NESTING` nested levels.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def parse_body(data: bytes | str) -> Any:
     except json.JSONDecodeError as e:
         raise InvalidMessage(f"the body must be JSON: {e.msg} at character {e.pos}") from None
     except RecursionError:
-        raise InvalidMessage(f"the body must have at most {MOST_NESTED} nested levels") from None
+        raise InvalidMessage(f"the body must have at most {MAX_NESTING} nested levels") from None
     except ValueError as e:  # an integer with more digits than Python converts
         if isinstance(e, InvalidMessage):
             raise
@@ -78,29 +78,31 @@ def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(table) < len(pairs):
         names = [name for name, _ in pairs]
         duplicate = next(name for name in names if names.count(name) > 1)
-        raise InvalidMessage(f"the body must hold every name once; got {shown(duplicate)} again")
+        raise InvalidMessage(
+            f"the body must hold every name once; got {format_value(duplicate)} again"
+        )
     return table
 
 
 def _check_values(value: Any) -> None:
     """Check the values of parsed JSON, level by level."""
     level = [value]
-    for _ in range(MOST_NESTED + 1):
+    for _ in range(MAX_NESTING + 1):
         for item in level:
             if isinstance(item, float) and not math.isfinite(item):
                 raise InvalidMessage(f"the body must hold finite numbers; got {item}")
             if isinstance(item, int) and not -(2**63) <= item < 2**63:
                 raise InvalidMessage(
-                    f"the body must hold integers of at most 64 bits; got {shown(item)}"
+                    f"the body must hold integers of at most 64 bits; got {format_value(item)}"
                 )
             if isinstance(item, str) and not _is_encodable(item):
                 raise InvalidMessage(
-                    f"the body must hold whole characters; got the surrogate in {shown(item)}"
+                    f"the body must hold whole characters; got the surrogate in {format_value(item)}"
                 )
         level = [part for item in level for part in _items(item)]
         if not level:
             return
-    raise InvalidMessage(f"the body must have at most {MOST_NESTED} nested levels")
+    raise InvalidMessage(f"the body must have at most {MAX_NESTING} nested levels")
 
 
 def _items(value: Any) -> Iterable[Any]:
@@ -153,7 +155,7 @@ def validation_message(errors: Iterable[Mapping[str, Any]]) -> str:
     words = f"must {requirement}"
     if requirement == condition:  # another message than that of a simple check
         words = f"is invalid: {condition[0].lower()}{condition[1:]}"
-    return f"{name} {words}; got {shown(first.get('input'))}"
+    return f"{name} {words}; got {format_value(first.get('input'))}"
 
 
 # -- WebSocket -----------------------------------------------------------------------------------

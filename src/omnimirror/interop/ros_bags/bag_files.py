@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.errors import MediaError, OmnimirrorError
-from ...base.files import MARK, check_file, compose_yaml, read_text
+from ...base.files import TEMPORARY_MARK, check_file, compose_yaml, read_text
 
 STORAGES = {".mcap": "MCAP", ".db3": "SQLITE3"}
 """Storage plug-ins of single files by suffix."""
@@ -139,7 +139,7 @@ def create_bag(output: Path, source: Path) -> Iterator[Any]:
     target = Path(os.path.realpath(output))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        prefix = f".{target.stem}{MARK}"
+        prefix = f".{target.stem}{TEMPORARY_MARK}"
         with tempfile.TemporaryDirectory(prefix=prefix, dir=target.parent) as folder:
             temporary = Path(folder) / target.stem
             if is_ros1(output):

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from ...base.arguments import checked, file_name
+from ...base.arguments import file_name, validate_arguments
 from ...base.errors import InvalidParameter, MediaError
 from ...base.files import is_same_file
 from ...cameras.camera import Camera
@@ -84,7 +84,7 @@ class BagSelection:
             check_view_name(name)
 
 
-@checked
+@validate_arguments
 def dewarp_bag(
     source: str | Path,
     output: str | Path,

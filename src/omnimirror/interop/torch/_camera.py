@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.arguments import choice, instance, shown
+from ...base.arguments import choice, format_value, instance
 from ...base.errors import InvalidParameter
 from ...dewarp.screens import Screen
 from ._library import Tensor, torch
@@ -250,7 +250,7 @@ def check_tensor(name: str, value: Any, shape: str) -> None:
     has_dtype = is_tensor and value.dtype in supported_dtypes()
     if has_dtype and (not last.isdigit() or value.shape[-1:] == (int(last),)):
         return
-    actual = f"{value.dtype} {tuple(value.shape)}" if is_tensor else shown(value)
+    actual = f"{value.dtype} {tuple(value.shape)}" if is_tensor else format_value(value)
     raise InvalidParameter(
         f"{name} must be a tensor {shape} of torch.float64 or torch.float32; got {actual}"
     )

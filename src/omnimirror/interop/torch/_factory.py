@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ...base.arguments import instance, shown
+from ...base.arguments import format_value, instance
 from ...base.errors import InvalidParameter
 from ...calibration.sensor_parameters import free_names, parameter_location, value_of
 from ...cameras.camera import Camera
@@ -96,7 +96,9 @@ def differentiable(
 
 def _checked_dtype(dtype: object) -> object:
     if dtype is not None and dtype not in supported_dtypes():
-        raise InvalidParameter(f"dtype must be torch.float64 or torch.float32; got {shown(dtype)}")
+        raise InvalidParameter(
+            f"dtype must be torch.float64 or torch.float32; got {format_value(dtype)}"
+        )
     return torch.float64 if dtype is None else dtype
 
 
@@ -109,7 +111,7 @@ def _available_device(device: object, dtype: object) -> object:
     except (RuntimeError, AssertionError, TypeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InvalidParameter(
-            f"device must be available to PyTorch, such as 'cpu'; got {shown(device)} ({reason})"
+            f"device must be available to PyTorch, such as 'cpu'; got {format_value(device)} ({reason})"
         ) from None
 
 

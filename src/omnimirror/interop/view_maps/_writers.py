@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...cameras.camera import Camera
 from ...dewarp.screens import View
 from ...dewarp.viewpoints import Viewpoint
@@ -36,7 +36,7 @@ MAP_FORMATS: ExportFormats[ViewMap] = format_registry(
 """Formats of view maps by name."""
 
 
-@checked
+@validate_arguments
 def write_maps(
     camera: Camera,
     view: View,

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from ... import __version__
-from ...base.arguments import check_fields, checked, whole
+from ...base.arguments import check_fields, integer, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.escaping import gcode_comment, line_comment
 from ...base.parameters import Parameter
@@ -134,7 +134,7 @@ class ToolPath:
         )
 
 
-@checked
+@validate_arguments
 def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> ToolPath:
     """Compute the path of the tool nose over a mirror, from the rim to the axis.
 
@@ -165,7 +165,7 @@ def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> T
     >>> bool(np.abs(np.hypot(path.x_mm, path.z_mm + 50.5) - 50.5).max() < 5e-6)  # centres on a sphere
     True
     """
-    tool, digits = tool or Tool(), whole("digits", digits, 3, 12)
+    tool, digits = tool or Tool(), integer("digits", digits, 3, 12)
     rounding_nm = 1e6 * 10.0**-digits / np.sqrt(2)  # combined error of X and Z
     if rounding_nm > (1 - SHARE) * tool.tolerance_nm:
         raise InvalidParameter(

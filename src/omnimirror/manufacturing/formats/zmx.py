@@ -19,7 +19,7 @@ from typing import cast
 import numpy as np
 
 from ... import __version__
-from ...base.escaping import label, visible
+from ...base.escaping import escape_invisible, label
 from ...base.typing import Array
 from ...optics.housing import wall_words
 from ...optics.lenses import GaussianLens, Orthographic
@@ -47,7 +47,7 @@ def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str
         "VERS 181107 0 0 0 0",
         "MODE SEQ",
         f"NAME {label(sensor.name)}",
-        *(f"NOTE 0 {visible(note)}" for note in _notes(sensor, aspheres)),
+        *(f"NOTE 0 {escape_invisible(note)}" for note in _notes(sensor, aspheres)),
         "UNIT MM X W X CM MR CPMM",
         *_system(sensor),
         *_surfaces(sensor, aspheres),

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import checked, number, row, vectors, whole
+from ...base.arguments import integer, number, row, validate_arguments, vectors
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.polynomials import noll, zernike_terms, zernike_values
@@ -228,7 +228,7 @@ class FormError:
         )
 
 
-@checked
+@validate_arguments
 def form_error(
     mirror: Mirror,
     points_mm: ArrayLike,
@@ -288,7 +288,7 @@ def form_error(
     points = points[np.isfinite(points).all(axis=-1)]
     probe_radius_mm = number("probe_radius_mm", probe_radius_mm, low=0.0, unit="mm")
     if order is not None:
-        order = whole("order", order, 2, ORDERS[-1])
+        order = integer("order", order, 2, ORDERS[-1])
     if are_departures and (is_profile or probe_radius_mm):
         what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
         raise InvalidParameter(

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...base.arguments import checked, file_name
+from ...base.arguments import file_name, validate_arguments
 from ...base.errors import OmnimirrorError
 from ...base.files import check_file, open_file, read_text
 from ...base.typing import Array
@@ -43,7 +43,7 @@ MAX_GRID_POINTS = 20_000_000
 BEGINNING = 512  # bytes for the detection of text files
 
 
-@checked
+@validate_arguments
 def read_points(path: str | Path, unit: Unit = "mm") -> Array:
     """Read points of a surface in mm from a measurement file.
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
-from ...base.escaping import plot_text, visible
+from ...base.escaping import escape_invisible, plot_text
 from .compensation import CALIBRATIONS, after
 from .monte_carlo import YieldStatistics
 from .requirement_merits import is_lower_limit
@@ -121,7 +121,7 @@ def _kept(ax: Axes, statistics: YieldStatistics, name: str) -> None:
     retained = 1 - statistics.lost / statistics.trials - shares if is_lower_limit(name) else shares
     ax.plot(values, 100 * retained, color=INK)
     ax.axvline(statistics.limits[name], color=GREY, linewidth=0.8, linestyle=":")
-    ax.set_xlabel(textwrap.fill(visible(name), NAME_LETTERS), parse_math=False)
+    ax.set_xlabel(textwrap.fill(escape_invisible(name), NAME_LETTERS), parse_math=False)
     ax.set_title("sensors above, %" if is_lower_limit(name) else "sensors below, %")
 
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...optics.mirrors import Mirror
 from ...optics.sensor import Sensor
 from ..body import Body
@@ -34,7 +34,7 @@ PV_PER_RMS = 2 * np.sqrt(3)
 POINTS = 401
 
 
-@checked
+@validate_arguments
 def tolerance_conflicts(
     sensor: Sensor, workshop: Workshop, body: Body | None = None, secondary_body: Body | None = None
 ) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arguments import check_fields, checked, number
+from ...base.arguments import check_fields, number, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.polynomials import noll, zernike_terms, zernike_values
 from ...base.typing import Array
@@ -143,7 +143,7 @@ def figure_tolerances(mirror: Mirror, figure: RandomFigure) -> dict[str, float]:
 MIN_UM = 1e-6  # rounding errors, rms
 
 
-@checked
+@validate_arguments
 def load_measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> MirrorForm:
     """Read a measured form error up to Zernike order 12.
 
@@ -224,7 +224,7 @@ class FormEffect:
         }
 
 
-@checked
+@validate_arguments
 def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     """Compute the effect of a form error on the images of a sensor.
 
@@ -272,7 +272,7 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     return FormEffect(meant, made, lost, beyond)
 
 
-@checked
+@validate_arguments
 def as_built(sensor: Sensor, form: FormError, *, asymmetric: bool = False) -> Sensor:
     """Return the sensor with its as-built mirror, for saving, rendering and dewarping.
 

@@ -312,7 +312,7 @@ def field_of(
     requested = (
         (inner, EDGE * largest)
         if field_deg is None
-        else numbers("field_deg", field_deg, "(it takes two)")
+        else numbers("field_deg", field_deg, "two numbers")
     )
     low, high = (float(angle) for angle in requested)
     if not smallest - 1e-9 <= low < high <= largest + 1e-9:

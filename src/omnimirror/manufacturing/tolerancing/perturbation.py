@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from ...analysis.operating_conditions import at_temperature
-from ...base.arguments import WrongKind, checked, shown
+from ...base.arguments import InvalidType, format_value, validate_arguments
 from ...base.errors import InvalidParameter
 from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
@@ -316,7 +316,7 @@ def group_of(name: str) -> str:
     return next(group for start, group in GROUPS.items() if name.startswith(start))
 
 
-@checked
+@validate_arguments
 def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     """Return a sensor with errors.
 
@@ -467,7 +467,7 @@ NEEDED = {
 def check_name(name: str, known: Mapping[str, ErrorSource]) -> None:
     """Raise an error for an unknown error source, with similar names."""
     if not isinstance(name, str):
-        raise WrongKind(f"error names must be strings; got {shown(name)}")
+        raise InvalidType(f"error names must be strings; got {format_value(name)}")
     if name not in known:
         from difflib import get_close_matches
 

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import shown
+from ...base.arguments import format_value
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
 from ...design.limits import LIMITABLE, Limit, told_part
@@ -144,7 +144,7 @@ def _check(merit: MeritName, name: str) -> None:
             return
         right = MeritName(merit.quantity, merit.quantity in LOWER_LIMITED)
         raise InvalidParameter(
-            f"{shown(name)} is not a merit of trials; use {right.text!r}, for the whole image"
+            f"{format_value(name)} is not a merit of trials; use {right.text!r}, for the whole image"
         )
     if merit.quantity not in LIMITABLE or merit.after != "none":
         raise _unknown(name)
@@ -155,7 +155,7 @@ def _unknown(name: object) -> InvalidParameter:
     built = [MeritName(quantity, quantity in LOWER_LIMITED).text for quantity in BUILT_QUANTITIES]
     calibrations = ", ".join(CALIBRATIONS[1:])
     return InvalidParameter(
-        f"{shown(name)} is not a merit of trials; valid are {', '.join(plain + built)}; motions, directions and "
+        f"{format_value(name)} is not a merit of trials; valid are {', '.join(plain + built)}; motions, directions and "
         f"straightness with 'after' and one of {calibrations}, for example 'motion_px after affine'; and quantities of "
         "requirement files, for example 'total_blur_px, 20 to 100 deg' or 'min resolution_px_per_deg'"
     )

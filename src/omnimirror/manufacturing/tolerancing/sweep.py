@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from ...base.arguments import check_fields
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.files import check_file, json_plain, parse_json, read_text, replacing, write_text
+from ...base.files import atomic_output, check_file, json_plain, parse_json, read_text, write_text
 from ...base.native import backend
 from ...io import interrupts
 from ...optics.sensor_files import tables_of
@@ -232,7 +232,7 @@ class Shard:
         digest, trial = _checksum(), self.first
         plain: Any = {"use_dictionary": False, "compression": "none", "write_statistics": False}
         with (
-            replacing(self.path) as temporary,
+            atomic_output(self.path) as temporary,
             pq.ParquetWriter(temporary, pa.schema(types), **plain) as writer,
         ):
             for rows in self.merits():

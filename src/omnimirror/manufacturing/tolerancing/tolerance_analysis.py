@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arguments import checked, instance, whole
+from ...base.arguments import instance, integer, validate_arguments
 from ...base.errors import InvalidParameter
 from ...design.evaluated_field import distances_mm
 from ...design.limits import Limit
@@ -132,7 +132,7 @@ class ToleranceReport:
         }
 
 
-@checked
+@validate_arguments
 def tolerance(
     sensor: Sensor,
     plan: TolerancePlan | Tolerances,
@@ -200,7 +200,7 @@ def tolerance(
     >>> report.statistics.yields.value
     1.0
     """
-    seed = whole("seed", seed)
+    seed = integer("seed", seed)
     if isinstance(plan, Tolerances):
         plan = TolerancePlan(plan)
     if plan.tolerances.sensor != sensor:
@@ -382,7 +382,7 @@ class TypicalSensor:
     merit: float
 
 
-@checked
+@validate_arguments
 def typical_sensors(
     sensor: Sensor,
     plan: TolerancePlan,
@@ -427,7 +427,7 @@ def typical_sensors(
     """
     check_limits({merit: 1.0})
     check_trials(trials)
-    seed = whole("seed", seed)
+    seed = integer("seed", seed)
     evaluator = TrialEvaluator.of(
         sensor, plan.refocus, select_requirement_merits([merit]), **plan.objects
     )

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from ...base.arguments import check_fields, checked, choice, file_name
+from ...base.arguments import check_fields, choice, file_name, validate_arguments
 from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
@@ -142,7 +142,7 @@ class TolerancePlan:
         check_limits(self.limits)
 
 
-@checked
+@validate_arguments
 def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
     """Read a tolerance file.
 
@@ -180,7 +180,7 @@ def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
     return parse_tolerances(text, sensor, str(path), path.parent)
 
 
-@checked
+@validate_arguments
 def load_allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
     """Read tolerances by error source for a drawing.
 
@@ -401,7 +401,7 @@ def _limit_of_trials(bound: BoundTable, section: str, where: SourceLocator) -> d
     return result
 
 
-@checked
+@validate_arguments
 def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     """Create a commented tolerance file.
 

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from ...base.arguments import check_fields, choice, number, shown
+from ...base.arguments import check_fields, choice, format_value, number
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...optics.mirrors.as_built import MirrorForm
@@ -262,7 +262,7 @@ class Tolerances:
         for pair, value in self.correlations.items():
             if not (isinstance(pair, tuple) and len(pair) == 2):
                 raise InvalidParameter(
-                    f"keys of correlations must be pairs of error names; got {shown(pair)}"
+                    f"keys of correlations must be pairs of error names; got {format_value(pair)}"
                 )
             first, second = pair
             for name in (first, second):

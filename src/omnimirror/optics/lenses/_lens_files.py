@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arguments import float_of, shown
+from ...base.arguments import format_value, parse_float
 from ...base.errors import OmnimirrorError, SpecError
-from ...base.files import LARGEST_TEXT, read_bytes, read_text
+from ...base.files import MAX_TEXT_BYTES, read_bytes, read_text
 from ..materials import Glass, GlassCatalogue, glass_named, model_glass, read_agf
 from ._sequential_tracing import SEARCH_TANGENTS, Sequence, Traced, chief_heights
 
@@ -45,7 +45,7 @@ def split_file_entry(
         raise SpecError(f"lens.{entry} names another file; put {noun} themselves in")
     name = table[entry]
     if not isinstance(name, str):
-        raise SpecError(f"lens.{entry} = {shown(name)} is not the name of a file in quotes")
+        raise SpecError(f"lens.{entry} = {format_value(name)} is not the name of a file in quotes")
     return {k: v for k, v in table.items() if k != entry}, folder / name
 
 
@@ -83,16 +83,16 @@ def read_lens_table(
         if name not in columns:
             valid = ", ".join(columns)
             raise SpecError(
-                f"{path} line {rows[0][0]}: column {shown(name)} is not known; valid are {valid}"
+                f"{path} line {rows[0][0]}: column {format_value(name)} is not known; valid are {valid}"
             )
     found: dict[str, list[float]] = {name: [] for name in names}
     for number, row in rows[1:]:
         try:
             for name, cell in zip(names, row, strict=True):
-                found[name].append(float_of(cell))
+                found[name].append(parse_float(cell))
         except ValueError:
             raise SpecError(
-                f"{path} line {number}: {shown(','.join(row))} is not {len(names)} numbers, one for each column"
+                f"{path} line {number}: {format_value(','.join(row))} is not {len(names)} numbers, one for each column"
             ) from None
     return found | rest
 
@@ -298,7 +298,7 @@ def _field_tangent(
 def _text(path: Path) -> str:
     """Read the text of a file in UTF-16, UTF-8 or an 8-bit encoding."""
     try:
-        data = read_bytes(path, LARGEST_TEXT)
+        data = read_bytes(path, MAX_TEXT_BYTES)
     except OSError as e:
         raise SpecError(f"{path} cannot be read: {e.strerror or e}") from None
     for code in ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "latin-1"):
@@ -321,7 +321,7 @@ def _parsed(path: Path, text: str) -> _File:
             raise
         except (ValueError, IndexError):
             raise found.error(
-                f"{shown(line.strip())} is not a line of a lens file", number
+                f"{format_value(line.strip())} is not a line of a lens file", number
             ) from None
     return found
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from ...base.arguments import WrongKind, shown
+from ...base.arguments import InvalidType, format_value
 from ...base.errors import InvalidParameter
 from ...base.registry import Registry
 from .conics_and_aspheres import (
@@ -39,8 +39,8 @@ M = TypeVar("M", bound=Mirror)
 def _check(name: str, cls: Any) -> None:
     """Check that an object is a mirror class with this kind."""
     if not (isinstance(cls, type) and issubclass(cls, Mirror)):
-        raise WrongKind(
-            f"{shown(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror"
+        raise InvalidType(
+            f"{format_value(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror"
         )
     made = vars(cls).get("__dataclass_params__")
     if made is None or not made.frozen:
@@ -48,7 +48,9 @@ def _check(name: str, cls: Any) -> None:
             f"{cls.__name__} is no frozen dataclass of its parameters, as mirrors are"
         )
     if (kind := getattr(cls, "KIND", None)) != name:
-        raise InvalidParameter(f"{cls.__name__}.KIND = {shown(kind)} is not its name, {name!r}")
+        raise InvalidParameter(
+            f"{cls.__name__}.KIND = {format_value(kind)} is not its name, {name!r}"
+        )
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
         raise InvalidParameter(

@@ -13,7 +13,7 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.polynomials import monomial_index, noll, zernike_powers, zernike_terms
 from ...base.typing import Array
-from ...cameras.frames import turned
+from ...cameras.frames import rotate_vectors
 
 # -- Mirror pose: decentring, displacement and tilt relative to the lens ---------------------------
 #
@@ -104,11 +104,11 @@ class MirrorPose:
 
     def turned_to_camera(self, directions: ArrayLike) -> Array:
         """Convert directions (n, 3) from the mirror frame to the camera frame."""
-        return turned(directions, self.rotation().T)
+        return rotate_vectors(directions, self.rotation().T)
 
     def turned_to_mirror(self, directions: ArrayLike) -> Array:
         """Convert directions (n, 3) from the camera frame to the mirror frame."""
-        return turned(directions, self.rotation())
+        return rotate_vectors(directions, self.rotation())
 
 
 # -- Form error of a manufactured mirror over its disk, in Zernike terms ---------------------------

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import WrongKind, check_fields, coordinates, floats, number, shown
+from ...base.arguments import InvalidType, check_fields, coordinates, floats, format_value, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
@@ -748,8 +748,8 @@ class TabulatedMapping(Mapped):
         4.072351768
         """
         if not callable(height):
-            raise WrongKind(
-                f"height = {shown(height)} is no function of field angles (n,) in radians"
+            raise InvalidType(
+                f"height = {format_value(height)} is no function of field angles (n,) in radians"
             )
         low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
         tolerance = number("tolerance", tolerance, above=0.0)

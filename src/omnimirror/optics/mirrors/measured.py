@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...base.arguments import float_of, shown
+from ...base.arguments import format_value, parse_float
 from ...base.errors import InvalidParameter, OmnimirrorError, SpecError
 from ...base.files import read_text
 from ...base.typing import Array, Mask
@@ -426,7 +426,7 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
         if len(words) < width or None in found:
             names = "x, y, z" if sum(kinds) > 2 else "x, z"
             raise OmnimirrorError(
-                f"{path} line {number}: {shown(line)} is not {names} as in the other rows"
+                f"{path} line {number}: {format_value(line)} is not {names} as in the other rows"
             )
         values.append([value for value in found if value is not None])
     return [line for _, line in lines[:first]], kinds, np.array(values)
@@ -590,7 +590,7 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
         if line.strip() and not line.lstrip().startswith(("!", "#"))
     ]
     try:
-        head = [float_of(word) for word in lines[0].split()]
+        head = [parse_float(word) for word in lines[0].split()]
         nx, ny, (dx, dy), unit = int(head[0]), int(head[1]), head[2:4], UNITS_MM[int(head[4])]
         offset = [*head[5:7], 0.0, 0.0][:2]
         if nx < 2 or ny < 2 or nx * ny != len(lines) - 1 or not (dx > 0 and dy > 0):
@@ -615,7 +615,9 @@ def _cloud_rows(path: Path, text: str, names: str) -> Array:
     found: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
-            numbers = [float_of(word) for word in line.replace(",", " ").replace(";", " ").split()]
+            numbers = [
+                parse_float(word) for word in line.replace(",", " ").replace(";", " ").split()
+            ]
             if (
                 not numbers
                 or not np.isfinite(numbers).all()
@@ -623,7 +625,9 @@ def _cloud_rows(path: Path, text: str, names: str) -> Array:
             ):
                 raise ValueError
         except ValueError:
-            raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
+            raise OmnimirrorError(
+                f"{path} line {number}: {format_value(line)} is not {names}"
+            ) from None
         found.append(numbers[: len(found[0])] if found else numbers)
     return np.array(found).reshape(-1, len(found[0]) if found else 1)
 
@@ -802,7 +806,9 @@ class ColumnFile:
             )
         name = table[self.entry]
         if not isinstance(name, str):
-            raise SpecError(f"{self.entry} = {shown(name)} is not the name of a file in quotes")
+            raise SpecError(
+                f"{self.entry} = {format_value(name)} is not the name of a file in quotes"
+            )
         found = self.read(folder / name, self.noun)
         rest = {k: v for k, v in table.items() if k != self.entry}
         return rest | dict(zip(self.columns, map(list, found), strict=True))
@@ -821,11 +827,11 @@ def read_columns(
     points: list[tuple[float, float]] = []
     for number, row in enumerate(_csv_rows(read_text(path, noun), path), start=1):
         try:
-            first, second = float_of(row[0]), float_of(row[1])
+            first, second = parse_float(row[0]), parse_float(row[1])
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
                 raise OmnimirrorError(
-                    f"{path} line {number}: {shown(','.join(row))} is not two numbers {names}"
+                    f"{path} line {number}: {format_value(','.join(row))} is not two numbers {names}"
                 ) from None
             continue
         points.append((first, second))

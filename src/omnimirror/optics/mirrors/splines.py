@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, coordinates, floats, number
+from ...base.arguments import coordinates, floats, number, validate_arguments
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
@@ -229,7 +229,7 @@ class SampledProfile(Mirror):
         self._check()
 
     @classmethod
-    @checked
+    @validate_arguments
     def from_csv(
         cls,
         path: str | Path,

@@ -14,7 +14,7 @@ from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError
 from ...base.files import check_file, open_file, parse_json, read_bytes
 from ...base.typing import Array
-from ...cameras.frames import turned
+from ...cameras.frames import rotate_vectors
 from ._painting import Surroundings
 from .scene import Scene
 from .surfaces import Surfaces, Texture, combine_surfaces, facets, textured_triangles
@@ -204,7 +204,9 @@ def load_mesh(
     for mesh in meshes:
         check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
     with np.errstate(all="ignore"):  # overflows are rejected below
-        corners = [turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
+        corners = [
+            rotate_vectors(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes
+        ]
         check_corners(path, corners)
     corners_are_linear = path.suffix.lower() in (
         ".glb",

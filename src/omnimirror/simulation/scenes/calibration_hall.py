@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, finite
+from ...base.arguments import finite, validate_arguments
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
@@ -173,7 +173,7 @@ class Hall:
         """Names of the boards, as printed on their lower margins."""
         return tuple(board.name for board in BOARDS)
 
-    @checked
+    @validate_arguments
     def board_corners_mm(self, name: str) -> Array:
         """Return the inner corners (7, 11, 3) of a board, mm: rows from its top, columns from its
         left, in reading direction.

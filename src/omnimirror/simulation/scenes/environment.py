@@ -15,7 +15,7 @@ from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError
 from ...base.native import backend, kernel_array
 from ...base.typing import Array
-from ...cameras.frames import turned
+from ...cameras.frames import rotate_vectors
 from ...dewarp.maps import PixelMap
 from ...dewarp.sampling import remap
 from ...io import read_image
@@ -126,7 +126,7 @@ class Environment:
             Linear RGB.
         """
         _, towards = rays_from(origins_mm, directions)
-        x, y, z = np.moveaxis(turned(towards, self.heading().T), -1, 0)
+        x, y, z = np.moveaxis(rotate_vectors(towards, self.heading().T), -1, 0)
         height, width = self.light.shape[:2]
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5

@@ -10,12 +10,12 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_fields, checked, file_name, finite
+from ...base.arguments import check_fields, file_name, finite, validate_arguments
 from ...base.colour import Light, hex_colour
 from ...base.errors import InvalidParameter, MediaError, SpecError
 from ...base.files import read_tables
 from ...base.typing import Array
-from ...cameras.frames import turned
+from ...cameras.frames import rotate_vectors
 from ...io.keyframes import Keyframes, keyframes_of
 from ._painting import PaintedScene, Surroundings, surfaces_of_faces
 from .scene import POSE_NAMES, Pose, Scene, distances_mm
@@ -101,7 +101,7 @@ class MovingBox:
         return Pose(**self.path.at(time_s))
 
 
-@checked
+@validate_arguments
 def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
     """Read moving boxes from a TOML file with one table per name.
 
@@ -262,7 +262,7 @@ class SceneWithBodies:
         length = np.linalg.norm(directions, axis=1)
         for number, box in enumerate(self.bodies):
             pose = box.pose_at(self.time_s)
-            towards = turned(directions / length[:, None], pose.rotation())
+            towards = rotate_vectors(directions / length[:, None], pose.rotation())
             towards = np.where(towards == 0, TINY, towards)
             start = pose.to_sensor(origins)
             half = np.asarray(box.size_mm) / 2
@@ -284,7 +284,7 @@ def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
     )
     for face in (face_of(own, number, inside=False) for number in FACES):
         corner = pose.to_scene(face.corner[None])[0]
-        right, up, normal = turned(np.array([face.right, face.up, face.normal]), turn)
+        right, up, normal = rotate_vectors(np.array([face.right, face.up, face.normal]), turn)
         placed.append(Face(corner, right, up, normal, face.width_mm, face.height_mm))
     return placed
 

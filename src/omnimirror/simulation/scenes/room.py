@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import checked, finite
+from ...base.arguments import finite, validate_arguments
 from ...base.caching import cached_property
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
@@ -476,7 +476,7 @@ class Room:
         """Words on the walls."""
         return tuple(self._faces.signs)
 
-    @checked
+    @validate_arguments
     def sign_corners_mm(self, word: str) -> Array:
         """Return the corners (4, 3) mm of the ink of a word: top left, top right, bottom right,
         bottom left.

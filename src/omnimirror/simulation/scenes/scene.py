@@ -13,7 +13,7 @@ from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from ...cameras.frames import turn_of, turned
+from ...cameras.frames import pan_tilt_rotation, rotate_vectors
 
 # -- Scene interface: radiance along rays ----------------------------------------------------------
 
@@ -167,7 +167,7 @@ class Pose:
         (3, 3) array
             Rotation of directions from the sensor world to the scene.
         """
-        return turn_of(self.pan_deg, self.tilt_deg, self.roll_deg)
+        return pan_tilt_rotation(self.pan_deg, self.tilt_deg, self.roll_deg)
 
     def to_scene(self, points_mm: Array) -> Array:
         """Convert points (n, 3) of the sensor world to the scene frame.
@@ -182,7 +182,7 @@ class Pose:
         (n, 3) array
             Points in the scene, mm.
         """
-        return turned(points_mm, self.rotation().T) + self.shift_mm
+        return rotate_vectors(points_mm, self.rotation().T) + self.shift_mm
 
     def to_sensor(self, points_mm: Array) -> Array:
         """Convert points (n, 3) of the scene frame to the sensor world.
@@ -197,7 +197,9 @@ class Pose:
         (n, 3) array
             Points in the sensor world, mm.
         """
-        moved: Array = turned(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
+        moved: Array = rotate_vectors(
+            np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation()
+        )
         return moved
 
 
@@ -267,4 +269,4 @@ class PosedScene:
 
     def _in_scene(self, origins: Array, directions: Array) -> tuple[Array, Array]:
         turn = self.pose.rotation().T
-        return self.pose.to_scene(origins), turned(directions, turn)
+        return self.pose.to_scene(origins), rotate_vectors(directions, turn)

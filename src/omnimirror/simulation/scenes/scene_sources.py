@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...base.arguments import checked
+from ...base.arguments import validate_arguments
 from ...base.errors import InvalidParameter, MediaError, OmnimirrorError
 from ...base.files import open_file
 from .calibration_hall import Hall
@@ -109,7 +109,7 @@ class SceneSource:
         )
 
 
-@checked
+@validate_arguments
 def load_scene(
     name: str | Path,
     *,

@@ -85,7 +85,7 @@ def test_contradictions_in_a_file_are_printed(tmp_path):
     )
     text = (tmp_path / "a.txt").read_text().replace("380.0 515.0", "515.0 380.0")
     (tmp_path / "a.txt").write_text(text)
-    sentence = "the centre (380, 515) lies 186 px from the middle of the image of 1024x768; with its coordinates"
+    sentence = "the centre (380, 515) is 186 px from the centre of the 1024 x 768 px image"
     out = omnimirror("convert", "a.txt", "b.toml", cwd=tmp_path)
     assert f"Note: {sentence}" in out.stdout
     out = omnimirror("evaluate", "a.txt", cwd=tmp_path)

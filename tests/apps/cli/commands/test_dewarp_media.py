@@ -190,7 +190,7 @@ def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
     run = omnimirror("dewarp", tmp_path, *BALL, "--size", "128x", "--black", "-o", tmp_path / "out")
     assert run.returncode == 1
     assert run.stderr.count("\n") == 1
-    assert "bad.png is not a picture" in run.stderr
+    assert "cannot read the image bad.png" in run.stderr
     assert "3 of 4 pictures straightened" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(picture(61))
@@ -236,10 +236,13 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["no.mp4", "-o", "o.mp4"], "there is no video no.mp4"),
+        (["no.mp4", "-o", "o.mp4"], "cannot read the video no.mp4: the file does not exist"),
         (["in.mp4", "-o", "in.mp4"], "in.mp4 is the video to straighten"),
-        (["in.mp4", "-o", "o.gifv"], "videos of kind '.gifv' are not known"),
-        (["in.mp4", "-o", "o.mp4", "--start-s", "9"], "a start at 9 s lies behind the end"),
+        (["in.mp4", "-o", "o.gifv"], "got '.gifv'"),
+        (
+            ["in.mp4", "-o", "o.mp4", "--start-s", "9"],
+            "start_s must be less than the duration of in.mp4",
+        ),
         (["in.mp4", "-o", "o.mp4", "--transparent"], "belong to pictures"),
         (["in.mp4", "-o", "-", "--crf", "3"], "does not apply to a pipe"),
         (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
@@ -249,11 +252,11 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
             "--start-s belongs to videos, and a.png is none",
         ),
         (["a.png", "a.png", "-o", "o.png"], "several pictures need a folder"),
-        (["*.tif", "-o", "out"], "there is no file *.tif"),
-        (["/dev/video99", "-o", "o.mp4"], "there is no camera /dev/video99"),
-        (["in.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
-        (["in.mp4", "-o", "o.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
-        (["in.mp4", "-o", "gopher://x"], "cannot stream to 'gopher://x'"),
+        (["*.tif", "-o", "out"], "source must be an existing file or match one; got *.tif"),
+        (["/dev/video99", "-o", "o.mp4"], "got /dev/video99"),
+        (["in.mp4", "-o", "/dev/video98"], "got /dev/video98; on Linux"),
+        (["in.mp4", "-o", "o.mp4", "-o", "/dev/video98"], "got /dev/video98; on Linux"),
+        (["in.mp4", "-o", "gopher://x"], "got 'gopher://x'"),
         (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "o.mp4 is to be written twice"),
         (
             ["in.mp4", "-o", "o.mp4", "--format", "rawvideo"],
@@ -281,5 +284,5 @@ def test_no_display_leaves_the_file_alone(video, tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     said = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)
-    assert "there is no display for a preview window" in said
+    assert "a preview window requires a display" in said
     assert [p.name for p in tmp_path.iterdir()] == ["in.mp4"]

@@ -33,7 +33,7 @@ def test_invalid_arguments(tmp_path):
     )
     sentence = "must be one of exr, npz, mitsuba, blender, newton; got 'obj'"
     assert sentence in fails("rays", "paper-spherical", "-o", tmp_path, "--format", "obj")
-    assert "valid as a whole number, 1 to 1024" in fails(
+    assert "step must be an integer between 1 and 1024; got 0" in fails(
         "rays", "paper-spherical", "-o", tmp_path / "a.npz", "--step", 0
     )
 

@@ -198,7 +198,7 @@ def test_what_auto_refuses(folder, tmp_path):
         (["--crf", "20"], "--crf belongs to videos"),
         (["--noise", ".01"], "--noise belongs to --restore"),
         (["--restore", "--blur-px", "1,2,3"], "has 3 numbers"),
-        (["-o", "view.xyz"], "pictures of kind '.xyz' are not known"),
+        (["-o", "view.xyz"], "got '.xyz'"),
     ],
 )
 def test_what_auto_refuses_of_other_options_is_all_that_it_says(

@@ -160,7 +160,10 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
     ("args", "words"),
     [
         (("--scene", "moon", "-o", "a.png"), "there is no scene 'moon'"),
-        (("--scene", "none.hdr", "-o", "a.png"), "there is no picture"),
+        (
+            ("--scene", "none.hdr", "-o", "a.png"),
+            "cannot read the image none.hdr: the file does not exist",
+        ),
         (("--pose", "1,2", "-o", "a.png"), "not a pose X,Y,Z"),
         (("--pose", "9e6,0,0", "-o", "a.png"), "outside the room"),
         (("--bits", "12", "-o", "a.jpg"), "write .png or .tif"),

@@ -122,9 +122,9 @@ function within(section: string, part: PartOf, table: Tables): void {
   }
 }
 
-/** As parameters.py says it. */
+/** Check a number as `Parameter.check` in parameters.py. */
 function check(section: string, { name, low, high, unit }: ParameterOf, value: number): void {
   if (value >= low && value <= high) return;
   const of = unit ? ` ${unit}` : "";
-  throw new Trouble([section, name], `${name} = ${value}${of} is outside ${low} to ${high}${of}`);
+  throw new Trouble([section, name], `${name} must be between ${low} and ${high}${of}; got ${value}`);
 }

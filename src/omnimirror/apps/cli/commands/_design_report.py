@@ -68,7 +68,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
     if sensor.obscured and not any("hides it" in remark for remark in remarks):  # not yet reported
-        told = hidden_words(sensor.obscured, sensor.hidden_percent)
+        told = hidden_words(sensor.obscured, sensor.obscured_percent)
         console.print(f"  hidden: {told}", highlight=False, soft_wrap=True)
 
 

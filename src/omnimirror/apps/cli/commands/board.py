@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ....base.arguments import shown
+from ....base.arguments import format_value
 from ....base.files import is_standard_output
 from ....calibration.targets.boards import KINDS, Board
 from ....calibration.targets.printing import PAPERS_MM, SUFFIXES, write_board
@@ -30,7 +30,7 @@ def board_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"{shown(text)} is not the size of a board, such as 11x7")
+        raise click.BadParameter(f"{format_value(text)} is not the size of a board, such as 11x7")
     return int(match[1]), int(match[2])
 
 

@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from ....analysis.focus import best_focus
-from ....base.files import name_of, write_json
+from ....base.files import display_name, write_json
 from ....base.typing import Array
 from ....dewarp.restoration.focus_bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ....io import write_image
@@ -173,7 +173,7 @@ def merge(
     format_of(output)
     merged = merge_bracket(load_sensor(sensor), orientation.read(pictures), **taken.given)
     write_image(output, merged)
-    say(f"{name_of(output)}: {len(pictures)} pictures merged")
+    say(f"{display_name(output)}: {len(pictures)} pictures merged")
 
 
 @command.command(

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ....base.arguments import float_of, shown
+from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
 from ....calibration.estimation import Calibration, Prior, Surveys, calibrate_camera, read_surveys
@@ -51,14 +51,16 @@ def prior(text: str) -> Prior:
         if match:
             name, value, sigma = match.groups()
             found = Prior(
-                name, float_of(value.strip()), 0.0 if sigma is None else float_of(sigma.strip())
+                name,
+                parse_float(value.strip()),
+                0.0 if sigma is None else parse_float(sigma.strip()),
             )
             if np.isfinite(found[1:]).all() and found.sigma >= 0:
                 return found
     except ValueError:
         pass
     raise click.BadParameter(
-        f"{shown(text)} is not NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1"
+        f"{format_value(text)} is not NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1"
     )
 
 
@@ -428,11 +430,11 @@ def _outliers(found: Calibration, known: Surveys) -> str:
             else f"{picture} corner {corner}"
         )
 
-    shown = [
+    labels = [
         f"{place(o.picture, o.corner)} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]
     ]
-    more = len(found.outliers) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    more = len(found.outliers) - len(labels)
+    return ", ".join(labels) + (f" and {more} more" if more else "")
 
 
 def _models(found: Calibration) -> Table:

@@ -143,7 +143,7 @@ def _size_of_video(source: str, is_stored: bool) -> tuple[int, int]:
         if e.name != "av":
             raise
         raise needs_pyav(source) from None
-    return VideoReader(source, with_sound=False, stored_orientation=is_stored).size
+    return VideoReader(source, with_audio=False, stored_orientation=is_stored).size
 
 
 # -- ``omnimirror dewarp``: dewarping of images, folders of images, and videos ---------------------
@@ -486,14 +486,14 @@ def _say_done(folder: Path, found: DewarpedImages, is_going_on: bool) -> None:
     results = found.results
     for name, sentence in results.failed.items():
         notice(f"{name}: {sentence}")
-    count = len(results.done) + len(results.failed) + len(results.not_begun)
+    count = len(results.done) + len(results.failed) + len(results.not_started)
     was_there = f", {found.was_there} were there" if is_going_on else ""
     say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
     for words, how_many in found.oriented.items():
         say(f"{folder}: {how_many} of them {words}")
     for why, how_many in found.left_out.items():
         say(f"{folder}: {how_many} of them {why}")
-    if results.not_begun:
+    if results.not_started:
         click.echo(f"omnimirror: stopped; {folder} holds what was done", err=True)
 
 
@@ -545,6 +545,6 @@ def _video(source: str, outputs: tuple[str, ...], how: DewarpRequest, recording:
     remark(f"{name}: {done.view}, {told}")
     if done.summary:
         remark(f"{source}: {done.summary}")
-    if outcome.stopped and (outputs or outcome.is_signal):  # not a closed preview
+    if outcome.is_stopped and (outputs or outcome.is_signal):  # not a closed preview
         notice(f"stopped; {name} holds what was done" if outputs else "stopped")
         sys.exit(outcome.exit_code)

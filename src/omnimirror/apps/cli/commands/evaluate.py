@@ -280,7 +280,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     ]
     if not sensor.housing.is_empty:
         lines.append(
-            f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.hidden_percent)}"
+            f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.obscured_percent)}"
         )
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ....base.arguments import float_of
+from ....base.arguments import parse_float
 from ....base.files import write_json
 from ....manufacturing import (
     DEFAULT_FORMATS,
@@ -53,7 +53,7 @@ def scale(text: str) -> float:
     (0.5, 5.0)
     """
     try:
-        paper, nature = (float_of(part) for part in text.split(":"))
+        paper, nature = (parse_float(part) for part in text.split(":"))
         number = paper / nature
     except (ValueError, ZeroDivisionError):
         number = 0.0

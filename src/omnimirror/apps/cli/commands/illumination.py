@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from ....analysis.relative_illumination import Illumination, illumination
-from ....base.arguments import float_of
+from ....base.arguments import parse_float
 from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.materials import METALS, Reflectivity
@@ -41,7 +41,7 @@ def reflectivity(text: str) -> Reflectivity:
     if text in METALS:
         return text
     try:
-        numbers = [float_of(part) for part in text.split(",")]
+        numbers = [parse_float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) == 1:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from ....base.arguments import float_of
+from ....base.arguments import parse_float
 from ....base.files import write_json
 from ....design.requirement_check import TemperatureRange, judge, temperature_range
 from ....design.requirement_files import load_requirements
@@ -28,7 +28,7 @@ def temperatures(text: str) -> tuple[float, float]:
     (-40.0, 85.0)
     """
     try:
-        low, high = (float_of(word) for word in text.split(":"))
+        low, high = (parse_float(word) for word in text.split(":"))
     except ValueError:
         raise click.BadParameter(f"{text!r} is not two temperatures, such as -40:85") from None
     return low, high

@@ -39,7 +39,7 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
 
     The exit code is 1 if a verdict differs from the known one.
     """
-    from ....base.errors import NotReproduced
+    from ....base.errors import ReproductionError
     from ...reproduction import _claims, reproduce_paper
 
     console = output_console()
@@ -55,4 +55,4 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
     if result.unexpected:
         rows = "; ".join(r.title for r in result.unexpected)
-        raise NotReproduced(f"verdicts differ from the known ones in row {rows}")
+        raise ReproductionError(f"verdicts differ from the known ones in row {rows}")

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ....base.colour import Light
 from ....base.errors import OutsideField
-from ....base.files import name_of, write_json
+from ....base.files import display_name, write_json
 from ....io import write_image
 from ....io.batch import WRITABLE_VIDEO_SUFFIXES
 from ....io.images import format_of
@@ -184,7 +184,7 @@ def _photograph(
         taken *= detector.exposure
         _write_light(output, camera, scene, taken, radiometry)
     width, height = camera.image_size
-    say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
+    say(f"{display_name(output)}: {width} x {height} px, {taking.samples} rays a pixel")
     if panorama is not None:
         _write_panorama(
             camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama
@@ -208,7 +208,7 @@ def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:
     dewarp = Dewarper(camera, views.panorama(camera), "cubic")
     straight = dewarp(picture)
     write_image(output, straight)
-    say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
+    say(f"{display_name(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
 
 
 def _film(
