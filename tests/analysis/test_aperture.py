@@ -377,7 +377,7 @@ def test_reflectance_of_metals_is_fresnels():
         (
             lambda: om.spots(SPH, [10.0], focus_mm=[5.0]),
             InvalidParameter,
-            "focus_distance_mm = 5 is not beyond",
+            "focus_distance_mm must be greater than",
         ),
         (lambda: om.spots(TILTED), InvalidParameter, "decentred or tilted"),
         (lambda: om.mtf(SPH, [10.0], kind="both"), InvalidParameter, "kind = 'both' is not known"),
@@ -394,23 +394,23 @@ def test_reflectance_of_metals_is_fresnels():
         (
             lambda: om.mtf(SPH, [10.0], wavelength_nm=[500, 600], weights=[1]),
             InvalidParameter,
-            "1 weights for 2",
+            "weights must have one value for each of the 2",
         ),
         (
             lambda: om.psf(SPH, 10.0, width_px=-3.0),
             InvalidParameter,
             "width_px = -3.0 is not valid",
         ),
-        (lambda: om.psf(SPH, 10.0, width_px=1e5), InvalidParameter, "step_px from 50"),
+        (lambda: om.psf(SPH, 10.0, width_px=1e5), InvalidParameter, "step_px must be at least 50"),
         (
             lambda: om.illumination(SPH, [10.0], reflectivity="tin"),
             InvalidParameter,
-            "'tin' is not known",
+            "must be one of .* got 'tin'",
         ),
         (
             lambda: om.illumination(SPH, [10.0], reflectivity=1.2),
             InvalidParameter,
-            "1.2 is not a share",
+            "got 1.2",
         ),
         (
             lambda: om.illumination(SPH, [10.0], transmission=0.0),
@@ -420,7 +420,7 @@ def test_reflectance_of_metals_is_fresnels():
         (
             lambda: ray_bundles.hexapolar(0),
             InvalidParameter,
-            "rings = 0 is not a whole number from 1",
+            "rings must be an integer from 1 .* got 0",
         ),
     ],
 )
@@ -439,7 +439,7 @@ def test_an_object_behind_the_camera_sends_no_light():
             transfer = om.mtf(sensor, [2.0, 60.0], cycles_per_px=[0.0, 0.2], kind=kind)
             assert not transfer.tangential[0].any()
             assert transfer.tangential[1, 0] == pytest.approx(1.0)
-            with pytest.raises(OutsideField, match="must not be hidden"):
+            with pytest.raises(OutsideField, match="must not be obscured"):
                 om.psf(sensor, 2.0, kind=kind)
     assert found.filled.tolist() == [0.0, pytest.approx(1.0)]
     np.testing.assert_array_equal(found.weights[0], 0.0)

@@ -68,7 +68,7 @@ def test_viewpoints_are_where_rays_meet_the_axis():
 def test_what_is_not_seen_is_refused():
     camera = MODELS["ball"]
     with pytest.raises(
-        OutsideField, match="omega_deg = 160 is not seen; the camera sees 0 to 150 deg"
+        OutsideField, match="omega_deg must be 0 to 150 deg, the field of the camera; got 160"
     ):
         om.evaluate_camera(camera, [10.0, 160.0])
     with pytest.raises(InvalidParameter, match="is not a calibrated camera"):

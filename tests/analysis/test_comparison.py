@@ -162,7 +162,7 @@ def test_what_was_built_askew_is_compared_over_its_whole_picture():
     )
     table = om.compare([built, drawn])
     assert table.notes == (
-        "built: its mirror is decentred by 1.8 mm and tilted by 1.2 deg; it is compared over its whole picture, at all "
+        "built: mirror decentred by 1.8 mm and tilted by 1.2 deg; compared over the full image, at all "
         "azimuths.",
     )
     value = {row.name: row.values[0] for row in table.rows}
@@ -246,7 +246,7 @@ def test_what_is_on_the_axis_still_has_no_note():
 def test_a_note_says_what_is_out_of_order_and_nothing_else():
     bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
     assert om.compare([bent]).notes == (
-        "bent: its mirror has a form error; it is compared over its whole picture, at all azimuths.",
+        "bent: form error of the mirror; compared over the full image, at all azimuths.",
     )
 
 
@@ -254,9 +254,7 @@ def test_one_that_cannot_be_traced_all_around_is_compared_as_it_was_drawn_and_th
     drawn = SENSORS[0]
     leaning = replace(drawn, name="leaning", imager_pose=ImagerPose(tilt_x_deg=0.5))
     table = om.compare([leaning, drawn])
-    assert table.notes == (
-        "leaning: its imager leans or is turned; it is compared as if it were in place.",
-    )
+    assert table.notes == ("leaning: tilted or rotated imager; compared as an aligned sensor.",)
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
@@ -267,17 +265,17 @@ def test_one_behind_a_cover_is_compared_as_it_was_drawn(shell):
         [replace(drawn, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), drawn]
     )
     assert table.notes == (
-        "askew: its mirror is decentred by 0 mm and tilted by 0.5 deg; it is compared as if it were in place.",
+        "askew: mirror decentred by 0 mm and tilted by 0.5 deg; compared as an aligned sensor.",
     )
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
 def test_too_many_or_unknown_is_refused(table):
-    with pytest.raises(
-        InvalidParameter, match="7 sensors do not fit side by side; 1 to 6 are valid"
-    ):
+    with pytest.raises(InvalidParameter, match="the number of sensors must be 1 to 6; got 7"):
         om.compare([SENSORS[0]] * 7)
     with pytest.raises(InvalidParameter, match="0 sensors"):
         om.compare([])
-    with pytest.raises(InvalidParameter, match="'speed' is not compared; valid are mirror, "):
+    with pytest.raises(
+        InvalidParameter, match="the quantity must be one of mirror, .* got 'speed'"
+    ):
         table["speed"]

@@ -245,9 +245,7 @@ def test_focus_is_searched_around_the_images(coordinates, expected):
 
 
 def test_without_images_there_is_no_best_focus():
-    with pytest.raises(
-        InvalidParameter, match="there are no virtual images, so there is no best focus"
-    ):
+    with pytest.raises(InvalidParameter, match="best focus requires virtual images; got none"):
         _around(np.array([np.nan]), 2.0, 30.0)
 
 

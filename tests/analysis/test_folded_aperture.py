@@ -195,5 +195,7 @@ def test_a_blurred_picture_is_as_bright_as_a_sharp_one():
 
 
 def test_what_knows_of_one_mirror_only_is_still_refused():
-    with pytest.raises(InvalidParameter, match="illumination is for sensors of one mirror"):
+    with pytest.raises(
+        InvalidParameter, match="illumination requires a sensor without secondary mirror"
+    ):
         om.illumination(FOLDED, [60.0])

@@ -70,5 +70,5 @@ def test_a_tube_throws_back_by_fresnel_what_lies_across_it():
 
 
 def test_without_a_wall_there_is_no_ghost():
-    with pytest.raises(InvalidParameter, match="has no tube and no dome"):
+    with pytest.raises(InvalidParameter, match="ghosts require a tube or a dome"):
         om.ghosts(SPH)

@@ -224,7 +224,7 @@ def test_object_distances_may_differ_by_row():
         ({"x_mm": [44.0]}, OutsideMirror, "x = 44 mm"),
         ({"h_px": [600.0]}, OutsideField, "theta = 14"),
         ({"pixels": [[0.0, 0.0]]}, OutsideField, "theta = 1"),
-        ({"pixels": [1.0, 2.0, 3.0]}, InvalidParameter, r"pixels has shape \(3,\)"),
+        ({"pixels": [1.0, 2.0, 3.0]}, InvalidParameter, r"pixels must be pairs .* got \(3,\)"),
         (
             {"omega_deg": [1.0], "x_mm": [1.0]},
             InvalidParameter,
@@ -243,7 +243,7 @@ def test_object_distances_may_differ_by_row():
         (
             {"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]},
             InvalidParameter,
-            "object_distance_mm = -5 is not a distance; it is valid above 0",
+            "object_distance_mm must be greater than 0, or inf; got -5",
         ),
         (
             {"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]},
@@ -253,7 +253,7 @@ def test_object_distances_may_differ_by_row():
         (
             {"omega_deg": [1.0], "focus_mm": 11.0},
             InvalidParameter,
-            "focus_distance_mm = 11 is not beyond",
+            "focus_distance_mm must be greater than .* got 11",
         ),
         ({"omega_deg": [1.0], "mode": "rough"}, InvalidParameter, "mode = 'rough'"),
         ({"omega_deg": [1.0], "tolerance_px": 0.0}, InvalidParameter, "tolerance_px = 0"),
@@ -277,7 +277,7 @@ def test_what_cannot_be_evaluated_is_named(kwargs, error, message):
 
 def test_an_unusable_mirror_says_so_when_first_asked():
     sensor = replace(SPH, mirror=Sphere(44.0, 43.9))  # nearly a hemisphere with a grazing rim
-    with pytest.raises(OmnimirrorError, match="hides itself from the lens"):
+    with pytest.raises(OmnimirrorError, match="views the mirror edge-on"):
         om.evaluate(sensor, [10.0])
     with pytest.raises(InvalidParameter, match="mirror_distance_mm"):
         om.Sensor(Paraboloid(20.0, 20.0), Perspective(11.6, 4.0, 200.0), Imager(10, 10, 5.0))

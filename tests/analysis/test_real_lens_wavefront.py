@@ -325,7 +325,5 @@ def test_own_blur_of_unknown_shape_has_no_wave():
     table = replace(
         sensor, lens=tabulated(sensor.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.01)))
     )
-    with pytest.raises(
-        InvalidParameter, match="how large the lens's own blur is and not of what shape"
-    ):
+    with pytest.raises(InvalidParameter, match="defines only the size of its blur"):
         om.mtf(table, [60.0])

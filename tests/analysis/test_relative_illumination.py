@@ -69,7 +69,7 @@ def test_illumination_on_the_axis_is_that_of_a_cone(F):
 
 @pytest.mark.parametrize("reflectivity", [0.0, -0.0])
 def test_a_mirror_that_reflects_nothing_has_no_illumination(reflectivity):
-    with pytest.raises(InvalidParameter, match="is not a share; it is valid above 0"):
+    with pytest.raises(InvalidParameter, match="must be greater than 0, up to 1"):
         om.illumination(SPH, [0.0], reflectivity=reflectivity)
 
 

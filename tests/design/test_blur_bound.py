@@ -173,7 +173,7 @@ def test_what_has_no_bound_is_refused():
     lens = Perspective(11.6, 4.0, 210.0, k1=-0.1)
     with pytest.raises(InvalidParameter, match="a lens that distorts"):
         om.blur_bound(replace(paper(), lens=lens))
-    with pytest.raises(InvalidParameter, match="sensors of one mirror"):
+    with pytest.raises(InvalidParameter, match="a sensor without secondary mirror"):
         om.blur_bound(om.load_sensor("folded-spherical"))
 
 

@@ -119,7 +119,7 @@ BAD = [
     (
         'mapping = "equidistant"',
         'mapping = "equidistant"\nfamily = "sphere"',
-        "line 8: mirror has both",
+        "line 8: .* must not be combined with",
     ),
     (
         "rim_radius_mm = 40",
@@ -254,7 +254,7 @@ BAD = [
         "[limit]\nquantity",
         "is not valid TOML|limit = .* is not a list of tables",
     ),
-    ("\nname", "\nformat = 7\nname", "line 2: format = 7 is not known to this version"),
+    ("\nname", "\nformat = 7\nname", "line 2: format must be .* got 7"),
 ]
 
 

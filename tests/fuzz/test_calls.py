@@ -450,7 +450,7 @@ def _files(tmp_path_factory):
         )
         workflows.write_files(folder)
         patch.setattr(simulated_video, "MOST_FRAMES", 20)  # larger values are valid and take hours
-        patch.setattr(pixel_rays, "MOST_SAMPLES", 1024)
+        patch.setattr(pixel_rays, "MAX_SAMPLES", 1024)
         yield
 
 
@@ -597,15 +597,15 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[550.0, 99.0]),
-            "wavelength_nm = 99 is outside 100 to 20000 nm",
+            "wavelength_nm must be 100 to 20000 nm; got 99",
         ),
         (
             lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=20001.0),
-            "wavelength_nm = 20001 is outside 100 to 20000 nm",
+            "wavelength_nm must be 100 to 20000 nm; got 20001",
         ),
         (
             lambda _: om.evaluate(SENSOR, [0.0], wavelength_nm=99.9),
-            "wavelength_nm = 99.9 is outside 100 to 20000 nm",
+            "wavelength_nm must be 100 to 20000 nm; got 99.9",
         ),
         (
             lambda _: om.evaluate(
@@ -695,7 +695,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: TabulatedMapping((0.0, 60.0), (0.0, 1.0), 11.0, 40.0),
-            "omega_deg has 2 rows; a table needs",
+            "omega_deg must have at least 6 values; got 2",
         ),
         (
             lambda _: keyframes.Keyframes.load("keyframes.txt"),

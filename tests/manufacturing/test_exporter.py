@@ -106,7 +106,7 @@ def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, words, t
     )
     sensor = SENSORS.get(name, fitted)
     if name == "in-dome":  # the dome has no space for such a flange
-        with pytest.raises(InvalidParameter, match="does not take in the mirror"):
+        with pytest.raises(InvalidParameter, match="to enclose the mirror"):
             om.export(sensor, tmp_path / "a.step", **options)
         return
     with pytest.raises(InvalidParameter) as caught:
@@ -269,7 +269,7 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         (["--scale", "1:0"], "got '1:0'"),
         (["--thread", "M6", "--bore-diameter-mm", "5"], "bore_diameter_mm must not be given"),
         (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "got a hole"),
-        (["--support", "tube", "--support-diameter-mm", "50"], "does not take in the mirror"),
+        (["--support", "tube", "--support-diameter-mm", "50"], "to enclose the mirror"),
         (["--thickness-mm", "nan"], "thickness_mm = nan"),
         (["--digits", "40"], "digits = 40"),
     ],

@@ -178,10 +178,10 @@ def test_central_obscuration_matches_invalid_pixels():
             "bore_diameter_mm must be at least 10",
         ),
         ({"body": Body(thread="M6")}, "with bore_depth_mm = inf"),
-        ({"housing": Housing(rod=Rod())}, "valid supports are tube and none"),
+        ({"housing": Housing(rod=Rod())}, "not supported with a secondary"),
         (
             {"housing": Housing(CameraBody(20.0), shell=Tube())},
-            "the camera's front is its bore_radius_mm",
+            "set bore_radius_mm of the secondary",
         ),
     ],
 )

@@ -190,7 +190,7 @@ def test_is_a_camera_and_tells_its_symmetry():
         (lambda: Mount("left"), "camera_looks = 'left' is not known; valid are up, down, forward"),
         (lambda: Mount("up", float("inf")), "forward_azimuth_deg = inf"),
         (lambda: Imager(0, 10, 5.0), "width_px = 0 px is outside 1 to"),
-        (lambda: Imager(10, 10.5, 5.0), "height_px = 10.5 is not a whole number"),
+        (lambda: Imager(10, 10.5, 5.0), "height_px must be an integer number of pixels; got 10.5"),
         (lambda: Imager(10, 10, float("nan")), "pixel_pitch_um = nan um"),
         (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px has 1 numbers"),
     ],

@@ -109,8 +109,9 @@ def check_wave_is_known(lens: FieldLens) -> None:
     blurs = (lens.own_blur_t_mm, lens.own_blur_s_mm) if isinstance(lens, TabulatedLens) else ()
     if any(blur is not None and any(blur) for blur in blurs):
         raise InvalidParameter(
-            "the wavefront (PSF and MTF) is not known of a lens table with own_blur_t_mm and own_blur_s_mm, which say "
-            "how large the lens's own blur is and not of what shape; valid are a table without them, or its surfaces"
+            "PSF and MTF require the wavefront of the lens; a table with own_blur_t_mm and "
+            "own_blur_s_mm defines only the size of its blur; use a table without them, or "
+            "a lens given by its surfaces"
         )
 
 
@@ -342,9 +343,10 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     for i in range(len(chief)):
         if not rough[i] <= MAX_PHASE_RESIDUAL * 550e-6:
             raise InvalidParameter(
-                f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
-                f"degree {DEGREE} misses it by {rough[i] / 550e-6:.2g} waves; a smaller aperture or a smoother mirror "
-                "is valid"
+                "the wavefront must be smooth for PSF and MTF: at omega = "
+                f"{bundles.omega_deg[i]:.10g} deg, a polynomial of degree {DEGREE} has a "
+                f"residual of {rough[i] / 550e-6:.2g} waves; reduce the aperture or use a "
+                "smoother mirror"
             )
         cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
         columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])

@@ -166,20 +166,21 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     >>> found.h_px, found.aspect
     (array([ 82.84271247, 200.        ]), array([1., 1.]))
     """
-    instance("camera", camera, CameraModel, "a calibrated camera, such as om.load_camera gives")
+    instance("camera", camera, CameraModel, "a calibrated camera (see om.load_camera)")
     end = (
         float(np.degrees(camera.omega_max))
         if isinstance(camera, RadialModel)
         else _field_end_deg(camera)
     )
-    asked = every_step(end) if omega_deg is None else row("omega_deg", omega_deg)
-    if (outside := ~((asked >= 0) & (asked <= end * (1 + 1e-12)))).any():
+    requested = every_step(end) if omega_deg is None else row("omega_deg", omega_deg)
+    if (outside := ~((requested >= 0) & (requested <= end * (1 + 1e-12)))).any():
         raise OutsideField(
-            f"omega_deg = {asked[outside][0]:g} is not seen; the camera sees 0 to {end:.6g} deg"
+            f"omega_deg must be 0 to {end:.6g} deg, the field of the camera; got "
+            f"{requested[outside][0]:g}"
         )
     if not isinstance(camera, RadialModel):
-        return _in_space(camera, asked, end)
-    omega = np.minimum(np.radians(asked), camera.omega_max)
+        return _in_space(camera, requested, end)
+    omega = np.minimum(np.radians(requested), camera.omega_max)
     radius, rate, height = camera.mapping(omega)
     along = np.radians(rate)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -188,7 +189,7 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
         np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
     )
     columns = (radius, along, across, along * across, across / along, height, sigma)
-    return CameraMapping(asked, *columns, camera, end, camera.field_radius_px)
+    return CameraMapping(requested, *columns, camera, end, camera.field_radius_px)
 
 
 def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
@@ -226,7 +227,8 @@ def _middle(camera: CameraModel, end: float) -> Array:
     whole = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
     if not len(whole):
         raise OutsideField(
-            "of no field angle the camera sees all azimuths, so that its picture has no middle"
+            "the camera must image at least one field angle at all azimuths, to define the "
+            "centre of its image"
         )
     return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[whole[0]].mean(axis=0))
 
@@ -262,7 +264,7 @@ def _field_end_deg(camera: CameraModel) -> float:
     rings = np.flatnonzero(_sees(camera, tried).any(axis=1))
     if not len(rings):
         raise OutsideField(
-            "the camera sees nothing of its field; a mirror whose middle it sees has one"
+            "the camera must image a part of its field; use a mirror whose centre is in the image"
         )
     low, high = tried[rings[-1]], tried[rings[-1]] + np.radians(SCAN_STEP_DEG)
     for _ in range(BISECTIONS):

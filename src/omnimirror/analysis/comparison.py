@@ -30,7 +30,7 @@ from .viewpoints import best_viewpoint
 
 Better = Literal["high", "low", ""]
 
-MOST = 6  # maximum number of sensors; limited by the colour-blind-safe palette
+MAX_SENSORS = 6  # maximum number of sensors; limited by the colour-blind-safe palette
 FIELD_NODES = 721  # field angles for extreme and mean values
 NEAR_OBJECT_MM = 1000.0  # object distance of the single-viewpoint error
 
@@ -91,7 +91,7 @@ class Comparison:
             if row.name == name:
                 return row
         raise InvalidParameter(
-            f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}"
+            f"the quantity must be one of {', '.join(r.name for r in self.rows)}; got {name!r}"
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -154,9 +154,9 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
     sensors = list(instance("sensors", sensors, Sequence, "a list of sensors"))
     for i, sensor in enumerate(sensors):
         check_sensor(sensor, f"sensors[{i}]")
-    if not 1 <= len(sensors) <= MOST:
+    if not 1 <= len(sensors) <= MAX_SENSORS:
         raise InvalidParameter(
-            f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid"
+            f"the number of sensors must be 1 to {MAX_SENSORS}; got {len(sensors)}"
         )
     named = _told_apart(sensors)
     distance = float(distances("object_distance_mm", object_distance_mm))
@@ -178,15 +178,19 @@ def _study(sensor: Sensor) -> Study:
 def _note(study: Study, sensor: Sensor) -> str:
     """Return a note on the misalignment of a sensor and the method of comparison."""
     pose, shell, is_in_place = sensor.mirror_pose, sensor.housing.shell, study.sensor != sensor
-    how = "as if it were in place" if is_in_place else "over its whole picture, at all azimuths"
-    differs = {
-        f"its mirror is decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and "
-        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
-        "its mirror has a form error": not sensor.mirror_form.is_empty,
-        "its imager leans or is turned": sensor.imager_pose != ImagerPose(),
-        "its cover is out of place": shell is not None and not shell.is_axial,
+    method = "as an aligned sensor" if is_in_place else "over the full image, at all azimuths"
+    differences = {
+        f"mirror decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} "
+        f"mm and tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
+        "form error of the mirror": not sensor.mirror_form.is_empty,
+        "tilted or rotated imager": sensor.imager_pose != ImagerPose(),
+        "misaligned cover": shell is not None and not shell.is_axial,
     }
-    return f"{sensor.name}: {', '.join(what for what, is_so in differs.items() if is_so)}; it is compared {how}."
+    return (
+        f"{sensor.name}: "
+        f"{', '.join(text for text, applies in differences.items() if applies)}; "
+        f"compared {method}."
+    )
 
 
 def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:

@@ -350,7 +350,7 @@ def evaluate(
     choices = {"omega_deg": omega_deg, "x_mm": x_mm, "h_px": h_px, "pixels": pixels}
     given = {k: v for k, v in choices.items() if v is not None}
     if len(given) > 1:
-        raise InvalidParameter(f"{' and '.join(given)} were given together; give one of them")
+        raise InvalidParameter(f"{' and '.join(given)} must not be given together; remove one")
     choice("mode", mode, BLUR_MODES)
     tolerance_px = number("tolerance_px", tolerance_px, above=0.0, unit="px")
     if image_radius_px is not None:
@@ -531,9 +531,7 @@ def _mirror_points(
         return None, sensor.x_from_height_px(numbers(kind, values).ravel() / scale)
     pixels = np.atleast_1d(numbers(kind, values))
     if pixels.shape[-1] != 2:
-        raise InvalidParameter(
-            f"pixels has shape {pixels.shape}; it needs pairs (u, v), shape (n, 2)"
-        )
+        raise InvalidParameter(f"pixels must be pairs (u, v) of shape (n, 2); got {pixels.shape}")
     unscaled = sensor.imager.centre + (pixels.reshape(-1, 2) - sensor.imager.centre) / scale
     return None, sensor.x_from_height_px(sensor.radius_from_centre_px(unscaled))
 
@@ -542,7 +540,7 @@ def _scalar_distance(distance: ArrayLike) -> float:
     p = np.unique(np.asarray(distance, dtype=float))
     if p.size != 1:
         raise InvalidParameter(
-            "focus 'auto' needs one object_distance_mm for all field angles; several were given"
+            "focus 'auto' requires one object_distance_mm for all field angles; got several"
         )
     return float(p[0])
 

@@ -516,7 +516,8 @@ def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
     p = distances("object_distance_mm", object_distance_mm)
     if p.shape not in ((), (1,), angles.shape):
         raise InvalidParameter(
-            f"object_distance_mm has {p.size} values for {angles.size} field angles; give one, or as many"
+            f"object_distance_mm must have one value, or one for each of the {angles.size} "
+            f"field angles; got {p.size}"
         )
     return p
 
@@ -530,8 +531,9 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
     if not np.isfinite(function.coefficients).all():
         bad = int(np.argmin(np.isfinite(function.coefficients).all(axis=0))) % len(study.rays.omega)
         raise InvalidParameter(
-            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
-            "has no size in the picture there, or no image); leave it out"
+            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any "
+            "focus (an object of 1 deg has no extent in the image there, or no image); "
+            "remove this angle"
         )
     coordinate = middle + half * minimise_with_derivative(
         function, (low - middle) / half, (high - middle) / half
@@ -573,7 +575,7 @@ def _around(coordinates: Array, least: float, most: float) -> tuple[float, float
     """
     coordinates = coordinates[~np.isnan(coordinates)]
     if not coordinates.size:
-        raise InvalidParameter("there are no virtual images, so there is no best focus")
+        raise InvalidParameter("best focus requires virtual images; got none")
     within = coordinates[coordinates < most] if (coordinates < most).any() else coordinates
     within = np.clip(within, least, most)
     margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))

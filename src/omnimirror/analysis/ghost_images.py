@@ -89,9 +89,7 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     standing = sensor.obstructions
     shell = standing.housing.shell
     if shell is None:
-        raise InvalidParameter(
-            f"{sensor.name!r} has no tube and no dome, so it has no ghosts of their walls"
-        )
+        raise InvalidParameter(f"ghosts require a tube or a dome; {sensor.name!r} has none")
     omega = _clear_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     height = rays.z + sensor.mirror_pose.displacement_mm

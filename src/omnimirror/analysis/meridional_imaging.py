@@ -116,9 +116,7 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     p = np.asarray(object_distance, dtype=float)
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
-        raise InvalidParameter(
-            f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf"
-        )
+        raise InvalidParameter(f"object_distance_mm must be greater than 0, or inf; got {bad:g}")
     images = _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
     return images._replace(object_distance=p)
 

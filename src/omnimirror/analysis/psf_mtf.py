@@ -23,7 +23,7 @@ KINDS = ("diffraction", "geometric")
 
 GEOMETRIC_RAYS = 200_000  # of a geometric PSF
 STEPS_PER_AIRY = 6.0  # default samples per Airy diameter
-MOST_SAMPLES = 2001
+MAX_SAMPLES = 2001
 MAX_INTEGRATION_SAMPLES = 2400  # maximum samples per side of the radial integration
 
 
@@ -147,12 +147,13 @@ def psf(
     omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
     if distances("object_distance_mm", object_distance_mm).ndim:
         raise InvalidParameter(
-            f"object_distance_mm = {shown(object_distance_mm)} is not valid; it is one number"
+            f"object_distance_mm must be one number; got {shown(object_distance_mm)}"
         )
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
     if not bundles.passes.any():
         raise OutsideField(
-            f"omega = {omega_deg:.10g} deg must not be hidden; {sensor.name!r} blocks all of its light"
+            f"omega = {omega_deg:.10g} deg must not be obscured; {sensor.name!r} blocks all "
+            "of its light"
         )
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     (wave,) = wavefronts(bundles, focus)
@@ -182,12 +183,12 @@ def _offsets(
         if step_px is None
         else number("step_px", step_px, above=0.0, unit="px")
     )
-    steps = width / step if width < MOST_SAMPLES * step else np.inf
-    half = int(np.ceil(min(steps, MOST_SAMPLES) / 2))
-    if 2 * half + 1 > MOST_SAMPLES:
+    steps = width / step if width < MAX_SAMPLES * step else np.inf
+    half = int(np.ceil(min(steps, MAX_SAMPLES) / 2))
+    if 2 * half + 1 > MAX_SAMPLES:
         raise InvalidParameter(
-            f"a PSF {width:g} px wide in steps of {step:g} px has more than {MOST_SAMPLES} samples a side; "
-            f"up to {MOST_SAMPLES} are valid, so step_px from {width / (MOST_SAMPLES - 1):.2g}"
+            f"step_px must be at least {width / (MAX_SAMPLES - 1):.2g}: a PSF has at most "
+            f"{MAX_SAMPLES} samples a side; got {step:g} px for a width of {width:g} px"
         )
     return step * np.arange(-half, half + 1, dtype=np.float64)
 
@@ -518,11 +519,12 @@ def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Arra
     shares = np.ones(len(waves)) if weights is None else row("weights", weights)
     if len(shares) != len(waves):
         raise InvalidParameter(
-            f"there are {len(shares)} weights for {len(waves)} wavelengths; give as many"
+            f"weights must have one value for each of the {len(waves)} wavelengths; got "
+            f"{len(shares)}"
         )
-    seen = (waves >= 100) & (waves <= 20000)
-    if not seen.all():
-        raise InvalidParameter(f"wavelength_nm = {waves[~seen][0]:g} is outside 100 to 20000 nm")
+    valid = (waves >= 100) & (waves <= 20000)
+    if not valid.all():
+        raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {waves[~valid][0]:g}")
     if not ((shares >= 0).all() and shares.sum() > 0):
-        raise InvalidParameter("the weights of wavelengths must not be below 0, nor all 0")
+        raise InvalidParameter("weights must not be negative, nor all 0")
     return waves, shares / shares.sum()

@@ -19,7 +19,7 @@ from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
 #
 # The x and y axes of the aperture are those of the unflipped image, right and down.
 
-MOST_RINGS = 500
+MAX_RINGS = 500
 
 
 class Pupil(NamedTuple):
@@ -56,7 +56,9 @@ def fibonacci(count: int) -> Pupil:
     (100, 2)
     """
     if not 1 <= count <= 10_000_000:
-        raise InvalidParameter(f"a pupil of {count} points is not valid; it takes 1 to 10000000")
+        raise InvalidParameter(
+            f"the number of points of a pupil must be 1 to 10000000; got {count}"
+        )
     i = np.arange(count) + 0.5
     radius, phi = np.sqrt(i / count), i * np.pi * (3 - 5**0.5)
     points = np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1)
@@ -81,8 +83,8 @@ def gaussian(rings: int) -> Pupil:
 
 
 def _check(rings: int) -> None:
-    if not (1 <= rings <= MOST_RINGS and int(rings) == rings):
-        raise InvalidParameter(f"rings = {rings} is not a whole number from 1 to {MOST_RINGS}")
+    if not (1 <= rings <= MAX_RINGS and int(rings) == rings):
+        raise InvalidParameter(f"rings must be an integer from 1 to {MAX_RINGS}; got {rings}")
 
 
 # -- Ray bundles from objects via the mirror through the whole aperture to the imager --------------
@@ -225,7 +227,7 @@ def trace_bundles(
     ((2, 37, 3), np.True_)
     """
     check_sensor(sensor)
-    sensor.check("what is traced through all of the aperture (spots, PSF, MTF)", "square imager")
+    sensor.check("ray tracing through the whole aperture (spots, PSF, MTF)", "square imager")
     angles, azimuths = (
         finite("omega_deg", row("omega_deg", omega_deg)),
         finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),
@@ -233,20 +235,23 @@ def trace_bundles(
     p = row("object_distance_mm", distances("object_distance_mm", object_distance_mm))
     if len({len(a) for a in (angles, azimuths, p)} - {1}) > 1:
         raise InvalidParameter(
-            f"there are {len(angles)} omega_deg, {len(azimuths)} azimuth_deg and {len(p)} object_distance_mm; give one "
-            "of each, or as many"
+            "omega_deg, azimuth_deg and object_distance_mm must have one value, or equally "
+            f"many; got {len(angles)}, {len(azimuths)} and {len(p)}"
         )
     omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
     towards = camera_direction(np.radians(omega), np.radians(azimuth))
     chief = sensor.optical_train.chief_rays_to(RayEndpoints(towards, True))
     if not chief.valid.all():
-        raise OutsideField(f"{_named(omega, azimuth, chief.valid)} is not seen by {sensor.name!r}")
+        raise OutsideField(
+            f"{_named(omega, azimuth, chief.valid)} must be in the field of {sensor.name!r}"
+        )
     k, n = len(omega), len(pupil.points)
     found, density = _aperture(sensor, pupil, chief, towards, p)
     whole: Mask = np.logical_and.reduce(found.reflects.reshape(k, n), axis=1)
     if not whole.all():
         raise OutsideField(
-            f"{_named(omega, azimuth, whole)} is not seen through all of the aperture, which is too wide for the mirror"
+            f"{_named(omega, azimuth, whole)} must be visible through the whole aperture; "
+            "the aperture is too wide for the mirror"
         )
     mean = density @ pupil.weights
     bundles = Bundles(

@@ -98,7 +98,7 @@ def illumination(
     transmission = number("transmission", transmission)
     if not 0 < transmission <= 1:
         raise InvalidParameter(
-            f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1"
+            f"transmission must be greater than 0, up to 1; got {transmission:g}"
         )
     sensor.check("illumination", "one mirror")
     normal = float(reflectance([0.0], reflectivity)[0])

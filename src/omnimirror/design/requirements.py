@@ -140,7 +140,7 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
                 f"the table ends at {omega[-1]:g} deg and the field at omega_max_deg = {field.omega_max_deg:g}; "
                 "they must agree",
             )
-    most = getattr(MAPPINGS[mapping], "MOST_OMEGA_DEG", 180.0)
+    most = getattr(MAPPINGS[mapping], "MAX_OMEGA_DEG", 180.0)
     if field.omega_max_deg >= most:
         raise EntryError(
             ("field", "omega_max_deg"),

@@ -77,17 +77,24 @@ BEYOND_LENS_MM = 5.0
 """Default distance of a window from the lens."""
 WALL = {
     "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
-    "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
-    "refractive_index": Parameter("", 1.0, 4.0, "of the wall"),
-    "material": Parameter("", 0.0, 0.0, "of the wall, instead of its index", MATERIAL_NAMES),
-    "medium": Parameter("", 0.0, 0.0, "what is outside, instead of air", MATERIAL_NAMES),
-    "medium_index": Parameter("", 1.0, 4.0, "refractive index of what is outside"),
-    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "shift to the right in the image"),
-    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "shift down in the image"),
-    "tilt_x_deg": Parameter(
-        "deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"
+    "wall_mm": Parameter("mm", 1e-3, 1e3, "wall thickness"),
+    "refractive_index": Parameter("", 1.0, 4.0, "refractive index of the wall"),
+    "material": Parameter(
+        "", 0.0, 0.0, "material of the wall, instead of its index", MATERIAL_NAMES
     ),
-    "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
+    "medium": Parameter("", 0.0, 0.0, "outer medium, instead of its index", MATERIAL_NAMES),
+    "medium_index": Parameter("", 1.0, 4.0, "refractive index of the outer medium"),
+    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "decentring to the right in the image"),
+    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "decentring downwards in the image"),
+    "tilt_x_deg": Parameter(
+        "deg",
+        -45.0,
+        45.0,
+        "rotation about the X axis of the image, through the vertex; applied first",
+    ),
+    "tilt_y_deg": Parameter(
+        "deg", -45.0, 45.0, "rotation about the Y axis of the image, through the vertex"
+    ),
 }
 WALL_INDEX = 1.49
 """Default refractive index (acrylic)."""
@@ -116,12 +123,13 @@ class ClearWall(HousingPart):
         super().__post_init__()
         if self.material is not None and self.refractive_index != WALL_INDEX:
             raise InvalidParameter(
-                f"refractive_index = {self.refractive_index:g} and material = {self.material!r} were both given; give "
-                "one of them"
+                "refractive_index and material must not both be given; got "
+                f"{self.refractive_index:g} and {self.material!r}"
             )
         if self.medium is not None and self.medium_index != 1.0:
             raise InvalidParameter(
-                f"medium_index = {self.medium_index:g} and medium = {self.medium!r} were both given; give one of them"
+                f"medium_index and medium must not both be given; got {self.medium_index:g} and "
+                f"{self.medium!r}"
             )
         self._check_room()
 
@@ -129,8 +137,8 @@ class ClearWall(HousingPart):
         """Check that the wall leaves space inside."""
         if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
             raise InvalidParameter(
-                f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
-                f"{self.diameter_mm / 2:g} mm"
+                f"wall_mm must be less than {self.diameter_mm / 2:g} mm, the outer radius of "
+                f"the {self.KIND}; got {self.wall_mm:g}"
             )
 
     @property
@@ -244,8 +252,8 @@ class Tube(ClearWall):
         diameter = self.diameter_mm or float(usual)
         if diameter < least:
             raise InvalidParameter(
-                f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
-                f"diameter is valid from {least:g} mm"
+                f"diameter_mm of the tube must be at least {least:g} mm, to enclose the mirror "
+                f"with a wall of {self.wall_mm:g} mm; got {diameter:g}"
             )
         return replace(self, diameter_mm=diameter)
 
@@ -303,9 +311,9 @@ class Dome(ClearWall):
 
     KIND: ClassVar[str] = "dome"
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
-        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre over the mirror's vertex"),
+        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre above the mirror vertex"),
         "inner_shift_mm": Parameter(
-            "mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"
+            "mm", -1e3, 1e3, "height of the inner sphere's centre above the outer one's"
         ),
     }
 
@@ -313,7 +321,8 @@ class Dome(ClearWall):
         super().__post_init__()
         if not abs(self.inner_shift_mm) < self.wall_mm:
             raise InvalidParameter(
-                f"inner_shift_mm = {self.inner_shift_mm:g} breaks through a wall of {self.wall_mm:g} mm"
+                f"inner_shift_mm must be smaller in magnitude than wall_mm, {self.wall_mm:g} "
+                f"mm; got {self.inner_shift_mm:g}"
             )
 
     @property
@@ -335,13 +344,15 @@ class Dome(ClearWall):
         diameter = self.diameter_mm or float(usual)
         if diameter < least:
             raise InvalidParameter(
-                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
-                f"does not take in the mirror; its diameter is valid from {least:.5g} mm"
+                f"diameter_mm of the dome must be at least {least:.5g} mm, to enclose the "
+                f"mirror (centre at {centre:.4g} mm, wall of {self.wall_mm:g} mm); got "
+                f"{diameter:g}"
             )
         if diameter / 2 - self.wall_mm <= abs(lens - centre):
             raise InvalidParameter(
-                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm does not reach the plane of the lens, at "
-                f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
+                "diameter_mm of the dome must be greater than "
+                f"{2 * (abs(lens - centre) + self.wall_mm):.5g} mm, to reach the plane of the "
+                f"lens at {lens:.4g} mm (centre at {centre:.4g} mm); got {diameter:g}"
             )
         return replace(self, diameter_mm=diameter, centre_mm=centre)
 
@@ -402,7 +413,7 @@ class FlatWindow(ClearWall):
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
         "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the clear opening"),
         "height_mm": Parameter(
-            "mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"
+            "mm", -1e5, 1e5, "height of the inner surface above the mirror vertex"
         ),
     }
 
@@ -420,8 +431,8 @@ class FlatWindow(ClearWall):
         height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
         if height > envelope.lens_mm:
             raise InvalidParameter(
-                f"height_mm = {height:g} puts the window between lens and mirror, where the lens looks through it too; "
-                f"it is valid up to {envelope.lens_mm:g} mm, in the plane of the lens or beyond"
+                f"height_mm must be at most {envelope.lens_mm:g} mm, the plane of the lens: a "
+                f"window between lens and mirror is in the optical path twice; got {height:g}"
             )
         return replace(self, height_mm=height)
 
@@ -468,13 +479,13 @@ class CameraBody(HousingPart):
     lens_diameter_mm: float = 24.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the camera as the mirror shows it"),
+        "diameter_mm": Parameter(
+            "mm", 1e-3, 1e5, "diameter of the camera, as reflected in the mirror"
+        ),
         "height_mm": Parameter(
-            "mm", -1e5, 1e5, "height of the camera's front over the lens, towards the mirror"
+            "mm", -1e5, 1e5, "height of the camera's front above the lens, towards the mirror"
         ),
-        "lens_diameter_mm": Parameter(
-            "mm", 1e-3, 1e5, "diameter of the front ring of the camera's lens"
-        ),
+        "lens_diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the lens's front ring"),
     }
 
 
@@ -505,7 +516,7 @@ class Rod(HousingPart):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the rod at its foot"),
         "end_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the rod at the mirror"),
-        "gap_mm": Parameter("mm", 0.0, 1e5, "from the foot of the rod to the lens"),
+        "gap_mm": Parameter("mm", 0.0, 1e5, "distance from the foot of the rod to the lens"),
     }
 
     def fitted(self, envelope: Envelope) -> Rod:
@@ -513,14 +524,15 @@ class Rod(HousingPart):
         gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
         if not gap < -envelope.lens_mm:
             raise InvalidParameter(
-                f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm"
+                f"gap_mm must be less than {-envelope.lens_mm:g} mm, the distance from lens to "
+                f"mirror; got {gap:g}"
             )
         end = self.diameter_mm if self.end_diameter_mm is None else self.end_diameter_mm
         if end > 2 * envelope.outer_mm:
             entry = "diameter_mm" if self.end_diameter_mm is None else "end_diameter_mm"
             raise InvalidParameter(
-                f"{entry} = {end:g} makes a rod wider than the mirror that it holds; there it is valid up to "
-                f"{2 * envelope.outer_mm:g} mm"
+                f"{entry} must be at most {2 * envelope.outer_mm:g} mm at the mirror, the "
+                f"diameter of the mirror; got {end:g}"
             )
         return replace(self, end_diameter_mm=end, gap_mm=gap)
 
@@ -549,14 +561,12 @@ class Rim(HousingPart):
     thickness_mm: float = 5.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "width_mm": Parameter(
-            "mm", 0.0, 1e4, "how far the rim's edge or flange stands out over the mirror"
-        ),
+        "width_mm": Parameter("mm", 0.0, 1e4, "radial width of the edge or flange beyond the rim"),
         "setback_mm": Parameter(
-            "mm", 0.0, 1e4, "how far the front of the edge or flange lies behind the rim"
+            "mm", 0.0, 1e4, "axial distance from the rim back to the front of the edge or flange"
         ),
         "thickness_mm": Parameter(
-            "mm", 1e-3, 1e4, "from the mirror's surface to the back of its body"
+            "mm", 1e-3, 1e4, "distance from the mirror surface to the back of its body"
         ),
     }
 
@@ -604,7 +614,7 @@ class Housing:
                     name,
                     part,
                     kind,
-                    f"a part such as omnimirror.optics.housing.{_name_of(kind)} makes",
+                    f"an instance of {_name_of(kind)} (omnimirror.optics.housing)",
                 )
 
     @property
@@ -633,16 +643,19 @@ class Housing:
     def _check_beside_secondary(self) -> None:
         if self.rod is not None:
             raise InvalidParameter(
-                "a rod would stand in the view of the secondary; valid supports are tube and none"
+                "housing.rod is not supported with a secondary, whose view it obstructs; use a "
+                "tube or no support"
             )
         if isinstance(self.shell, Dome | FlatWindow):
             raise InvalidParameter(
-                f"a {self.shell.KIND} is for sensors of one mirror; beside a secondary valid are tube and none"
+                f"housing.{self.shell.KIND} is not supported with a secondary; use a tube or no "
+                "support"
             )
         if self.camera is not None:
             raise InvalidParameter(
-                f"a camera of diameter_mm = {self.camera.diameter_mm:g} is for sensors of one mirror; beside a "
-                "secondary the camera's front is its bore_radius_mm"
+                "housing.camera is not supported with a secondary; set bore_radius_mm of the "
+                "secondary to the radius of the camera's front (diameter_mm = "
+                f"{self.camera.diameter_mm:g})"
             )
 
 

@@ -45,9 +45,9 @@ class Imager:
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "width_px": Parameter("px", 1, 100_000, "number of columns"),
         "height_px": Parameter("px", 1, 100_000, "number of rows"),
-        "pixel_pitch_um": Parameter("um", 0.01, 1e4, "distance of neighbouring pixels"),
+        "pixel_pitch_um": Parameter("um", 0.01, 1e4, "pixel pitch"),
         "centre_px": Parameter(
-            "px", -1e6, 1e6, "point (u, v) at which the optical axis meets the array, before a flip"
+            "px", -1e6, 1e6, "principal point (u, v) on the array, before a flip"
         ),
     }
 
@@ -57,15 +57,15 @@ class Imager:
             if value is not None or f.name != "centre_px":
                 self.PARAMETERS[f.name].check(f.name, value)
         for name in ("width_px", "height_px"):
-            value = numbers(name, getattr(self, name), "(it takes one)")
+            value = numbers(name, getattr(self, name), "(one number)")
             if value.ndim or int(value) != value:
                 raise InvalidParameter(
-                    f"{name} = {getattr(self, name)} is not a whole number of pixels"
+                    f"{name} must be an integer number of pixels; got {getattr(self, name)}"
                 )
         if self.centre_px is not None:
             if len(self.centre_px) != 2:
                 raise InvalidParameter(
-                    f"centre_px has {len(self.centre_px)} numbers; it needs two, u and v"
+                    f"centre_px must be a pair (u, v); got {len(self.centre_px)} numbers"
                 )
             object.__setattr__(
                 self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1]))
@@ -138,10 +138,14 @@ class ImagerPose:
     rotation_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "tilt_x_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's X"),
-        "tilt_y_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's Y"),
+        "tilt_x_deg": Parameter(
+            "deg", -20.0, 20.0, "tilt of the imager about the X axis of the image"
+        ),
+        "tilt_y_deg": Parameter(
+            "deg", -20.0, 20.0, "tilt of the imager about the Y axis of the image"
+        ),
         "rotation_deg": Parameter(
-            "deg", -360.0, 360.0, "the imager is turned in its plane; applied first"
+            "deg", -360.0, 360.0, "rotation of the imager in its plane; applied first"
         ),
     }
 

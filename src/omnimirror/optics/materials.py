@@ -49,9 +49,9 @@ class Material(NamedTuple):
 
 
 MATERIALS: dict[str, Material] = {
-    "air": Material(1.0, None, "the index that all others are against"),
-    "acrylic": Material(1.4918, 57.4, "PMMA, as lens design programs list it"),
-    "polycarbonate": Material(1.5855, 29.9, "as lens design programs list it"),
+    "air": Material(1.0, None, "reference of all other indices"),
+    "acrylic": Material(1.4918, 57.4, "PMMA, as listed in lens design programs"),
+    "polycarbonate": Material(1.5855, 29.9, "as listed in lens design programs"),
     "bk7": Material(1.5168, 64.17, "Schott N-BK7, data sheet"),
     "fused_silica": Material(1.45846, 67.82, "Malitson, J. Opt. Soc. Am. 55, 1205 (1965)"),
     "sapphire": Material(1.7682, 72.3, "ordinary ray; Malitson, J. Opt. Soc. Am. 52, 1377 (1962)"),
@@ -60,7 +60,7 @@ MATERIALS: dict[str, Material] = {
         1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"
     ),
     "mineral_oil": Material(
-        1.467, None, "light paraffin oil, 20 C, as suppliers give it; oils differ: measure yours"
+        1.467, None, "light paraffin oil, 20 C, typical supplier value; oils differ: measure yours"
     ),
 }
 """Materials by their name in sensor files."""
@@ -138,8 +138,8 @@ class Glass:
         low, high = self.from_um, self.to_um
         if not low <= wavelength_um <= high:
             raise InvalidParameter(
-                f"the index of {self.name} is known from {low * 1e3:g} to {high * 1e3:g} nm, and asked for at "
-                f"{wavelength_um * 1e3:g} nm"
+                f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of the "
+                f"data of {self.name}; got {wavelength_um * 1e3:g} nm"
             )
         square, (first, *rest) = wavelength_um**2, self.coefficients
         pairs = list(zip(rest[::2], rest[1::2], strict=True))
@@ -173,8 +173,8 @@ class GlassCatalogue(NamedTuple):
         upper = name.upper()
         others = {maker: None for maker, _ in self.glasses}  # in file order
         for maker in (*makers, *others):
-            if (found := self.glasses.get((maker.upper(), upper))) is not None:
-                return found
+            if (glass := self.glasses.get((maker.upper(), upper))) is not None:
+                return glass
         return None
 
 
@@ -185,14 +185,14 @@ def bundled_glasses() -> GlassCatalogue:
     >>> len(bundled_glasses().glasses) > 1000
     True
     """
-    found = {}
+    glasses = {}
     for line in GLASS_FILE.read_text(encoding="utf-8").splitlines():
         if line.startswith(("#", "maker,")):
             continue
         maker, name, formula, low, high, numbers = line.split(",")
         coefficients = tuple(float(v) for v in numbers.split())
-        found[maker, name] = Glass(name, formula, coefficients, float(low), float(high))
-    return GlassCatalogue(found, "the glasses that come with omnimirror")
+        glasses[maker, name] = Glass(name, formula, coefficients, float(low), float(high))
+    return GlassCatalogue(glasses, "the bundled glasses")
 
 
 def read_agf(path: Path) -> GlassCatalogue:
@@ -203,7 +203,7 @@ def read_agf(path: Path) -> GlassCatalogue:
     OmnimirrorError
         If the file cannot be read or contains no glass, or a dispersion formula is not supported.
     """
-    found: dict[tuple[str, str], Glass] = {}
+    glasses: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
     numbers: tuple[float, ...] = ()
     for line_number, line in enumerate(
@@ -215,20 +215,22 @@ def read_agf(path: Path) -> GlassCatalogue:
                 name, formula = words[1].upper(), int(float(words[2]))
             elif line.startswith("CD ") and name:
                 numbers = tuple(float(v) for v in words[1:])
-                found[maker, name] = _of_agf(name, formula, numbers)
-            elif line.startswith("LD ") and (maker, name) in found:
-                found[maker, name] = _of_agf(
+                glasses[maker, name] = _of_agf(name, formula, numbers)
+            elif line.startswith("LD ") and (maker, name) in glasses:
+                glasses[maker, name] = _of_agf(
                     name, formula, numbers, float(words[1]), float(words[2])
                 )
         except (ValueError, IndexError):
             raise SpecError(
-                f"{path} line {line_number}: {line.strip()!r} is not a line of a glass catalogue"
+                f"{path} line {line_number}: cannot parse {line.strip()!r} as a line of a glass "
+                "catalogue"
             ) from None
-    if not found:
+    if not glasses:
         raise SpecError(
-            f"{path} holds no glass; a glass catalogue (.agf) has lines NM and CD for each"
+            f"{path} contains no glass; a glass catalogue (.agf) must have lines NM and CD "
+            "for each glass"
         )
-    return GlassCatalogue(found, str(path))
+    return GlassCatalogue(glasses, str(path))
 
 
 def _of_agf(
@@ -252,19 +254,20 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
         If no catalogue has it, or its dispersion formula is not supported.
     """
     catalogues = [c for c in (catalogue, bundled_glasses()) if c is not None]
-    for each in catalogues:
-        if (found := each.find(name, makers)) is not None:
-            if found.formula.startswith("formula"):
+    for source_catalogue in catalogues:
+        if (glass := source_catalogue.find(name, makers)) is not None:
+            if glass.formula.startswith("formula"):
                 raise InvalidParameter(
-                    f"glass {name} has dispersion {found.formula} in {each.source}; valid are "
-                    f"{', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}"
+                    f"the dispersion formula of glass {name} in {source_catalogue.source} must be one of "
+                    f"{', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; got {glass.formula}"
                 )
-            return found
+            return glass
     known = {n for c in catalogues for _, n in c.glasses}
     close = difflib.get_close_matches(name.upper(), sorted(known), n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]}?" if close else ""
     raise InvalidParameter(
-        f"glass {name} is in none of the catalogues known{hint}; give the one that has it (.agf) as glass_catalogue"
+        f"unknown glass {name}{hint}; specify the catalogue that contains it (.agf) as "
+        "glass_catalogue"
     )
 
 
@@ -316,18 +319,17 @@ def _metal_index(reflectivity: Reflectivity) -> float | complex:
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
             raise InvalidParameter(
-                f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}"
+                f"reflectivity must be one of {', '.join(METALS)}, or a number; got "
+                f"{shown(reflectivity)}"
             )
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):
         if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):
             raise InvalidParameter(
-                f"reflectivity = {reflectivity} is not an index n + k j with n > 0 and k >= 0"
+                f"reflectivity must be an index n + k j with n > 0 and k >= 0; got {reflectivity}"
             )
         return reflectivity
-    share = number("reflectivity", reflectivity)
-    if not 0 < share <= 1:
-        raise InvalidParameter(
-            f"reflectivity = {share:g} is not a share; it is valid above 0, up to 1"
-        )
-    return share
+    fraction = number("reflectivity", reflectivity)
+    if not 0 < fraction <= 1:
+        raise InvalidParameter(f"reflectivity must be greater than 0, up to 1; got {fraction:g}")
+    return fraction

@@ -109,31 +109,33 @@ class Sensor:
 
     def __post_init__(self) -> None:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):
-            instance(name, getattr(self, name), kind, f"one of omnimirror's {name}s")
-        instance("housing", self.housing, Housing, "a Housing of omnimirror.optics.housing")
-        if numbers("mirror_distance_mm", self.mirror_distance_mm, "(it takes one)").ndim:
+            instance(name, getattr(self, name), kind, f"an instance of {kind.__name__}")
+        instance("housing", self.housing, Housing, "an instance of Housing")
+        if numbers("mirror_distance_mm", self.mirror_distance_mm, "(one number)").ndim:
             raise InvalidParameter(
-                f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number"
+                f"mirror_distance_mm must be one number; got {shown(self.mirror_distance_mm)}"
             )
         if self.lens.TELECENTRIC:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
         elif not (np.isfinite(self.mirror_distance_mm) and self.mirror_distance_mm > 0):
             raise InvalidParameter(
-                f"mirror_distance_mm = {self.mirror_distance_mm:g} does not say where the mirror stands; a "
-                f"{self.lens.KIND} lens needs a finite distance above 0 from its principal point to the mirror vertex"
+                f"mirror_distance_mm must be finite and greater than 0 for a {self.lens.KIND} "
+                "lens: the distance from its principal point to the mirror vertex; got "
+                f"{self.mirror_distance_mm:g}"
             )
         if self.secondary is not None and self.mirror_pose != MirrorPose():
             raise InvalidParameter(
-                "mirror_pose is not valid beside a secondary: two mirrors are traced on one axis; leave one of them out"
+                "mirror_pose is not supported with a secondary: two mirrors are traced on one "
+                "axis; remove one of them"
             )
         if self.secondary is not None and not self.mirror_form.is_empty:
             raise InvalidParameter(
-                "mirror_form is not valid beside a secondary; leave one of them out"
+                "mirror_form is not supported with a secondary; remove one of them"
             )
         if not self.imager_pose.is_square and (self.lens.TELECENTRIC or not self.lens.IS_THIN):
             raise InvalidParameter(
-                f"imager_pose leans, which is valid behind a perspective lens; behind a {self.lens.KIND} one the "
-                "place of the exit pupil, about which pictures stretch, is not known: leave its tilts out"
+                f"imager_pose must not have a tilt behind a {self.lens.KIND} lens, whose exit "
+                "pupil is unknown; remove the tilts or use a perspective lens"
             )
 
     # -- in the meridian -----------------------------------------------------------------------
@@ -149,9 +151,10 @@ class Sensor:
         """
         if not self.is_axial:
             raise InvalidParameter(
-                f"{self._out_of_axis} of {self.name!r} is decentred or tilted, and field angles from axis to rim "
-                "belong to an aligned one: take sensor.aligned(), which leaves its pose out, or what traces in space "
-                "(evaluation by om.evaluate_camera of its om.SensorModel, rays, pictures, spots, MTF)"
+                f"{self._misaligned_part} of {self.name!r} must be aligned for rotationally "
+                "symmetric evaluation; got a decentred, tilted or deformed one; use "
+                "sensor.aligned(), or three-dimensional computations (om.evaluate_camera of "
+                "its om.SensorModel, rays, images, spots, MTF)"
             )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         if self.secondary is None:
@@ -189,10 +192,10 @@ class Sensor:
     @property
     def is_axial(self) -> bool:
         """True if the sensor is rotationally symmetric: all parts are coaxial."""
-        return self._out_of_axis is None
+        return self._misaligned_part is None
 
     @property
-    def _out_of_axis(self) -> str | None:
+    def _misaligned_part(self) -> str | None:
         """Description of the misaligned parts, starting a sentence; None if aligned."""
         shell = self.housing.shell
         parts = {
@@ -225,33 +228,34 @@ class Sensor:
         InvalidParameter
             If a property is missing; the message names the supported alternatives.
         """
-        lens, leans = self.lens, self.imager_pose
-        refusals: dict[Need, tuple[bool, str]] = {
+        lens, imager_pose = self.lens, self.imager_pose
+        conditions: dict[Need, tuple[bool, str]] = {
             "one mirror": (
                 self.secondary is None,
-                f"sensors of one mirror, and the lens of {self.name!r} sees its mirror in a second one; evaluation, "
-                "spots, pictures and straightening are valid for both, and the sensor without its secondary",
+                f"a sensor without secondary mirror; got {self.name!r}, which has one; use the "
+                "sensor without its secondary, or evaluation, spots, images and dewarping",
             ),
             "thin lens": (
                 lens.IS_THIN,
-                f"perspective and orthographic lenses, and that of {self.name!r} is known by its {lens.KIND}; "
-                "evaluation, focus, spots, illumination, pictures and straightening are valid for it, and the sensor "
-                "with a perspective lens of its focal length and entrance pupil",
+                f"a perspective or orthographic lens; {self.name!r} has a lens given by its "
+                f"{lens.KIND}; use a perspective lens of the same focal length and entrance "
+                "pupil, or evaluation, focus, spots, illumination, images and dewarping",
             ),
             "square imager": (
-                leans.is_square,
-                f"imagers square to the axis, and that of {self.name!r} leans by {leans.tilt_x_deg:g} and "
-                f"{leans.tilt_y_deg:g} deg; pictures and tolerances are valid for it",
+                imager_pose.is_square,
+                f"an imager perpendicular to the axis; that of {self.name!r} is tilted by "
+                f"{imager_pose.tilt_x_deg:g} and {imager_pose.tilt_y_deg:g} deg; use images and "
+                "tolerances",
             ),
             "ideal but for poses": (
                 self.is_ideal_but_for_pose,
-                f"sensors without [mirror_form] and [imager_pose], and {self.name!r} has one; rays, pictures and "
-                "straightening are valid for it, and what is asked here of sensor.aligned()",
+                f"a sensor without [mirror_form] and [imager_pose]; {self.name!r} has one of "
+                "them; use sensor.aligned(), or rays, images and dewarping",
             ),
         }
-        for is_met, sentence in (refusals[need] for need in needs):
+        for is_met, sentence in (conditions[need] for need in needs):
             if not is_met:
-                raise InvalidParameter(f"{what} is for {sentence}")
+                raise InvalidParameter(f"{what} requires {sentence}")
 
     def _repr_html_(self) -> str:
         """Return an HTML card for notebooks."""
@@ -686,7 +690,7 @@ class Sensor:
             For two mirrors in a tube.
         """
         if self.housing.shell is not None:
-            self.check("tracing in space through a tube or a dome", "one mirror")
+            self.check("ray tracing through a tube or dome", "one mirror")
         return OpticalTrain(
             self.mirror,
             self.lens,
@@ -840,13 +844,13 @@ def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:
 def _check_pupil(pupil: Array, pixels: Array) -> None:
     if pupil.shape not in (pixels.shape, (2,)):
         raise InvalidParameter(
-            f"pupil has shape {pupil.shape}; it is valid as {pixels.shape}, or as one point"
+            f"pupil must have shape {pixels.shape}, or be one point; got {pupil.shape}"
         )
 
 
 def check_sensor(value: Any, name: str = "sensor") -> None:
     """Check that a value is a sensor and not, for example, a name."""
-    instance(name, value, Sensor, "a sensor, such as om.load_sensor gives")
+    instance(name, value, Sensor, "a sensor (see om.load_sensor)")
 
 
 # -- Notebook card of a mirror sensor --------------------------------------------------------------
@@ -878,7 +882,8 @@ def sensor_card(sensor: Sensor) -> str:
         "Lens": f"{lens.KIND}, {_focal(lens)}F/{lens.image_f_number():.3g} at the image",
         **distance,
         "Imager": f"{imager.width_px} × {imager.height_px} px of {imager.pitch_mm * 1e3:.4g} µm",
-        "Camera looks": mount.camera_looks + (", image flipped" if mount.image_flipped else ""),
+        "Camera orientation": mount.camera_looks
+        + (", image flipped" if mount.image_flipped else ""),
     }
     return card(
         sensor.name,

@@ -132,10 +132,11 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
     if not path.is_file() and str(name_or_path) in bundled:
         path = SENSOR_FOLDER / f"{name_or_path}.toml"
     hint = did_you_mean(str(name_or_path), bundled)
-    others = f"{hint} Bundled are" if hint else "; bundled are"
+    others = f"{hint} The bundled sensors are" if hint else "; the bundled sensors are"
     return (
         path,
-        f"there is no {kinds} or bundled sensor {str(name_or_path)!r}{others} {', '.join(bundled)}",
+        f"{kinds} or bundled sensor {str(name_or_path)!r} does not exist{others} "
+        f"{', '.join(bundled)}",
     )
 
 
@@ -176,8 +177,9 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
     data = parse_toml(text, source)
     if "camera" in data and "mirror" not in data:
         raise SpecError(
-            f"{source} is a camera file: it says which way pixels look, and neither mirror nor lens, which are needed "
-            "here; omnimirror calibrate --model sensor finds these"
+            f"{source} must be a sensor file; got a camera file, which describes directions "
+            "of pixels without mirror and lens; estimate a sensor with omnimirror "
+            "calibrate --model sensor"
         )
     return sensor_of(data, where, folder)
 
@@ -327,7 +329,9 @@ def _check_table_names(data: dict[str, Any], where: SourceLocator) -> None:
     for key in ("mirror", "lens", "imager"):
         if key not in data:
             raise where.error(
-                (), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]"
+                (),
+                f"the table [{key}] is missing; a sensor file requires [mirror], [lens] and "
+                "[imager]",
             )
 
 
@@ -430,15 +434,17 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
             valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
             raise where.error(
                 ("housing", name),
-                f"housing.{name} is not known{did_you_mean(name, HOUSING_PARTS)}; valid are {valid}",
+                f"unknown entry housing.{name}{did_you_mean(name, HOUSING_PARTS)}; use {valid}",
             )
         if not isinstance(part, dict):
             raise where.error(
-                ("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]"
+                ("housing", name),
+                f"housing.{name} must be a table [housing.{name}]; got {shown(part)}",
             )
     if len(shells := [name for name in SHELLS if name in table]) > 1:
         raise where.error(
-            ("housing", shells[1]), f"housing has both a {' and a '.join(shells)}; give one of them"
+            ("housing", shells[1]),
+            f"housing must not have both a {' and a '.join(shells)}; remove one",
         )
     parts = {
         name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where)
@@ -562,10 +568,13 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
 def _hint(text: str, source: str) -> str:
     """Return a hint for a file in another format, as the end of a sentence."""
     if CALIBRATION_MARK in text:
-        return "; it holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+        return (
+            "; the file contains the results of a calibration; the camera is in the output "
+            "file of its -o option"
+        )
     if Path(source).suffix.lower() in ("", ".toml"):
         return ""
-    return "; of another program's camera file omnimirror convert makes one of ours"
+    return "; convert camera files of other programs with omnimirror convert"
 
 
 def is_ocam_text(text: str) -> bool:
@@ -637,7 +646,7 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
         "camera",
         camera,
         kinds,
-        f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}",
+        f"a sensor, or a camera of kind {', '.join(CAMERAS)}",
     )
     instance("notes", notes, str, "text")
     comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())

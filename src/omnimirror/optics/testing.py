@@ -63,9 +63,9 @@ def parts_are_the_profile(mirror: Mirror) -> None:
         for name, part in zip(("sag", "slope", "curvature"), mirror.profile(x), strict=True):
             own = np.asarray(getattr(mirror, name)(x))
             assert np.shape(part) == x.shape, (
-                f"{name} of x {x.shape} has the shape {np.shape(part)}"
+                f"{name} of x with shape {x.shape} has shape {np.shape(part)}"
             )
-            assert np.array_equal(np.asarray(part), own), f"{name} is not that of the profile"
+            assert np.array_equal(np.asarray(part), own), f"{name} differs from that of profile"
 
 
 def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
@@ -90,7 +90,7 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
 def vertex_is_the_origin(mirror: Mirror) -> None:
     """Check that the sag of the vertex is 0, and its slope too for a mirror without an apex."""
     assert abs(float(mirror.sag(0.0))) < 1e-13, (
-        f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
+        f"the vertex must be at z = 0; got {float(mirror.sag(0.0)):g} mm"
     )
     slope = float(mirror.slope(0.0))
     assert mirror.is_pointed == (slope != 0.0), (
@@ -107,12 +107,12 @@ def radii_are_those_of_the_normals(mirror: Mirror) -> None:
     )
     length = np.abs(np.asarray(mirror.radius_s(x)))
     assert np.allclose(length[slope != 0], normal[slope != 0], rtol=1e-12), (
-        "radius_s is not the normal's length"
+        "radius_s differs from the length of the normal"
     )
     if not mirror.is_pointed:
         apex = float(mirror.radius_s(0.0)), float(mirror.radius_t(0.0))
         assert apex[0] == apex[1] or np.isclose(*apex, rtol=1e-12), (
-            f"at the apex the radii are {apex}"
+            f"the radii at the apex must be equal; got {apex}"
         )
 
 
@@ -120,40 +120,46 @@ def bounds_hold_the_meridian(mirror: Mirror) -> None:
     """Check that ``bounds`` extend from the vertex to the rim."""
     (x0, x1), (z0, z1) = mirror.bounds
     z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
-    assert (x0, x1) == (0.0, mirror.rim_radius_mm), f"bounds reach from x = {x0:g} mm to {x1:g} mm"
+    assert (x0, x1) == (0.0, mirror.rim_radius_mm), (
+        f"bounds must extend from x = 0 to the rim; got {x0:g} mm to {x1:g} mm"
+    )
     assert abs(z0 - z.min()) < 1e-12, (
-        f"bounds begin at z = {z0:g} mm, but the meridian at {z.min():g} mm"
+        f"bounds must start at z = {z.min():g} mm, as the meridian; got {z0:g} mm"
     )
     assert abs(z1 - z.max()) < 1e-12, (
-        f"bounds end at z = {z1:g} mm, but the meridian at {z.max():g} mm"
+        f"bounds must end at z = {z1:g} mm, as the meridian; got {z.max():g} mm"
     )
 
 
 def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
     """Check equality and hash after ``eval(repr(...))`` and after pickling."""
     words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
-    back = eval(repr(mirror), words)
-    assert back == mirror, f"{back!r} is not {mirror!r}"
-    assert hash(back) == hash(mirror), f"two equal mirrors {mirror!r} have different hashes"
+    copy = eval(repr(mirror), words)
+    assert copy == mirror, f"eval(repr(mirror)) must equal the mirror; got {copy!r} from {mirror!r}"
+    assert hash(copy) == hash(mirror), (
+        f"equal mirrors must have equal hashes; those of {mirror!r} differ"
+    )
     unpickled = pickle.loads(pickle.dumps(mirror))
-    assert unpickled == mirror, f"{unpickled!r} from a pickle is not {mirror!r}"
+    assert unpickled == mirror, (
+        f"an unpickled mirror must equal the original; got {unpickled!r} from {mirror!r}"
+    )
 
 
 def describes_every_parameter(mirror: Mirror) -> None:
     """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
     names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
     assert list(mirror.PARAMETERS) == names, (
-        f"{list(mirror.PARAMETERS)} do not describe the fields {names}"
+        f"PARAMETERS must describe the fields {names}; got {list(mirror.PARAMETERS)}"
     )
     for name, p in mirror.PARAMETERS.items():
-        assert p.description, f"{name} has no description"
-        assert p.choices or p.low < p.high, f"{name} has an empty range"
+        assert p.description, f"{name} must have a description"
+        assert p.choices or p.low < p.high, f"{name} must have a non-empty range"
         assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), (
-            f"{name} does not end with its unit"
+            f"{name} must end with its unit"
         )
     entries = set(table_model(type(mirror)).model_fields)
     assert entries == set(names), (
-        f"a sensor file has the entries {sorted(entries)}, and the fields are {names}"
+        f"the entries of a sensor file must be the fields {names}; got {sorted(entries)}"
     )
 
 
@@ -164,9 +170,11 @@ def refuses_what_is_out_of_range(mirror: Mirror) -> None:
             continue
         is_many = isinstance(getattr(mirror, name), tuple)
         for number in (p.high * 1.01 + 1, np.nan):
-            said = _refusal(mirror, **{name: (number,) if is_many else number})
-            assert said is not None, f"{name} = {number:g} is not refused"
-            assert name in said, f"{name} = {number:g} is refused without its name: {said}"
+            message = _refusal(mirror, **{name: (number,) if is_many else number})
+            assert message is not None, f"{name} = {number:g} must be rejected"
+            assert name in message, (
+                f"the error for {name} = {number:g} must contain the name; got: {message}"
+            )
 
 
 def _refusal(mirror: Mirror, **change: object) -> str | None:

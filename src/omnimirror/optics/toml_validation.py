@@ -41,10 +41,12 @@ class StandTable(Table):
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
     image_flipped: bool = False
-    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="of forward over the horizon")] = (
-        0.0
-    )
-    roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise about forward")] = 0.0
+    pitch_deg: Annotated[
+        float, Field(ge=-90, le=90, description="elevation of the forward direction")
+    ] = 0.0
+    roll_deg: Annotated[
+        float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")
+    ] = 0.0
 
 
 @cache
@@ -129,7 +131,7 @@ class SourceLocator:
         with the longest common prefix with the path, the first is that of the entry or the start of
         its table, also for dotted keys.
 
-        >>> Places('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
+        >>> SourceLocator('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
         2
         """
         wanted = ".".join(path).split(".")
@@ -169,7 +171,7 @@ class NoFile(SourceLocator):
         return EntryError(path, message)
 
 
-NOUNS = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables"}
+NOUNS = {dict: "a table", str: "a string in quotes", int: "an integer", list: "a list of tables"}
 
 
 def check_entries(
@@ -181,13 +183,14 @@ def check_entries(
             name = shown(key)[1:-1]
             raise where.error(
                 (key,),
-                f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}",
+                f"unknown entry {name}{did_you_mean(key, known)}; use {', '.join(known)}",
             )
         if not isinstance(value, known[key]) or isinstance(value, bool):
-            raise where.error((key,), f"{key} = {shown(value)} is not {NOUNS[known[key]]}")
-    if (found := data.get("format", file_format)) != file_format:
+            raise where.error((key,), f"{key} must be {NOUNS[known[key]]}; got {shown(value)}")
+    if (version := data.get("format", file_format)) != file_format:
         raise where.error(
-            ("format",), f"format = {found} is not known to this version, which reads {file_format}"
+            ("format",),
+            f"format must be {file_format} for this version of omnimirror; got {version}",
         )
 
 
@@ -211,14 +214,15 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
             return f"{name} is missing{_describe(model, path[1])}"
         case "extra_forbidden":
             names = list(model.model_fields)
-            return (
-                f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
-            )
+            return f"unknown entry {name}{did_you_mean(path[1], names)}; use {', '.join(names)}"
         case "literal_error":
-            return f"{name} = {shown(value)} is not one of {problem['ctx']['expected']}"
+            return f"{name} must be one of {problem['ctx']['expected']}; got {shown(value)}"
         case _:
-            wanted = problem["msg"].replace("Input should be", "it should be")
-            return f"{name}{index} = {shown(value)}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
+            requirement = re.sub(r"^(Input|List|String|Tuple) should", "must", problem["msg"])
+            return (
+                f"{name}{index} {requirement}; got "
+                f"{shown(value)}{_describe(model, path[1]) if path[1:] else ''}"
+            )
 
 
 def _describe(model: type[Table], name: str) -> str:
@@ -237,11 +241,11 @@ def class_of(
     """Return the class named by the entry ``kind`` of a table."""
     kind = data[section].get("kind")
     if kind is None:
-        raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
+        raise where.error((section,), f"{section}.kind is missing; use {', '.join(registry)}")
     if not isinstance(kind, str) or kind not in registry:
         hint = did_you_mean(str(kind), registry)
         raise where.error(
             (section, "kind"),
-            f"{section}.kind = {shown(kind)} is not known{hint}; valid are {', '.join(registry)}",
+            f"unknown {section}.kind {shown(kind)}{hint}; use {', '.join(registry)}",
         )
     return registry[kind]

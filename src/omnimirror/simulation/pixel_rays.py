@@ -27,7 +27,7 @@ from .scenes.scene import Measured, Scene
 # pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
 # dimensions only and use a regular grid.
 
-MOST_SAMPLES = 1 << 16
+MAX_SAMPLES = 1 << 16
 PLASTIC_NUMBERS = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
 """Roots of g^(d+1) = g + 1, whose powers are the steps of the recurrence (Roberts, 2018)."""
 
@@ -68,9 +68,9 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     for name, value in (("samples", samples), ("seed", seed)):
         if numbers(name, value, "(it takes one)").ndim:
             raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
-    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
+    if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
         raise InvalidParameter(
-            f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
+            f"samples = {shown(samples)} is not a whole number from 1 to {MAX_SAMPLES}"
         )
     if not (0 <= seed < 1 << 32 and int(seed) == seed):
         raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")

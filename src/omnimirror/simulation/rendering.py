@@ -349,7 +349,7 @@ def _trace_sensor(
 # Images are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as usual in Python;
 # OpenCV requires BGR, ``picture[..., ::-1]``.
 
-MOST_SAMPLES = 16
+MAX_SAMPLES = 16
 SHOWN_SAMPLES = 16
 """Rays per pixel of images for display."""
 
@@ -529,10 +529,8 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
 
 
 def _check_samples(samples: int) -> None:
-    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(
-            f"samples = {samples} is not a whole number from 1 to {MOST_SAMPLES}"
-        )
+    if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
+        raise InvalidParameter(f"samples = {samples} is not a whole number from 1 to {MAX_SAMPLES}")
 
 
 def _develop(light: Light, samples: int) -> Picture:

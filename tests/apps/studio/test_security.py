@@ -135,7 +135,7 @@ def test_the_server_opens_no_file_that_an_upload_names(number, client, tmp_path)
         for place, texts in zip(places, said, strict=True)
     ]
     assert same.count(same[0]) == len(same)
-    assert "names another file" in "".join(same[0])
+    assert "must not name a file" in "".join(same[0])
     assert not any("1.25" in text for text in same[0])
 
 

@@ -108,14 +108,14 @@ def test_grid_sag_file(tmp_path):
         (
             "a.csv",
             b"1,5,2,0,3,1\n1,5,2,0,3,2\n1,7,2,0,3,1",
-            "separates columns and decimals by commas",
+            "must not use commas for both columns and decimals",
         ),
         (
             "a.csv",
             b"x [um],y [um],z [um]\n1.0,2.0,3.0",
-            "gives its points in um, and the unit is mm",
+            "specifies the unit um, which differs from mm",
         ),
-        ("a.csv", b"probe\nA. Meier", "holds no rows of numbers"),
+        ("a.csv", b"probe\nA. Meier", "must contain rows of x, y, z"),
     ],
 )
 def test_invalid_files_are_rejected(name, content, sentence, tmp_path):

@@ -196,7 +196,7 @@ def test_perturbed_folded_sensor_keeps_the_field():
         "mirror.conic": [-0.02],
     }
     values = {name: np.array(of) for name, of in values.items()}
-    with pytest.raises(SelfObstruction, match="the secondary shows the mirror only to"):
+    with pytest.raises(SelfObstruction, match="the secondary must image the mirror up to its rim"):
         _ = perturbed(sensor, one(values)).field_deg
     field = field_of(sensor, angles=3, azimuths=4)
     shown, lost, _ = field.shown(values)
@@ -217,9 +217,12 @@ def test_temperature_matches_thermal_model():
     [
         (
             lambda: MirrorForm((5, 5), (1.0, 1.0)),
-            r"zernike = \[5, 5\] are not numbers of terms, each once",
+            r"zernike must contain different indices of terms; got \[5, 5\]",
         ),
-        (lambda: MirrorForm((5, 8), (1.0,)), "um has 1 amplitudes for 2 terms; it needs as many"),
+        (
+            lambda: MirrorForm((5, 8), (1.0,)),
+            "um must have one amplitude for each of the 2 terms; got 1",
+        ),
         (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] = 500 is outside 1 to 91"),
         (
             lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)),
@@ -227,7 +230,7 @@ def test_temperature_matches_thermal_model():
         ),
         (
             lambda: replace(OTHERS["two mirrors"], mirror_form=MirrorForm((5,), (1.0,))),
-            "beside a secondary",
+            "with a secondary",
         ),
         (
             lambda: om.evaluate(replace(SPH, mirror_form=MirrorForm((5,), (1.0,)))),

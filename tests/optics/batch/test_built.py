@@ -302,7 +302,7 @@ def test_a_mirror_past_the_lens_s_field_or_too_wide_for_its_wall_is_not_valid(tr
     [
         ({"shell": Tube(tilt_x_deg=1.0)}, "the tube is decentred or tilted"),
         ({"mode": "paper"}, "mode = 'paper'"),
-        ({"magnification": 0.1}, "does not apply to a lens known by its field"),
+        ({"magnification": 0.1}, "a lens given by its field requires"),
     ],
 )
 def test_what_has_no_place_in_a_batch_is_refused(table, options, said):

@@ -208,11 +208,9 @@ def test_crowded_light_is_conserved():
 
 def test_a_lens_that_folds_the_picture_is_refused():
     sensor = sensor_with(k1=-10.0)
-    with pytest.raises(
-        InvalidParameter, match=r"fold the picture over at 10\.3. deg .* the mirror reaches 12"
-    ):
+    with pytest.raises(InvalidParameter, match=r"12.* the image folds over at 10\.3. deg"):
         sensor.backproject([[511.5, 511.5]])
-    with pytest.raises(InvalidParameter, match="fold the picture over"):
+    with pytest.raises(InvalidParameter, match="the image folds over"):
         expose(
             replace(sensor, mirror_pose=MISPLACED),
             Environment(np.ones((4, 8, 3), np.float32)),

@@ -239,8 +239,8 @@ def test_it_is_kept_in_sensor_files():
 @pytest.mark.parametrize(
     ("pupil", "distance", "sentence"),
     [
-        (300.0, 180.0, "not beyond the entrance pupil"),
-        (190.0, 180.0, "the distance is valid above"),
+        (300.0, 180.0, "the position of the entrance pupil"),
+        (190.0, 180.0, "mirror_distance_mm must be greater than"),
     ],
 )
 def test_pupils_beyond_focus_or_mirror_are_refused(pupil, distance, sentence):

@@ -107,7 +107,7 @@ def test_a_sensor_file_names_a_cloud_or_a_grid(tmp_path):
 @pytest.mark.parametrize("entry", ["cloud_csv", "grid_sag", "profile_csv"])
 def test_text_from_elsewhere_names_no_file(entry):
     with pytest.raises(
-        SpecError, match=f"{entry} names another file; put the .* itself in, as x_mm and z_mm"
+        SpecError, match=f"{entry} must not name a file here; enter the .* as x_mm and z_mm"
     ):
         parse_sensor(SENSOR.format(entry=f'{entry} = "/etc/passwd"'), folder=None)
 
@@ -115,14 +115,14 @@ def test_text_from_elsewhere_names_no_file(entry):
 @pytest.mark.parametrize(
     ("entry", "text", "message"),
     [
-        ("cloud_csv", "1,2,3\n" * 50, "has 50 points; at least 200"),
+        ("cloud_csv", "1,2,3\n" * 50, "at least 200 points; got 50"),
         ("cloud_csv", "1,2,3\n1,2\n", "line 2: '1,2' is not x, y, z as in the other rows"),
         ("cloud_csv", "1,2,3\n1,nan,2\n", "has 1 points; at least 200 are valid"),
-        ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "is flat"),
-        ("cloud_csv", BESIDE, "does not lie all about its axis"),
-        ("grid_sag", "", "is no grid of heights"),
-        ("grid_sag", "3 3 1 1 0 0 0\n1\n", "is no grid of heights"),
-        ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "is no grid of heights"),
+        ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "got flat points"),
+        ("cloud_csv", BESIDE, "must surround its axis"),
+        ("grid_sag", "", "must be a grid of heights"),
+        ("grid_sag", "3 3 1 1 0 0 0\n1\n", "must be a grid of heights"),
+        ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "must be a grid of heights"),
         ("grid_sag", "2 2 1 1 0 0 0\n1\n2\nx\n4\n", "line 3: 'x' is not z"),
     ],
 )

@@ -290,15 +290,18 @@ def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"height": (1.0, 2, 3, 4, 5, 6)}, "height starts at 1"),
-        ({"height": (0.0, 1, 2, 2, 5, 6)}, r"height does not grow after row 3 \(2 then 2\)"),
+        ({"height": (1.0, 2, 3, 4, 5, 6)}, "height must start with 0, at the image centre; got 1"),
+        ({"height": (0.0, 1, 2, 2, 5, 6)}, r"height must increase; got 2 and 2 in rows 3 and 4"),
         (
             {"omega_deg": (0.0, 10, 5, 20, 30, 40)},
-            r"omega_deg does not grow after row 2 \(10 then 5\)",
+            r"omega_deg must increase; got 10 and 5 in rows 2 and 3",
         ),
         ({"height": (0.0, 1.0)}, "omega_deg has 6 rows and height 2"),
         ({"omega_deg": (0.0, 1.0), "height": (0.0, 1.0)}, "at least 6"),
-        ({"theta_max_deg": 50.0}, "omega_max_deg = 40 cannot be reached with theta_max_deg = 50"),
+        (
+            {"theta_max_deg": 50.0},
+            "omega_max_deg must be 50 to 130 deg with theta_max_deg = 50.* got 40",
+        ),
     ],
 )
 def test_a_table_that_is_no_mapping_is_refused(change, message):
@@ -312,11 +315,11 @@ def test_a_table_that_is_no_mapping_is_refused(change, message):
 
 
 def test_a_function_that_is_no_mapping_is_refused():
-    with pytest.raises(InvalidParameter, match="height does not grow"):
+    with pytest.raises(InvalidParameter, match="height must increase"):
         TabulatedMapping.from_function(np.sin, 120.0, 12.0, M)
-    with pytest.raises(InvalidParameter, match="not smooth"):
+    with pytest.raises(InvalidParameter, match="must be smooth"):
         TabulatedMapping.from_function(lambda o: o + np.maximum(o - 1, 0), 120.0, 12.0, M)
-    with pytest.raises(InvalidParameter, match="not finite"):
+    with pytest.raises(InvalidParameter, match="must return finite heights"):
         TabulatedMapping.from_function(lambda o: np.where(o > 1, np.nan, o), 120.0, 12.0, M)
 
 
@@ -332,19 +335,19 @@ def test_a_function_that_is_no_mapping_is_refused():
         ),
         (
             lambda: Rectifying(95.0, 12.0, M),
-            "omega_max_deg = 95 cannot be reached by the rectifying .* below 90",
+            "omega_max_deg must be less than 90 deg for the rectifying mapping; got 95",
         ),
         (
             lambda: GroundPlane(90.0, 12.0, M, 500.0),
-            "omega_max_deg = 90 cannot be reached by the ground-plane",
+            "omega_max_deg must be less than .* for the ground-plane mapping; got 90",
         ),
         (
             lambda: Equidistant(60.0, 12.0, M, 70.0),
-            "omega_min_deg = 70 is not below omega_max_deg = 60",
+            "omega_min_deg must be less than omega_max_deg = 60; got 70",
         ),
         (
             lambda: CylinderMapping(110.0, 12.0, M, 50.0, 40.0),
-            "cylinder_radius_mm = 40 does not clear the mirror",
+            "cylinder_radius_mm must be greater than rim_radius_mm = .* got 40",
         ),
     ],
 )

@@ -111,7 +111,9 @@ def test_a_stated_uncertainty_is_taken_or_refused():
         SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.001)
     met = SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.0)
     np.testing.assert_allclose(met.sag(x[:-1]), (noisy - noisy[0])[:-1], atol=1e-12)
-    with pytest.raises(NotOneToOne, match=r"the field angle .* stops growing at x = "):
+    with pytest.raises(
+        NotOneToOne, match=r"must be less than .*, where the field angle .* stops increasing"
+    ):
         om.evaluate(replace(SENSOR, mirror=met))
 
 
@@ -182,7 +184,7 @@ def test_a_ripple_between_the_nodes_of_the_table_is_found(m):
     assert rays_curvature.min() < 0 < mirror.curvature(np.linspace(0, 41, 1025)).min()
     found = first_non_increasing_x(mirror, m)
     assert found == pytest.approx(node + 0.02, abs=0.03)
-    with pytest.raises(NotOneToOne, match=r"stops growing at x = 20\.5"):
+    with pytest.raises(NotOneToOne, match=r"less than 20\.5"):
         Meridian(mirror, m).omega_max  # noqa: B018
 
 

@@ -146,20 +146,16 @@ def test_cone_viewpoints_lie_on_the_ring_of_virtual_pinholes():
 
 def test_outside_the_field_names_the_angle_and_the_field():
     with pytest.raises(
-        OutsideField, match=r"omega = 140 deg is outside the field; it is valid from 0 to 135\.00"
+        OutsideField, match=r"omega must be 0 to 135\.00\d* deg, the field; got 140"
     ):
         SPH.x_from_omega(np.radians([10.0, 140.0]))
     with pytest.raises(OutsideField, match="omega = -1 deg"):
         SPH.x_from_omega(np.radians([-1.0]))
-    with pytest.raises(
-        OutsideField, match="omega = 90 deg is outside the field; it is valid from 100 to"
-    ):
+    with pytest.raises(OutsideField, match="omega must be 100 to .* got 90"):
         Meridian(Cone(50.0, 1.0), 4.0).x_from_omega(np.radians([90.0]))
-    with pytest.raises(OutsideField, match="theta = 13 deg looks past the mirror"):
+    with pytest.raises(OutsideField, match="theta must be at most .* got 13"):
         SPH.x_from_tan_theta(np.tan(np.radians([13.0])))
-    with pytest.raises(
-        OutsideMirror, match=r"x = 1\.2 mm is not on the mirror, which is seen from 0 to 1\.0"
-    ):
+    with pytest.raises(OutsideMirror, match=r"x must be 0 to 1\.0\d* mm, .* got 1\.2"):
         SPH.trace([0.5, 1.2])
     with pytest.raises(OutsideField, match="nan"):
         SPH.x_from_omega([np.nan])
@@ -167,19 +163,19 @@ def test_outside_the_field_names_the_angle_and_the_field():
 
 def test_a_mapping_that_turns_back_is_refused():
     wavy = EvenPolynomial((0.7, -0.9, 0.4), 1.0)
-    with pytest.raises(NotOneToOne, match=r"stops growing at x = 0\.\d+ mm"):
+    with pytest.raises(NotOneToOne, match=r"less than 0\.\d+ mm, where the field angle"):
         Meridian(wavy, 4.0).omega_max  # noqa: B018
     with pytest.raises(NotOneToOne, match="convex towards the lens"):
         Meridian(EvenPolynomial((-0.3,), 1.0), 4.0).omega_max  # noqa: B018
 
 
 def test_a_mirror_seen_edge_on_is_refused():
-    with pytest.raises(SelfObstruction, match="hides itself from the lens beyond x = "):
+    with pytest.raises(SelfObstruction, match="views the mirror edge-on"):
         Meridian(Sphere(1.0, 0.99), 2.0).omega_max  # noqa: B018
     with pytest.raises(InvalidParameter, match="mirror_distance_mm = -1"):
         Meridian(Paraboloid(1.0, 1.0), -1.0).omega_max  # noqa: B018
 
 
 def test_equidistant_refuses_what_cannot_be_seen():
-    with pytest.raises(InvalidParameter, match="omega_max_deg = 175 cannot be reached"):
+    with pytest.raises(InvalidParameter, match="omega_max_deg must be .* got 175"):
         Equidistant(175.0, 12.0, 1.0)

@@ -81,7 +81,8 @@ FIGURES: dict[str, FigureSpec] = {
         FigureSpec(
             "fig8",
             "Image-forming characteristics",
-            "Each rectangle is the image of one square degree enlarged 15 times, at its place along the image radius.",
+            "Each rectangle is the image of one square degree enlarged 15 times, at its "
+            "position along the image radius.",
             image_plane.image_forming,
         ),
         FigureSpec(
@@ -109,15 +110,17 @@ FIGURES: dict[str, FigureSpec] = {
         FigureSpec(
             "fig12",
             "Influence of the lens on a spherical mirror",
-            "Image area Δs of spherical mirrors that see the same field in the same image circle, for rim viewing "
-            "angles Θ from 12° down to 0 (orthographic: exactly equiareal).",
+            "Image area Δs of spherical mirrors with the same field in the same image "
+            "circle, for rim viewing angles Θ from 12° down to 0 (orthographic: exactly "
+            "equiareal).",
             curves.viewing_angle,
         ),
         FigureSpec(
             "fig15",
             "Error of assuming one viewpoint",
-            "Image error for objects 7, 10, 20 and 40 rim radii M from the mirror, each with the viewpoint V0 "
-            "whose largest error is least: how far in the image they lie from where they are looked for.",
+            "Image error for objects 7, 10, 20 and 40 rim radii M from the mirror, each "
+            "with the viewpoint V0 of the smallest maximum error: distance in the image "
+            "between the true position and that of the single-viewpoint model.",
             curves.viewpoint_error,
         ),
     )
@@ -150,7 +153,7 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
     'Field angle Ω (deg)'
     """
     if name not in FIGURES:
-        raise InvalidParameter(f"figure {name!r} is not known; valid are {', '.join(FIGURES)}")
+        raise InvalidParameter(f"the figure must be one of {', '.join(FIGURES)}; got {name!r}")
     with styled():
         return FIGURES[name].function(subjects_of(sensors, conditions))
 
@@ -187,7 +190,7 @@ def save_all(
     for known, asked, noun in ((FIGURES, names, "figure"), (FORMATS, formats, "format")):
         if unknown := [a for a in asked if a not in known]:
             raise InvalidParameter(
-                f"{noun} {unknown[0]!r} is not known; valid are {', '.join(known)}"
+                f"the {noun} must be one of {', '.join(known)}; got {unknown[0]!r}"
             )
     files = []
     for name in names:

@@ -70,7 +70,7 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
         xlabel="u (px)",
         ylabel="v (px)",
     )
-    axes.set_title(f"Residuals, {factor:.0f} times enlarged")
+    axes.set_title(f"Residuals, enlarged {factor:.0f} times")
     axes.grid(visible=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
@@ -94,7 +94,7 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
     for axes, values, title in zip(
         figure.subplots(1, 2, sharey=True),
         (radial, across),
-        ("Along the radius", "Across the radius"),
+        ("Radial", "Tangential"),
         strict=True,
     ):
         axes.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
@@ -128,11 +128,9 @@ def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array
     figure = new_figure(PAGE, 0.7 * COLUMN)
     axes = figure.subplots()
     places = np.arange(count)
-    axes.bar(places, np.nan_to_num(fit_px), width=0.7, color=PALE, label="in the fit")
+    axes.bar(places, np.nan_to_num(fit_px), width=0.7, color=PALE, label="inliers")
     if np.isfinite(held_out_px).any():
-        axes.plot(
-            places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="left out of it"
-        )
+        axes.plot(places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="outliers")
     step = max(1, count // MAX_LABELS)
     axes.set_xticks(
         places[::step],
@@ -141,7 +139,7 @@ def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array
         ha="right",
         rotation_mode="anchor",
     )
-    axes.set(ylabel="RMS (px)", title="Picture by picture", xlim=(-0.6, count - 0.4))
+    axes.set(ylabel="RMS (px)", title="Residuals by image", xlim=(-0.6, count - 0.4))
     axes.grid(visible=False, axis="x")
     axes.legend(frameon=False, loc="upper left", ncols=2)
     axes.set_ylim(0, 1.25 * max(float(np.nanmax(fit_px)), float(np.nanmax([*held_out_px, 0.0]))))
@@ -232,7 +230,7 @@ def coverage_map(
             alpha=0.7,
         )
         figure.colorbar(
-            shown, ax=axes, label="error of a direction, 1 sigma (deg)", shrink=0.7, pad=0.01
+            shown, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01
         )
     for i, corners in enumerate(boards):
         colour = PALETTE[i % len(PALETTE)]
@@ -258,7 +256,7 @@ def coverage_map(
         xlabel="u (px)",
         ylabel="v (px)",
     )
-    axes.set_title("Where corners were seen")
+    axes.set_title("Detected corners")
     axes.grid(visible=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)

@@ -251,7 +251,9 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
     angle_axis(ax, field)
     _limits(ax, [line for line, _ in lines])
     ax.set_ylabel(axis_label("area_px2"))
-    ax.set_title(f"Spheres that see {field:g}°; in brackets: rim / centre", fontweight="normal")
+    ax.set_title(
+        f"Spheres with a field of {field:g}°; in brackets: rim / centre", fontweight="normal"
+    )
     for line, text in lines:
         labels.of_line(ax, line, text)
     return labels.settle()
@@ -366,7 +368,7 @@ def meridian_curves(mirrors: Mapping[str, Meridian]) -> Figure:
         panel_title(sections, 0, "Sections, the lens far below")
         sections.set_xlim(0, 1)
         sections.set_xlabel("Distance from the axis x/M")
-        sections.set_ylabel("Height over the vertex z/M")
+        sections.set_ylabel("Height above the vertex z/M")
         panel_title(heights, 1, "Image height")
         angle_axis(heights, max(float(np.degrees(m.omega_max)) for m in mirrors.values()))
         heights.set_ylim(0, 1)

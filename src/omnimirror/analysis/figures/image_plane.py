@@ -416,7 +416,7 @@ def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[A
         figure = new_figure(PAGE, above + below + 0.55)
         grid = figure.add_gridspec(2, 2, width_ratios=shapes, height_ratios=[above, below])
         places = ((grid[0, 0], circle), (grid[1, :], panorama), (grid[0, 1], zoom))
-        titles = ("Circular picture", "Panorama, 360°", "Zoom")
+        titles = ("Circular image", "Panorama, 360°", "Zoom")
         for i, ((place, picture), title) in enumerate(zip(places, titles, strict=True)):
             ax = figure.add_subplot(place)
             _show(ax, picture)

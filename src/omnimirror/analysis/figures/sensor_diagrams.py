@@ -325,10 +325,10 @@ def principle(sensor: Sensor, circle: Picture) -> Figure:
         left.text(0.25 * M, -sensor.meridian.m, "lens", size=6.5, va="center")
         left.text(0.42 * M, -sensor.meridian.m - 0.55 * M, "image sensor", size=6.5, va="center")
         left.text(0, _top(sensor) + 0.12 * M, "curved mirror", size=6.5, ha="center")
-        panel_title(left, 0, "From all sides, by the mirror, through the lens")
+        panel_title(left, 0, "Mirror sensor: all azimuths in one image")
         right.imshow(circle, interpolation="antialiased")
         right.set_axis_off()
-        panel_title(right, 1, "The circular picture (simulated)")
+        panel_title(right, 1, "Circular image (simulated)")
     return figure
 
 
@@ -401,7 +401,7 @@ def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
         figure = new_figure(PAGE, 4.6)
         grid = figure.add_gridspec(2, 2, height_ratios=[1.25, 1])
         names = ("Cylindrical screen", "Spherical screen")
-        flat = ("unrolled: a panorama of 360°", "laid flat: radius proportional to Ω")
+        flat = ("unrolled: a panorama of 360°", "flattened: radius proportional to Ω")
         for i, name in enumerate(names):
             ax = figure.add_subplot(grid[0, i])
             bare(ax)

@@ -279,7 +279,7 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
     """
     if kind not in FORMATS:
         raise InvalidParameter(
-            f"figures are written as {', '.join(FORMATS)}, not as {kind or 'nothing'}"
+            f"the format of a figure must be one of {', '.join(FORMATS)}; got {kind or 'none'}"
         )
     undated: dict[str, dict[str, Any]] = {
         "svg": {"Date": None},

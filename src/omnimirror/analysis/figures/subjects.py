@@ -129,7 +129,7 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
     """
     if not 1 <= len(sensors) <= len(PALETTE):
         raise InvalidParameter(
-            f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}"
+            f"the number of sensors in a figure must be 1 to {len(PALETTE)}; got {len(sensors)}"
         )
     return [Subject(s, colour, conditions) for s, colour in zip(sensors, PALETTE, strict=False)]
 

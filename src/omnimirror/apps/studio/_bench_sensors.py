@@ -306,7 +306,7 @@ def rim_of(sensor: Sensor) -> RimRay:
 
 def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
     """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
-    M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
+    M, most = rim.rim_radius_mm, cls.MAX_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
     own = {
         "plane_distance_mm": AROUND * M,

@@ -114,29 +114,29 @@ class Designs:
         c = kernel_array(np.atleast_2d(np.asarray(self.coefficients, dtype=float)))
         if c.ndim != 2 or c.shape[1] != self.family.terms:
             raise InvalidParameter(
-                f"coefficients have shape {c.shape}; {self.family.name} with {self.family.terms} terms needs "
-                f"(n, {self.family.terms})"
+                f"coefficients must have shape (n, {self.family.terms}) for {self.family.name} "
+                f"with {self.family.terms} terms; got {c.shape}"
             )
         object.__setattr__(self, "coefficients", c)
         for name in _NUMBERS:
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape not in ((), (len(c),)):
                 raise InvalidParameter(
-                    f"{name} has shape {value.shape}; it needs one number, or one per design"
+                    f"{name} must be one number, or one per design; got shape {value.shape}"
                 )
             value = np.ascontiguousarray(np.broadcast_to(value, len(c)))
             if name not in ("vertex_radius_mm", "conic", "magnification") and not (value > 0).all():
                 raise InvalidParameter(
-                    f"{name} = {value[~(value > 0)][0]:g} is not valid; it must be above 0"
+                    f"{name} must be greater than 0; got {value[~(value > 0)][0]:g}"
                 )
             object.__setattr__(self, name, value)
         if (self.magnification > 0).any() and not (self.magnification > 0).all():
             raise InvalidParameter(
-                "magnification is above 0 for some designs only; all lenses are of one kind"
+                "magnification must be 0 for all designs, or greater than 0 for all; got both"
             )
         if not np.all(np.asarray(self.object_distance_mm) > 0):
             raise InvalidParameter(
-                f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0"
+                f"object_distance_mm must be greater than 0; got {self.object_distance_mm}"
             )
 
     def _check_built(self) -> None:
@@ -144,7 +144,8 @@ class Designs:
         shell = self.housing.shell
         if shell is not None and not shell.is_axial:
             raise InvalidParameter(
-                f"the {shell.KIND} is decentred or tilted; designs are evaluated in the meridian of an aligned one"
+                f"the {shell.KIND} must be aligned: designs are evaluated in the meridian; got "
+                "a decentred or tilted one"
             )
         if self.lens is None:
             return
@@ -154,8 +155,9 @@ class Designs:
             or np.any(np.asarray(self.magnification) > 0)
         ):
             raise InvalidParameter(
-                f"mode = {self.mode!r}, image_radius_px = {self.image_radius_px} or a magnification does not apply to "
-                'a lens known by its field; mode = "exact" alone is valid'
+                "a lens given by its field requires mode = 'exact', no image_radius_px and no "
+                f"magnification; got mode = {self.mode!r}, image_radius_px = "
+                f"{self.image_radius_px}"
             )
         object.__setattr__(self, "focal_length_mm", self.lens.focal_length_mm)
         object.__setattr__(self, "f_number", self.lens.f_number)
@@ -296,15 +298,15 @@ def evaluate_designs(
     )
     if not (u.size and (u >= 0).all() and (u <= 1).all()):
         raise InvalidParameter(
-            "angles need at least one, at fractions from 0 to 1 of the rim radius"
+            "angles must contain at least one fraction of the rim radius, from 0 to 1"
         )
     if np.shape(designs.object_distance_mm) not in ((), u.shape):
         raise InvalidParameter(
-            f"object_distance_mm needs one number, or one for each of the {u.size} field angles"
+            f"object_distance_mm must be one number, or one for each of the {u.size} field angles"
         )
     if native and not backend.is_compiled:
         raise InvalidParameter(
-            "the compiled evaluator is not here; install omnimirror where a C++20 compiler works"
+            "the compiled evaluator is not available; install omnimirror with a C++20 compiler"
         )
     if backend.is_compiled if native is None else native:
         return _compiled(designs, u)

@@ -88,11 +88,11 @@ def family(name: str, terms: int) -> Family:
     """
     if name not in _FAMILIES:
         raise InvalidParameter(
-            f"{name!r} is no family of meridians to optimise; valid are {', '.join(_FAMILIES)}"
+            f"the family of meridians must be one of {', '.join(_FAMILIES)}; got {name!r}"
         )
     few, many, has_conic, basis, mirror = _FAMILIES[name]
     if not few <= terms <= many:
-        raise InvalidParameter(f"terms = {terms} does not suit {name}, which takes {few} to {many}")
+        raise InvalidParameter(f"terms must be {few} to {many} for {name}; got {terms}")
     return Family(name, terms, has_conic, basis, mirror)
 
 
@@ -152,11 +152,11 @@ class FreeForm(NamedTuple):
         word, colon, count = text.strip().partition(":")
         if word not in FREE_FORMS or (colon and not (count.isascii() and count.isdigit())):
             few_to_many = (
-                f"{w}:N with {_FAMILIES[n][0]} to {_FAMILIES[n][1]}"
+                f"{w}:N with N from {_FAMILIES[n][0]} to {_FAMILIES[n][1]}"
                 for w, (n, _) in FREE_FORMS.items()
             )
             raise InvalidParameter(
-                f"{text!r} is not a shape to optimise; valid are {', '.join(few_to_many)}"
+                f"the freeform family must be {', '.join(few_to_many)}; got {text!r}"
             )
         name, usual = FREE_FORMS[word]
         return cls(name, family(name, int(count) if colon else usual).terms)

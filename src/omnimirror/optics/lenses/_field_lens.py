@@ -182,8 +182,9 @@ class LensField:
         if falls.any():
             angle = float(np.degrees(np.arctan(checked[int(np.argmax(falls))])))
             raise InvalidParameter(
-                f"{name}: image heights must grow with the viewing angle; they stop growing at {angle:.4g} deg from "
-                f"the axis; {at_fold.format(angle=f'{angle:.4g}')}"
+                f"{name}: image heights must increase with the viewing angle; they stop "
+                f"increasing at {angle:.4g} deg from the axis; "
+                f"{at_fold.format(angle=f'{angle:.4g}')}"
             )
         self._heights = self._odd(checked)[:, 0]
         self._tangents = checked
@@ -192,10 +193,11 @@ class LensField:
         """Check that tangents are within the field, with a rounding tolerance."""
         past = tangent > self.end * (1 + 1e-12)
         if past.any():
-            last, asked = (float(np.degrees(np.arctan(v))) for v in (self.end, np.max(tangent)))
+            last, required = (float(np.degrees(np.arctan(v))) for v in (self.end, np.max(tangent)))
             raise InvalidParameter(
-                f"{self.name} ends at {last:.4g} deg from its axis, and the mirror reaches {asked:.4g} deg; use a "
-                f"smaller or more distant mirror, or {self.at_end}"
+                f"{self.name} must extend to {required:.4g} deg from the axis, as the mirror "
+                f"does; it ends at {last:.4g} deg; use a smaller or more distant mirror, or "
+                f"{self.at_end}"
             )
 
     def at(self, tangent: Array) -> LensValues:
@@ -265,9 +267,7 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
     number("wavelength_nm", wavelength_nm, low=300.0, high=1100.0, unit="nm")
     x = np.asarray(known_nm, dtype=float) ** -2.0
     if len(set(x)) < len(x):
-        raise InvalidParameter(
-            "wavelengths_nm are not three different ones; colour is valid of those only"
-        )
+        raise InvalidParameter("wavelengths_nm must be three different wavelengths")
     at = wavelength_nm**-2.0
     found: Array = values[1]
     for i, j in ((0, 2), (2, 0)):  # equal values at all three stay equal

@@ -68,13 +68,13 @@ class GaussianLens(Lens):
             place = self.principal_point_mm
             where = f" in front of the principal point at {place:g}" if place else ""
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is not beyond the focal length; "
-                f"it is valid above focal_length_mm = {self.focal_length_mm:g}{where}"
+                "focus_distance_mm must be greater than focal_length_mm = "
+                f"{self.focal_length_mm:g}{where}; got {self.focus_distance_mm:g}"
             )
         if self.focus_distance_mm <= self.pupil.at_mm:
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is not beyond the entrance pupil; "
-                f"it is valid above {self.pupil.at_mm:g}"
+                f"focus_distance_mm must be greater than {self.pupil.at_mm:g} mm, the position "
+                f"of the entrance pupil; got {self.focus_distance_mm:g}"
             )
 
     @property
@@ -194,14 +194,17 @@ class Perspective(GaussianLens):
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
         "k1": Parameter(
-            "", -100.0, 100.0, "radial distortion as in OpenCV, none by default: r^2 of the tangent"
+            "", -100.0, 100.0, "radial distortion coefficient of r^2 (OpenCV), 0 by default"
         ),
-        "k2": Parameter("", -1e4, 1e4, "radial distortion, r^4"),
-        "k3": Parameter("", -1e6, 1e6, "radial distortion, r^6"),
-        "p1": Parameter("", -1.0, 1.0, "tangential distortion"),
-        "p2": Parameter("", -1.0, 1.0, "tangential distortion"),
+        "k2": Parameter("", -1e4, 1e4, "radial distortion coefficient of r^4"),
+        "k3": Parameter("", -1e6, 1e6, "radial distortion coefficient of r^6"),
+        "p1": Parameter("", -1.0, 1.0, "tangential distortion coefficient p1"),
+        "p2": Parameter("", -1.0, 1.0, "tangential distortion coefficient p2"),
         "entrance_pupil_mm": Parameter(
-            "mm", -1e4, 1e4, "entrance pupil, from the principal point towards the mirror"
+            "mm",
+            -1e4,
+            1e4,
+            "position of the entrance pupil, from the principal point towards the mirror",
         ),
     }
 
@@ -237,9 +240,10 @@ class Perspective(GaussianLens):
         tangent, last = ideal / c, fold(k)
         if (tangent > last).any():
             raise InvalidParameter(
-                f"k1, k2, k3 = {k[0]:g}, {k[1]:g}, {k[2]:g} fold the picture over at {np.degrees(np.arctan(last)):.4g} "
-                f"deg from the lens's axis, and the mirror reaches {np.degrees(np.arctan(np.max(tangent))):.4g} deg; "
-                "distortion is valid if the picture grows up to there"
+                f"the distortion k1, k2, k3 = {k[0]:g}, {k[1]:g}, {k[2]:g} must be monotonic up "
+                f"to the edge of the mirror, {np.degrees(np.arctan(np.max(tangent))):.4g} deg "
+                "from the axis of the lens; the image folds over at "
+                f"{np.degrees(np.arctan(last)):.4g} deg"
             )
         return c * distorted_radius(tangent, k)[0]
 
@@ -293,10 +297,10 @@ class Orthographic(Lens):
     KIND: ClassVar[str] = "orthographic"
     TELECENTRIC: ClassVar[bool] = True
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "magnification": Parameter("", 1e-5, 1e3, "image size over object size (mu)"),
+        "magnification": Parameter("", 1e-5, 1e3, "image size relative to object size (mu)"),
         "working_f_number": F_NUMBER,
         "focus_distance_mm": Parameter(
-            "mm", -1e6, 1e6, "object plane in focus (L0), from the mirror vertex"
+            "mm", -1e6, 1e6, "object distance in focus (L0), from the mirror vertex"
         ),
     }
 

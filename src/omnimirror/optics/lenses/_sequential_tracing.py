@@ -219,8 +219,8 @@ def stop_radius(traced: Traced) -> float:
     ).stop
     if not np.isfinite(edge[0, 0]):
         raise InvalidParameter(
-            f"the opening, {2 * traced.pupil_radius:.4g} mm, is wider than the surfaces of the lens; a larger f_number "
-            "is valid"
+            "the aperture must not exceed the surfaces of the lens; its diameter is "
+            f"{2 * traced.pupil_radius:.4g} mm; increase f_number"
         )
     return abs(float(edge[0, 0]))
 
@@ -258,8 +258,8 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
     count = len(good) if good.all() else int(np.argmin(good))
     if not count or tangents[count - 1] < np.tan(np.radians(MIN_FIELD_DEG)):
         raise InvalidParameter(
-            "the lens lets no chief ray through to its imager; stop, apertures and distances are valid if light within "
-            f"{MIN_FIELD_DEG:g} deg of the axis passes"
+            f"chief rays within {MIN_FIELD_DEG:g} deg of the axis must reach the imager; "
+            "check stop, apertures and distances of the lens"
         )
     return float(tangents[count - 1])
 
@@ -322,8 +322,8 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     if not finite.all():
         angle = float(np.degrees(np.arctan(t[np.argmin(finite)])))
         raise InvalidParameter(
-            f"rays through the edge of the pupil must pass all surfaces; some at {angle:.4g} deg miss one. "
-            "Increase f_number or reduce field_max_deg"
+            "rays through the edge of the pupil must pass all surfaces; some at "
+            f"{angle:.4g} deg miss one; increase f_number or reduce field_max_deg"
         )
     return nodes
 

@@ -30,19 +30,17 @@ AIMING_STEPS = 12
 AIMING_TOLERANCE_MM = 1e-10
 PER_SURFACE = {
     "curvature_per_mm": Parameter(
-        "1/mm", -1e3, 1e3, "curvatures of the surfaces from the front on, 0 for planes"
+        "1/mm", -1e3, 1e3, "curvatures of the surfaces from the front, 0 for planes"
     ),
     "thickness_mm": Parameter(
-        "mm", -1e4, 1e4, "distance of each surface to the next; of the last it is not used"
+        "mm", -1e4, 1e4, "distance from each surface to the next; not used for the last"
     ),
     "index": Parameter("", 1.0, 5.0, "refractive index after each surface; 1 after the last"),
     "conic": Parameter("", -1e4, 1e4, "conic constants"),
-    "edge_mm": Parameter("mm", 0.0, 1e4, "radii of the surfaces, 0 where not known"),
-    "clear_mm": Parameter(
-        "mm", 0.0, 1e4, "radii of apertures that cut bundles off, 0 where there is none"
-    ),
-    "index_short": Parameter("", 1.0, 5.0, "indices in the shortest wavelength"),
-    "index_long": Parameter("", 1.0, 5.0, "indices in the longest wavelength"),
+    "edge_mm": Parameter("mm", 0.0, 1e4, "semi-diameters of the surfaces, 0 if unknown"),
+    "clear_mm": Parameter("mm", 0.0, 1e4, "radii of apertures that vignette, 0 for none"),
+    "index_short": Parameter("", 1.0, 5.0, "refractive indices at the shortest wavelength"),
+    "index_long": Parameter("", 1.0, 5.0, "refractive indices at the longest wavelength"),
 }
 REQUIRED = ("curvature_per_mm", "thickness_mm", "index")
 
@@ -108,10 +106,10 @@ class SurfaceLens(FieldLens):
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
         **PER_SURFACE,
-        "stop_surface": Parameter("", 1, 1000, "which surface is the stop, from 1"),
-        "field_max_deg": Parameter("deg", 1.0, 80.0, "largest viewing angle"),
+        "stop_surface": Parameter("", 1, 1000, "number of the stop surface, starting at 1"),
+        "field_max_deg": Parameter("deg", 1.0, 80.0, "maximum viewing angle"),
         "aspheres": Parameter(
-            "", -1e9, 1e9, "coefficients of r^2, r^4 .. of one surface after the other"
+            "", -1e9, 1e9, "coefficients of r^2, r^4, ... of each surface, in order"
         ),
         "wavelengths_nm": Parameter("nm", 100.0, 2e4, "shortest, middle and longest wavelength"),
     }
@@ -129,30 +127,32 @@ class SurfaceLens(FieldLens):
             column = getattr(self, name)
             if column is not None and len(column) != count:
                 raise InvalidParameter(
-                    f"{name} has {len(column)} values for {count} surfaces; it is valid with one for each"
+                    f"{name} must have one value for each of the {count} surfaces; got {len(column)}"
                 )
         if self.aspheres is not None and len(self.aspheres) % count:
             raise InvalidParameter(
-                f"aspheres has {len(self.aspheres)} values for {count} surfaces; it is valid with as many for each"
+                f"aspheres must have the same number of values for each of the {count} "
+                f"surfaces; got {len(self.aspheres)} in total"
             )
         if int(self.stop_surface) != self.stop_surface or not 1 <= self.stop_surface <= count:
             raise InvalidParameter(
-                f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}"
+                f"stop_surface must be a surface number from 1 to {count}; got "
+                f"{self.stop_surface:g}"
             )
         if self.index[-1] != 1.0:
             raise InvalidParameter(
-                f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager"
+                f"index must end with 1, the air in front of the imager; got {self.index[-1]:g}"
             )
         with np.errstate(all="ignore"):  # overflow is rejected
             focal = self._paraxial.focal_length
             if not (np.isfinite(focal) and focal > 0):
                 raise InvalidParameter(
-                    f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid"
+                    f"the focal length of the surfaces must be greater than 0; got {focal:g} mm"
                 )
             if not np.isfinite(self._paraxial.entrance_pupil):
                 raise InvalidParameter(
-                    f"the entrance pupil must be at a finite distance; surface {self.stop_surface:g}, the stop, is in "
-                    "the focal plane of the surfaces in front of it"
+                    "the entrance pupil must be at a finite distance; the stop, surface "
+                    f"{self.stop_surface:g}, is in the focal plane of the surfaces in front of it"
                 )
             self._check_focus()
             _ = self.field
@@ -222,8 +222,8 @@ class SurfaceLens(FieldLens):
         nearest = self.principal_point_mm + self.focal_length_mm
         if self.focus_distance_mm <= nearest:
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is nearer than the front focus; it is valid above "
-                f"{nearest:g}, from the first surface"
+                f"focus_distance_mm must be greater than {nearest:g} mm, the front focus from "
+                f"the first surface; got {self.focus_distance_mm:g}"
             )
 
     def at_wavelength(self, wavelength_nm: float) -> SurfaceLens:
@@ -239,8 +239,8 @@ class SurfaceLens(FieldLens):
             FRAUNHOFER_NM
         ):
             raise InvalidParameter(
-                f"the indices of this lens at {wavelength_nm:g} nm are not known; it is valid with wavelengths_nm, "
-                "index_short and index_long, which a .zmx file brings"
+                f"the indices at {wavelength_nm:g} nm are unknown; specify wavelengths_nm, "
+                "index_short and index_long, or read the lens from a .zmx file"
             )
         rows = np.array([self.index_short, self.index, self.index_long])
         index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
@@ -341,7 +341,10 @@ def _field_of(lens: SurfaceLens) -> LensField:
         traced_field(traced, end, outer),
         "the lens's field",
         at_fold="set field_max_deg below {angle}",
-        at_end=f"a larger field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits light there",
+        at_end=(
+            f"increase field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits "
+            "light there"
+        ),
     )
 
 

@@ -78,7 +78,9 @@ BlurMode = Literal["exact", "paper"]
 
 BLUR_MODES: tuple[BlurMode, ...] = ("exact", "paper")
 
-FOCUS = Parameter("mm", 1e-3, 1e7, "object distance in focus (L0), from the lens's reference point")
+FOCUS = Parameter(
+    "mm", 1e-3, 1e7, "object distance in focus (L0), from the reference point of the lens"
+)
 F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
 
 
@@ -271,7 +273,7 @@ class Lens(ABC):
     def airy_diameter(self, wavelength_nm: float = 550.0) -> float:
         """Compute the diameter of the Airy disk on the imager, mm: 2.44 lambda F_w."""
         if not 100.0 <= number("wavelength_nm", wavelength_nm) <= 20000.0:
-            raise InvalidParameter(f"wavelength_nm = {wavelength_nm:g} is outside 100 to 20000 nm")
+            raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {wavelength_nm:g}")
         return 2.44 * wavelength_nm * 1e-6 * self.image_f_number()
 
     @classmethod

@@ -40,20 +40,21 @@ def _check(name: str, cls: Any) -> None:
     """Check that an object is a mirror class with this kind."""
     if not (isinstance(cls, type) and issubclass(cls, Mirror)):
         raise WrongKind(
-            f"{shown(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror"
+            "a mirror class must be derived from omnimirror.optics.mirrors.Mirror; got "
+            f"{shown(cls)}"
         )
     made = vars(cls).get("__dataclass_params__")
     if made is None or not made.frozen:
-        raise InvalidParameter(
-            f"{cls.__name__} is no frozen dataclass of its parameters, as mirrors are"
-        )
+        raise InvalidParameter(f"{cls.__name__} must be a frozen dataclass of its parameters")
     if (kind := getattr(cls, "KIND", None)) != name:
-        raise InvalidParameter(f"{cls.__name__}.KIND = {shown(kind)} is not its name, {name!r}")
+        raise InvalidParameter(
+            f"{cls.__name__}.KIND must be {name!r}, its registered name; got {shown(kind)}"
+        )
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
         raise InvalidParameter(
-            f"{cls.__name__}.PARAMETERS does not describe its fields {', '.join(names)} in their order, one of them "
-            "rim_radius_mm"
+            f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in "
+            "their order, including rim_radius_mm"
         )
 
 

@@ -61,13 +61,19 @@ class MirrorPose:
     tilt_y_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "decentre_x_mm": Parameter("mm", *SHIFT, "shift of the vertex to the right in the image"),
-        "decentre_y_mm": Parameter("mm", *SHIFT, "shift of the vertex down in the image"),
-        "displacement_mm": Parameter("mm", *SHIFT, "shift of the vertex away from the lens"),
-        "tilt_x_deg": Parameter(
-            "deg", *TILT, "rotation about the image's X, through the vertex; applied first"
+        "decentre_x_mm": Parameter(
+            "mm", *SHIFT, "decentring of the vertex to the right in the image"
         ),
-        "tilt_y_deg": Parameter("deg", *TILT, "rotation about the image's Y, through the vertex"),
+        "decentre_y_mm": Parameter("mm", *SHIFT, "decentring of the vertex downwards in the image"),
+        "displacement_mm": Parameter("mm", *SHIFT, "displacement of the vertex away from the lens"),
+        "tilt_x_deg": Parameter(
+            "deg",
+            *TILT,
+            "rotation about the X axis of the image, through the vertex; applied first",
+        ),
+        "tilt_y_deg": Parameter(
+            "deg", *TILT, "rotation about the Y axis of the image, through the vertex"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -160,8 +166,10 @@ class MirrorForm:
     um: tuple[float, ...] = ()
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "zernike": Parameter("", 1, TERMS, "Zernike terms of the form error, by Noll"),
-        "um": Parameter("um", -1e4, 1e4, "rms of each over the disk of the rim, along the axis"),
+        "zernike": Parameter("", 1, TERMS, "Zernike terms of the form error (Noll indices)"),
+        "um": Parameter(
+            "um", -1e4, 1e4, "rms of each term over the disk of the rim, along the axis"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -170,11 +178,11 @@ class MirrorForm:
         terms = np.array(self.zernike, dtype=float)
         if (terms != np.round(terms)).any() or len(set(terms)) != len(terms):
             raise InvalidParameter(
-                f"zernike = {list(self.zernike)} are not numbers of terms, each once"
+                f"zernike must contain different indices of terms; got {list(self.zernike)}"
             )
         if len(self.um) != len(terms):
             raise InvalidParameter(
-                f"um has {len(self.um)} amplitudes for {len(terms)} terms; it needs as many"
+                f"um must have one amplitude for each of the {len(terms)} terms; got {len(self.um)}"
             )
         object.__setattr__(self, "zernike", tuple(int(j) for j in terms))
         object.__setattr__(self, "um", tuple(float(v) for v in self.um))

@@ -83,7 +83,7 @@ class _OfSemiAxes(Conic):
     rim_radius_mm: float
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
+        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis perpendicular to the mirror axis (A)"),
         "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
         "rim_radius_mm": RIM_RADIUS,
     }
@@ -214,7 +214,7 @@ class Cone(Mirror):
     KIND: ClassVar[str] = "cone"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "slope_deg": Parameter(
-            "deg", 0.1, 89.9, "angle of the surface from the plane across the axis (beta)"
+            "deg", 0.1, 89.9, "angle of the surface from the plane perpendicular to the axis (beta)"
         ),
         "rim_radius_mm": RIM_RADIUS,
     }
@@ -310,7 +310,7 @@ class EvenPolynomial(Mirror):
     KIND: ClassVar[str] = "even-polynomial"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "coefficients": Parameter(
-            "", -1e9, 1e9, "coefficients of (x/N)^2, (x/N)^4, .. in units of N"
+            "", -1e9, 1e9, "coefficients of (x/N)^2, (x/N)^4, ... in units of N"
         ),
         "rim_radius_mm": RIM_RADIUS,
         "normalization_radius_mm": NORMALIZATION,
@@ -350,7 +350,7 @@ class ConicAsphere(Mirror):
         "conic": Parameter("", -1e3, 1e3, "conic constant k = -e^2"),
         "rim_radius_mm": RIM_RADIUS,
         "coefficients": Parameter(
-            "", -1e9, 1e9, "coefficients of (x/N)^4, (x/N)^6, .. in units of N"
+            "", -1e9, 1e9, "coefficients of (x/N)^4, (x/N)^6, ... in units of N"
         ),
         "normalization_radius_mm": NORMALIZATION,
     }

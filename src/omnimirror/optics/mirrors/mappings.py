@@ -298,7 +298,7 @@ class Rectifying(Generated):
     """
 
     KIND: ClassVar[str] = "rectifying"
-    MOST_OMEGA_DEG: ClassVar[float] = 90.0
+    MAX_OMEGA_DEG: ClassVar[float] = 90.0
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, high = coordinates("tau", tau), np.tan(self._omega_max)
@@ -477,8 +477,9 @@ class FiniteMapping(Generated):
                     return solution
             elif nodes >= MAX_NODES:
                 raise InvalidParameter(
-                    f"no {self.KIND} mirror with these distances reaches omega_max_deg = {self.omega_max_deg:g} at "
-                    f"theta_max_deg = {self.theta_max_deg:g}; it is valid for smaller angles or farther objects"
+                    f"no {self.KIND} mirror at these distances reaches omega_max_deg = "
+                    f"{self.omega_max_deg:g} at theta_max_deg = {self.theta_max_deg:g}; reduce the "
+                    "angles or increase the object distance"
                 )
             nodes *= 2
 
@@ -557,10 +558,10 @@ class GroundPlane(FiniteMapping):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         **Generated.PARAMETERS,
         "plane_distance_mm": Parameter(
-            "mm", *DISTANCE, "mirror vertex to the plane, towards the lens and beyond (H)"
+            "mm", *DISTANCE, "distance from the mirror vertex to the plane beyond the lens (H)"
         ),
     }
-    MOST_OMEGA_DEG: ClassVar[float] = 90.0
+    MAX_OMEGA_DEG: ClassVar[float] = 90.0
 
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
         H = self.plane_distance_mm / self.rim_radius_mm
@@ -588,10 +589,13 @@ class CylinderMapping(FiniteMapping):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         **Generated.PARAMETERS,
         "omega_min_deg": Parameter(
-            "deg", 1.0, OMEGA_MIN.high, "field angle at the image centre; the mirror is pointed"
+            "deg",
+            1.0,
+            OMEGA_MIN.high,
+            "field angle at the image centre; greater than 0 for a pointed mirror",
         ),
         "cylinder_radius_mm": Parameter(
-            "mm", *DISTANCE, "radius of the cylinder, beyond that of the rim"
+            "mm", *DISTANCE, "radius of the cylinder, greater than that of the rim"
         ),
     }
 
@@ -599,8 +603,8 @@ class CylinderMapping(FiniteMapping):
         check_fields(self)
         if self.cylinder_radius_mm <= self.rim_radius_mm:
             raise InvalidParameter(
-                f"cylinder_radius_mm = {self.cylinder_radius_mm:g} does not clear the mirror; it is valid above "
-                f"rim_radius_mm = {self.rim_radius_mm:g}"
+                "cylinder_radius_mm must be greater than rim_radius_mm = "
+                f"{self.rim_radius_mm:g}; got {self.cylinder_radius_mm:g}"
             )
         super().__post_init__()
 
@@ -634,21 +638,21 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
     """
     if len(omega_deg) != len(height):
         raise InvalidParameter(
-            f"omega_deg has {len(omega_deg)} rows and height {len(height)}; they need the same number"
+            f"omega_deg and height must have equally many values; got {len(omega_deg)} and "
+            f"{len(height)}"
         )
     if len(omega_deg) <= DEGREE:
         raise InvalidParameter(
-            f"omega_deg has {len(omega_deg)} rows; a table needs at least {DEGREE + 1}"
+            f"omega_deg must have at least {DEGREE + 1} values; got {len(omega_deg)}"
         )
     if height[0] != 0.0:
-        raise InvalidParameter(
-            f"height starts at {height[0]:g}; it must start at the image centre, at 0"
-        )
+        raise InvalidParameter(f"height must start with 0, at the image centre; got {height[0]:g}")
     for name, column in (("omega_deg", omega_deg), ("height", height)):
         if not np.all(np.diff(column) > 0):
             i = int(np.argmin(np.diff(column) > 0))
             raise InvalidParameter(
-                f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})"
+                f"{name} must increase; got {column[i]:g} and {column[i + 1]:g} in rows {i + 1} "
+                f"and {i + 2}"
             )
 
 
@@ -684,9 +688,11 @@ class TabulatedMapping(Mapped):
     FILES = (MAPPING_FILE,)
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "omega_deg": Parameter(
-            "deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"
+            "deg", 0.0, 179.0, "field angles, increasing from the image centre to the rim"
         ),
-        "height": Parameter("", 0.0, 1e9, "their image heights in any unit, growing from 0"),
+        "height": Parameter(
+            "", 0.0, 1e9, "image heights at these angles in any unit, increasing from 0"
+        ),
         "theta_max_deg": THETA_MAX,
         "rim_radius_mm": RIM_RADIUS,
     }
@@ -749,7 +755,7 @@ class TabulatedMapping(Mapped):
         """
         if not callable(height):
             raise WrongKind(
-                f"height = {shown(height)} is no function of field angles (n,) in radians"
+                f"height must be a function of field angles (n,) in radians; got {shown(height)}"
             )
         low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
         tolerance = number("tolerance", tolerance, above=0.0)
@@ -762,12 +768,12 @@ class TabulatedMapping(Mapped):
             h, wanted = (coordinates("height(omega)", height(a)) for a in (omega, between))
             if (h.shape, wanted.shape) != (omega.shape, between.shape):
                 raise InvalidParameter(
-                    f"the mapping function gives heights of shape {h.shape} for {len(omega)} field angles; "
-                    f"it is valid with one for each, ({len(omega)},)"
+                    "the mapping function must return one height per field angle, shape "
+                    f"({len(omega)},); got {h.shape}"
                 )
             if not (np.isfinite(h).all() and np.isfinite(wanted).all()):
                 raise InvalidParameter(
-                    "the mapping function gives heights that are not finite in the field"
+                    "the mapping function must return finite heights over the field"
                 )
             mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
             found, rate = mirror.mapping(wanted / h[-1])
@@ -777,8 +783,9 @@ class TabulatedMapping(Mapped):
             rows *= 2
             if rows > MAX_ROWS:
                 raise InvalidParameter(
-                    f"the mapping function is not smooth: {MAX_ROWS} rows still miss it by {error:.2g} of the rim's "
-                    f"height; give it as a table, or a larger tolerance than {tolerance:g}"
+                    f"the mapping function must be smooth: the error with {MAX_ROWS} rows is "
+                    f"{error:.2g} of the rim's height; use a table, or a tolerance above "
+                    f"{tolerance:g}"
                 )
 
     @cached_property

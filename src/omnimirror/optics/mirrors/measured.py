@@ -106,22 +106,24 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
     if uncertainty_mm is None and (not scatter.is_noise or noise <= ROUNDING * float(np.ptp(z))):
         return _interpolated(x, z, smooth_apex, used)
     for _ in range(MAX_ROUNDS):
-        fit, residuals, left = _smoothed(x, z, smooth_apex, used, noise)
+        fit, residuals, residual = _smoothed(x, z, smooth_apex, used, noise)
         size = np.where(used, np.abs(residuals), 0.0)
         typical = MAD_TO_SIGMA * float(np.median(size[used]))
-        far = size > max(
+        outliers = size > max(
             MAX_DEVIATION * max(noise, typical), size.max() / 2
         )  # the worst may bend the others
-        if not far.any() or used.sum() - far.sum() < (1 - MAX_OUTLIER_FRACTION) * len(x):
+        if not outliers.any() or used.sum() - outliers.sum() < (1 - MAX_OUTLIER_FRACTION) * len(x):
             break
-        used = used & ~far
-    if uncertainty_mm is None and left > TOO_ROUGH * noise:  # points too sparse for fewer pieces
+        used = used & ~outliers
+    if (
+        uncertainty_mm is None and residual > TOO_ROUGH * noise
+    ):  # points too sparse for fewer pieces
         return _interpolated(x, z, smooth_apex, used)
-    if uncertainty_mm is not None and left > TOO_ROUGH * uncertainty_mm:
+    if uncertainty_mm is not None and residual > TOO_ROUGH * uncertainty_mm:
         raise InvalidParameter(
-            f"the points of the profile scatter by {left * 1e3:.3g} um about the smoothest curve that they allow, and "
-            f"uncertainty_um = {uncertainty_mm * 1e3:g} is stated; it is valid from {left * 1e3 / TOO_ROUGH:.2g}, or "
-            "left out to be estimated"
+            f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points "
+            f"of the profile scatter by {residual * 1e3:.3g} um about the smoothest "
+            f"admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated"
         )
     return fit
 
@@ -369,7 +371,7 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
         table = table[:, 1:]
     if table.shape[1] < 2:
         raise OmnimirrorError(
-            f"{path} holds one column of numbers; valid are rows of x, y, z, or of x, z of a profile"
+            f"{path} must contain rows of x, y, z, or of x, z for a profile; got one column"
         )
     return np.asarray(table[:, :3])
 
@@ -408,7 +410,7 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
     counts = Counter(width for width in widths if width)
     if not counts:
         raise OmnimirrorError(
-            f"{path} holds no rows of numbers; valid are rows of x, y, z, or of x, z of a profile"
+            f"{path} must contain rows of x, y, z, or of x, z for a profile; got no numbers"
         )
     usual, count = counts.most_common(1)[0]
     first = next(
@@ -426,7 +428,8 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
         if len(words) < width or None in found:
             names = "x, y, z" if sum(kinds) > 2 else "x, z"
             raise OmnimirrorError(
-                f"{path} line {number}: {shown(line)} is not {names} as in the other rows"
+                f"{path} line {number}: the row must contain {names}, as the other rows; got "
+                f"{shown(line)}"
             )
         values.append([value for value in found if value is not None])
     return [line for _, line in lines[:first]], kinds, np.array(values)
@@ -471,8 +474,8 @@ class _Style:
             )
         ):
             raise OmnimirrorError(
-                f"{path} separates columns and decimals by commas; write it with semicolons or tabs between columns, "
-                "or with decimal points"
+                f"{path} must not use commas for both columns and decimals; use semicolons or "
+                "tabs between columns, or decimal points"
             )
         return cls(r"\s*,\s*", has_decimal_comma=False)
 
@@ -516,9 +519,10 @@ def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
     ]
     named = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
     if unit is not None and len(named) == 1 and unit not in named:
-        (found,) = named
+        (header_unit,) = named
         raise OmnimirrorError(
-            f"{path} gives its points in {found}, and the unit is {unit}; give unit {found} (--unit {found})"
+            f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit "
+            f"{header_unit} (--unit {header_unit})"
         )
 
 
@@ -568,7 +572,7 @@ def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm")
     """
     points = parsed_points(read_text(path, noun), path)
     if points.shape[1] != 3:
-        raise OmnimirrorError(f"{path} holds two columns of numbers; {noun} need {names}")
+        raise OmnimirrorError(f"{path} must contain {names} for {noun}; got two columns")
     return points
 
 
@@ -597,8 +601,8 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
             raise ValueError
     except (ValueError, IndexError):
         raise OmnimirrorError(
-            f"{path} is no grid of heights: its first line must be 'nx ny dx dy unit xdec ydec', and nx * ny lines "
-            "must follow"
+            f"{path} must be a grid of heights: first line 'nx ny dx dy unit xdec ydec', "
+            "followed by nx * ny lines"
         ) from None
     rows = _cloud_rows(path, "\n".join(lines[1:]), names)
     j, i = np.divmod(np.arange(nx * ny), nx)
@@ -623,7 +627,9 @@ def _cloud_rows(path: Path, text: str, names: str) -> Array:
             ):
                 raise ValueError
         except ValueError:
-            raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
+            raise OmnimirrorError(
+                f"{path} line {number}: the line must contain {names}; got {shown(line)}"
+            ) from None
         found.append(numbers[: len(found[0])] if found else numbers)
     return np.array(found).reshape(-1, len(found[0]) if found else 1)
 
@@ -650,7 +656,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     if bowl[3] < 0:  # measured from above: rotate about x
         points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
     if not bowl[3] > 0:
-        raise OmnimirrorError(f"{source} is flat; a mirror bends away from the lens")
+        raise OmnimirrorError(f"{source} must be convex or concave; got flat points")
     r, z = _about_axis(points, -bowl[1:3] / (2 * bowl[3]), source)
     order = np.argsort(r, kind="stable")
     r, z = r[order], z[order]
@@ -695,7 +701,7 @@ def check_spread(points: Array, source: str) -> None:
     """
     if len(points) < MIN_CLOUD_POINTS:
         raise OmnimirrorError(
-            f"{source} has {len(points)} points; at least {MIN_CLOUD_POINTS} are valid"
+            f"{source} must have at least {MIN_CLOUD_POINTS} points; got {len(points)}"
         )
     check_distance(points, source)
     length, width = np.linalg.svd(
@@ -736,9 +742,7 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     r, z = _placed(points, size)(pose)
     turned = points[:, :2] - pose[:2] * size
     if len({(bool(x > 0), bool(y > 0)) for x, y in turned}) < 4:
-        raise OmnimirrorError(
-            f"{source} does not lie all about its axis; points on all sides of it are needed"
-        )
+        raise OmnimirrorError(f"{source} must surround its axis; measure points on all sides of it")
     return r, z
 
 
@@ -787,22 +791,23 @@ class ColumnFile:
         >>> PROFILE_FILE.followed({"profile_csv": "/etc/passwd"}, None)
         Traceback (most recent call last):
         ...
-        omnimirror.base.errors.SpecError: profile_csv names another file; put the profile itself in, as x_mm and z_mm
+        omnimirror.base.errors.SpecError: profile_csv must not name a file here; enter the profile as x_mm and z_mm instead
         """
         if self.entry not in table:
             return dict(table)
         if folder is None:
             columns = " and ".join(self.columns)
             raise SpecError(
-                f"{self.entry} names another file; put the {self.noun} itself in, as {columns}"
+                f"{self.entry} must not name a file here; enter the {self.noun} as {columns} "
+                "instead"
             )
         if clash := set(self.columns) & set(table):
             raise SpecError(
-                f"mirror has both {self.entry} and {' and '.join(sorted(clash))}; give one or the other"
+                f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one"
             )
         name = table[self.entry]
         if not isinstance(name, str):
-            raise SpecError(f"{self.entry} = {shown(name)} is not the name of a file in quotes")
+            raise SpecError(f"{self.entry} must be a file name in quotes; got {shown(name)}")
         found = self.read(folder / name, self.noun)
         rest = {k: v for k, v in table.items() if k != self.entry}
         return rest | dict(zip(self.columns, map(list, found), strict=True))
@@ -825,12 +830,13 @@ def read_columns(
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
                 raise OmnimirrorError(
-                    f"{path} line {number}: {shown(','.join(row))} is not two numbers {names}"
+                    f"{path} line {number}: the line must contain two numbers {names}; got "
+                    f"{shown(','.join(row))}"
                 ) from None
             continue
         points.append((first, second))
     if not points:
-        raise OmnimirrorError(f"{path} holds no line of two numbers {names}")
+        raise OmnimirrorError(f"{path} must contain lines of two numbers {names}; got none")
     firsts, seconds = zip(*points, strict=True)
     return firsts, seconds
 
@@ -839,7 +845,7 @@ def _csv_rows(text: str, path: Path) -> list[list[str]]:
     try:
         return list(csv.reader(text.splitlines()))
     except csv.Error as e:  # an entry of more than 128 kB
-        raise OmnimirrorError(f"{path} is not a table of two columns: {e}") from None
+        raise OmnimirrorError(f"{path} must be a table of two columns: {e}") from None
 
 
 PROFILE_FILE = ColumnFile("profile_csv", ("x_mm", "z_mm"), "profile", read_columns)

@@ -136,8 +136,8 @@ class Mirror(ABC):
         if missing.any():
             reach = self._reach(x[int(np.argmax(missing))])
             raise OutsideMirror(
-                f"the {self.KIND} ends {reach:.6g} mm from the axis and does not reach its rim: "
-                f"rim_radius_mm = {self.rim_radius_mm:g} is valid below {reach:.6g}"
+                f"rim_radius_mm must be less than {reach:.6g} mm, where the {self.KIND} ends; "
+                f"got {self.rim_radius_mm:g}"
             )
 
     def _reach(self, first_missing_mm: float) -> float:
@@ -213,7 +213,7 @@ class Secondary:
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "distance_mm": Parameter(
-            "mm", 1e-3, 1e7, "from the primary's vertex to the secondary's (s)"
+            "mm", 1e-3, 1e7, "distance from the vertex of the primary to that of the secondary (s)"
         ),
         "bore_radius_mm": Parameter(
             "mm", 0.0, 1e5, "radius of the bore in the primary, or of the camera's front"
@@ -236,13 +236,13 @@ class Secondary:
         """Check that the secondary is between lens and primary without contact to the primary."""
         if not self.distance_mm < mirror_distance_mm:
             raise InvalidParameter(
-                f"distance_mm = {self.distance_mm:g} puts the secondary behind the lens; it is valid below "
-                f"mirror_distance_mm = {mirror_distance_mm:g}, the way from lens to primary by way of the secondary"
+                f"distance_mm must be less than mirror_distance_mm = {mirror_distance_mm:g}, "
+                f"the path from lens to primary over the secondary; got {self.distance_mm:g}"
             )
         x = np.linspace(0.0, min(primary.rim_radius_mm, self.mirror.rim_radius_mm), 513)
         gap = primary.sag(x) - self.height(x)
         if not (gap > 0).all():
             raise InvalidParameter(
-                f"distance_mm = {self.distance_mm:g} lets both mirrors touch; it is valid above "
-                f"{self.distance_mm - gap.min():.6g}"
+                f"distance_mm must be greater than {self.distance_mm - gap.min():.6g} mm, where "
+                f"the mirrors touch; got {self.distance_mm:g}"
             )

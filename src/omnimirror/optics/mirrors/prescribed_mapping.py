@@ -265,7 +265,7 @@ class OrthographicMeridian:
 
 OMEGA_MAX = Parameter("deg", 1.0, 179.0, "field angle at the rim")
 OMEGA_MIN = Parameter(
-    "deg", 0.0, 170.0, "field angle at the image centre; above 0 the mirror is pointed"
+    "deg", 0.0, 170.0, "field angle at the image centre; greater than 0 for a pointed mirror"
 )
 MIN_THETA_DEG = 1e-3  # smaller viewing angles lose precision; use an orthographic lens
 THETA_MAX = Parameter(
@@ -333,13 +333,14 @@ class Mapped(Mirror):
         theta = self.theta_max_deg
         if 0 < theta < MIN_THETA_DEG:
             raise InvalidParameter(
-                f"theta_max_deg = {theta:g} is too small for a lens at a distance; it is valid from "
-                f"{MIN_THETA_DEG:g}, or 0 for an orthographic lens"
+                f"theta_max_deg must be at least {MIN_THETA_DEG:g} deg, or 0 for an "
+                f"orthographic lens; got {theta:g}"
             )
         if not theta < omega_max_deg < 180 - theta:
             raise InvalidParameter(
-                f"omega_max_deg = {omega_max_deg:g} cannot be reached with theta_max_deg = {theta:g}; it is valid "
-                f"between {theta:g} and {180 - theta:g}, where the rim would be seen edge-on"
+                f"omega_max_deg must be {theta:g} to {180 - theta:g} deg with theta_max_deg = "
+                f"{theta:g}: at the upper limit the lens views the rim edge-on; got "
+                f"{omega_max_deg:g}"
             )
 
 
@@ -356,21 +357,22 @@ class Generated(Mapped):
         "theta_max_deg": THETA_MAX,
         "rim_radius_mm": RIM_RADIUS,
     }
-    MOST_OMEGA_DEG: ClassVar[float] = 180.0
+    MAX_OMEGA_DEG: ClassVar[float] = 180.0
     """Upper bound of the field angle of the mapping, for any lens."""
 
     def __post_init__(self) -> None:
         self._check_parameters()
         self._check_reach(self.omega_max_deg)
-        if self.omega_max_deg >= self.MOST_OMEGA_DEG:
+        if self.omega_max_deg >= self.MAX_OMEGA_DEG:
             raise InvalidParameter(
-                f"omega_max_deg = {self.omega_max_deg:g} cannot be reached by the {self.KIND} mapping; it is valid "
-                f"below {self.MOST_OMEGA_DEG:g}"
+                f"omega_max_deg must be less than {self.MAX_OMEGA_DEG:g} deg for the "
+                f"{self.KIND} mapping; got {self.omega_max_deg:g}"
             )
         omega_min: float = getattr(self, "omega_min_deg", 0.0)
         if omega_min >= self.omega_max_deg:
             raise InvalidParameter(
-                f"omega_min_deg = {omega_min:g} is not below omega_max_deg = {self.omega_max_deg:g}, as it must be"
+                f"omega_min_deg must be less than omega_max_deg = {self.omega_max_deg:g}; got "
+                f"{omega_min:g}"
             )
         self._check_surface()
 

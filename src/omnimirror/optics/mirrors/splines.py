@@ -82,7 +82,8 @@ class SlopeSpline(Mirror):
             "",
             -1e3,
             1e3,
-            "dz/dx at equal steps from the axis to the rim; the first is 0, or a point",
+            "dz/dx at equal steps from the axis to the rim; the first is 0, except for a "
+            "pointed mirror",
         ),
         "rim_radius_mm": RIM_RADIUS,
     }
@@ -91,7 +92,7 @@ class SlopeSpline(Mirror):
         object.__setattr__(self, "slopes", floats("slopes", self.slopes))
         if len(self.slopes) < MIN_SLOPES:
             raise InvalidParameter(
-                f"slopes has {len(self.slopes)} numbers; it needs at least {MIN_SLOPES}"
+                f"slopes must have at least {MIN_SLOPES} values; got {len(self.slopes)}"
             )
         self._check()
 
@@ -185,15 +186,15 @@ class SampledProfile(Mirror):
     KIND: ClassVar[str] = "sampled"
     FILES = (PROFILE_FILE, CLOUD_FILE, GRID_FILE)
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "x_mm": Parameter("mm", 0.0, 1e5, "distances from the axis, growing from 0"),
-        "z_mm": Parameter("mm", -1e5, 1e5, "heights, growing away from the lens"),
+        "x_mm": Parameter("mm", 0.0, 1e5, "distances from the axis, increasing from 0"),
+        "z_mm": Parameter("mm", -1e5, 1e5, "heights, increasing away from the lens"),
         "rim_radius_mm": RIM_RADIUS,
         "apex": Parameter("", 0, 0, "shape at the axis", choices=("smooth", "pointed")),
         "uncertainty_um": Parameter(
             "um",
             0.0,
             1e4,
-            "standard uncertainty of the heights, estimated unless given; 0 meets every point",
+            "standard uncertainty of the heights, estimated by default; 0 interpolates the points",
         ),
     }
 
@@ -201,22 +202,20 @@ class SampledProfile(Mirror):
         x, z = floats("x_mm", self.x_mm), floats("z_mm", self.z_mm)
         if len(x) != len(z):
             raise InvalidParameter(
-                f"x_mm has {len(x)} points and z_mm {len(z)}; they need the same number"
+                f"x_mm and z_mm must have equally many values; got {len(x)} and {len(z)}"
             )
         if not np.isfinite([x, z]).all():
-            raise InvalidParameter(
-                "x_mm and z_mm hold a number that is not finite; all of them must be"
-            )
+            raise InvalidParameter("x_mm and z_mm must be finite")
         if len(x) <= SMOOTHING_DEGREE:
             raise InvalidParameter(
-                f"a sampled profile of {len(x)} points is too short; give at least {SMOOTHING_DEGREE + 1}"
+                f"a sampled profile must have at least {SMOOTHING_DEGREE + 1} points; got {len(x)}"
             )
         if x[0] != 0.0:
-            raise InvalidParameter(f"x_mm starts at {x[0]:g} mm; it must start on the axis, at 0")
+            raise InvalidParameter(f"x_mm must start with 0, on the axis; got {x[0]:g}")
         if not np.all(np.diff(x) > 0):
             i = int(np.argmin(np.diff(x) > 0))
             raise InvalidParameter(
-                f"x_mm does not grow after point {i} ({x[i]:g} then {x[i + 1]:g} mm)"
+                f"x_mm must increase; got {x[i]:g} and {x[i + 1]:g} mm at points {i} and {i + 1}"
             )
         object.__setattr__(self, "x_mm", x)
         object.__setattr__(self, "z_mm", z)
@@ -224,7 +223,8 @@ class SampledProfile(Mirror):
         object.__setattr__(self, "rim_radius_mm", x[-1] if rim is None else rim)
         if rim is not None and number("rim_radius_mm", rim) > x[-1]:
             raise InvalidParameter(
-                f"rim_radius_mm = {rim:g} lies beyond the last point of the profile; it is valid up to {x[-1]:g}"
+                f"rim_radius_mm must be at most {x[-1]:g} mm, the last point of the profile; "
+                f"got {rim:g}"
             )
         self._check()
 

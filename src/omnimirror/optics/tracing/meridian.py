@@ -199,7 +199,8 @@ class Outside:
             i = int(np.argmin(np.broadcast_to(behind, self.inside.shape)))
             p = float(np.broadcast_to(object_distance, self.inside.shape)[i])
             raise InvalidParameter(
-                f"object_distance_mm = {p:g} ends inside the cover; it is valid above {self.inside[i]:.5g} mm there"
+                f"object_distance_mm must be greater than {self.inside[i]:.5g} mm, outside the "
+                f"cover; got {p:g}"
             )
         with np.errstate(divide="ignore"):
             t, s = (1 / near for near in seen_inside(self.refractions, 1 / behind))
@@ -389,7 +390,8 @@ class Cover:
         (passing,) = np.nonzero(height > 0)
         if not passing.size:
             raise SelfObstruction(
-                "no ray from the mirror passes the tube's wall: all of them end at its base"
+                "at least one ray from the mirror must pass the wall of the tube; all of them "
+                "end at its base"
             )
         if passing[0] == 0:
             return start
@@ -424,21 +426,24 @@ class Cover:
         if caught.any() and isinstance(self.shell, FlatWindow):
             i = int(np.argmax(caught))
             raise SelfObstruction(
-                f"the window is passed only by rays that lead back past the lens, and those from x = {rays.x[i]:.5g} mm"
-                f" leave the mirror at {np.degrees(rays.reflected[i]):.5g} deg; a smaller rim_radius_mm is valid, or a "
-                "tube or a dome"
+                "rays from the mirror must be directed back past the lens to pass the window; "
+                f"those from x = {rays.x[i]:.5g} mm leave at "
+                f"{np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a tube "
+                "or dome"
             )
         if caught.any():
             raise SelfObstruction(
-                f"the {self.shell.KIND} keeps in rays from x = {rays.x[np.argmax(caught)]:.5g} mm on: they meet its "
-                "outer side so askew that they are reflected; a wider one lets them out"
+                f"rays from the mirror must pass the {self.shell.KIND}; those from x = "
+                f"{rays.x[np.argmax(caught)]:.5g} mm are totally reflected at its outer "
+                "surface; use a larger diameter"
             )
         crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
         crossing[0] &= rays.slope[0] == 0  # as without a cover: at the apex of a pointed mirror
         if crossing.any():
             raise SelfObstruction(
-                f"behind the {self.shell.KIND} neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm "
-                "on, so that the mapping is not one to one; a wider or thinner one keeps them apart"
+                f"the mapping behind the {self.shell.KIND} must be one-to-one; neighbouring "
+                f"rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm; use a larger "
+                "diameter or a thinner wall"
             )
 
 
@@ -675,7 +680,7 @@ class Meridian:
     @property
     def middle_hidden_by(self) -> str:
         """Part that blocks the rays below :attr:`x_min`."""
-        assert self.cover is not None, "without a cover a single mirror is seen from its axis on"
+        assert self.cover is not None, "without a cover, a single mirror is visible from its axis"
         return f"{self.cover.shell.KIND}'s base"
 
     def _first_outside(self, start: float) -> float:
@@ -713,7 +718,8 @@ class Meridian:
         inside = (x >= start * (1 - ROUNDING)) & (x <= rim * (1 + ROUNDING))
         if not inside.all():
             raise OutsideMirror(
-                f"x = {_first(x, ~inside):g} mm is not on the mirror, which is seen from {start:g} to {rim:g} mm"
+                f"x must be {start:g} to {rim:g} mm, the visible part of the mirror; got "
+                f"{_first(x, ~inside):g}"
             )
         return self._rays(np.clip(x, start, rim))
 
@@ -723,8 +729,9 @@ class Meridian:
         inside = self.sees(omega)
         if not inside.all():
             raise OutsideField(
-                f"omega = {np.degrees(_first(omega, ~inside)):.10g} deg is outside the field; it is valid from "
-                f"{np.degrees(self.omega_min):.6g} to {np.degrees(self.omega_max):.6g} deg"
+                f"omega must be {np.degrees(self.omega_min):.6g} to "
+                f"{np.degrees(self.omega_max):.6g} deg, the field; got "
+                f"{np.degrees(_first(omega, ~inside)):.10g}"
             )
         return self._invert_omega(omega)
 
@@ -768,8 +775,8 @@ class Meridian:
         inside = (tangent >= 0) & (tangent <= tangents[-1] * (1 + ROUNDING))
         if not inside.all():
             raise OutsideField(
-                f"theta = {np.degrees(np.arctan(_first(tangent, ~inside))):.10g} deg looks past the mirror, "
-                f"whose rim stands at {np.degrees(self.theta_max):.6g} deg"
+                f"theta must be at most {np.degrees(self.theta_max):.6g} deg, the rim of the "
+                f"mirror; got {np.degrees(np.arctan(_first(tangent, ~inside))):.10g}"
             )
         cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
 
@@ -858,19 +865,19 @@ def checked(rays: ChiefRays) -> ChiefRays:
 
 def _check_front_side(rays: ChiefRays) -> None:
     if not rays.m > 0:
-        raise InvalidParameter(
-            f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0"
-        )
+        raise InvalidParameter(f"mirror_distance_mm must be greater than 0; got {rays.m:g}")
     if rays.w[0] <= 0:
         raise InvalidParameter(
-            f"the lens's entrance pupil lies {rays.m - rays.w[0] + rays.z[0]:g} mm towards the mirror from where "
-            f"mirror_distance_mm = {rays.m:g} begins: behind the mirror; the distance is valid above that"
+            f"mirror_distance_mm must be greater than {rays.m - rays.w[0] + rays.z[0]:g} "
+            "mm, the position of the lens's entrance pupil: it would be behind the mirror; "
+            f"got {rays.m:g}"
         )
     hidden = (rays.w <= 0) | (np.cos(rays.theta) - rays.slope * np.sin(rays.theta) <= 0)
     if hidden.any():
         raise SelfObstruction(
-            f"the mirror hides itself from the lens beyond x = {_first(rays.x, hidden):.6g} mm, where the lens "
-            f"sees it edge-on; rim_radius_mm = {rays.x[-1]:g} is valid below that"
+            f"rim_radius_mm must be less than {_first(rays.x, hidden):.6g} mm, where the "
+            "lens views the mirror edge-on and its outer part is obscured; got "
+            f"{rays.x[-1]:g}"
         )
 
 
@@ -882,14 +889,15 @@ def _check_one_to_one(rays: ChiefRays) -> None:
     i = int(np.argmax(falling))
     if i <= 1:
         raise NotOneToOne(
-            "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards "
-            "the lens, and a cone needs a perspective lens"
+            "the field angle Omega(x) must increase away from the axis; the mirror must be "
+            "convex towards the lens, and a cone requires a perspective lens"
         )
     raise _not_one_to_one(rays.x[i], float(np.degrees(rays.omega[i])), rays.x[-1])
 
 
 def _not_one_to_one(x: float, omega_deg: float, rim: float) -> NotOneToOne:
     return NotOneToOne(
-        f"the field angle Omega(x) stops growing at x = {x:.6g} mm ({omega_deg:.5g} deg), so the mapping is not one to "
-        f"one; rim_radius_mm = {rim:g} is valid below {x:.6g}"
+        f"rim_radius_mm must be less than {x:.6g} mm, where the field angle Omega(x) "
+        f"stops increasing ({omega_deg:.5g} deg) and the mapping is no longer "
+        f"one-to-one; got {rim:g}"
     )

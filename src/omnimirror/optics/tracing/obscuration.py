@@ -378,10 +378,12 @@ def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
     """Describe the obscured rings of the field and the obscured fraction of the image.
 
     >>> hidden_words((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
-    'camera 0 to 8.43 deg; in all 0.71 % of the picture'
+    'camera 0 to 8.43 deg; total 0.71 % of the image'
     """
-    told = [f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings]
-    return f"{', '.join(told)}; in all {percent:.2f} % of the picture" if told else "nothing"
+    parts = [
+        f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings
+    ]
+    return f"{', '.join(parts)}; total {percent:.2f} % of the image" if parts else "nothing"
 
 
 class HiddenPart(NamedTuple):

@@ -82,8 +82,9 @@ def passage(shell: Shell, points: Array, directions: Array) -> ShellTransit:
     distances, reach = _from_middle(shell, points)
     if (distances > reach).any():
         raise InvalidParameter(
-            f"a ray starts {distances.max():.4g} mm from the {'axis' if isinstance(shell, Tube) else 'centre'} of the "
-            f"{shell.KIND}, and its inner radius is {reach:g} mm"
+            f"rays must start within {reach:g} mm of the "
+            f"{'axis' if isinstance(shell, Tube) else 'centre'} of the {shell.KIND}, its "
+            f"inner radius; got {distances.max():.4g} mm"
         )
     return let_out(shell, points, directions)
 

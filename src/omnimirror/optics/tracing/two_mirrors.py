@@ -126,7 +126,7 @@ class TwoMirrorMeridian(Meridian):
     secondary: Secondary = field(kw_only=True)
 
     @cached_property
-    def seen(self) -> Meridian:
+    def secondary_meridian(self) -> Meridian:
         """Meridian of the secondary as seen by the lens."""
         return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm, self.pupil)
 
@@ -136,7 +136,7 @@ class TwoMirrorMeridian(Meridian):
     def _rays(self, x: Array) -> ChiefRays:
         z, slope, curvature = self.mirror.profile(x)
         below = -self.secondary.distance_mm - z  # the mirror point in the secondary's frame
-        second = self.seen._rays(self.seen.x_from_point(x, below))
+        second = self.secondary_meridian._rays(self.secondary_meridian.x_from_point(x, below))
         beta, theta = np.arctan(slope), second.omega
         gamma = beta + theta
         path = np.hypot(x - second.x, below - second.z)
@@ -157,7 +157,7 @@ class TwoMirrorMeridian(Meridian):
         return self._through_cover(rays)
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
-        second = self.seen.trace(x_mm)
+        second = self.secondary_meridian.trace(x_mm)
         sin, cos = np.sin(second.omega), np.cos(second.omega)
         height = -self.secondary.distance_mm - second.z
 
@@ -171,7 +171,7 @@ class TwoMirrorMeridian(Meridian):
         return increasing_root(difference, zero, zero + rim, guess, rim)
 
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
-        return self.x_from_first(self.seen.x_from_tan_theta(tan_theta))
+        return self.x_from_first(self.secondary_meridian.x_from_tan_theta(tan_theta))
 
     # -- obscuration -----------------------------------------------------------------------------
 
@@ -188,8 +188,9 @@ class TwoMirrorMeridian(Meridian):
         start = self._first_past_mirrors(x)
         if start >= rim:
             raise SelfObstruction(
-                f"secondary and camera hide the whole mirror, whose rim_radius_mm is {rim:g}; the secondary's rim and "
-                "bore_radius_mm must be smaller, or distance_mm larger"
+                "secondary and camera must not obscure the whole mirror, rim_radius_mm = "
+                f"{rim:g}; reduce the secondary's rim_radius_mm or bore_radius_mm, or increase "
+                "distance_mm"
             )
         return self._first_outside(start)
 
@@ -242,26 +243,28 @@ class TwoMirrorMeridian(Meridian):
     def _check_secondary(self) -> None:
         self.secondary.check_before(self.mirror, self.m)
         try:
-            self.seen.omega_max  # noqa: B018 - proves that it can be used
+            self.secondary_meridian.omega_max  # noqa: B018 - proves that it can be used
         except SelfObstruction as e:
-            raise SelfObstruction(f"as the secondary, {e}") from None
+            raise SelfObstruction(f"secondary: {e}") from None
         except NotOneToOne:
             if np.isinf(self.m):
                 raise NotOneToOne(
-                    "a telecentric lens needs a convex secondary: another one sends back a beam no wider than it gets"
+                    "a telecentric lens requires a convex secondary: others do not widen its beam"
                 ) from None
             raise NotOneToOne(
-                f"the secondary bends the lens's rays back across the axis: the lens stands {self.seen.m:g} mm from "
-                "it, beyond its focus; a secondary must be convex, flat, or concave with its focus behind the lens"
+                "the secondary must be convex, flat, or concave with its focus behind the "
+                f"lens; the lens is {self.secondary_meridian.m:g} mm from it, beyond its focus, and its "
+                "rays cross the axis"
             ) from None
 
     def _check_shows_all(self, rays: ChiefRays) -> None:
         missing = ~np.isfinite(rays.omega)
         if missing.any():
-            shown = float(rays.x[np.argmax(missing) - 1])
+            visible_x = float(rays.x[np.argmax(missing) - 1])
             raise SelfObstruction(
-                f"the secondary shows the mirror only to x = {shown:.4g} mm, and its rim stands at {rays.x[-1]:g} mm; "
-                "make the secondary's rim_radius_mm larger or the mirror's smaller"
+                f"the secondary must image the mirror up to its rim at x = {rays.x[-1]:g} mm; "
+                f"it ends at x = {visible_x:.4g} mm; increase the secondary's rim_radius_mm or "
+                "reduce the mirror's"
             )
 
     def _check_bore(self, rays: ChiefRays) -> None:
@@ -282,14 +285,14 @@ class TwoMirrorMeridian(Meridian):
             rim = self.mirror.rim_radius_mm
             if room(rim) < 0:
                 raise SelfObstruction(
-                    f"the view of the camera behind the mirror is wider than the mirror, rim_radius_mm = {rim:g}; "
-                    "reduce the secondary's rim_radius_mm or move the lens"
+                    "the view of the camera behind the mirror must be narrower than the mirror, "
+                    f"rim_radius_mm = {rim:g}; reduce the secondary's rim_radius_mm or move the lens"
                 )
             needed = sign_change(room, 0.0, rim, 1e-12)
         if bore < needed:
             raise SelfObstruction(
-                f"bore_radius_mm = {bore:g} cuts off the view of the camera behind the mirror; it is valid above "
-                f"{needed:.4g}"
+                f"bore_radius_mm must be greater than {needed:.4g} mm, the view of the camera "
+                f"behind the mirror; got {bore:g}"
             )
 
 
