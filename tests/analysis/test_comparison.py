@@ -276,6 +276,6 @@ def test_too_many_or_unknown_is_refused(table):
     with pytest.raises(InvalidParameter, match="0 sensors"):
         om.compare([])
     with pytest.raises(
-        InvalidParameter, match="the quantity must be one of mirror, .* got 'speed'"
+        InvalidParameter, match=r"the quantity must be one of mirror, .* got 'speed'"
     ):
         table["speed"]

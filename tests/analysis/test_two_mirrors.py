@@ -264,7 +264,7 @@ def test_the_field_begins_at_the_bore_where_that_is_wider():
     low, _ = FOLDED.field_deg
     with pytest.raises(OutsideField, match=f"omega must be {low:.6g} to .* got 5"):
         om.evaluate(FOLDED, [5.0])
-    with pytest.raises(OutsideMirror, match="x must be 5 to .* got 2"):
+    with pytest.raises(OutsideMirror, match=r"x must be 5 to .* got 2"):
         om.evaluate(FOLDED, x_mm=[2.0])
     inside = [
         [511.5 + 60, 511.5],

@@ -67,7 +67,7 @@ class WholePicture:
 
     sensor: Sensor
 
-    # -- directions -------------------------------------------------------------------------------
+    # -- directions --------------------------------------------------------------------------------
 
     @cached_property
     def grid(self) -> FieldGrid:
@@ -113,7 +113,7 @@ class WholePicture:
         towards, outwards = camera_direction(omega, phi), camera_direction(omega + np.pi / 2, phi)
         return towards, outwards, np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=-1)
 
-    # -- traced rays ------------------------------------------------------------------------------
+    # -- traced rays -------------------------------------------------------------------------------
 
     @cached_property
     def bundles(self) -> Bundles:
@@ -151,7 +151,7 @@ class WholePicture:
         )
         return outwards, around
 
-    # -- derived quantities -----------------------------------------------------------------------
+    # -- derived quantities ------------------------------------------------------------------------
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Return resolution and blur (n,) with the lens focused at an object distance."""

@@ -16,7 +16,7 @@ from ..optics.lenses import FieldLens, GaussianLens, TabulatedLens
 from ..optics.sensor import Sensor
 from .ray_bundles import Bundles, gaussian
 
-# -- Polynomial fits of functions of the aperture to a few hundred rays ----------------------------
+# -- Polynomial fits over the aperture -------------------------------------------------------------
 
 FITTED_RINGS = 12  # of the fitted pupil
 DEGREE = 10
@@ -77,7 +77,7 @@ def integration_matrix() -> Array:
     return inverse
 
 
-# -- Wavefront of a real lens, as a function of the direction cosines of its rays at the imager ----
+# -- Wavefront of a real lens over direction cosines at the imager ---------------------------------
 #
 # Rays are normal to the wavefront. Relative to the reference sphere about the image point of the
 # chief ray, a ray with the transverse aberration eps has the phase lag W, with ``dW = -eps . dL``,
@@ -176,14 +176,14 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
     return LightCone(points, half[0] * half[1] / area, (float(t), float(s)), stop)
 
 
-# -- Wavefront of one object over the aperture: phase, aberrations, light density and edges --------
+# -- Wavefront over the aperture -------------------------------------------------------------------
 #
 # Rays through a few hundred points of the aperture are fitted with polynomials, which can then be
 # integrated exactly because these functions are smooth. The phase is the optical path length minus
 # that of the reference wave to the image point of the chief ray (an ideal thin lens contributes
 # equally to both); its slopes are the transverse aberrations: ``dW/d(rho) = -eps / (2 F)`` with the
 # working F-number in that direction. For a real lens these slopes are known, and the phase is their
-# integral (:mod:`.lens_phase`).
+# integral.
 
 # Divided by the nodes: width of softened edges in radii, the largest distance of neighbouring nodes
 EDGE_SOFTNESS = 5.0

@@ -27,7 +27,7 @@ from .focus import FocusStudy, best_focus, distance_per_angle
 from .meridional_imaging import virtual_images
 from .viewpoints import viewpoint_z
 
-# -- Propagation of the scatter of a measured profile to standard deviations of results ------------
+# -- Standard deviations from the scatter of a measured profile ------------------------------------
 
 PERTURBATION = 1e-4  # perturbation of the profile relative to a standard deviation
 
@@ -50,7 +50,7 @@ def standard_deviations(
         }
 
 
-# -- Tabular results with CSV and JSON output ------------------------------------------------------
+# -- Tabular results -------------------------------------------------------------------------------
 
 
 class TabularResult(ABC):
@@ -74,7 +74,7 @@ class TabularResult(ABC):
         write_json(path, self.records())
 
 
-# -- Evaluation of a sensor: one row per field angle, one column per quantity of the paper ---------
+# -- Evaluation of a sensor ------------------------------------------------------------------------
 
 LEAST_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")

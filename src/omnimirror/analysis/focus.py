@@ -29,7 +29,7 @@ from .meridional_imaging import (
     virtual_images,
 )
 
-# -- Merits of the best focus, and their dependence on the focus -----------------------------------
+# -- Focus merits ----------------------------------------------------------------------------------
 #
 # On the coordinate v of linear blur (1/L0; for a telecentric lens L0), a field angle with images at
 # v_t and v_s has the blurs ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, where w is the magnification
@@ -98,7 +98,7 @@ class FocusedBlur:
             return np.sqrt(t * s) / self.imaging.area
 
 
-# -- merits as functions of the focus -------------------------------------------------------------
+# -- merits as functions of the focus --------------------------------------------------------------
 
 
 class Sides(NamedTuple):
@@ -328,10 +328,7 @@ def solid_angle_shares(omega: Array) -> Array:
     return mean
 
 
-# -- Through-focus blur of the virtual images on the imager, and the best focus --------------------
-#
-# Signed blur diameters are positive for images beyond the focus. In angle they are ``Delta_t / Dh``
-# and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 contains L_t instead of L_s, erratum 7).
+# -- Through-focus blur and best focus -------------------------------------------------------------
 
 POINTED_CENTRE = 0.1  # relative to the image radius
 

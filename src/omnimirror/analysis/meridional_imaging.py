@@ -11,7 +11,7 @@ from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.tracing.meridian import ChiefRays
 
-# -- Image-forming characteristics: the image of an object of 1 deg x 1 deg (Eqs. 9-13) ------------
+# -- Image of an object of 1 deg x 1 deg (Eqs. 9-13) -----------------------------------------------
 
 
 class ImagingCharacteristics(NamedTuple):

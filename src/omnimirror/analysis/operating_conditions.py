@@ -15,7 +15,7 @@ from ..optics.lenses import Lens, Perspective
 from ..optics.sensor import Sensor
 from ..optics.thermal import EXPANSIONS_PPM, INDEX_RATES_PER_K, Thermal
 
-# -- Sensor at one wavelength: refraction of lens and cover ----------------------------------------
+# -- Wavelength ------------------------------------------------------------------------------------
 
 
 @checked
@@ -61,7 +61,7 @@ def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
     return replace(sensor, lens=sensor.lens.at_wavelength(wavelength_nm), housing=housing)
 
 
-# -- Effects of temperature on a sensor: thermal expansion, focus shift and refraction of covers
+# -- Temperature -----------------------------------------------------------------------------------
 
 PPM = 1e-6
 

@@ -16,7 +16,7 @@ from ._wavefront import EDGE_SOFTNESS, FITTED, Wavefront, wavefronts
 from .evaluation import TabularResult, field_angles
 from .ray_bundles import Bundles, fibonacci, gaussian, trace_bundles
 
-# -- Point-spread functions: geometric, or with diffraction and aberrations of the wavefront -------
+# -- Point-spread function -------------------------------------------------------------------------
 
 Kind = Literal["diffraction", "geometric"]
 KINDS = ("diffraction", "geometric")
@@ -240,7 +240,7 @@ def _powers(rate: Array, offset: Array) -> NDArray[np.complex128]:
     return np.multiply.accumulate(powers, axis=1)
 
 
-# -- Modulation transfer function (MTF), tangential and sagittal -----------------------------------
+# -- Modulation transfer function ------------------------------------------------------------------
 #
 # The diffraction MTF is the autocorrelation of the aperture with its phase, the geometric MTF the
 # Fourier transform of the spot. Both can be multiplied by the MTF of the square pixel.

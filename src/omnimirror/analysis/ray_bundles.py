@@ -15,7 +15,7 @@ from ..cameras.frames import camera_direction
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
 
-# -- Sampling of the aperture, a unit disk: for spot diagrams, densities and exact integration -----
+# -- Sampling of the aperture ----------------------------------------------------------------------
 #
 # The x and y axes of the aperture are those of the unflipped image, right and down.
 
@@ -87,7 +87,7 @@ def _check(rings: int) -> None:
         raise InvalidParameter(f"rings must be an integer from 1 to {MAX_RINGS}; got {rings}")
 
 
-# -- Ray bundles from objects via the mirror through the whole aperture to the imager --------------
+# -- Ray bundles through the aperture --------------------------------------------------------------
 #
 # The mirror point of each aperture point is solved from object and pupil point (Fermat's principle);
 # therefore the sampling of the aperture is independent of the pose of the mirror. For an ideal lens,

@@ -15,7 +15,7 @@ from ..optics.sensor import Sensor, check_sensor
 from .evaluation import TabularResult, evaluate, field_angles
 from .ray_bundles import Bundles, Pupil, hexapolar, trace_bundles
 
-# -- Spot diagrams: ray intersections with the imager for one object, in focus or through focus ----
+# -- Spot diagrams ---------------------------------------------------------------------------------
 
 RINGS = 12
 
@@ -194,7 +194,7 @@ def spots(
     return Spots(bundles, focus, t, s, weights, np.stack(heights, axis=1))
 
 
-# -- Validation of the blur formula by real rays through the whole aperture, for several F-numbers
+# -- Validation of the blur formula by real rays ---------------------------------------------------
 
 FAN_RAYS = 81  # rays across a fan
 RIM_CLEARANCE_DEG = (

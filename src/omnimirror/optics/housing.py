@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 
-# -- Base class of housing parts, and the envelope to which they are fitted ------------------------
+# -- Housing parts and envelope --------------------------------------------------------------------
 
 
 class HousingPart:
@@ -69,7 +69,7 @@ class Envelope(NamedTuple):
     has_secondary: bool = False
 
 
-# -- Clear walls between mirror and world: tubes, domes and flat windows, with their media ---------
+# -- Clear walls: tube, dome and window ------------------------------------------------------------
 
 CLEARANCE_MM = 3.0
 """Default clearance between rim and tube or dome."""
@@ -444,11 +444,7 @@ SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {
 """Clear walls by their name in sensor files."""
 
 
-# -- Housing of a mirror: camera body, rod, tube or dome, and the rim of the mirror's body ---------
-#
-# All parts are surfaces of revolution about the lens axis. Heights are in mm above the nominal mirror
-# vertex, away from the lens; parts between mirror and lens have negative heights. Obscuration of the
-# field by these parts is computed in :mod:`omnimirror.optics.tracing.obscuration`.
+# -- Opaque parts and housing ----------------------------------------------------------------------
 
 LENS_AT_RIMS = 2.5
 """Assumed distance of a telecentric lens from the vertex, in rim radii."""

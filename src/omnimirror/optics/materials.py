@@ -20,7 +20,7 @@ from ..base.errors import InvalidParameter, SpecError
 from ..base.files import read_text
 from ..base.typing import Array
 
-# -- Cover materials and surrounding media: refractive indices at 587.6 nm, and dispersion ---------
+# -- Cover materials and surrounding media ---------------------------------------------------------
 
 D_LINE_NM, F_LINE_NM, C_LINE_NM = 587.56, 486.13, 656.27
 
@@ -99,7 +99,7 @@ def index_of(material: str, wavelength_nm: float = D_LINE_NM) -> float:
     return MATERIALS[material].index_at(wavelength_nm)
 
 
-# -- Refractive indices of glasses, from a bundled table or a catalogue file (.agf) ----------------
+# -- Glasses ---------------------------------------------------------------------------------------
 
 GLASS_FILE = Path(__file__).with_name("glasses.csv")
 LINE_D, LINE_F, LINE_C = 0.5875618, 0.4861327, 0.6562725  # micrometres
@@ -271,7 +271,7 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
     )
 
 
-# -- Reflectance of a mirror: a constant, or Fresnel's equations for a metal -----------------------
+# -- Reflectance of a mirror -----------------------------------------------------------------------
 
 Reflectivity: TypeAlias = float | complex | str
 """Constant from 0 to 1, complex refractive index ``n + 1j k`` of a metal, or name of a metal."""

@@ -38,7 +38,7 @@ from .tracing.optical_train import OpticalTrain
 from .tracing.reflection import RayEndpoints
 from .tracing.two_mirrors import TwoMirrorMeridian
 
-# -- The mirror sensor: mirror + lens + imager + mount + housing, a Camera -------------------------
+# -- Sensor ----------------------------------------------------------------------------------------
 
 MAX_PUPIL_COORDINATE = 1e3  # largest aperture coordinate, in pupil radii
 MIRROR_PROPERTIES = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens
@@ -138,7 +138,7 @@ class Sensor:
                 "pupil is unknown; remove the tilts or use a perspective lens"
             )
 
-    # -- in the meridian -----------------------------------------------------------------------
+    # -- meridian ----------------------------------------------------------------------------------
 
     @cached_property
     def meridian(self) -> Meridian:
@@ -408,7 +408,7 @@ class Sensor:
         self.lens.distorted_height(np.array([outer]))  # checks that the distortion is monotonic
         return float(inner), float(outer)
 
-    # -- obscuration ---------------------------------------------------------------------------
+    # -- obscuration -------------------------------------------------------------------------------
 
     @cached_property
     def obstructions(self) -> Obstructions:
@@ -514,7 +514,7 @@ class Sensor:
         share: Array = (self.image_height_px(rays) / self.rim_radius_px) ** 2
         return share
 
-    # -- camera interface ----------------------------------------------------------------------
+    # -- camera interface --------------------------------------------------------------------------
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -678,7 +678,7 @@ class Sensor:
         image[seen] = self.lens.distorted(ideal)
         return self._in_picture(image)
 
-    # -- skew rays -----------------------------------------------------------------------------
+    # -- skew rays ---------------------------------------------------------------------------------
 
     @cached_property
     def optical_train(self) -> OpticalTrain:
@@ -853,7 +853,7 @@ def check_sensor(value: Any, name: str = "sensor") -> None:
     instance(name, value, Sensor, "a sensor (see om.load_sensor)")
 
 
-# -- Notebook card of a mirror sensor --------------------------------------------------------------
+# -- Notebook card ---------------------------------------------------------------------------------
 
 PROFILE_POINTS = 61
 CHIEF_RAYS = 7

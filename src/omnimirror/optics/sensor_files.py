@@ -66,10 +66,7 @@ __all__ = [
 ]
 
 
-# -- Sensor files: lossless conversion between TOML and Sensor, with validation --------------------
-#
-# The tables of mirror, lens and imager are derived from the parameter descriptions of their classes;
-# a new mirror needs no code here.
+# -- Sensor files ----------------------------------------------------------------------------------
 
 SENSOR_FOLDER = Path(__file__).with_name("bundled_sensors")
 SENSOR_FILE_FORMAT = 1
@@ -482,7 +479,7 @@ def _values(
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
-# -- Camera files: lossless conversion between TOML and camera models; readers for other formats
+# -- Camera files ----------------------------------------------------------------------------------
 
 AnyCamera: TypeAlias = Sensor | CalibratedCamera
 

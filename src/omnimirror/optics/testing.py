@@ -17,7 +17,7 @@ from .toml_validation import table_model
 __all__ = ["MIRROR_CHECKS", "check_mirror"]
 
 
-# -- Contract of mirror classes: properties of every shape, independent of its formula -------------
+# -- Contract of mirror classes --------------------------------------------------------------------
 
 SHARES = np.array([0.13, 0.31, 0.52, 0.77, 0.93])
 """Positions of derivative checks, relative to the rim radius."""

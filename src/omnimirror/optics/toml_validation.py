@@ -78,7 +78,7 @@ def _annotation(hint: Any, p: Parameter) -> Any:
     return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
-# -- validation, each error with its location in the file ------------------------------------------
+# -- validation ------------------------------------------------------------------------------------
 
 
 class EntryError(SpecError):

@@ -151,9 +151,9 @@ def test_outside_the_field_names_the_angle_and_the_field():
         SPH.x_from_omega(np.radians([10.0, 140.0]))
     with pytest.raises(OutsideField, match="omega = -1 deg"):
         SPH.x_from_omega(np.radians([-1.0]))
-    with pytest.raises(OutsideField, match="omega must be 100 to .* got 90"):
+    with pytest.raises(OutsideField, match=r"omega must be 100 to .* got 90"):
         Meridian(Cone(50.0, 1.0), 4.0).x_from_omega(np.radians([90.0]))
-    with pytest.raises(OutsideField, match="theta must be at most .* got 13"):
+    with pytest.raises(OutsideField, match=r"theta must be at most .* got 13"):
         SPH.x_from_tan_theta(np.tan(np.radians([13.0])))
     with pytest.raises(OutsideMirror, match=r"x must be 0 to 1\.0\d* mm, .* got 1\.2"):
         SPH.trace([0.5, 1.2])
@@ -177,5 +177,5 @@ def test_a_mirror_seen_edge_on_is_refused():
 
 
 def test_equidistant_refuses_what_cannot_be_seen():
-    with pytest.raises(InvalidParameter, match="omega_max_deg must be .* got 175"):
+    with pytest.raises(InvalidParameter, match=r"omega_max_deg must be .* got 175"):
         Equidistant(175.0, 12.0, 1.0)

@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 
-# -- Residuals of a calibration: over the image, against the radius, and per image -----------------
+# -- Calibration residuals -------------------------------------------------------------------------
 
 RELATIVE_ARROW_LENGTH = 0.03  # relative to the image width, for a residual of the median length
 BINS = 12
@@ -191,7 +191,7 @@ def _short(name: str) -> str:
     return plot_text(stem if len(stem) <= 16 else f"…{stem[-15:]}")
 
 
-# -- Coverage of the image by board corners, with the uncertainty of directions --------------------
+# -- Coverage and direction uncertainty ------------------------------------------------------------
 
 
 def coverage_map(
@@ -281,7 +281,7 @@ def _turns_right(a: Array, b: Array, c: Array) -> bool:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) <= 0
 
 
-# -- Figures of mirror-outline detection: the rim, and the image of the camera at its centre -------
+# -- Mirror-outline detection ----------------------------------------------------------------------
 
 MAX_SIDE_PX = 1200  # maximum side length as drawn
 MAX_COLUMNS = 4

@@ -36,7 +36,7 @@ from .style import (
 )
 from .subjects import Subject, widest
 
-# -- Curves of quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15 ---------------------
+# -- Curves against the field angle ----------------------------------------------------------------
 
 OBJECT_DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
 VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
@@ -129,7 +129,7 @@ def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> N
     ax.set_ylim(low if low == 0 else low - air, high if high == 0 else high + air)
 
 
-# -- Fig. 9: blur ------------------------------------------------------------------------------
+# -- Fig. 9: blur ----------------------------------------------------------------------------------
 
 
 def blur(subjects: Sequence[Subject]) -> Figure:
@@ -218,7 +218,7 @@ def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -
         labels.of_line(ax, line, text)
 
 
-# -- Fig. 12: the lens of a spherical mirror ---------------------------------------------------
+# -- Fig. 12: lens of a spherical mirror -----------------------------------------------------------
 
 
 def viewing_angle(subjects: Sequence[Subject]) -> Figure:
@@ -287,7 +287,7 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
     )
 
 
-# -- Fig. 15: single viewpoint -----------------------------------------------------------------
+# -- Fig. 15: single viewpoint ---------------------------------------------------------------------
 
 
 def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
@@ -347,7 +347,7 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
     return worst
 
 
-# -- Comparison of mirrors: profiles, and image heights against field angles -----------------------
+# -- Comparison of mirrors -------------------------------------------------------------------------
 
 PROFILE_POINTS = 400
 

@@ -29,14 +29,14 @@ from .style import (
 )
 from .subjects import Subject, widest
 
-# -- Objects and blur in the image and in object space: Figs. 3, 8, 10 and 11 ----------------------
+# -- Objects and blur in the image and in object space ---------------------------------------------
 
 OBJECT_DEG = 15.0  # side of the drawn objects
 BLUR_MAGNIFICATION = 10.0  # magnification of blur spots relative to the objects
 SPOT = "#B2182B"
 
 
-# -- Fig. 3: the viewing sphere ----------------------------------------------------------------
+# -- Fig. 3: viewing sphere ------------------------------------------------------------------------
 
 
 def viewing_sphere(subjects: Sequence[Subject]) -> Figure:
@@ -200,7 +200,7 @@ def _scale_bar(ax: Axes, x: float, y: float, about: float) -> None:
     ax.text(x + 0.1 * about, y, f"{length:g} px", size=6, va="center")
 
 
-# -- Figs. 8 and 10: along the image radius ----------------------------------------------------
+# -- Figs. 8 and 10: image radius ------------------------------------------------------------------
 
 
 def image_forming(subjects: Sequence[Subject]) -> Figure:
@@ -333,7 +333,7 @@ def _spot(
     return spot
 
 
-# -- Fig. 11: blur in object space -------------------------------------------------------------
+# -- Fig. 11: blur in object space -----------------------------------------------------------------
 
 
 def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
@@ -401,7 +401,7 @@ def _draw_mean_pixel(ax: Axes, side_deg: float, x: float) -> None:
     ax.text(x, -OBJECT_DEG / 2 - 0.9, f"({side_deg:.3f}°)²", size=5.5, ha="center", va="top")
 
 
-# -- Fig. 17, the image of a sensor with its dewarped views, and maps over the image ---------------
+# -- Fig. 17 and error maps ------------------------------------------------------------------------
 
 
 def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[Any]) -> Figure:

@@ -35,7 +35,7 @@ from .style import (
 )
 from .subjects import EXACT, Subject, subjects_of, widest
 
-# -- Figures of a comparison: curves with a common legend, cross-sections at one scale, images -----
+# -- Comparison of sensors -------------------------------------------------------------------------
 
 PANELS = ("h_px", "dh_domega_px_per_deg", "blur_t_deg", "blur_s_deg", "aspect", "viewpoint_z_mm")
 DASHES: tuple[Any, ...] = (
@@ -193,7 +193,7 @@ def table_sheet(
     return figure
 
 
-# -- Pareto fronts of designs, with reference sensors on the same axes -----------------------------
+# -- Pareto fronts ---------------------------------------------------------------------------------
 
 LABEL_SIZE = 6.5
 LABEL_DISTANCE, LABEL_SEARCH_RANGE = (

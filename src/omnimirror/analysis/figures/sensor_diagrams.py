@@ -45,7 +45,7 @@ from .style import (
 )
 from .subjects import Subject
 
-# -- Fig. 4: cross-section of the sensor, with chief rays, virtual images and depth of field -------
+# -- Fig. 4: cross-section -------------------------------------------------------------------------
 
 FAR_AWAY = 2.5  # virtual images farther from the vertex, in rim radii, are clipped
 BAND, BAND_INK = "#F3E3B3", "#8A6A00"  # depth of field
@@ -257,7 +257,7 @@ def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str,
     ]
 
 
-# -- Figs. 1, 2, 13, 14, 16 and 18: diagrams of the sensor, drawn to scale from real rays ----------
+# -- Diagrams drawn to scale from traced rays ------------------------------------------------------
 
 Picture = NDArray[Any]
 
@@ -295,7 +295,7 @@ def chief_ray(sensor: Sensor, omega_deg: float) -> Ray:
     )
 
 
-# -- Figs. 1 and 2: the sensor ---------------------------------------------------------------------
+# -- Figs. 1 and 2: sensor -------------------------------------------------------------------------
 
 
 def principle(sensor: Sensor, circle: Picture) -> Figure:

@@ -32,7 +32,7 @@ from ...base.files import replacing
 from ...base.quantities import QUANTITIES
 from ...base.typing import Array
 
-# -- Axis labels, and line labels at the right edge without overlap --------------------------------
+# -- Axis and line labels --------------------------------------------------------------------------
 
 LABEL_INDENT_PT = 7.0  # distance of line labels from the axes
 
@@ -171,10 +171,7 @@ class _LayoutWithLabels(ConstrainedLayoutEngine):
         return grids
 
 
-# -- Common style of all figures: sizes, colours, axes and output ----------------------------------
-#
-# Figures are created with :class:`matplotlib.figure.Figure` directly instead of pyplot; therefore no
-# global state is changed, and a server may draw in any thread.
+# -- Sizes, colours, axes and output ---------------------------------------------------------------
 
 COLUMN, PAGE = 3.46, 7.2  # widths in inches of one and of two columns of a journal
 

@@ -151,7 +151,7 @@ class RealAreas:
     Attributes
     ----------
     t, s, own_t, own_s, dh, dw : (3, n, k)
-        Signed blur and own blur, px, and resolution, px/deg, by powers of q (:mod:`.lens_tables`).
+        Signed blur and own blur, px, and resolution, px/deg, by powers of q (:class:`.closed_forms.LensTables`).
     middle_t, middle_s : (n, k)
         Vergences in focus at which single blurs are approximately 0.
     counts : (n, k)

@@ -22,7 +22,7 @@ from ..tracing.meridian import (
 )
 from ..tracing.obscuration import Obstructions
 
-# -- Closed-form optics of mirror points, for arrays of any shape and for complex steps ------------
+# -- Pinhole and bare mirror -----------------------------------------------------------------------
 #
 # The equations are those of :mod:`omnimirror.optics.tracing` and :mod:`omnimirror.analysis`,
 # restricted to sums, products, roots and one form of arctangent. This allows exact complex-step
@@ -332,7 +332,7 @@ def light_of(tangent: Array) -> Array:
     return 1 / (1 + squared) ** 2
 
 
-# -- Tables of real lenses over viewing angle and focus, for batch evaluation ----------------------
+# -- Real lenses: tables over viewing angle and focus ----------------------------------------------
 #
 # The focus parameter is ``q = f v / (1 - (f - e) v)``, with the vergence v in focus at the entrance
 # pupil: the imager is ``f + f q`` behind the principal point, and the principal distance is
@@ -522,10 +522,10 @@ def _columns(lens: FieldLens, tangent: Array) -> Array:
     return np.stack([both(row) for row in rows], axis=1)
 
 
-# -- Closed-form optics of as-built designs: a lens with a moving pupil, and a refracting cover ----
+# -- Lens with a moving pupil, and refracting cover ------------------------------------------------
 #
 # The equations are those of :mod:`omnimirror.optics.tracing`, for arrays of designs and for complex
-# steps; :mod:`.optics` has them for a pinhole and a bare mirror.
+# steps; the equations of a pinhole and a bare mirror are above.
 
 
 class Walls(NamedTuple):
@@ -626,7 +626,7 @@ def built_optics(
     near: Any,
     walls: Walls | None,
 ) -> NodeOptics:
-    """Compute the optics of mirror points as :func:`.optics.node_optics`.
+    """Compute the optics of mirror points as :func:`node_optics`.
 
     For a telecentric lens ``aim.w`` is infinite. If ``near`` is a function of points and field
     angles, it is evaluated at the exit of rays from the wall; distances are measured along the

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Field functions of a lens, interpolated from its table or from traced surfaces ----------------
+# -- Field functions of a lens ---------------------------------------------------------------------
 #
 # All are smooth functions of the tangent t of the viewing angle, odd or even about the axis: quintic
 # splines with continuous fourth derivatives. Relative to the entrance pupil at a viewing angle, the
@@ -239,7 +239,7 @@ class LensField:
         return found.reshape(height.shape)
 
 
-# -- Interpolation over wavelength from values at three wavelengths --------------------------------
+# -- Interpolation over wavelength -----------------------------------------------------------------
 
 FRAUNHOFER_NM = np.array([486.1327, 587.5618, 656.2725])
 """Fraunhofer lines F, d and C."""
@@ -276,7 +276,7 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
     return found
 
 
-# -- Real lenses described by field functions, from a table or from surfaces -----------------------
+# -- Field lens ------------------------------------------------------------------------------------
 
 FIELD_LENS_STEPS = 40
 FIELD_LENS_TOLERANCE = 1e-14
@@ -285,8 +285,8 @@ FIELD_LENS_TOLERANCE = 1e-14
 class FieldLens(GaussianLens):
     """Lens with moving entrance pupil, field curvature, astigmatism and its own blur.
 
-    To first order in the aperture, the rays of an image point pass the entrance pupil with the
-    slopes defined in :mod:`.field`.
+    To first order in the aperture, the rays of an image point pass the entrance pupil at
+    (y_t, y_s) with slopes ``t - y_t v_t`` and ``-y_s v_s``.
     """
 
     IS_THIN: ClassVar[bool] = False
@@ -353,7 +353,7 @@ class FieldLens(GaussianLens):
         found = self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1])))
         return found.illumination if pupil is None else found.illumination / found.openness
 
-    # -- rays ---------------------------------------------------------------------------------------------
+    # -- rays --------------------------------------------------------------------------------------
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
         slopes = np.zeros((1, 2)) if chief is None else chief

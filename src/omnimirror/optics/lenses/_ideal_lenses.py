@@ -35,7 +35,7 @@ from .lens import (
     crossing,
 )
 
-# -- Gaussian optics of lenses at finite distance, relative to the entrance pupil ------------------
+# -- Gaussian optics relative to the entrance pupil ------------------------------------------------
 #
 # Let e be the distance of the entrance pupil from the principal point towards the mirror. Relative to
 # the pupil, a thick lens is equivalent to a thin one of principal distance
@@ -160,7 +160,7 @@ class GaussianLens(Lens):
         return DepthOfField(f**2 * s0 / (f**2 + spread) + at, far)
 
 
-# -- Perspective lens with the distortion model of OpenCV ------------------------------------------
+# -- Perspective lens ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ class Perspective(GaussianLens):
         return cos4(tangent) * shrinkage(ideal, self.brown)
 
 
-# -- Telecentric lens: all chief rays are parallel to its axis -------------------------------------
+# -- Telecentric lens ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

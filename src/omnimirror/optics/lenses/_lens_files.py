@@ -49,7 +49,7 @@ def split_file_entry(
     return {k: v for k, v in table.items() if k != entry}, folder / name
 
 
-# -- Lens tables in CSV files: columns with a header, one row per viewing angle --------------------
+# -- Lens tables in CSV files ----------------------------------------------------------------------
 
 
 def read_lens_table(
@@ -96,7 +96,7 @@ def read_lens_table(
     return found | rest
 
 
-# -- Reader for sequential Zemax lens files (.zmx) of conics and even aspheres ---------------------
+# -- Sequential Zemax lens files (.zmx) ------------------------------------------------------------
 
 UNITS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0}
 SHAPES = ("STANDARD", "EVENASPH")

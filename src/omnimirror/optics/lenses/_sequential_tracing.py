@@ -11,7 +11,7 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array, Mask
 from ._field_lens import FieldNodes
 
-# -- Sequential tracing of real rays through surfaces of revolution --------------------------------
+# -- Real rays through surfaces of revolution ------------------------------------------------------
 #
 # Coordinates are those of the lens: x and y across, s along the light from the first surface's
 # vertex.
@@ -168,7 +168,7 @@ def refracted(d: Array, normal: Array, ratio: float) -> Array:
     return bent
 
 
-# -- Field functions of a lens prescription by real ray tracing ------------------------------------
+# -- Field functions from traced rays --------------------------------------------------------------
 #
 # Chief rays pass the centre of the stop, found for each viewing angle; T and S focus are those of
 # adjacent rays. The pupil at an angle is the image of the unvignetted stop: its edge is found for 16

@@ -260,7 +260,7 @@ class SurfaceLens(FieldLens):
             f_number=self.f_number * float(focal / self.focal_length_mm),
         )
 
-    # -- real rays -----------------------------------------------------------------------------------------
+    # -- real rays ---------------------------------------------------------------------------------
 
     def image_of(self, points: Array, directions: Array) -> Array:
         """Trace the rays through every surface; NaN for blocked rays."""

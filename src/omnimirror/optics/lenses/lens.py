@@ -22,7 +22,7 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
 
-# -- Entrance pupil of a lens: its axial position, which may depend on the viewing angle -----------
+# -- Entrance pupil --------------------------------------------------------------------------------
 
 
 class ChiefAim(NamedTuple):
@@ -64,14 +64,10 @@ class EntrancePupil:
 IN_REFERENCE_POINT = EntrancePupil()
 
 
-# -- Lens interface: image height and blur of the virtual image behind the mirror ------------------
+# -- Lens interface --------------------------------------------------------------------------------
 #
-# A lens is described in object space: chief rays pass through its entrance pupil (:mod:`.pupil`), a
-# flat disk; blur then needs no obliquity factor. Focusing changes only the image distance b0
-# (internal focusing, as in the paper); principal point and pupil are fixed.
-#
-# Object distances ``L`` are measured along the axis from the lens's reference point: the principal
-# point of a perspective lens (Eqs. 34, 35), the mirror vertex for an orthographic one.
+# A lens is described in object space: chief rays pass through its entrance pupil,
+# a flat disk; blur then needs no obliquity factor.
 
 BlurMode = Literal["exact", "paper"]
 """``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which neglects f against L0 (5.5-6.1 % less)."""

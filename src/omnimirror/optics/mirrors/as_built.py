@@ -15,7 +15,7 @@ from ...base.polynomials import monomial_index, noll, zernike_powers, zernike_te
 from ...base.typing import Array
 from ...cameras.frames import turned
 
-# -- Mirror pose: decentring, displacement and tilt relative to the lens ---------------------------
+# -- Mirror pose -----------------------------------------------------------------------------------
 #
 # All values are in the camera frame (X right and Y down in the image, Z from the lens to the mirror),
 # with its origin at the nominal mirror vertex. The mirror is first rotated about its own vertex, by
@@ -117,7 +117,7 @@ class MirrorPose:
         return turned(directions, self.rotation())
 
 
-# -- Form error of a manufactured mirror over its disk, in Zernike terms ---------------------------
+# -- Form error in Zernike terms -------------------------------------------------------------------
 
 MAX_ORDER = 12
 TERMS = zernike_terms(MAX_ORDER)

@@ -19,11 +19,9 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from .mirror import RIM_RADIUS, Mirror
 
-# -- Conic mirrors: sphere, hyperboloid, paraboloid, ellipsoid -------------------------------------
+# -- Conics ----------------------------------------------------------------------------------------
 #
-# All conics share one formula in the vertex radius ``R`` and the conic constant ``k``
-# (``k = -e**2``): sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0,
-# oblate > 0. Each class has its customary parameters and uses the same three kernels.
+# Each class has its customary parameters and uses the same three kernels.
 
 
 def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, Array, Array]:
@@ -193,7 +191,7 @@ class Ellipsoid(_OfSemiAxes):
         return (self.a_mm / self.b_mm) ** 2 - 1
 
 
-# -- Conical mirror: a straight meridian with an apex on the axis ----------------------------------
+# -- Cone ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -241,7 +239,7 @@ class Cone(Mirror):
         return m * float(np.sin(twice)), m * float(np.cos(twice))
 
 
-# -- Flat mirror: it displaces the image without changing its shape --------------------------------
+# -- Flat mirror -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -265,7 +263,7 @@ class Flat(Mirror):
         return zero, zero, zero
 
 
-# -- Polynomial mirrors: the even polynomial of the paper's E-DI, and the even asphere -------------
+# -- Polynomial mirrors ----------------------------------------------------------------------------
 #
 # Coefficients refer to powers of ``x / normalization_radius_mm`` and are in units of the
 # normalisation radius: the paper's numbers can be entered as printed, and parameters are well scaled

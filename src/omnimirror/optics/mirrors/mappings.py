@@ -54,10 +54,10 @@ __all__ = [
 ]
 
 
-# -- Mappings of directions, for distant objects ---------------------------------------------------
+# -- Mappings for distant objects ------------------------------------------------------------------
 #
 # ``tau`` is the image height normalised by that of the rim. Each class defines Omega(tau), which
-# determines the surface (see :mod:`.meridian`).
+# determines the surface (see :mod:`.prescribed_mapping`).
 
 
 @dataclass(frozen=True)
@@ -318,9 +318,9 @@ class Rectifying(Generated):
         return OrthographicMeridian(*_both(self.mapping), sag)
 
 
-# -- Mappings of points at finite distance: ground plane and cylinder, drawn to scale in the image
+# -- Mappings for finite distances: ground plane and cylinder --------------------------------------
 #
-# The field angle of a chief ray then depends on its mirror point, and the law of :mod:`.meridian`
+# The field angle of a chief ray then depends on its mirror point, and the law of :mod:`.prescribed_mapping`
 # becomes a differential equation with an unknown scale. It is solved by collocation: Newton's method
 # solves the integral equation at Chebyshev nodes together with the condition at the rim, equivalent
 # to shooting for m at spectral order. Derivatives are complex steps without cancellation. If much of
@@ -436,7 +436,7 @@ class FiniteMapping(Generated):
             )
         return PerspectiveMeridian(self._place, self._course, self._theta_max)
 
-    # -- the differential equation -----------------------------------------------------------------
+    # -- differential equation ---------------------------------------------------------------------
 
     def _ray(self, t: Any, y: Any, rim_z: Any) -> tuple[Any, Any]:
         """Return the vector ``(dx, -dz)`` from mirror point to object point."""
@@ -621,7 +621,7 @@ class CylinderMapping(FiniteMapping):
         return begin / (begin - end), 1 / (begin - end)
 
 
-# -- Custom mappings: a table of field angles and image heights, or a sampled function -------------
+# -- Custom mappings -------------------------------------------------------------------------------
 
 DEGREE = 5  # quintic in tau, for a smooth curvature of the mirror
 MAX_ROWS = 4096
@@ -813,7 +813,7 @@ class TabulatedMapping(Mapped):
         return np.asarray(self._splines[1](coordinates("tau", tau)))
 
 
-# -- Mirrors with a prescribed mapping from field angle to image height: one class per mapping -----
+# -- Registry of mappings --------------------------------------------------------------------------
 
 MAPPINGS: dict[str, type[Mapped]] = {
     cls.KIND: cls

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Smoothing of measured meridians: noise estimation, outlier rejection and spline fit -----------
+# -- Smoothing of measured meridians ---------------------------------------------------------------
 #
 # The noise of a point is its residual from polynomials through 6, 8 or 10 neighbours on both sides,
 # provided that residuals alternate in sign as noise does; those of a smooth curve do not. The curve
@@ -221,7 +221,7 @@ def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple
     return size / (scatter if about is None else about), scatter
 
 
-# -- the smooth curve ------------------------------------------------------------------------------
+# -- smooth curve ----------------------------------------------------------------------------------
 
 
 def _smoothed(
@@ -301,7 +301,7 @@ def _breaks(x: Array, end: float, pieces: int) -> Array:
     return np.array([*breaks, end])
 
 
-# -- Parser for point rows of measuring machines: headers, row numbers, labels and decimal signs
+# -- Point files of measuring machines -------------------------------------------------------------
 #
 # Separator and decimal sign apply to the whole file and are inferred from all rows; columns of labels
 # and of row numbers are dropped; a header naming x, y and z selects the columns.
@@ -536,7 +536,7 @@ def _are_row_numbers(first: Array) -> bool:
     )
 
 
-# -- Meridian of a mirror from measured point clouds and grids -------------------------------------
+# -- Meridian from point clouds and grids ----------------------------------------------------------
 #
 # The axes of the measuring machine differ from those of the mirror: centre and tilt are fitted
 # together with the meridian by robust least squares. (The axis of a sphere is undetermined; the
@@ -563,7 +563,7 @@ def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") ->
 
 
 def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
-    """Return the points (n, 3) of a text file, one per line; see :func:`.point_rows.parsed_points`.
+    """Return the points (n, 3) of a text file, one per line; see :func:`parsed_points`.
 
     Raises
     ------
@@ -761,7 +761,7 @@ def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]
     return at
 
 
-# -- Files of two numeric columns, and mirror-table entries that name them -------------------------
+# -- Column files ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -791,16 +791,13 @@ class ColumnFile:
         >>> PROFILE_FILE.followed({"profile_csv": "/etc/passwd"}, None)
         Traceback (most recent call last):
         ...
-        omnimirror.base.errors.SpecError: profile_csv must not name a file here; enter the profile as x_mm and z_mm instead
+        omnimirror.base.errors.SpecError: profile_csv must not name a file here; enter x_mm and z_mm instead
         """
         if self.entry not in table:
             return dict(table)
         if folder is None:
             columns = " and ".join(self.columns)
-            raise SpecError(
-                f"{self.entry} must not name a file here; enter the {self.noun} as {columns} "
-                "instead"
-            )
+            raise SpecError(f"{self.entry} must not name a file here; enter {columns} instead")
         if clash := set(self.columns) & set(table):
             raise SpecError(
                 f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one"

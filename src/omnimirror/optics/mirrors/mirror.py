@@ -22,12 +22,7 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from .measured import ColumnFile
 
-# -- Mirror interface: sag, slope and curvature of a meridian by the distance from the axis --------
-#
-# The vertex is at the origin and z points from the lens to the mirror; a mirror convex towards the
-# lens has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses with parameters, described in
-# ``PARAMETERS``, and their kernels; sensor files, sliders, optimisers and tolerances use this
-# description and need no code per mirror.
+# -- Mirror interface ------------------------------------------------------------------------------
 
 APEX = 1e-6  # of the rim radius: odd functions are linear to 1e-12 within
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")
@@ -175,7 +170,7 @@ def sagittal_radius(x: Array, slope: Array, curvature: Array) -> Array:
         return np.where(slope == 0.0, 1 / curvature, x * np.sqrt(1 + slope**2) / slope)
 
 
-# -- Secondary mirror between primary mirror and lens: shape and position --------------------------
+# -- Secondary mirror ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from .mirror import RIM_RADIUS, Mirror
 
-# -- Meridian with a prescribed mapping, for a perspective or an orthographic lens -----------------
+# -- Meridian with a prescribed mapping ------------------------------------------------------------
 #
 # In polar coordinates about the lens, ``P = rho (sin theta, cos theta)``, a mirror that reflects the
 # chief ray of viewing angle theta to field angle ``Omega(theta)`` satisfies

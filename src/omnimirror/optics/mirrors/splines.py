@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Freeform mirror: a spline of the slope, whose integral is the sag -----------------------------
+# -- Freeform mirror: spline of the slope ----------------------------------------------------------
 #
 # The slope determines the reflected ray and is therefore the design variable. Spline, sag and
 # curvature are linear in the given slopes: the only nonlinearity of an optimisation is that of the
@@ -113,7 +113,7 @@ class SlopeSpline(Mirror):
         return (sag(u) - sag(0.0)) * M, dz, bend / M
 
 
-# -- Mirror from sampled points of its meridian, computed or measured ------------------------------
+# -- Sampled profile -------------------------------------------------------------------------------
 
 EXTRAPOLATION = 1e-5  # of the rim radius
 

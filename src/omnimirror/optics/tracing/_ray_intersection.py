@@ -14,7 +14,7 @@ from ..mirrors import Mirror
 from ..mirrors.conics_and_aspheres import Conic
 from .meridian import ROUNDING
 
-# -- Clearance of rays at the edges of apertures and obstructions, the measure of transmission -----
+# -- Clearance of rays at edges --------------------------------------------------------------------
 #
 # A clearance is a smooth function of the ray, in mm: 0 at the edge, positive for transmitted and
 # negative for blocked rays. :meth:`omnimirror.optics.tracing.optical_train.OpticalTrain.clearances`
@@ -36,7 +36,7 @@ def circle_clearance(across: Array, radius: float) -> Array:
     return clearance
 
 
-# -- Skew rays: first intersection with the front of a mirror, and reflection ----------------------
+# -- First intersection with a mirror, and reflection ----------------------------------------------
 #
 # All coordinates are in the mirror frame: vertex at the origin, z from the lens to the mirror. Rays
 # that miss the mirror, or meet its back or its plane beyond the rim, are invalid and NaN.

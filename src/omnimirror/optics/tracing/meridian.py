@@ -32,7 +32,7 @@ from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror
 from ..mirrors.mirror import sagittal_radius, tangential_radius
 
-# -- Proof that the field angle of a polynomial mirror increases everywhere, also between nodes ----
+# -- Monotonicity of the field angle between nodes -------------------------------------------------
 #
 # With w = m + z, the sign of dOmega/dx (Eq. 8) is that of
 # ``2 z'' (w^2 + x^2) + (w - x z')(1 + z'^2)``, or of z'' for an orthographic lens: a polynomial on
@@ -136,7 +136,7 @@ def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float 
     return None  # within rounding of 0
 
 
-# -- Meridional chief rays through a clear cover: Snell's law and astigmatic wavefront curvature
+# -- Chief rays through a clear cover --------------------------------------------------------------
 #
 # Two quantities of a chief-ray pencil are traced in addition to position and direction, both per mm
 # of mirror: the transverse separation of neighbouring rays (``spread``) and their angular separation
@@ -483,12 +483,7 @@ def _only_where(crosses: Mask, r: Refraction) -> Refraction:
     return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, nothing, strict=True)))
 
 
-# -- Chief rays in the meridional plane, and their inversion from angles and points to the mirror
-#
-# The mirror coordinate x is the parameter: all other quantities follow from it without a singularity
-# at 90 deg and without ray aiming. Angles are in radians; ``m`` is the distance from the lens's
-# reference point to the mirror vertex, infinite for an orthographic lens. Chief rays pass through the
-# entrance pupil, which may be displaced from the reference point.
+# -- Chief rays and their inversion ----------------------------------------------------------------
 
 BETWEEN = 8  # points per polynomial piece at which the mapping is checked
 NODES = 1025  # of the table used for initial values and for the proof of monotonicity
@@ -850,7 +845,7 @@ def _first(values: Array, where: NDArray[np.bool_]) -> float:
     return float(np.atleast_1d(values)[np.atleast_1d(where)][0])
 
 
-# -- validity checks ----------------------------------------------------------------------------- #
+# -- validity checks -------------------------------------------------------------------------------
 # A second reflection of a reflected ray needs no separate check: it requires a surface farther out
 # that is flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta' > Omega' -
 # Omega + 90 deg exceeds 90 deg for increasing Omega: the lens would not see that surface.

@@ -360,7 +360,7 @@ def _before_mirror(
     return tuple(discs)
 
 
-# -- rings of field angle ------------------------------------------------------------------------------
+# -- rings of field angle --------------------------------------------------------------------------
 
 
 class Obscuration(NamedTuple):

@@ -37,7 +37,7 @@ from .reflection import (
 from .shell_transmission import pose_of, shell_exit, shell_kernel_arguments
 from .two_mirrors import FoldedMirror
 
-# -- As-built mirror with form error and pose, traced in the camera frame --------------------------
+# -- As-built mirror with form error and pose ------------------------------------------------------
 
 FORM_STEPS = 12
 FORM_CLOSE = 1e-12  # rounding tolerance of heights, relative to the rim radius
@@ -146,7 +146,7 @@ class PosedMirror:
 def trace_formed(
     mirror: Mirror, form: MirrorForm, origins: Array, directions: Array
 ) -> Reflections:
-    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.space.trace`.
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`._ray_intersection.trace`.
 
     Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
     from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
@@ -192,7 +192,7 @@ def _met(
     return points, surface, np.abs(points[:, 2] - surface.points[:, 2]) <= 10 * close
 
 
-# -- Mirror behind a tube or dome, traced in space for any pose of mirror and cover ----------------
+# -- Mirror behind a tube or dome ------------------------------------------------------------------
 #
 # A ray is traced from a pupil point to a mirror point and out through both surfaces of the wall. The
 # mirror point that images a target is the one whose ray reaches the target; Newton's method finds it
@@ -576,10 +576,7 @@ def _across(directions: Array) -> tuple[Array, Array]:
     return e1, np.stack([b, sign + y * y * a, -y], axis=-1)
 
 
-# -- Skew ray trace of mirrors and lens, from image to world and from world to lens ----------------
-#
-# All coordinates are in the camera frame, in mm: z points from the lens to the mirror; the origin is
-# the nominal vertex of the mirror. Pixels are handled by the sensor.
+# -- Optical train ---------------------------------------------------------------------------------
 
 PUPIL_STEPS = 12  # each reduces the residual to 1 % or less
 PUPIL_CLOSE = 1e-13

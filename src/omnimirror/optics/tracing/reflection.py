@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 
-# -- Limits of the search for reflection points ----------------------------------------------------
+# -- Limits of the search --------------------------------------------------------------------------
 
 MAX_STEPS = 60
 MAX_STEP_LENGTH = 0.3  # of the rim radius, and of the distance from the apex of a pointed mirror
@@ -46,7 +46,7 @@ REFLECTION_TOLERANCE = 1e-9  # largest deviation from the law of reflection, as 
 RIM_SLACK = 1e-9  # relative tolerance at the rim
 
 
-# -- Ray endpoints of paths over a mirror, and the reflection points between them ------------------
+# -- Ray endpoints and reflection points -----------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class ReflectionPoints(NamedTuple):
         return slopes
 
 
-# -- Mirror surface over the vertex plane, continued beyond its rim, with two derivatives ----------
+# -- Continued mirror surface ----------------------------------------------------------------------
 
 
 def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
@@ -167,7 +167,7 @@ class MirrorSurface:
         return unit
 
 
-# -- Lookup tables for the search for reflection points: meridian and initial values ---------------
+# -- Lookup tables ---------------------------------------------------------------------------------
 
 CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are accurate to 1e-9 mm and 1e-9
 BEYOND = 256  # cells of the same width beyond the rim, for iterates outside the mirror
@@ -280,7 +280,7 @@ def _depths(
     return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))
 
 
-# -- Initial values from compiled kernels, which use a table of the meridian -----------------------
+# -- Initial values from compiled kernels ----------------------------------------------------------
 #
 # They are accurate to the table's interpolation error: one or two Newton steps on the actual surface
 # complete the solution.
@@ -370,7 +370,7 @@ def _tables(mirror: Mirror, distance: float) -> MirrorTables | None:
     return tables if rises and (tables.by_omega[:, 1] >= 0).all() else None
 
 
-# -- Reflection point between an entrance pupil and an object, for any positions (Fermat's principle)
+# -- Reflection point by Fermat's principle --------------------------------------------------------
 #
 # The optical path length from the object over the mirror to the pupil is stationary. On a convex
 # mirror seen from its front, every stationary path is a strict minimum: the Hessian over the surface

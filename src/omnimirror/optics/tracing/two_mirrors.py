@@ -27,7 +27,7 @@ from .reflection import (
     ReflectionPoints,
 )
 
-# -- Chief rays over a second mirror, and obscuration by that mirror and the camera ----------------
+# -- Chief rays over two mirrors -------------------------------------------------------------------
 #
 # The secondary has chief rays of its own; the point of the primary on which a ray ends is an object
 # at a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
@@ -173,7 +173,7 @@ class TwoMirrorMeridian(Meridian):
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
         return self.x_from_first(self.secondary_meridian.x_from_tan_theta(tan_theta))
 
-    # -- obscuration -----------------------------------------------------------------------------
+    # -- obscuration -------------------------------------------------------------------------------
 
     @cached_property
     def x_min(self) -> float:
@@ -238,7 +238,7 @@ class TwoMirrorMeridian(Meridian):
                 self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0
             )
 
-    # -- validity checks -------------------------------------------------------------------------
+    # -- validity checks ---------------------------------------------------------------------------
 
     def _check_secondary(self) -> None:
         self.secondary.check_before(self.mirror, self.m)
@@ -296,7 +296,7 @@ class TwoMirrorMeridian(Meridian):
             )
 
 
-# -- Skew rays over two mirrors, in the camera and world frames ------------------------------------
+# -- Skew rays over two mirrors --------------------------------------------------------------------
 #
 # The lens side is described in the unfolded frame: z points from the lens through the secondary to
 # the image of the primary in an ideal window; the lens is at -m, the secondary's vertex at -s. The
