@@ -23,7 +23,7 @@ from omnimirror.optics.mirrors import (
     SlopeSpline,
     Sphere,
 )
-from omnimirror.optics.mirrors.prescribed_mapping import Mapped
+from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 from omnimirror.optics.testing import MIRROR_CHECKS
 from tests.conftest import MIRRORS as EXAMPLES
 from tests.everyday import few
@@ -53,7 +53,7 @@ def exact_sag(mirror: Mirror):
             return lambda x: mp.mpf("49.9582") - mp.sqrt(mp.mpf("49.9582") ** 2 - x**2)
 
 
-def exact_mapping(mirror: Mapped):
+def exact_mapping(mirror: MappingMirror):
     """Return Omega(theta) of direction mappings by their definition."""
     Theta = mp.radians(mirror.theta_max_deg)
     unit, top = mp.tan(Theta), mp.radians(getattr(mirror, "omega_max_deg", 122))
@@ -68,7 +68,7 @@ def exact_mapping(mirror: Mapped):
     }[mirror.KIND]
 
 
-def exact_points(mirror: Mapped):
+def exact_points(mirror: MappingMirror):
     """Return x, sag, slope and curvature in 30 digits: ln(rho/m) by quadrature, scaled by the rim."""
     omega, Theta = exact_mapping(mirror), mp.radians(mirror.theta_max_deg)
 
@@ -85,7 +85,7 @@ def exact_points(mirror: Mapped):
         yield r * mp.sin(theta), r * mp.cos(theta) - m, slope(theta), mp.diff(slope, theta) / dx
 
 
-def exact_finite_points(mirror: Mapped):
+def exact_finite_points(mirror: MappingMirror):
     """Return the same from the law of reflection z' = tan((Omega - theta)/2) in x and z, by Taylor
     series."""
     unit, m, M = (
@@ -122,7 +122,7 @@ def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # slow with 30 digits
     if kind in ("ground-plane", "cylinder"):
         points = exact_finite_points(mirror)
-    elif isinstance(mirror, Mapped):
+    elif isinstance(mirror, MappingMirror):
         points = exact_points(mirror)
     else:
         sag, xs = exact_sag(mirror), map(mp.mpf, np.linspace(0.05, 0.99, 8) * mirror.rim_radius_mm)

@@ -167,7 +167,7 @@ def test_central_obscuration_matches_invalid_pixels():
     u, v = np.meshgrid(np.arange(0.5, 1024, 4), np.arange(0.5, 1024, 4))
     inside = np.hypot(u - 511.5, v - 511.5) < FOLDED.rim_radius_px
     _, _, valid = FOLDED.backproject(np.stack([u[inside], v[inside]], axis=-1))
-    assert ring.picture_percent == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
+    assert ring.image_percent == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
 
 
 @pytest.mark.parametrize(

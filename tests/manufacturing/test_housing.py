@@ -35,7 +35,7 @@ def lens_height(sensor):
 
 
 def percent(sensor):
-    return sum(ring.picture_percent for ring in sensor.obscured)
+    return sum(ring.image_percent for ring in sensor.obscured)
 
 
 def marched(sensor, solid, count=1500):
@@ -72,7 +72,7 @@ def test_rod_obscures_the_centre(sensor):
     assert ring.part == "rod"
     assert ring.omega_deg[0] == 0.0
     assert ring.omega_deg[1] == pytest.approx(omega.max(), abs=0.15)
-    assert ring.picture_percent == pytest.approx(share, abs=0.05)
+    assert ring.image_percent == pytest.approx(share, abs=0.05)
 
 
 @pytest.mark.parametrize("diameter", [100.0, 130.0])
@@ -137,7 +137,7 @@ def test_rim_and_flange_are_equivalent():
 
 def test_overlapping_obscurations_count_once():
     both = drawn(SPH, Housing(CameraBody(30.0), Rod(4.0)))
-    parts = {r.part: r.picture_percent for r in both.obscurations}
+    parts = {r.part: r.image_percent for r in both.obscurations}
     assert set(parts) == {"rod", "camera"}
     assert percent(both) == pytest.approx(max(parts.values()))
     assert percent(drawn(SPH, Housing())) == 0.0
@@ -150,7 +150,7 @@ def test_all_mirrors_can_be_supported(kind):
         for ring in drawn(sensor, housing).obscurations:
             low, high = ring.omega_deg
             assert sensor.field_deg[0] <= low < high <= sensor.field_deg[1] + 1e-9
-            assert 0 < ring.picture_percent < 100
+            assert 0 < ring.image_percent < 100
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_a_housing_hides_in_pictures_what_its_angles_say(housing):
     (ring,) = sensor.obscurations
     dark = int((light[512, :, 0] < 0.5)[512 - 450 : 512 + 450].sum())
     assert dark == pytest.approx(
-        2 * sensor.rim_radius_px * np.sqrt(ring.picture_percent / 100), abs=2
+        2 * sensor.rim_radius_px * np.sqrt(ring.image_percent / 100), abs=2
     )
 
 

@@ -51,7 +51,7 @@ class FieldGrid(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WholePicture:
+class FullFieldEvaluation:
     """Evaluation of a sensor with one mirror and an ideal lens at RINGS x AZIMUTHS directions.
 
     Examples
@@ -60,7 +60,7 @@ class WholePicture:
     >>> from dataclasses import replace
     >>> from omnimirror.optics.mirrors.as_built import MirrorPose
     >>> built = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.5))
-    >>> low, high = WholePicture(built).field_deg  # at some azimuth
+    >>> low, high = FullFieldEvaluation(built).field_deg  # at some azimuth
     >>> low, round(high, 1)
     (0.0, 135.1)
     """
@@ -139,7 +139,7 @@ class WholePicture:
     def _pixels(self, lens: Lens, found: ReflectionPoints) -> Array:
         """Return image positions (n, 2) px of chief rays relative to the lens axis."""
         image = lens.image_of(
-            found.seen_at - self.sensor.optical_train.lens_offset, found.to_pupils
+            found.facing_points - self.sensor.optical_train.lens_offset, found.to_pupils
         )
         return np.asarray(image / self.sensor.imager.pitch_mm)
 
@@ -216,7 +216,7 @@ class WholePicture:
             return self.field_deg[0], 0.0
         omega, phi = self._spread(FINE_RINGS, FINE_AZIMUTHS)
         chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))
-        parts = standing.met_by(
+        parts = standing.blocks(
             chief.points, chief.to_targets, chief.to_pupils, self.sensor.mirror_pose
         )
         hidden = np.logical_or.reduce(list(parts.values())).reshape(omega.shape)

@@ -91,7 +91,7 @@ MAX_ELLIPSE_DEVIATION = (
 )
 
 
-class LightCone(NamedTuple):
+class PupilLight(NamedTuple):
     """Cone of light behind a real lens: section in direction cosines, scaled to the unit disk."""
 
     points: Array
@@ -144,7 +144,7 @@ def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
     return phase, rough
 
 
-def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
+def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> PupilLight:
     """Return the cone of light of one object from the rays at :data:`FITTED`.
 
     Parameters
@@ -173,7 +173,7 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
         stop = (1 - (at_stop**2).sum(axis=1)) / 2
     points = (cosines - middle) / half
     t, s = 1 / (2 * half)
-    return LightCone(points, half[0] * half[1] / area, (float(t), float(s)), stop)
+    return PupilLight(points, half[0] * half[1] / area, (float(t), float(s)), stop)
 
 
 # -- Wavefront over the aperture -------------------------------------------------------------------
@@ -333,7 +333,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     lens, cosines, at_stop = sensor.lens, np.empty(0), np.empty(0)
     if isinstance(lens, FieldLens):
         check_wave_is_known(lens)
-        rays = bundles.seen_at - sensor.optical_train.lens_offset, bundles.to_pupils
+        rays = bundles.facing_points - sensor.optical_train.lens_offset, bundles.to_pupils
         cosines, at_stop = lens.image_cosines(*rays), lens.stop_points(*rays)
         phase, rough = phase_of_real_lens(cosines, strayed)
     else:

@@ -60,7 +60,7 @@ class CameraMapping:
         Largest field angle at any azimuth.
     rim_radius_px
         Image radius at the largest field angle.
-    varies_percent
+    azimuthal_variation_percent
         Largest relative deviation of the resolution at an azimuth from the azimuthal mean, over the
         rows and the end of the field; 0 for a rotationally symmetric mapping.
     """
@@ -76,7 +76,7 @@ class CameraMapping:
     camera: CameraModel
     field_deg: float
     rim_radius_px: float
-    varies_percent: float = 0.0
+    azimuthal_variation_percent: float = 0.0
 
     def __len__(self) -> int:
         return len(self.omega_deg)
@@ -108,7 +108,7 @@ class CameraMapping:
             "rim_radius_px": self.rim_radius_px,
             "calibrated_field_deg": camera.uncertainty.field_deg if camera.uncertainty else None,
             "is_central": isinstance(camera, RadialModel) and camera.is_central,
-            "varies_percent": self.varies_percent,
+            "azimuthal_variation_percent": self.azimuthal_variation_percent,
             "parameters": [
                 {"name": p.name, "value": p.value, "sigma": sigmas.get(p.name), "unit": p.unit}
                 for p in camera.parameters

@@ -23,7 +23,7 @@ from ..base.typing import Array
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
-from ._full_field import WholePicture
+from ._full_field import FullFieldEvaluation
 from .evaluation import Evaluation, evaluate
 from .focus import best_focus
 from .viewpoints import best_viewpoint
@@ -170,7 +170,7 @@ def _study(sensor: Sensor) -> Study:
     """Return the data source for the rows of a sensor, three-dimensional if misaligned."""
     if sensor.is_axial:
         return Study(sensor)
-    is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_square
+    is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_perpendicular
     is_traced &= sensor.secondary is None and sensor.housing.shell is None
     return FullFieldStudy(sensor) if is_traced else Study(sensor.aligned())
 
@@ -299,8 +299,8 @@ class FullFieldStudy(Study):
     """Data source for the rows of a misaligned sensor, over all azimuths."""
 
     @cached_property
-    def picture(self) -> WholePicture:
-        return WholePicture(self.sensor)
+    def picture(self) -> FullFieldEvaluation:
+        return FullFieldEvaluation(self.sensor)
 
     @cached_property
     def own(self) -> Any:

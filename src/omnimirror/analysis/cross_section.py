@@ -110,7 +110,8 @@ def paths_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]
     if isinstance(sensor.lens, GaussianLens):  # to its entrance pupil; reversed by a second mirror
         towards = 1.0 if second is None else -1.0
         ways = [
-            [(0.0, lens + towards * float(z))] for z in sensor.lens.pupil.place(np.tan(first.theta))
+            [(0.0, lens + towards * float(z))]
+            for z in sensor.lens.pupil.position(np.tan(first.theta))
         ]
     else:
         ways = [[(float(end), lens)] for end in at]
@@ -145,7 +146,7 @@ def _seen(result: Evaluation, distance: Array) -> SectionCurve:
     else:
         with np.errstate(invalid="ignore"):  # an infinite image exactly on the axis
             tangent = np.tan(np.radians(result.theta_deg))
-            x = (distance - result.sensor.lens.pupil.place(tangent)) * tangent
+            x = (distance - result.sensor.lens.pupil.position(tangent)) * tangent
     z = distance + reference_height(result.sensor)
     is_finite = np.isfinite(z)
     return SectionCurve(np.where(is_finite, x, np.nan), np.where(is_finite, z, np.nan))

@@ -76,7 +76,7 @@ class TabularResult(ABC):
 
 # -- Evaluation of a sensor ------------------------------------------------------------------------
 
-LEAST_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
+MIN_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
 """Columns of files, in order: ``omega_deg`` to ``blur_area_deg2``, then lengths per pixel."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
@@ -206,7 +206,7 @@ class Evaluation:
             s / pitch,
             lens.field.at(tangent).illumination,
             (colour["short"] - colour["long"]) / pitch,
-            lens.pupil.place(tangent),
+            lens.pupil.position(tangent),
         )
         return {q.name: column for q, column in zip(quantities.OF_LENS, found, strict=True)}
 
@@ -496,7 +496,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     Raises
     ------
     InvalidParameter
-        A step below :data:`LEAST_STEP_DEG`.
+        A step below :data:`MIN_STEP_DEG`.
 
     Examples
     --------
@@ -504,7 +504,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     >>> om.field_angles(om.load_sensor("paper-spherical"), 45.0)
     array([  0.,  45.,  90., 135.])
     """
-    number("step_deg", step_deg, low=LEAST_STEP_DEG, unit="deg")
+    number("step_deg", step_deg, low=MIN_STEP_DEG, unit="deg")
     low, high = sensor.field_deg
     angles = (
         step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1)

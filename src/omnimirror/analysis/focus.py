@@ -148,7 +148,7 @@ class FocusMerit:
     def value(self, blur: FocusedBlur) -> float:
         """Return the merit of n field angles."""
         size = self.size(blur)
-        return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
+        return float(size @ solid_angle_weights(blur.omega)) if self.is_mean else float(size.max())
 
 
 def _square(coordinate: Array, weight: Array) -> Array:
@@ -254,7 +254,7 @@ class FocusFunction:
 
     @cached_property
     def _shares(self) -> Array:
-        return solid_angle_shares(self.omega)
+        return solid_angle_weights(self.omega)
 
     def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
         """Return the merit (squared for a maximum), its derivative and the worst angle; (m,)."""
@@ -299,7 +299,7 @@ def _matrix_product(a: Array, b: Array) -> Array:
     return product
 
 
-def solid_angle_shares(omega: Array) -> Array:
+def solid_angle_weights(omega: Array) -> Array:
     """Return normalised weights (n,) of a mean over the solid angle at field angles (n,).
 
     Linear interpolation in the angle is assumed between neighbours; equal angles share their
@@ -308,7 +308,7 @@ def solid_angle_shares(omega: Array) -> Array:
     >>> omega = np.sort(np.random.default_rng(1).uniform(0, 2, 200))
     >>> omega[[0, -1]] = 0, 2
     >>> exact = (4 * np.sin(2) - 2 * np.cos(2) - 2) / (1 - np.cos(2))  # mean of omega^2
-    >>> bool(abs(solid_angle_shares(omega) @ omega**2 / exact - 1) < 1e-3)
+    >>> bool(abs(solid_angle_weights(omega) @ omega**2 / exact - 1) < 1e-3)
     True
     """
     angles, which, count = np.unique(omega, return_inverse=True, return_counts=True)

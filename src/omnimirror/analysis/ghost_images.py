@@ -11,7 +11,7 @@ from ..base.arguments import checked, row
 from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
-from ..optics.tracing.shell_transmission import let_out
+from ..optics.tracing.shell_transmission import transmit_rays
 from .evaluation import field_angles
 
 ORIGIN_OFFSET_MM = 1e-6  # offset of a ray start from the surface
@@ -85,7 +85,7 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     (array([-60.,  nan]), array([7.7, 0. ]))
     """
     check_sensor(sensor)
-    sensor.check("ghosts", "one mirror")
+    sensor.check("ghosts", "single mirror")
     standing = sensor.obstructions
     shell = standing.housing.shell
     if shell is None:
@@ -95,22 +95,22 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     height = rays.z + sensor.mirror_pose.displacement_mm
     nothing = np.zeros_like(omega)
     points = np.stack([rays.x, nothing, height], axis=-1)
-    first = let_out(
+    first = transmit_rays(
         shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1)
     )
 
-    start, way = first.met + ORIGIN_OFFSET_MM * first.thrown_back, first.thrown_back
+    start, way = first.met + ORIGIN_OFFSET_MM * first.reflected, first.reflected
     again = sensor.optical_train.posed_mirror.trace(start, way)
     by_mirror = again.valid
     start = np.where(by_mirror[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, start)
     way = np.where(by_mirror[:, None], again.directions, way)
     ends = np.logical_or.reduce(
         [
-            *standing.met_by(start, way, way, sensor.mirror_pose).values(),
+            *standing.blocks(start, way, way, sensor.mirror_pose).values(),
             _meets_back(sensor, start, way),
         ]
     )
-    second = let_out(shell, start, way)
+    second = transmit_rays(shell, start, way)
     out = second.directions
     angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(
         out[:, 0] < 0, -1.0, 1.0

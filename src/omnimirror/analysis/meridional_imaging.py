@@ -117,7 +117,9 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
         raise InvalidParameter(f"object_distance_mm must be greater than 0, or inf; got {bad:g}")
-    images = _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
+    images = _images(
+        rays, *((p, p) if rays.outside is None else rays.outside.apparent_distances(p))
+    )
     return images._replace(object_distance=p)
 
 
@@ -127,8 +129,8 @@ def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, 
     With a second mirror, the images in the first are its objects, at ``q + |P1 P2|`` along the
     chief rays, and the same equations apply again.
     """
-    if rays.seen_in is not None:
-        images = _images(rays.seen_in, images.q_t + rays.path, images.q_s + rays.path)
+    if rays.secondary_rays is not None:
+        images = _images(rays.secondary_rays, images.q_t + rays.path, images.q_s + rays.path)
     lens = 0.0 if np.isinf(rays.first.m) else rays.first.m
     return lens + images.z_t, lens + images.z_s
 

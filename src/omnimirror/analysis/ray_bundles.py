@@ -126,7 +126,7 @@ class Bundles:
     """Mask (k, n), False for vignetted rays: see :meth:`clearances`."""
     chief: ReflectionPoints
     """Chief rays (k,)."""
-    seen_at: Array
+    facing_points: Array
     """Points (k, n, 3) on the last mirror before the lens."""
     to_targets: Array
     """Unit vectors (k, n, 3) from the mirror points towards the objects."""
@@ -139,7 +139,8 @@ class Bundles:
         """Return the clearances (k, n), mm, of the rays at each edge, by edge name."""
         shape = self.path.shape
         flat = (
-            a.reshape(-1, 3) for a in (self.seen_at, self.points, self.to_pupils, self.to_targets)
+            a.reshape(-1, 3)
+            for a in (self.facing_points, self.points, self.to_pupils, self.to_targets)
         )
         return {
             name: edge.reshape(shape)
@@ -148,12 +149,14 @@ class Bundles:
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Return ray positions (k, n, 2) on the imager, mm from the axis, for a focused sensor."""
-        return sensor.lens.image_of(self.seen_at - sensor.optical_train.lens_offset, self.to_pupils)
+        return sensor.lens.image_of(
+            self.facing_points - sensor.optical_train.lens_offset, self.to_pupils
+        )
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Return the chief ray positions (k, 2) on the imager, mm from the optical axis."""
         return sensor.lens.image_of(
-            self.chief.seen_at - sensor.optical_train.lens_offset, self.chief.to_pupils
+            self.chief.facing_points - sensor.optical_train.lens_offset, self.chief.to_pupils
         )
 
     def chief_path(self) -> Array:
@@ -162,7 +165,9 @@ class Bundles:
         near = np.isfinite(self.object_distance_mm)
         if near.any():
             distances = np.where(near, self.object_distance_mm, NEARLY_INFINITE_MM)
-            objects = self.sensor.optical_train.seen_mirror.objects_at(self.chief, distances)[near]
+            objects = self.sensor.optical_train.effective_mirror.objects_at(self.chief, distances)[
+                near
+            ]
             path[near] = self.sensor.optical_train.chief_rays_to(RayEndpoints(objects)).path
         return path
 
@@ -195,7 +200,7 @@ class Bundles:
                 for s in (1, -1)
             ]
             lens, offset = self.sensor.lens, self.sensor.optical_train.lens_offset
-            a, b = (lens.image_of(e.seen_at - offset, e.to_pupils) for e in ends)
+            a, b = (lens.image_of(e.facing_points - offset, e.to_pupils) for e in ends)
             angle = np.degrees(2 * np.arctan(DIFFERENCE_STEP))
             scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)
         return scales[0], scales[1]
@@ -227,7 +232,7 @@ def trace_bundles(
     ((2, 37, 3), np.True_)
     """
     check_sensor(sensor)
-    sensor.check("ray tracing through the whole aperture (spots, PSF, MTF)", "square imager")
+    sensor.check("ray tracing through the whole aperture (spots, PSF, MTF)", "perpendicular imager")
     angles, azimuths = (
         finite("omega_deg", row("omega_deg", omega_deg)),
         finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),
@@ -266,7 +271,7 @@ def trace_bundles(
         density / mean[:, None],
         found.valid.reshape(k, n),
         chief,
-        found.seen_at.reshape(k, n, 3),
+        found.facing_points.reshape(k, n, 3),
         found.to_targets.reshape(k, n, 3),
     )
     clear = [edge >= 0 for edge in bundles.clearances().values()]
@@ -278,7 +283,7 @@ def _aperture(
 ) -> tuple[ReflectionPoints, Array]:
     """Return mirror points (k n,) and light (k, n) through the aperture."""
     k, n = len(p), len(pupil.points)
-    train, mirror = sensor.optical_train, sensor.optical_train.seen_mirror
+    train, mirror = sensor.optical_train, sensor.optical_train.effective_mirror
     parts: list[ReflectionPoints] = []
     density = np.empty((k, n))
     objects = mirror.objects_at(chief, np.where(np.isfinite(p), p, NEARLY_INFINITE_MM))

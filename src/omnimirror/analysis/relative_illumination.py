@@ -12,7 +12,7 @@ from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.materials import Reflectivity, reflectance
 from ..optics.sensor import Sensor, check_sensor
-from ..optics.tracing.shell_transmission import let_out
+from ..optics.tracing.shell_transmission import transmit_rays
 from .evaluation import TabularResult, field_angles
 from .ray_bundles import Pupil, gaussian, trace_bundles
 
@@ -100,7 +100,7 @@ def illumination(
         raise InvalidParameter(
             f"transmission must be greater than 0, up to 1; got {transmission:g}"
         )
-    sensor.check("illumination", "one mirror")
+    sensor.check("illumination", "single mirror")
     normal = float(reflectance([0.0], reflectivity)[0])
     angles = field_angles(sensor) if omega_deg is None else omega_deg
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
@@ -144,5 +144,5 @@ def _through(
     light = reflected * sensor.lens.falloff(image, aperture)
     if (shell := sensor.obstructions.housing.shell) is not None:
         hit = passes
-        light[hit] *= let_out(shell, found.points[hit], found.directions[hit]).passed
+        light[hit] *= transmit_rays(shell, found.points[hit], found.directions[hit]).passed
     return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, passes))  # type: ignore[return-value]

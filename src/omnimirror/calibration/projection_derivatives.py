@@ -422,7 +422,7 @@ def image_through_cover(
     sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
 ) -> Image:
     """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
-    covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
+    covered, rim = sensor.optical_train.effective_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())
     with np.errstate(all="ignore"):  # non-finite results are marked invalid

@@ -102,7 +102,7 @@ class SensorModel(CameraModel):
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
         self.sensor.check(
-            "a model with free parameters", "one mirror", "thin lens", "ideal but for poses"
+            "a model with free parameters", "single mirror", "thin lens", "ideal except poses"
         )
         if self.sensor.housing.shell is not None:  # constant during an estimation
             object.__setattr__(

@@ -121,7 +121,7 @@ def blur_bound(
     choice("mode", mode, BLUR_MODES)
     if image_radius_px is not None:
         image_radius(image_radius_px)
-    sensor.check("the bound of blur", "one mirror", "thin lens")
+    sensor.check("the bound of blur", "single mirror", "thin lens")
     distances("object_distance_mm", object_distance_mm)
     low, high = sensor.field_deg
     if omega_min_deg is not None and not low <= omega_min_deg < high:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..optics.lenses import Lens, Orthographic, Perspective
 from ..optics.mirrors.mappings import FiniteMapping
-from ..optics.mirrors.prescribed_mapping import Mapped
+from ..optics.mirrors.prescribed_mapping import MappingMirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import Meridian
 from ._focusing import POINTS, Focusing
@@ -139,7 +139,9 @@ def lens_and_cover(settled: Requirements, focus_mm: float) -> LensAndCover:
 PINHOLE, PARALLEL = Perspective(1.0, 1.0, 10.0), Orthographic(1.0, 1.0, 0.0)
 
 
-def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Mapped | None:
+def exact_mapping(
+    mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float
+) -> MappingMirror | None:
     """Return the mirror with an exact directional mapping for a pinhole; None for others."""
     if mirror.mapping is None:
         return None

@@ -254,7 +254,7 @@ def choose_parts(
     >>> best.fits, best.lens, round(best.sensor.lens.focus_distance_mm)
     (True, '8 mm', 246)
     """
-    sensor.check("the choice of parts", "one mirror")
+    sensor.check("the choice of parts", "single mirror")
     if not 0 <= least_fill <= 1:
         raise InvalidParameter(
             f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1"

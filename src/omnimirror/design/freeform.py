@@ -10,7 +10,7 @@ import numpy as np
 from ..base.caching import cached_property
 from ..base.optimisation import MinimaxResult
 from ..base.typing import Array
-from ..optics.batch.families import FreeForm
+from ..optics.batch.families import FreeformFamily
 from ..optics.lenses import BlurMode, GaussianLens
 from ..optics.sensor import Sensor
 from ._design_problem import DesignProblem, DesignSpace
@@ -57,7 +57,7 @@ def problem_of(
 ) -> DesignProblem:
     """Return the optimisation problem of requirements; ranges become free variables."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
-    shape, largest = FreeForm.parse(mirror.shape or SHAPE), requirements.largest_image_px
+    shape, largest = FreeformFamily.parse(mirror.shape or SHAPE), requirements.largest_image_px
     return DesignProblem(
         omega_max_deg=field.omega_max_deg,
         theta_max_deg=lens.theta_max_deg,

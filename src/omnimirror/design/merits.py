@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis.evaluation import Evaluation
 from ..base.errors import InvalidParameter
 from ..base.quantities import QUANTITIES, Quantity
-from ..optics.batch.closed_forms import FocusedCamera, NodeOptics, light_of
+from ..optics.batch.closed_forms import FocusedCamera, MirrorPointOptics, light_of
 from ..optics.lenses import FieldLens, Perspective
 from ..optics.sensor import Sensor
 from ._mass_and_size import body_mass_g, outer_size
@@ -188,7 +188,7 @@ def _in_quadrature(blur: Array, own: Array) -> Array:
 
 
 def values_at(
-    o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array
+    o: MirrorPointOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array
 ) -> FieldValues:
     """Return field values of mirror points (..., k) for cameras focused at vergences v (..., 1)."""
     look = camera.at(o, v)

@@ -25,7 +25,7 @@ from ..optics.mirrors import (
     TabulatedMapping,
 )
 from ..optics.mirrors.mappings import MAPPINGS, conformal_conic
-from ..optics.mirrors.prescribed_mapping import Mapped
+from ..optics.mirrors.prescribed_mapping import MappingMirror
 from ..optics.tracing.meridian import ChiefRays, Cover, trace_chief_rays
 from ..optics.tracing.obscuration import Obstructions, cover_of
 
@@ -267,7 +267,7 @@ def generated_mirror(
 
 def mapped_mirror(
     mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object
-) -> Mapped:
+) -> MappingMirror:
     """Return the mirror of a named mapping, which converts image heights to field angles; arguments
     as :func:`generated_mirror`.
     """
@@ -280,7 +280,7 @@ def mapped_mirror(
     if omega_min_deg > 0 and cls is not TabulatedMapping:
         given["omega_min_deg"] = omega_min_deg
     check_entries(mapping, given)
-    mirror: Mapped = cls(**given)
+    mirror: MappingMirror = cls(**given)
     if (
         isinstance(mirror, TabulatedMapping)
         and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9
@@ -410,7 +410,7 @@ class LensAndCover:
 
     def mounted(self, made: MountedMirror, theta_max_deg: float) -> MountedMirror:
         """Return a mirror designed for a pinhole, at the lens distance of equal viewing angle."""
-        place = float(self.lens.pupil.place(np.array([np.tan(np.radians(theta_max_deg))]))[0])
+        place = float(self.lens.pupil.position(np.array([np.tan(np.radians(theta_max_deg))]))[0])
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
     def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
@@ -431,7 +431,7 @@ class LensAndCover:
         def trace(x: Array) -> ChiefRays:
             with np.errstate(all="ignore"):
                 rays = trace_chief_rays(made.mirror, made.distance_mm, x, self.lens.pupil)
-                return rays if cover is None else cover.left_by(rays)
+                return rays if cover is None else cover.refracted(rays)
 
         return trace
 
@@ -517,11 +517,11 @@ class LensAndCover:
             self._tracer(made),
         )
         if cover is not None:
-            begin = cover.first_seen(trace, 0.0, rim)
+            begin = cover.first_visible_x(trace, 0.0, rim)
         rays = trace(np.array([begin, rim]))
         return wanted_deg - np.degrees(rays.omega), _inside_rate(rays)
 
-    def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:
+    def made_for_mapping(self, exact: MappingMirror, rim: RimRay) -> MountedMirror:
         """Return the mirror that has a given mapping with lens and cover.
 
         Raises
@@ -530,7 +530,7 @@ class LensAndCover:
             Rays blocked by the cover.
         """
         x = rim.rim_radius_mm * np.linspace(0.0, 1.0, NODES)
-        mirror: Mapped = exact
+        mirror: MappingMirror = exact
         inside: Array | None = None
         for _ in range(STEPS):
             made = MountedMirror(mirror, mirror.design_distance)
@@ -567,7 +567,7 @@ def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
 
 
 def departure(
-    lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int
+    lens_and_cover: LensAndCover, made: MountedMirror, exact: MappingMirror, angles: int
 ) -> float:
     """Return the largest deviation of the image height from a mapping, in rim heights."""
     x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)

@@ -28,7 +28,7 @@ from ..optics.image_sensor import Imager
 from ..optics.mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ..optics.sensor import Sensor
 from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
-from ..optics.toml_validation import NoFile
+from ..optics.toml_validation import NullLocator
 from ._blur_bound import BlurBound, blur_bound
 from ._design_problem import DesignProblem, DesignSpace, State
 from .limits import Limit
@@ -572,10 +572,10 @@ def problem_from(data: dict[str, Any]) -> DesignProblem:
     values: dict[str, Any] = _read(data)
     parts = {
         "imager": Imager(**values["imager"]),
-        "housing": housing_of(values["housing"], NoFile()),
+        "housing": housing_of(values["housing"], NullLocator()),
     }
     if data.get("optics"):
-        parts["optics"] = lens_of(data["optics"], NoFile(), None)
+        parts["optics"] = lens_of(data["optics"], NullLocator(), None)
     return DesignProblem(
         **values | parts | {"limits": tuple(Limit(**limit) for limit in values["limits"])}
     )

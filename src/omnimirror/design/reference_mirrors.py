@@ -51,7 +51,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
             place = (
                 0.0
                 if problem.is_telecentric
-                else float(first.lens.pupil.place(np.array([np.tan(np.radians(theta))]))[0])
+                else float(first.lens.pupil.position(np.array([np.tan(np.radians(theta))]))[0])
             )
             found[name] = replace(
                 first,
@@ -97,7 +97,7 @@ def merit_values(
 
     ``focus_by`` is a merit of :func:`omnimirror.best_focus`, or None for the focus of the sensor.
     """
-    sensor.check("comparing with a front", "one mirror")
+    sensor.check("comparing with a front", "single mirror")
     rim = sensor.mirror.rim_radius_mm
     least = float(
         sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0])))

@@ -22,9 +22,9 @@ from ..optics.sensor import Sensor, check_sensor
 from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
 from ..optics.thermal import Thermal
 from ..optics.toml_validation import (
-    NoFile,
+    MountTable,
+    NullLocator,
     SourceLocator,
-    StandTable,
     Table,
     check_entries,
     table_model,
@@ -188,12 +188,12 @@ def requirements_of(
     data: dict[str, Any], where: SourceLocator | None = None, folder: Path | None = None
 ) -> Requirements:
     """Return requirements from the tables of a file; ``where`` adds locations to errors."""
-    where = where or NoFile()
+    where = where or NullLocator()
     _check_tables(data, where)
     mirror = where.wrap(
         ("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder)
     )
-    mount = Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump())
+    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
     parts: dict[str, Any] = {
         "field": FieldRequirements.read(_by_field_angles(data["field"], mount, where), where),
         "mirror": MirrorRequirements.read(mirror, where),
@@ -361,7 +361,7 @@ PIXELS = ("width_px", "height_px", "pixel_pitch_um")
 def tables_like(sensor: Sensor) -> dict[str, Any]:
     """Return the properties of a single-mirror sensor as tables of a requirement file."""
     check_sensor(sensor)
-    sensor.check("designing one like it", "one mirror")
+    sensor.check("designing one like it", "single mirror")
     low, high = sensor.field_deg
     imager = sensor.imager
     return {

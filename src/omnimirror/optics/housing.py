@@ -19,10 +19,10 @@ from .materials import MATERIAL_NAMES, MATERIALS, Material, index_of
 
 __all__ = [
     "CLEARANCE_MM",
-    "GAP_SHARE",
-    "LENS_AT_RIMS",
+    "DEFAULT_GAP_RATIO",
     "MATERIALS",
     "SHELLS",
+    "TELECENTRIC_LENS_DISTANCE_RIMS",
     "CameraBody",
     "Dome",
     "Envelope",
@@ -35,7 +35,7 @@ __all__ = [
     "Shell",
     "Tube",
     "index_of",
-    "wall_words",
+    "wall_description",
 ]
 
 
@@ -181,12 +181,12 @@ class ClearWall(HousingPart):
         return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
 
 
-def wall_words(shell: ClearWall) -> str:
+def wall_description(shell: ClearWall) -> str:
     """Return a description of wall material and outer medium, by name if available.
 
-    >>> wall_words(Tube(material="polycarbonate", medium="water"))
+    >>> wall_description(Tube(material="polycarbonate", medium="water"))
     'polycarbonate, n = 1.5855, in water, n = 1.3331'
-    >>> wall_words(Tube())
+    >>> wall_description(Tube())
     'n = 1.49'
     """
     named = f"{_name(shell.material)}, " if shell.material else ""
@@ -446,9 +446,9 @@ SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {
 
 # -- Opaque parts and housing ----------------------------------------------------------------------
 
-LENS_AT_RIMS = 2.5
+TELECENTRIC_LENS_DISTANCE_RIMS = 2.5
 """Assumed distance of a telecentric lens from the vertex, in rim radii."""
-GAP_SHARE = 0.25
+DEFAULT_GAP_RATIO = 0.25
 """Default gap between rod and lens, relative to the mirror distance."""
 
 
@@ -517,7 +517,7 @@ class Rod(HousingPart):
 
     def fitted(self, envelope: Envelope) -> Rod:
         """Return the rod with dimensions fitted to the sensor."""
-        gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
+        gap = -envelope.lens_mm * DEFAULT_GAP_RATIO if self.gap_mm is None else self.gap_mm
         if not gap < -envelope.lens_mm:
             raise InvalidParameter(
                 f"gap_mm must be less than {-envelope.lens_mm:g} mm, the distance from lens to "
@@ -590,7 +590,7 @@ class Housing:
     >>> from dataclasses import replace
     >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0), Rod(4.0)))
     >>> for ring in sensor.obscurations:
-    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.picture_percent, 2))
+    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.image_percent, 2))
     rod [0.0, 21.04] 4.35
     camera [0.0, 8.43] 0.71
     """

@@ -154,7 +154,7 @@ class ImagerPose:
             self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
 
     @property
-    def is_square(self) -> bool:
+    def is_perpendicular(self) -> bool:
         """True if the imager is perpendicular to the optical axis."""
         return not (self.tilt_x_deg or self.tilt_y_deg)
 
@@ -177,7 +177,7 @@ class ImagerPose:
         Arguments share one unit. An untilted imager does not depend on the principal distance.
         """
         moved = offsets @ self._plane().T
-        if self.is_square:
+        if self.is_perpendicular:
             return moved[..., :2], np.zeros(moved.shape[:-1])
         farther = 1 + moved[..., 2] / principal_distance
         return moved[..., :2] / farther[..., None], moved[..., 2]
@@ -185,7 +185,7 @@ class ImagerPose:
     def tilted(self, flat: Array, principal_distance: float) -> Array:
         """Return offsets (n, 2) on the tilted imager for points (n, 2) of an untilted one."""
         plane = self._plane()
-        if self.is_square:
+        if self.is_perpendicular:
             turned: Array = flat @ plane[:2]
             return turned
         basis = np.concatenate([plane, [[0.0], [0.0], [principal_distance]]], axis=1)

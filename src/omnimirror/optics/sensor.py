@@ -42,7 +42,7 @@ from .tracing.two_mirrors import TwoMirrorMeridian
 
 MAX_PUPIL_COORDINATE = 1e3  # largest aperture coordinate, in pupil radii
 MIRROR_PROPERTIES = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens
-Need = Literal["one mirror", "thin lens", "square imager", "ideal but for poses"]
+SensorProperty = Literal["single mirror", "thin lens", "perpendicular imager", "ideal except poses"]
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,9 @@ class Sensor:
             raise InvalidParameter(
                 "mirror_form is not supported with a secondary; remove one of them"
             )
-        if not self.imager_pose.is_square and (self.lens.TELECENTRIC or not self.lens.IS_THIN):
+        if not self.imager_pose.is_perpendicular and (
+            self.lens.TELECENTRIC or not self.lens.IS_THIN
+        ):
             raise InvalidParameter(
                 f"imager_pose must not have a tilt behind a {self.lens.KIND} lens, whose exit "
                 "pupil is unknown; remove the tilts or use a perspective lens"
@@ -207,11 +209,11 @@ class Sensor:
         return next((name for name, is_axial in parts.items() if not is_axial), None)
 
     @property
-    def is_ideal_but_for_pose(self) -> bool:
+    def is_ideal_except_pose(self) -> bool:
         """True without form error and imager tilt; mirror and cover may be misaligned."""
         return self.mirror_form.is_empty and self.imager_pose == ImagerPose()
 
-    def check(self, what: str, *needs: Need) -> None:
+    def check(self, what: str, *needs: SensorProperty) -> None:
         """Check that a sensor has the properties that a computation requires.
 
         Parameters
@@ -219,8 +221,8 @@ class Sensor:
         what
             Computation, for the message.
         needs
-            ``"one mirror"``; ``"thin lens"``: not defined by a table or surfaces;
-            ``"square imager"``: without tilt; ``"ideal but for poses"``: without form error and
+            ``"single mirror"``; ``"thin lens"``: not defined by a table or surfaces;
+            ``"perpendicular imager"``: without tilt; ``"ideal except poses"``: without form error and
             imager misalignment.
 
         Raises
@@ -229,8 +231,8 @@ class Sensor:
             If a property is missing; the message names the supported alternatives.
         """
         lens, imager_pose = self.lens, self.imager_pose
-        conditions: dict[Need, tuple[bool, str]] = {
-            "one mirror": (
+        conditions: dict[SensorProperty, tuple[bool, str]] = {
+            "single mirror": (
                 self.secondary is None,
                 f"a sensor without secondary mirror; got {self.name!r}, which has one; use the "
                 "sensor without its secondary, or evaluation, spots, images and dewarping",
@@ -241,14 +243,14 @@ class Sensor:
                 f"{lens.KIND}; use a perspective lens of the same focal length and entrance "
                 "pupil, or evaluation, focus, spots, illumination, images and dewarping",
             ),
-            "square imager": (
-                imager_pose.is_square,
+            "perpendicular imager": (
+                imager_pose.is_perpendicular,
                 f"an imager perpendicular to the axis; that of {self.name!r} is tilted by "
                 f"{imager_pose.tilt_x_deg:g} and {imager_pose.tilt_y_deg:g} deg; use images and "
                 "tolerances",
             ),
-            "ideal but for poses": (
-                self.is_ideal_but_for_pose,
+            "ideal except poses": (
+                self.is_ideal_except_pose,
                 f"a sensor without [mirror_form] and [imager_pose]; {self.name!r} has one of "
                 "them; use sensor.aligned(), or rays, images and dewarping",
             ),
@@ -466,7 +468,7 @@ class Sensor:
     @property
     def hidden_percent(self) -> float:
         """Obscured fraction of the area of the image circle, %."""
-        return sum(ring.picture_percent for ring in self.obscured)
+        return sum(ring.image_percent for ring in self.obscured)
 
     def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
         """Return which pixels (n, 2) each part of the sensor obscures.
@@ -690,7 +692,7 @@ class Sensor:
             For two mirrors in a tube.
         """
         if self.housing.shell is not None:
-            self.check("ray tracing through a tube or dome", "one mirror")
+            self.check("ray tracing through a tube or dome", "single mirror")
         return OpticalTrain(
             self.mirror,
             self.lens,
@@ -734,7 +736,7 @@ class Sensor:
         _check_pupil(pupil, pixels)
         flat, depth = self.image_plane.flat_mm(pixels)
         origins, directions = self.optical_train.rays_of_image(flat, pupil)
-        if not self.imager_pose.is_square:  # each pixel is focused at its own distance
+        if not self.imager_pose.is_perpendicular:  # each pixel is focused at its own distance
             assert isinstance(self.lens, Perspective)
             lens = self.lens
             behind, f = lens.image_distance + depth, lens.focal_length_mm
@@ -792,7 +794,7 @@ class Sensor:
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         start, towards = self.lens_rays(flat[valid], pupil[valid])
-        found = self.optical_train.seen_mirror.trace(start, towards)
+        found = self.optical_train.effective_mirror.trace(start, towards)
         passes = found.valid & (
             self.optical_train.passes_lens(start, towards) if pupil.any() else True
         )

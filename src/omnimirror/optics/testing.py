@@ -54,7 +54,7 @@ def check_mirror(mirror: Mirror) -> None:
         check(mirror)
 
 
-def parts_are_the_profile(mirror: Mirror) -> None:
+def check_profile_components(mirror: Mirror) -> None:
     """Check that ``sag``, ``slope`` and ``curvature`` equal ``profile`` and have the shape of x."""
     for x in (
         np.linspace(0, mirror.rim_radius_mm, 11),
@@ -68,7 +68,7 @@ def parts_are_the_profile(mirror: Mirror) -> None:
             assert np.array_equal(np.asarray(part), own), f"{name} differs from that of profile"
 
 
-def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
+def check_derivatives(mirror: Mirror) -> None:
     """Check that ``slope`` is the derivative of ``sag``, and ``curvature`` that of ``slope``."""
     x, h = SHARES * mirror.rim_radius_mm, STEP * mirror.rim_radius_mm
     for name, function, derivative in (
@@ -87,7 +87,7 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
         )
 
 
-def vertex_is_the_origin(mirror: Mirror) -> None:
+def check_vertex(mirror: Mirror) -> None:
     """Check that the sag of the vertex is 0, and its slope too for a mirror without an apex."""
     assert abs(float(mirror.sag(0.0))) < 1e-13, (
         f"the vertex must be at z = 0; got {float(mirror.sag(0.0)):g} mm"
@@ -98,7 +98,7 @@ def vertex_is_the_origin(mirror: Mirror) -> None:
     )
 
 
-def radii_are_those_of_the_normals(mirror: Mirror) -> None:
+def check_radii(mirror: Mirror) -> None:
     """Check R_s (Eq. 18) against the normal, and the radii at a smooth apex."""
     x = SHARES * mirror.rim_radius_mm
     slope: Array = mirror.slope(x)
@@ -116,7 +116,7 @@ def radii_are_those_of_the_normals(mirror: Mirror) -> None:
         )
 
 
-def bounds_hold_the_meridian(mirror: Mirror) -> None:
+def check_bounds(mirror: Mirror) -> None:
     """Check that ``bounds`` extend from the vertex to the rim."""
     (x0, x1), (z0, z1) = mirror.bounds
     z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
@@ -131,7 +131,7 @@ def bounds_hold_the_meridian(mirror: Mirror) -> None:
     )
 
 
-def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
+def check_serialisation(mirror: Mirror) -> None:
     """Check equality and hash after ``eval(repr(...))`` and after pickling."""
     words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
     copy = eval(repr(mirror), words)
@@ -145,7 +145,7 @@ def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
     )
 
 
-def describes_every_parameter(mirror: Mirror) -> None:
+def check_parameter_descriptions(mirror: Mirror) -> None:
     """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
     names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
     assert list(mirror.PARAMETERS) == names, (
@@ -163,7 +163,7 @@ def describes_every_parameter(mirror: Mirror) -> None:
     )
 
 
-def refuses_what_is_out_of_range(mirror: Mirror) -> None:
+def check_parameter_ranges(mirror: Mirror) -> None:
     """Check that a parameter out of range, or NaN, raises an error that names it."""
     for name, p in mirror.PARAMETERS.items():
         if p.choices or name in ("x_mm", "z_mm"):  # columns of points are rejected as a whole
@@ -187,13 +187,13 @@ def _refusal(mirror: Mirror, **change: object) -> str | None:
 
 
 MIRROR_CHECKS: tuple[Callable[[Mirror], None], ...] = (
-    parts_are_the_profile,
-    slope_and_curvature_are_derivatives,
-    vertex_is_the_origin,
-    radii_are_those_of_the_normals,
-    bounds_hold_the_meridian,
-    comes_back_from_words_and_pickles,
-    describes_every_parameter,
-    refuses_what_is_out_of_range,
+    check_profile_components,
+    check_derivatives,
+    check_vertex,
+    check_radii,
+    check_bounds,
+    check_serialisation,
+    check_parameter_descriptions,
+    check_parameter_ranges,
 )
 """Individual checks of :func:`check_mirror`."""

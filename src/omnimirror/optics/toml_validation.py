@@ -35,7 +35,7 @@ class Table(BaseModel):
 M = typing.TypeVar("M", bound=Table)
 
 
-class StandTable(Table):
+class MountTable(Table):
     """Orientation of a sensor: optical axis, pitch and roll."""
 
     camera_looks: CameraLooks = "up"
@@ -161,7 +161,7 @@ class SourceLocator:
             raise self.error(getattr(e, "path", path), str(e)) from None
 
 
-class NoFile(SourceLocator):
+class NullLocator(SourceLocator):
     """Locator without lines: errors report the path of their entry."""
 
     def __init__(self) -> None:

@@ -36,7 +36,7 @@ def is_for_kernels(sensor: Sensor) -> bool:
     """Return True if the compiled kernels support the sensor: ideal lens, possibly distorted, and
     poses.
     """
-    return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_but_for_pose
+    return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_except_pose
 
 
 class SceneFrame(NamedTuple):

@@ -240,8 +240,8 @@ class ThroughShell:
         """Return the continuation of reflected rays."""
         mirror = self.sensor.optical_train.posed_mirror
         points, directions = (
-            passage.met + ORIGIN_OFFSET_MM * passage.thrown_back,
-            passage.thrown_back,
+            passage.met + ORIGIN_OFFSET_MM * passage.reflected,
+            passage.reflected,
         )
         again = mirror.trace(points, directions)
         points = np.where(
@@ -325,10 +325,10 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
     standing = sensor.obstructions
     if standing.camera is None:
         return np.ones(len(points))
-    meets, across = standing.camera.met_by(points, directions)
+    meets, across = standing.camera.blocks(points, directions)
     if standing.rod is not None:
         meets &= ~(
-            standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens)
+            standing.rod.blocks(points, directions) | standing.rod.blocks(points, towards_lens)
         )
     return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
 

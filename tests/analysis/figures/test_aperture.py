@@ -11,7 +11,7 @@ from omnimirror.analysis.figures.aperture import (
     encircled_energy,
     illumination_curves,
     mtf_curves,
-    psf_pictures,
+    psf_images,
     spot_matrix,
 )
 
@@ -54,7 +54,7 @@ def test_mtf_lines_are_the_mtf():
 def test_psf_pictures_keep_tangential_to_the_right():
     """The spot at 120 deg is taller than wide, and coma of a fast lens extends along one axis only."""
     found = [om.psf(SPH, 120.0, step_px=0.5)]
-    figure = psf_pictures(found)
+    figure = psf_images(found)
     (image,) = figure.axes[0].get_images()
     spread = [
         np.sqrt((found[0].density.sum(axis=a) @ found[0].offset_px ** 2) / found[0].density.sum())

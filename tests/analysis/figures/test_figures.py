@@ -28,9 +28,9 @@ from omnimirror.analysis.figures.style import (
     axis_label,
     axis_of_both,
     axis_title,
+    displayed_points,
     save_figure,
-    shown_points,
-    spread,
+    separated_positions,
     styled,
 )
 from omnimirror.analysis.figures.subjects import subjects_of
@@ -245,7 +245,7 @@ def test_names_may_hold_anything():
 def test_spread_keeps_apart_in_order_and_inside(seed):
     rng = np.random.default_rng(seed)
     wanted = rng.uniform(0, 10, 8)
-    placed = spread(wanted, 0.9, 0.0, 10.0)
+    placed = separated_positions(wanted, 0.9, 0.0, 10.0)
     order = np.argsort(wanted)
     assert (np.diff(placed[order]) >= 0.9 - 1e-9).all()
     assert placed.min() >= 0
@@ -266,7 +266,7 @@ def test_spread_is_the_least_squares_solution():
             method="SLSQP",
             options={"ftol": 1e-12},
         )
-        np.testing.assert_allclose(spread(sought, gap, low, high), found.x, atol=1e-5)
+        np.testing.assert_allclose(separated_positions(sought, gap, low, high), found.x, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_spread_is_the_least_squares_solution():
 )
 def test_spread_of_few_labels(sought, placed):
     """Single, in reverse order, at equal positions, at the edge, and more than fit."""
-    np.testing.assert_allclose(spread(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
+    np.testing.assert_allclose(separated_positions(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
 
 
 def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
@@ -296,12 +296,21 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
     ax.set(xlim=(4.0, 0.0), ylim=(0.0, 10.0))
     x = np.arange(6.0)
     up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
-    assert shown_points(ax, up).tolist() == [True] * 5 + [False]
-    assert not shown_points(ax, outside).any()
+    assert displayed_points(ax, up).tolist() == [True] * 5 + [False]
+    assert not displayed_points(ax, outside).any()
     edges = ax.plot(
         [2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0]
     )[0]
-    assert shown_points(ax, edges).tolist() == [True, False, True, False, True, True, False, False]
+    assert displayed_points(ax, edges).tolist() == [
+        True,
+        False,
+        True,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
     labels = EndLabels(figure)
     labels.of_line(ax, up, "up")
     labels.of_line(ax, outside, "outside")

@@ -275,7 +275,7 @@ def test_a_window_sees_what_leads_back():
 def test_the_compiled_evaluator_computes_the_same(request, kind, wall):
     options = {"lens": request.getfixturevalue(kind)} if kind in ("triplet", "table") else {}
     options |= {"magnification": 0.06} if kind == "telecentric" else {}
-    designs = designs_with(40, WALLS[wall], least_omega_deg=10.0, **options)
+    designs = designs_with(40, WALLS[wall], min_omega_deg=10.0, **options)
     a, b = (evaluate_designs(designs, 60, native=native) for native in (True, False))
     assert (a.valid == b.valid).all()
     np.testing.assert_allclose(a.focus_mm, b.focus_mm, rtol=1e-9)

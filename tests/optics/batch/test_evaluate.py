@@ -188,7 +188,7 @@ def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius, m
     options = {
         "mode": mode,
         "image_radius_px": radius,
-        "least_omega_deg": 20.0,
+        "min_omega_deg": 20.0,
         "magnification": magnification,
     }
     designs = sphere_like(name, 300, 2, **options)
@@ -258,7 +258,7 @@ def test_designs_that_cannot_be_used_are_marked():
 
 def test_angles_below_the_least_do_not_count_for_the_focus():
     near, far = (
-        evaluate_designs(sphere_like("slope-spline", 20, 3, least_omega_deg=least))
+        evaluate_designs(sphere_like("slope-spline", 20, 3, min_omega_deg=least))
         for least in (0.0, 60.0)
     )
     both = near.valid & far.valid

@@ -72,7 +72,7 @@ def both(tmp_path_factory):
     path.write_text(own.zmx())
     lens = SurfaceLens.from_file(path, focus_distance_mm=212.0)
     t = np.tan(np.radians(ANGLES))
-    pupil, height = lens.pupil.place(t), np.abs(lens.field.height(t)[0])
+    pupil, height = lens.pupil.position(t), np.abs(lens.field.height(t)[0])
     table = TabulatedLens(
         lens.focal_length_mm,
         lens.f_number,
@@ -100,7 +100,7 @@ def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
     lens = surfaces.lens
     t = np.tan(np.radians(ANGLES))
     n, to_imager = own.indices(), own.imager_place(own.indices())
-    place, step = lens.pupil.place(t), 1e-4
+    place, step = lens.pupil.position(t), 1e-4
     curvature = {0: [], 1: []}
     behind = []
     for tangent, z in zip(t, place, strict=True):

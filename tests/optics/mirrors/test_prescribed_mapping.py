@@ -24,13 +24,13 @@ from omnimirror.optics.mirrors import (
     TabulatedMapping,
     UnitAspect,
 )
-from omnimirror.optics.mirrors.prescribed_mapping import Mapped, PerspectiveMeridian
+from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror, PerspectiveMeridian
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 
 M = 43.9
 
 
-def sensor_of(mirror: Mapped) -> om.Sensor:
+def sensor_of(mirror: MappingMirror) -> om.Sensor:
     imager = Imager(1024, 1024, 5.2)
     if mirror.theta_max_deg == 0:
         return om.Sensor(mirror, Orthographic(0.0592, 4.0, 22.0), imager)
@@ -40,7 +40,7 @@ def sensor_of(mirror: Mapped) -> om.Sensor:
 
 
 def evaluated(
-    mirror: Mapped, low: float = 1e-3
+    mirror: MappingMirror, low: float = 1e-3
 ) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
     """Return field angles (radians), relative image heights, and mirror points, from om.evaluate."""
     sensor = sensor_of(mirror)

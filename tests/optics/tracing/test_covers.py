@@ -252,7 +252,7 @@ def test_rays_start_where_those_from_their_images_do(name):
     image, start = train.image_and_start_of(RayEndpoints.of(towards, distant=True))
     seen = np.isfinite(image[:, 0])
     assert seen.sum() > 200
-    found = train.seen_mirror.trace(*train.rays_of_image(image[seen], np.zeros(2)))
+    found = train.effective_mirror.trace(*train.rays_of_image(image[seen], np.zeros(2)))
     assert np.abs(found.points - start[seen]).max() < 1e-7
 
 

@@ -217,7 +217,7 @@ def test_two_mirrors_hide_the_middle_and_have_a_tube_at_most():
     assert hidden.tolist() == (~rays.valid).tolist() == [True, True, False]
     truth = om.ground_truth(folded, om.Room(texel_mm=40.0))
     share = 100 * truth.hidden.sum() / (np.pi * folded.rim_radius_px**2)
-    assert share == pytest.approx(ring.picture_percent, abs=0.02)
+    assert share == pytest.approx(ring.image_percent, abs=0.02)
     assert not np.isfinite(truth.depth_mm[truth.hidden]).any()
 
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from ...base.errors import InvalidParameter
 from ...optics.sensor import Sensor
 from . import curves, image_plane, sensor_diagrams
-from .image_plane import three_pictures
-from .sensor_comparison import picture_sheet, side_by_side, table_sheet
+from .image_plane import image_and_views
+from .sensor_comparison import image_sheet, side_by_side, table_sheet
 from .style import FORMATS, render, save_figure, styled
 from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
 
@@ -23,13 +23,13 @@ __all__ = [
     "Conditions",
     "FigureSpec",
     "draw",
-    "picture_sheet",
+    "image_and_views",
+    "image_sheet",
     "render",
     "save_all",
     "save_figure",
     "side_by_side",
     "table_sheet",
-    "three_pictures",
 ]
 
 

@@ -163,7 +163,7 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
         return labels.settle()
 
 
-def psf_pictures(psfs: Sequence[Psf]) -> Figure:
+def psf_images(psfs: Sequence[Psf]) -> Figure:
     """Draw PSFs at a common length scale, with logarithmic intensity."""
     columns = min(len(psfs), 5)
     rows = -(-len(psfs) // columns)

@@ -19,7 +19,7 @@ __all__ = [
     "coverage_map",
     "residual_histograms",
     "residual_vectors",
-    "residuals_by_picture",
+    "residuals_by_image",
     "residuals_by_radius",
 ]
 
@@ -114,7 +114,7 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
     return figure
 
 
-def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
+def residuals_by_image(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
     """Draw the RMS residual of each image, in the fit and in cross-validation.
 
     Parameters
@@ -287,7 +287,7 @@ MAX_SIDE_PX = 1200  # maximum side length as drawn
 MAX_COLUMNS = 4
 
 
-class DrawnRim(NamedTuple):
+class RimDrawing(NamedTuple):
     """Image with its detected outline."""
 
     picture: NDArray[Any]
@@ -301,7 +301,7 @@ class DrawnRim(NamedTuple):
     title: str
 
 
-def found_rims(found: Sequence[DrawnRim]) -> Figure:
+def detected_rims(found: Sequence[RimDrawing]) -> Figure:
     """Draw each image with its rim, dashed if uncertain, and the image of the camera dotted."""
     columns = min(len(found), MAX_COLUMNS)
     rows = -(-len(found) // columns)
@@ -313,7 +313,7 @@ def found_rims(found: Sequence[DrawnRim]) -> Figure:
     return figure
 
 
-def _draw_rim(ax: Axes, one: DrawnRim) -> None:
+def _draw_rim(ax: Axes, one: RimDrawing) -> None:
     height, width = one.picture.shape[:2]
     every = max(1, max(height, width) // MAX_SIDE_PX)
     shown = one.picture[::every, ::every]

@@ -73,13 +73,13 @@ def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
         angle_axis(ax, widest(subjects))
         lines = [_line(ax, s, column) for s in subjects]
         _limits(ax, lines)
-        hidden_bands(ax, subjects)
+        obscured_bands(ax, subjects)
         for line, s in zip(lines, subjects, strict=True):
             labels.of_line(ax, line, s.name)
     return labels.settle()
 
 
-def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
+def obscured_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
     """Draw the obscured parts of the field as pale bands in the colour of each sensor."""
     said = False
     for s in subjects:
@@ -147,7 +147,7 @@ def blur(subjects: Sequence[Subject]) -> Figure:
     ):
         panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
         angle_axis(axes[i], widest(subjects))
-        hidden_bands(axes[i], subjects)
+        obscured_bands(axes[i], subjects)
         axes[i].set_xlabel("" if i < 2 else axes[i].get_xlabel())
     return labels.settle()
 
@@ -304,7 +304,7 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
     for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
         panel_title(ax, i, s.name, len(subjects))
         angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
-        hidden_bands(ax, [s])
+        obscured_bands(ax, [s])
         if i % columns == 0:
             ax.set_ylabel(axis_title("viewpoint_error_px"))
         for line in ax.get_lines():

@@ -404,7 +404,7 @@ def _draw_mean_pixel(ax: Axes, side_deg: float, x: float) -> None:
 # -- Fig. 17 and error maps ------------------------------------------------------------------------
 
 
-def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[Any]) -> Figure:
+def image_and_views(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[Any]) -> Figure:
     """Draw Fig. 17: circular image, panorama and zoom, each (rows, columns, 3) uint8 in RGB order.
 
     The panorama has the full width, below the other two, which have equal heights.

@@ -18,7 +18,7 @@ from ...base.quantities import QUANTITIES
 from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ..cross_section import lens_height
-from .curves import hidden_bands, value_limits
+from .curves import obscured_bands, value_limits
 from .style import (
     GREY,
     INK,
@@ -29,7 +29,7 @@ from .style import (
     bare,
     new_figure,
     panel_title,
-    spread,
+    separated_positions,
     styled,
     zero_line,
 )
@@ -100,7 +100,7 @@ def _panel(ax: Axes, subjects: Sequence[Subject], column: str) -> None:
         )
     value_limits(ax, [getattr(s.curve, column) for s in subjects])
     angle_axis(ax, widest(subjects), most_ticks=9)
-    hidden_bands(ax, subjects)
+    obscured_bands(ax, subjects)
 
 
 def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
@@ -127,7 +127,7 @@ def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
     ax.set_ylabel("z (mm)")
 
 
-def picture_sheet(
+def image_sheet(
     names: Sequence[str], circles: Sequence[NDArray[Any]], panoramas: Sequence[NDArray[Any]]
 ) -> Figure:
     """Draw the images of one scene by several sensors, and their panoramas, at one scale.
@@ -274,7 +274,7 @@ def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: l
     shown = ax.transData.transform(places) / point
     box = ax.get_window_extent()
     turn = (box.x0 + LEFT_LABEL_FROM * box.width) / point
-    heights = spread(shown[:, 1], 1.25 * LABEL_SIZE, box.y0 / point, box.y1 / point)
+    heights = separated_positions(shown[:, 1], 1.25 * LABEL_SIZE, box.y0 / point, box.y1 / point)
     texts = [plot_text(name) for name in names]
     for i, y in enumerate(heights):
         side = 1 if shown[i, 0] <= turn else -1

@@ -38,9 +38,9 @@ from .style import (
     PALETTE,
     EndLabels,
     bare,
+    displayed_points,
     new_figure,
     panel_title,
-    shown_points,
     styled,
 )
 from .subjects import Subject
@@ -227,7 +227,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
         label = f"{name[0]}$_{{{name[1:]}}}$"
         (line,) = ax.plot(x, z, color=subject.colour, gid=f"{subject.name}:{name}", **look)  # type: ignore[arg-type]
         ax.plot(-x, z, color=subject.colour, **look)  # type: ignore[arg-type]
-        if shown_points(ax, line).any():
+        if displayed_points(ax, line).any():
             labels.of_line(ax, line, label)
         else:
             beyond.append(label)
@@ -454,7 +454,7 @@ def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
     return -b + float(np.sqrt(b * b - offset @ offset + radius**2))
 
 
-def one_viewpoint(
+def single_viewpoint(
     sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0, distance: float = 3.0
 ) -> Figure:
     """Draw Fig. 14: single-viewpoint error for an object at ``distance`` rim radii (Eq. 23)."""

@@ -69,14 +69,14 @@ def axis_of_both(name: str, *parts: str) -> str:
     return f"{QUANTITIES[name].title} {', '.join(symbols)} ({QUANTITIES[name].unit})"
 
 
-def spread(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
+def separated_positions(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
     """Return positions (n,) with a minimum distance ``gap`` between low and high, as near as
     possible to the desired ones.
 
     The order is preserved. Least squares with these constraints are an isotonic regression after
     subtraction of the gaps. If the range is too small, the gap is reduced.
 
-    >>> spread([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
+    >>> separated_positions([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
     array([-1.3..., 0.6..., 2.6..., 9. ])
     """
     at: Array = np.asarray(sought, dtype=float)
@@ -91,7 +91,7 @@ def spread(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
     return placed
 
 
-def shown_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
+def displayed_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
     """Return the mask of the points of a line within the axis limits."""
     x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
     (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
@@ -108,7 +108,7 @@ class EndLabels:
 
     def of_line(self, ax: Axes, line: Line2D, text: str) -> None:
         """Label the last visible point of a line in its colour."""
-        shown = np.flatnonzero(shown_points(ax, line))
+        shown = np.flatnonzero(displayed_points(ax, line))
         if shown.size:
             x, y = (
                 float(np.asarray(v, float)[shown[-1]]) for v in (line.get_xdata(), line.get_ydata())
@@ -152,7 +152,7 @@ class EndLabels:
             box = ax.get_window_extent()
             sought = [float(ax.transData.transform(label.xy)[1]) for label in labels]
             line_height = 1.18 * self.size * self.figure.dpi / 72
-            placed = spread(sought, line_height, box.y0, box.y1)
+            placed = separated_positions(sought, line_height, box.y0, box.y1)
             for label, y in zip(labels, placed, strict=True):
                 inverse = ax.transData.inverted().transform((0.0, float(y)))
                 label.set_position((label.get_position()[0], float(inverse[1])))

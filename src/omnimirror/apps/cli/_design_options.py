@@ -21,7 +21,7 @@ from ...design.optimiser import Progress
 from ...design.ranges import Range
 from ...design.requirement_files import load_requirements, requirements_of, tables_like
 from ...design.requirements import PAPER_IMAGER, WAYS, Requirements
-from ...optics.batch.families import FREE_FORMS
+from ...optics.batch.families import FREEFORM_FAMILIES
 from ...optics.lenses import BlurMode
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
@@ -192,7 +192,7 @@ class RequirementOptions(Options):
     )
     shape: str | None = option(
         metavar="FORM[:N]",
-        help=f"Shape for --optimise: {', '.join(FREE_FORMS)}.  [default: {SHAPE}]",
+        help=f"Shape for --optimise: {', '.join(FREEFORM_FAMILIES)}.  [default: {SHAPE}]",
     )
     fit: str | None = option(
         metavar="FORM:N",

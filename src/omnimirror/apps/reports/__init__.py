@@ -19,7 +19,7 @@ from ...base.quantities import QUANTITIES, explained
 from ...dewarp import Dewarper, screens, views
 from ...io import write_image
 from ...optics.sensor import Sensor
-from ...optics.tracing.obscuration import hidden_words
+from ...optics.tracing.obscuration import obscuration_summary
 from ...simulation.rendering import SHOWN_SAMPLES, take_picture
 from ...simulation.scenes.room import Room
 
@@ -159,7 +159,7 @@ def _numbers(result: Evaluation) -> str:
         "Depth of field": f"{near:.1f} to {far:.1f} mm",
         area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
-        "Hidden": hidden_words(sensor.obscurations, sensor.hidden_percent),
+        "Hidden": obscuration_summary(sensor.obscurations, sensor.hidden_percent),
     }
     return "".join(
         f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()

@@ -14,7 +14,7 @@ from ...analysis.figures.calibration_results import (
     coverage_map,
     residual_histograms,
     residual_vectors,
-    residuals_by_picture,
+    residuals_by_image,
     residuals_by_radius,
 )
 from ...analysis.figures.style import styled
@@ -137,7 +137,7 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
             ),
             "residuals": residual_vectors(pixels, residuals, size),
             "residuals-by-radius": residuals_by_radius(radius, radial, across),
-            "residuals-by-picture": residuals_by_picture(names, *_by_picture(calibration)),
+            "residuals-by-picture": residuals_by_image(names, *_by_picture(calibration)),
             "residual-histograms": residual_histograms(residuals, fit.noise_px),
         }
 

@@ -13,7 +13,7 @@ from matplotlib import image
 from numpy.typing import NDArray
 
 from ...analysis.comparison import Comparison
-from ...analysis.figures import picture_sheet, render, side_by_side, table_sheet
+from ...analysis.figures import image_sheet, render, side_by_side, table_sheet
 from ...base.arguments import checked
 from ...base.errors import InvalidParameter
 from ...base.escaping import html_text, shell_command
@@ -135,7 +135,7 @@ def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.u
     figures = (
         table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
         side_by_side(_in_place(comparison)),
-        picture_sheet(comparison.names, pictures.circles, pictures.panoramas),
+        image_sheet(comparison.names, pictures.circles, pictures.panoramas),
     )
     sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
     return np.round(255 * np.concatenate(sheets)).astype(np.uint8)

@@ -26,7 +26,7 @@ from ...design.limits import LIMITABLE
 from ...design.merits import DESIGN_MERITS
 from ...design.mirror_construction import FAMILIES, MountedMirror, RimRay
 from ...design.mirror_fits import fit_mirror
-from ...optics.batch.families import FREE_FORMS
+from ...optics.batch.families import FREEFORM_FAMILIES
 from ...optics.image_sensor import Imager
 from ...optics.lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
 from ...optics.mirrors import (
@@ -41,11 +41,11 @@ from ...optics.mirrors import (
 )
 from ...optics.mirrors.as_built import MirrorPose
 from ...optics.mirrors.mappings import MAPPINGS
-from ...optics.mirrors.prescribed_mapping import Mapped
+from ...optics.mirrors.prescribed_mapping import MappingMirror
 from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
-from ...optics.toml_validation import EntryError, NoFile
+from ...optics.toml_validation import EntryError, NullLocator
 from .bench_messages import (
     BenchSensor,
     BenchStart,
@@ -93,7 +93,7 @@ def bench_start() -> BenchStart:
             name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None
         ),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
-        shapes=tuple(FREE_FORMS),
+        shapes=tuple(FREEFORM_FAMILIES),
         sensors=tuple(bundled_sensors()),
     )
 
@@ -150,7 +150,7 @@ NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
 """First entry that an error message names."""
 
 
-class Form(NoFile):
+class Form(NullLocator):
     """Locator of the form entry that an error concerns, also for errors that only name it in their
     message."""
 
@@ -178,7 +178,7 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
         return sensor_of(tables, form)
     mount = {**mount, "mirror_distance_mm": 1.0}  # arbitrary value, replaced by that of the mirror
     sensor = sensor_of({**tables, "mount": mount}, form)
-    if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
+    if not isinstance(sensor.mirror, MappingMirror) or sensor.lens.TELECENTRIC:
         return sensor_of(tables, form)
     distance = sensor.mirror.design_distance
     return form.wrap(
@@ -195,7 +195,7 @@ def in_place(sensor: Sensor) -> Sensor:
 def remark_on(sensor: Sensor) -> str | None:
     """Return a remark on properties of a sensor that its plots do not include; None if complete."""
     pose = sensor.mirror_pose
-    if pose.is_axial and sensor.is_ideal_but_for_pose:
+    if pose.is_axial and sensor.is_ideal_except_pose:
         return None
     if pose.is_axial:
         return (
@@ -218,7 +218,7 @@ def why_not_optimised(sensor: Sensor) -> str | None:
         return "Mirrors are optimised one at a time, and this sensor has two."
     if not sensor.mirror_pose.is_axial:
         return "Mirrors are optimised in their place, and this one is decentred or tilted."
-    if not sensor.is_ideal_but_for_pose:
+    if not sensor.is_ideal_except_pose:
         return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
     return None
 
@@ -227,7 +227,9 @@ def on_bench(sensor: Sensor) -> BenchSensor:
     """Convert a sensor to its bench representation."""
     mirror = sensor.mirror
     is_mapped = (
-        isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+        isinstance(mirror, MappingMirror)
+        and sensor.secondary is None
+        and not sensor.lens.TELECENTRIC
     )
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
@@ -304,7 +306,7 @@ def rim_of(sensor: Sensor) -> RimRay:
     return RimRay(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
 
 
-def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
+def _mapped(cls: type[Any], rim: RimRay) -> MappingMirror:
     """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
     M, most = rim.rim_radius_mm, cls.MAX_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
@@ -318,7 +320,7 @@ def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
     ]
     if "cylinder_radius_mm" in needed:
         needed.append("omega_min_deg")
-    made: Mapped = cls(
+    made: MappingMirror = cls(
         omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed}
     )
     return made
@@ -376,7 +378,7 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
         lens.focus_distance_mm,
         tuple(np.round(angles, 6)),
         tuple(np.round(heights, 6)),
-        tuple(np.round(lens.pupil.place(tangent), 6)),
+        tuple(np.round(lens.pupil.position(tangent), 6)),
         principal_point_mm=lens.principal_point_mm,
     )
 
@@ -409,7 +411,7 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
 def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
     """Solve a prescribed-mapping mirror for another viewing angle; other mirrors are returned
     unchanged."""
-    if isinstance(mirror, Mapped):
+    if isinstance(mirror, MappingMirror):
         return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
     return mirror
 

@@ -188,7 +188,7 @@ def offsets_from_axis(sensor: Sensor) -> Array:
     InvalidParameter
         If the mirror is decentred or tilted, or there are two mirrors.
     """
-    sensor.check("restoring and merging pictures", "one mirror")
+    sensor.check("restoring and merging pictures", "single mirror")
     _ = sensor.meridian  # raises an error for misaligned mirrors
     assert sensor.symmetry is not None
     width, height = sensor.image_size

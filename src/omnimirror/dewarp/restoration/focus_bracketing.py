@@ -99,7 +99,7 @@ def plan_bracket(
     limit_px = number("limit_px", limit_px)
     if not 0.05 <= limit_px <= 1000:
         raise InvalidParameter(f"limit_px = {limit_px:g} is outside 0.05 to 1000 px")
-    sensor.check("a focus bracket", "one mirror")
+    sensor.check("a focus bracket", "single mirror")
     omega = np.linspace(*sensor.field_deg, ANGLES)
     omega[-1] *= ROUNDED
     study = _study(sensor, np.radians(omega), _distance(object_distance_mm))

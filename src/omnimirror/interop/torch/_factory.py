@@ -118,6 +118,6 @@ def _is_traceable(sensor: Sensor) -> bool:
     return (
         sensor.secondary is None
         and sensor.housing.shell is None
-        and sensor.is_ideal_but_for_pose
+        and sensor.is_ideal_except_pose
         and isinstance(sensor.lens, Perspective | Orthographic)
     )

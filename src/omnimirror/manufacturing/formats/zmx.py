@@ -21,7 +21,7 @@ import numpy as np
 from ... import __version__
 from ...base.escaping import label, visible
 from ...base.typing import Array
-from ...optics.housing import wall_words
+from ...optics.housing import wall_description
 from ...optics.lenses import GaussianLens, Orthographic
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import ChiefRays
@@ -101,8 +101,8 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         f"Omega = {direction}. Omega of the fields, deg: {angles}.",
         *(
             [
-                f"The {shell.KIND} ({wall_words(shell)}) is not included: angles are those between it and the mirror. "
-                f"Omega outside, deg: {_listed_deg(rays.omega)}."
+                f"The {shell.KIND} ({wall_description(shell)}) is not included: angles are those "
+                f"between it and the mirror. Omega outside, deg: {_listed_deg(rays.omega)}."
             ]
             if shell is not None
             else []

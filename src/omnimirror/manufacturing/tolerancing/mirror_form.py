@@ -310,7 +310,7 @@ def as_built(sensor: Sensor, form: FormError, *, asymmetric: bool = False) -> Se
     """
     _check_its_mirror(sensor, form)
     if asymmetric:
-        sensor.check("a mirror with all of its form error", "one mirror")
+        sensor.check("a mirror with all of its form error", "single mirror")
         beside = {t.noll: t.um for t in form.terms if noll(t.noll)[1] and t.noll <= TERMS}
         sensor = replace(sensor, mirror_form=MirrorForm(tuple(beside), tuple(beside.values())))
     away, pose, second = 1e-3 * form.vertex_um, sensor.mirror_pose, sensor.secondary

@@ -119,13 +119,15 @@ def sensor_images(
         np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0)
     )
     each = RayEndpoints(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
-    beside = train.seen_mirror.specular(pupils, each, np.repeat(result.points, 4, axis=0))
+    beside = train.effective_mirror.specular(pupils, each, np.repeat(result.points, 4, axis=0))
 
     def imaged(sensor: Sensor) -> tuple[Array, Array]:
         """Return offsets (n, 2) in px and blur matrices (n, 2, 2)."""
         lens, offset = sensor.lens, sensor.optical_train.lens_offset
-        flat = lens.image_of(result.seen_at - offset, result.to_pupils)
-        round_about = lens.image_of(beside.seen_at - offset, beside.to_pupils).reshape(n, 4, 2)
+        flat = lens.image_of(result.facing_points - offset, result.to_pupils)
+        round_about = lens.image_of(beside.facing_points - offset, beside.to_pupils).reshape(
+            n, 4, 2
+        )
         at, sides = _on_imager(sensor, flat), _on_imager(sensor, round_about)
         blur = np.stack([sides[:, 0] - sides[:, 1], sides[:, 2] - sides[:, 3]], axis=-1) / EDGE_PX
         return at, blur + _by_leaning(sensor, flat, result.to_pupils)
@@ -156,7 +158,7 @@ def _on_imager(sensor: Sensor, flat_mm: Array) -> Array:
 def _by_leaning(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
     """Return the additional blur (n, 2, 2) in px due to the imager tilt."""
     lens, pose = sensor.lens, sensor.imager_pose
-    if pose.is_square or not isinstance(lens, Perspective):
+    if pose.is_perpendicular or not isinstance(lens, Perspective):
         return np.zeros((len(flat_mm), 2, 2))
     c, f = lens.principal_distance, lens.focal_length_mm
     _, depth = pose.flat(pose.tilted(flat_mm, c), c)

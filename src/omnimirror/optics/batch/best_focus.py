@@ -32,7 +32,7 @@ from ...base.optimisation import (
 from ...base.typing import Array
 from .closed_forms import (
     DEGREE,
-    NodeOptics,
+    MirrorPointOptics,
     PerspectiveCamera,
     RealCamera,
     TelecentricCamera,
@@ -170,7 +170,7 @@ class RealAreas:
     camera: RealCamera
 
     @classmethod
-    def of(cls, o: NodeOptics, camera: RealCamera, counts: Array) -> RealAreas:
+    def of(cls, o: MirrorPointOptics, camera: RealCamera, counts: Array) -> RealAreas:
         """Create the areas of mirror points (n, k)."""
         lens = camera.tables
         found = lens.at(o.ray)

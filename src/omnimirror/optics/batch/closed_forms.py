@@ -9,16 +9,24 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..housing import BEYOND_LENS_MM, LENS_AT_RIMS, Dome, FlatWindow, Housing, Rim, Tube
+from ..housing import (
+    BEYOND_LENS_MM,
+    TELECENTRIC_LENS_DISTANCE_RIMS,
+    Dome,
+    FlatWindow,
+    Housing,
+    Rim,
+    Tube,
+)
 from ..lenses import BlurMode
 from ..lenses._field_lens import FieldLens
 from ..tracing.meridian import (
-    Passed,
+    CoverTransit,
     Pencil,
     RefractingSurface,
+    distances_inside_cover,
     refract_through_shell,
     refracting_surfaces,
-    seen_inside,
 )
 from ..tracing.obscuration import Obstructions
 
@@ -40,7 +48,7 @@ Array = NDArray[Any]
 DEGREE = np.pi / 180
 
 
-class NodeOptics(NamedTuple):
+class MirrorPointOptics(NamedTuple):
     """Camera-independent optics of mirror points; arrays like x, in mm and radians."""
 
     omega: Array
@@ -70,7 +78,7 @@ class NodeOptics(NamedTuple):
     """1/distance of the objects from the mirror points, 1/mm."""
 
 
-class Look(NamedTuple):
+class FocusedImage(NamedTuple):
     """Images of mirror points by a focused camera; arrays (.., k), or (.., 1) if constant."""
 
     t_px: Array
@@ -96,7 +104,7 @@ def node_optics(
     slope_over_x: Array,
     m: Array,
     inverse_distance: Any = 0.0,
-) -> NodeOptics:
+) -> MirrorPointOptics:
     """Compute the optics of mirror points for a perspective lens at distance m from the vertex.
 
     Parameters
@@ -123,7 +131,7 @@ def node_optics(
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near)
     # dOmega/dx = 2 dbeta/dx + dtheta/dx (Eq. 8)
     domega_dx = 2 * curvature / steep + front / to_lens
-    return NodeOptics(
+    return MirrorPointOptics(
         omega=omega,
         ray=x / w,
         # object motion across the ray: p domega_dx + cos(gamma)/cos(beta);
@@ -146,13 +154,13 @@ def telecentric_optics(
     curvature: Array,
     slope_over_x: Array,
     inverse_distance: Any = 0.0,
-) -> NodeOptics:
+) -> MirrorPointOptics:
     """Compute the optics as :func:`node_optics` for a telecentric lens."""
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
     omega = 2 * np.arctan(slope)
     near = inverse_distance(x, z, omega) if callable(inverse_distance) else inverse_distance
-    return NodeOptics(
+    return MirrorPointOptics(
         omega=omega,
         ray=x + 0 * slope,
         magnification_t=1 / (domega_dx + near),
@@ -177,7 +185,7 @@ class FocusedCamera(Protocol):
         """Compute image heights of ray coordinates, px (Eq. 7)."""
         ...
 
-    def at(self, o: NodeOptics, v: Array) -> Look:
+    def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
         ...
 
@@ -216,9 +224,9 @@ class IdealCamera:
         height: Array = ray * self.px_per_ray(v)
         return height
 
-    def at(self, o: NodeOptics, v: Array) -> Look:
+    def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         ray_px, blur_px, none = self.px_per_ray(v), self.px_per_vergence(v), 0 * v
-        return Look(
+        return FocusedImage(
             blur_px * (v - o.vergence_t),
             blur_px * (v - o.vergence_s),
             o.magnification_t * ray_px * DEGREE,
@@ -392,7 +400,7 @@ class LensTables:
         Distance e of the paraxial entrance pupil from the principal point.
     pupil_mm
         Paraxial entrance pupil from the reference point: origin of vergences in focus.
-    most_vergence
+    max_vergence
         Vergence of the nearest focus tabulated.
     imager_mm
         Distance from the reference point to the imager, focused at infinity.
@@ -404,7 +412,7 @@ class LensTables:
     f_number: float
     pupil_from_principal_mm: float
     pupil_mm: float
-    most_vergence: float
+    max_vergence: float
     imager_mm: float
 
     @property
@@ -414,7 +422,7 @@ class LensTables:
     @property
     def bounds(self) -> tuple[float, float]:
         """Vergences of the focus range."""
-        return 1 / (MAX_DISTANCE_MM - self.pupil_mm), self.most_vergence
+        return 1 / (MAX_DISTANCE_MM - self.pupil_mm), self.max_vergence
 
     def at(self, tangent: Array) -> LensColumns:
         """Evaluate the columns (..) at tangents (..), with linear extrapolation."""
@@ -474,7 +482,7 @@ def tables_of(lens: FieldLens) -> LensTables:
     made = LensTables(
         np.empty(0), 0.0, f, lens.f_number, lens.pupil_from_principal, at, 1 / (nearest - at), 0.0
     )
-    vergences = np.array([1 / (MAX_DISTANCE_MM - at), made.most_vergence / 2, made.most_vergence])
+    vergences = np.array([1 / (MAX_DISTANCE_MM - at), made.max_vergence / 2, made.max_vergence])
     focused, q = [lens.focused_at(float(1 / v + at)) for v in vergences], made.defocus(vergences)
     end = min(one.field.end for one in focused)
     tangent = np.linspace(0.0, end, CELLS + 1)
@@ -528,7 +536,7 @@ def _columns(lens: FieldLens, tangent: Array) -> Array:
 # steps; the equations of a pinhole and a bare mirror are above.
 
 
-class Walls(NamedTuple):
+class WallArrays(NamedTuple):
     """Clear walls of b designs, (b, 1) or scalars; heights above the vertices, mm."""
 
     sides: tuple[RefractingSurface, RefractingSurface]
@@ -540,7 +548,7 @@ class Walls(NamedTuple):
     """True if mirror and lens fit inside."""
 
 
-class Aim(NamedTuple):
+class ChiefRayGeometry(NamedTuple):
     """Chief-ray geometry of the lens at mirror points."""
 
     w: Array
@@ -551,7 +559,7 @@ class Aim(NamedTuple):
     """Motion of the pupil, mm per radian."""
 
 
-def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | None:
+def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> WallArrays | None:
     """Fit the wall of a housing to each design.
 
     The lenses are at m (b, 1) from the vertices, infinite for telecentric ones; the rims have
@@ -560,7 +568,7 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
     shell, rim = housing.shell, housing.rim or Rim()
     if shell is None:
         return None
-    lens = np.where(np.isfinite(m), -m, -LENS_AT_RIMS * M)
+    lens = np.where(np.isfinite(m), -m, -TELECENTRIC_LENS_DISTANCE_RIMS * M)
     back, outer = rim_sag + rim.thickness_mm, M + rim.width_mm
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
@@ -569,7 +577,7 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
             RefractingSurface("plane", np.inf, inner),
             RefractingSurface("plane", np.inf, inner - shell.wall_mm),
         )
-        return Walls(sides, indices, None, np.real(inner) <= np.real(lens))
+        return WallArrays(sides, indices, None, np.real(inner) <= np.real(lens))
     if isinstance(shell, Tube):
         least, usual = shell.diameters(outer)
         radius = (shell.diameter_mm or usual) / 2 + 0 * lens
@@ -577,7 +585,7 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
             RefractingSurface("cylinder", radius - shell.wall_mm, 0.0),
             RefractingSurface("cylinder", radius, 0.0),
         )
-        return Walls(sides, indices, (lens, back), 2 * np.real(radius) >= np.real(least))
+        return WallArrays(sides, indices, (lens, back), 2 * np.real(radius) >= np.real(least))
     assert isinstance(shell, Dome)
     least, usual = shell.diameters(lens, back, outer)
     radius, centre = (
@@ -591,29 +599,29 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
     takes_in = (2 * np.real(radius) >= least) & (
         np.real(radius - shell.wall_mm) > np.abs(np.real(lens - centre))
     )
-    return Walls(sides, indices, None, takes_in)
+    return WallArrays(sides, indices, None, takes_in)
 
 
-def walls_around(obstructions: Obstructions) -> Walls | None:
+def walls_around(obstructions: Obstructions) -> WallArrays | None:
     """Return the wall of one sensor, with known size."""
     shell, envelope = obstructions.housing.shell, obstructions.envelope
     if shell is None:
         return None
     ends = (envelope.base_mm, envelope.back_mm) if isinstance(shell, Tube) else None
-    return Walls(refracting_surfaces(shell), (shell.index, shell.outer_index), ends, True)
+    return WallArrays(refracting_surfaces(shell), (shell.index, shell.outer_index), ends, True)
 
 
-def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
+def aim_of(x: Array, depth: Array, tables: LensTables | None) -> ChiefRayGeometry:
     """Return the chief rays of points at x from the axis and a depth from the lens.
 
     The depth is infinite for a telecentric lens; an ideal lens has its pupil in the reference
     point.
     """
     if tables is None:
-        return Aim(depth, x / depth, 0 * x)
+        return ChiefRayGeometry(depth, x / depth, 0 * x)
     tangent = tables.aimed(x, depth)
     found = tables.at(tangent)
-    return Aim(depth - found.place, tangent, found.motion * (1 + tangent * tangent))
+    return ChiefRayGeometry(depth - found.place, tangent, found.motion * (1 + tangent * tangent))
 
 
 def built_optics(
@@ -622,10 +630,10 @@ def built_optics(
     slope: Array,
     curvature: Array,
     slope_over_x: Array,
-    aim: Aim,
+    aim: ChiefRayGeometry,
     near: Any,
-    walls: Walls | None,
-) -> NodeOptics:
+    walls: WallArrays | None,
+) -> MirrorPointOptics:
     """Compute the optics of mirror points as :func:`node_optics`.
 
     For a telecentric lens ``aim.w`` is infinite. If ``near`` is a function of points and field
@@ -654,7 +662,7 @@ def built_optics(
     around = sine + near * (foot.x - sine * inside)
     magnification_t = dray / across
     axis_z = foot.z + np.where(on_axis, foot.spread / foot.rate, foot.x * np.cos(foot.omega) / sine)
-    return NodeOptics(
+    return MirrorPointOptics(
         omega=foot.omega,
         ray=ray,
         magnification_t=magnification_t,
@@ -670,7 +678,7 @@ def built_optics(
 
 
 def _outside(
-    start: Pencil, near: Any, walls: Walls | None
+    start: Pencil, near: Any, walls: WallArrays | None
 ) -> tuple[Pencil, Any, Any, Any, Any, Any, Any]:
     """Return rays outside the wall, and the vergences of objects.
 
@@ -685,7 +693,7 @@ def _outside(
     passed = refract_through_shell(start, walls.sides, walls.indices)
     near, bare = (_behind_wall(near, passed), near(*start[:3])) if callable(near) else (near, near)
     behind = near / (1 - near * passed.inside)
-    near_t, near_s = seen_inside(passed.refractions, behind)
+    near_t, near_s = distances_inside_cover(passed.refractions, behind)
     inside = passed.inside - passed.reach
     outside = _let_out(passed) & walls.fits & (np.real(near * passed.inside) < 1)
     if walls.ends is None:
@@ -703,7 +711,7 @@ def _outside(
     return foot, near, near_t, near_s, np.where(crosses, inside, 0.0), True, outside | ~crosses
 
 
-def _behind_wall(near: Any, passed: Passed) -> Any:
+def _behind_wall(near: Any, passed: CoverTransit) -> Any:
     """Return 1/distance along the optical path from mirror points to objects behind a wall."""
     foot = passed.foot
     onward = near(
@@ -714,7 +722,7 @@ def _behind_wall(near: Any, passed: Passed) -> Any:
     return onward / (1 + onward * passed.inside)
 
 
-def as_rim(o: NodeOptics) -> NodeOptics:
+def as_rim(o: MirrorPointOptics) -> MirrorPointOptics:
     """Replace mirror points (n, k) without outside view by the last one."""
     if o.seen is True:
         return o
@@ -722,7 +730,7 @@ def as_rim(o: NodeOptics) -> NodeOptics:
     return o._replace(**{n: np.where(o.seen, getattr(o, n), getattr(o, n)[:, -1:]) for n in same})
 
 
-def _let_out(passed: Passed) -> Any:
+def _let_out(passed: CoverTransit) -> Any:
     """Check that rays leave the wall, and that neighbours do not cross behind it."""
     foot = passed.foot
     apart = np.real(foot.spread + passed.reach * foot.rate) > 0
@@ -764,7 +772,7 @@ class RealCamera:
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope
 
-    def resolution(self, o: NodeOptics, found: LensColumns) -> tuple[Array, Array]:
+    def resolution(self, o: MirrorPointOptics, found: LensColumns) -> tuple[Array, Array]:
         """Return Dh and Dw (3, ..), px/deg, by powers of q, at mirror points."""
         centre = np.real(o.ray) == 0
         over_ray = np.where(centre, found.rate, found.height / np.where(centre, 1.0, o.ray))
@@ -783,7 +791,7 @@ class RealCamera:
         )
         return height
 
-    def at(self, o: NodeOptics, v: Array) -> Look:
+    def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
         found, q = self.tables.at(o.ray), self.tables.defocus(v)
         far_t, spread_t, far_s, spread_s, own_t, own_s = (
@@ -792,4 +800,4 @@ class RealCamera:
         dh, dw = (focus_powers(c, q) for c in self.resolution(o, found))
         wide = self.tables.focal_length_mm / self.tables.f_number  # pupil diameter
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
-        return Look(t, s, dh, dw, self.airy_px(v), own_t, own_s, found.light)
+        return FocusedImage(t, s, dh, dw, self.airy_px(v), own_t, own_s, found.light)

@@ -28,11 +28,11 @@ from .closed_forms import (
     DEGREE,
     FocusedCamera,
     LensTables,
-    NodeOptics,
+    MirrorPointOptics,
     PerspectiveCamera,
     RealCamera,
     TelecentricCamera,
-    Walls,
+    WallArrays,
     aim_of,
     as_rim,
     built_optics,
@@ -82,7 +82,7 @@ class Designs:
         As in :func:`omnimirror.evaluate`.
     object_distance_mm
         Distance from mirror to object; or one distance per field angle.
-    least_omega_deg
+    min_omega_deg
         Field angles below this are excluded from the best focus.
     lens
         Real lens of all designs, from a table or surfaces; distances refer to its reference point.
@@ -105,7 +105,7 @@ class Designs:
     image_radius_px: float | None = None
     wavelength_nm: float = 550.0
     object_distance_mm: float | Array = np.inf
-    least_omega_deg: float = 0.0
+    min_omega_deg: float = 0.0
     lens: FieldLens | None = None
     housing: Housing = field(default_factory=Housing)
 
@@ -172,7 +172,7 @@ class Designs:
         """Tables of the real lens."""
         return None if self.lens is None else tables_of(self.lens)
 
-    def walls(self, rim_sag_mm: Array) -> Walls | None:
+    def walls(self, rim_sag_mm: Array) -> WallArrays | None:
         """Return the walls of designs whose rims have heights (n,), mm."""
         m = np.full(len(self), np.inf) if self.is_telecentric else self.mirror_distance_mm
         return walls_of(self.housing, m[:, None], rim_sag_mm[:, None], self.rim_radius_mm[:, None])
@@ -336,7 +336,7 @@ def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
     return x, z, slope, curvature, slope_over_x
 
 
-def _optics(d: Designs, u: Array) -> NodeOptics:
+def _optics(d: Designs, u: Array) -> MirrorPointOptics:
     x, z, slope, curvature, slope_over_x = _profiles(d, u)
     near = 1 / np.asarray(d.object_distance_mm, dtype=float)
     if not d.is_bare:
@@ -356,7 +356,7 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
     with np.errstate(all="ignore"):
         o = _optics(d, u)
         camera = d.camera(o.ray[:, -1:])
-        counts = np.broadcast_to(o.seen & (o.omega >= d.least_omega_deg * DEGREE), o.omega.shape)
+        counts = np.broadcast_to(o.seen & (o.omega >= d.min_omega_deg * DEGREE), o.omega.shape)
         known = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
         usable = (o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)
         valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & known
@@ -385,7 +385,7 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
 
 
 def _areas(
-    d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array
+    d: Designs, o: MirrorPointOptics, camera: FocusedCamera, counts: Array
 ) -> IdealAreas | RealAreas:
     """Return the floored areas of designs at any focus."""
     if isinstance(camera, RealCamera):
@@ -414,7 +414,7 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
         d.image_radius_px or 0.0,
         d.wavelength_nm,
         near,
-        d.least_omega_deg * DEGREE,
+        d.min_omega_deg * DEGREE,
         FOCUS_SEARCH,
         *_of_lens(d),
         *_of_walls(d),

@@ -100,7 +100,7 @@ class MovingPupil(EntrancePupil):
     """Entrance pupil that moves with the viewing angle; ``at_mm`` is its paraxial position."""
 
     tangents: tuple[float, ...] = ()
-    places_mm: tuple[float, ...] = ()
+    positions_mm: tuple[float, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -108,10 +108,10 @@ class MovingPupil(EntrancePupil):
 
     @cached_property
     def _spline(self) -> tuple[BSpline, BSpline]:
-        spline = even_spline(np.array(self.tangents), np.array(self.places_mm)[:, None])
+        spline = even_spline(np.array(self.tangents), np.array(self.positions_mm)[:, None])
         return spline, spline.derivative()
 
-    def place(self, tangent: Array) -> Array:
+    def position(self, tangent: Array) -> Array:
         return np.asarray(self._spline[0](self._inside(tangent))[..., 0])
 
     def _inside(self, tangent: Array) -> Array:

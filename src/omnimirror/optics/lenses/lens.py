@@ -49,7 +49,7 @@ class EntrancePupil:
         """True if its position depends on the viewing angle."""
         return False
 
-    def place(self, tangent: Array) -> Array:
+    def position(self, tangent: Array) -> Array:
         """Return the positions (n,), mm, at viewing angles given by their tangents."""
         return np.full_like(tangent, self.at_mm)
 

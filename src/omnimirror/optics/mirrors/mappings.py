@@ -28,11 +28,11 @@ from .prescribed_mapping import (
     OMEGA_MIN,
     THETA_MAX,
     Curve,
-    Generated,
-    GeneratedMeridian,
-    Mapped,
+    MappingMirror,
     OrthographicMeridian,
     PerspectiveMeridian,
+    PrescribedMapping,
+    PrescribedMeridian,
 )
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ __all__ = [
     "Equiangular",
     "Equiareal",
     "Equidistant",
-    "Generated",
     "GroundPlane",
-    "Mapped",
+    "MappingMirror",
+    "PrescribedMapping",
     "Rectifying",
     "TabulatedMapping",
     "UnitAspect",
@@ -61,7 +61,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Equidistant(Generated):
+class Equidistant(PrescribedMapping):
     """Equidistant mirror: image height exactly proportional to the field angle.
 
     ``Omega = Omega_min + k tan(theta)`` for a perspective lens at :attr:`design_distance` from the
@@ -77,7 +77,7 @@ class Equidistant(Generated):
 
     KIND: ClassVar[str] = "equidistant"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
+        **PrescribedMapping.PARAMETERS,
         "omega_min_deg": OMEGA_MIN,
     }
 
@@ -86,14 +86,14 @@ class Equidistant(Generated):
         return low + (self._omega_max - low) * tau, np.full_like(tau, self._omega_max - low)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg > 0:
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         return _straight_line(np.radians(self.omega_min_deg), self._omega_max)
 
 
 @dataclass(frozen=True)
-class Equiangular(Generated):
+class Equiangular(PrescribedMapping):
     """Equiangular mirror: field angle ``Omega = Omega_min + alpha theta``.
 
     The mirror of Chahl and Srinivasan: ``rho ~ cos((Omega + theta)/2)^(-2/(alpha + 1))``. For an
@@ -107,7 +107,7 @@ class Equiangular(Generated):
 
     KIND: ClassVar[str] = "equiangular"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
+        **PrescribedMapping.PARAMETERS,
         "omega_min_deg": OMEGA_MIN,
     }
 
@@ -122,7 +122,7 @@ class Equiangular(Generated):
         )
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         low, Theta = float(np.radians(self.omega_min_deg)), self._theta_max
         if Theta == 0:
             return _straight_line(low, self._omega_max)
@@ -157,7 +157,7 @@ def _log_cosine_ratio(a: float, t: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Conformal(Generated):
+class Conformal(PrescribedMapping):
     """Conformal mapping of the viewing sphere: ``tan(Omega/2) = K tan(theta/2)``.
 
     This is the hyperboloid with the lens at its outer focus, or the paraboloid with an orthographic
@@ -217,7 +217,7 @@ def conformal_conic(omega_max: float, theta_max: float, rim: float) -> Hyperbolo
 
 
 @dataclass(frozen=True)
-class UnitAspect(Generated):
+class UnitAspect(PrescribedMapping):
     """Unit aspect ratio of small squares at every field angle: ``tan(theta) = s tan(Omega/2)``.
 
     With ``v = tan(theta/2)^2`` and ``c = 1 + 2/s`` the integral is elementary:
@@ -234,7 +234,7 @@ class UnitAspect(Generated):
         return 2 * np.arctan(high * tau), 2 * high / (1 + (high * tau) ** 2)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         high = float(np.tan(self._omega_max / 2))
         if self.theta_max_deg == 0:
             return OrthographicMeridian(*_both(self.mapping), lambda x: high * x**2 / 2)
@@ -249,7 +249,7 @@ class UnitAspect(Generated):
 
 
 @dataclass(frozen=True)
-class Equiareal(Generated):
+class Equiareal(PrescribedMapping):
     """Equal-area mapping of solid angles: ``sin(Omega/2)^2`` is linear in ``tan(theta)^2``.
 
     The field angle on the axis is Omega_min; if it is positive, the mapping has square-root
@@ -264,7 +264,7 @@ class Equiareal(Generated):
 
     KIND: ClassVar[str] = "equiareal"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
+        **PrescribedMapping.PARAMETERS,
         "omega_min_deg": OMEGA_MIN,
     }
 
@@ -278,7 +278,7 @@ class Equiareal(Generated):
         return 2 * np.arcsin(sine), 2 * span * tau / (sine * np.sqrt(1 - sine**2))
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg > 0:
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         if self.omega_min_deg > 0:
@@ -290,7 +290,7 @@ class Equiareal(Generated):
 
 
 @dataclass(frozen=True)
-class Rectifying(Generated):
+class Rectifying(PrescribedMapping):
     """Perspective image of a distant plane: ``tan(Omega) = kappa tan(theta)``.
 
     >>> round(Rectifying(75.0, 12.0, 1.0).design_distance, 11)
@@ -305,7 +305,7 @@ class Rectifying(Generated):
         return np.arctan(high * tau), high / (1 + (high * tau) ** 2)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg > 0:
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         kappa = float(np.tan(self._omega_max))
@@ -325,7 +325,7 @@ class Rectifying(Generated):
 # solves the integral equation at Chebyshev nodes together with the condition at the rim, equivalent
 # to shooting for m at spectral order. Derivatives are complex steps without cancellation. If much of
 # the field is concentrated in little of the image, as for a plane observed up to 89.9 deg, a change
-# of variable (:class:`Crowding`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
+# of variable (:class:`NodeConcentration`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
 
 MAX_NODES = 512
 NEWTON_STEPS = 40
@@ -333,14 +333,14 @@ STEP = 1e-30  # complex-step size: its square is negligible
 
 
 @dataclass(frozen=True)
-class Crowding:
+class NodeConcentration:
     """Change of variable from s to t, denser at fast changes of the field angle.
 
     Omega is an arc tangent of the image height with complex poles at ``middle +- i width``,
     relative to the image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles
     away from the image.
 
-    >>> places = Crowding(middle=0.0, width=0.001, end=0.2)
+    >>> places = NodeConcentration(middle=0.0, width=0.001, end=0.2)
     >>> t = places.t(np.array([0.0, 0.5, 1.0]))
     >>> t.round(5), places.s(t).round(12)
     (array([0.     , 0.00447, 0.2    ]), array([0. , 0.5, 1. ]))
@@ -379,7 +379,7 @@ class Crowding:
 class Solution:
     """Height along the meridian as a series in s, and height of the rim, for rim radius 1."""
 
-    places: Crowding
+    places: NodeConcentration
     series: Chebyshev
     rim_z: float
 
@@ -389,7 +389,7 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class FiniteMapping(Generated):
+class FiniteMapping(PrescribedMapping):
     """Mirror with an image height linear along a line of object points, fixed to the mirror.
 
     Internally, ``t`` is theta (perspective) or x (orthographic) and ``y`` is ``ln(rho/m)`` or z.
@@ -429,7 +429,7 @@ class FiniteMapping(Generated):
         return np.arctan2(*self._ray(t, y, self._solution.rim_z)), y
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg == 0:
             return OrthographicMeridian(
                 lambda x: self._place(x)[0], lambda x: self._field(x)[1], self._solution.y
@@ -485,7 +485,7 @@ class FiniteMapping(Generated):
 
     def _collocate(self, count: int) -> Solution | None:
         """Solve the equations on ``count`` nodes by Newton's method; None without convergence."""
-        places = Crowding(*self._poles(), end=self._theta_max or 1.0)
+        places = NodeConcentration(*self._poles(), end=self._theta_max or 1.0)
         nodes, integral, last = _integration(count)
         s = (nodes + 1) / 2
         t, weights = places.t(s), places.rate(s) / 2
@@ -556,7 +556,7 @@ class GroundPlane(FiniteMapping):
 
     KIND: ClassVar[str] = "ground-plane"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
+        **PrescribedMapping.PARAMETERS,
         "plane_distance_mm": Parameter(
             "mm", *DISTANCE, "distance from the mirror vertex to the plane beyond the lens (H)"
         ),
@@ -587,7 +587,7 @@ class CylinderMapping(FiniteMapping):
 
     KIND: ClassVar[str] = "cylinder"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
+        **PrescribedMapping.PARAMETERS,
         "omega_min_deg": Parameter(
             "deg",
             1.0,
@@ -657,7 +657,7 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
 
 
 @dataclass(frozen=True)
-class TabulatedMapping(Mapped):
+class TabulatedMapping(MappingMirror):
     """Mirror with a tabulated mapping: image heights, in any unit, of increasing field angles.
 
     A quintic spline interpolates Omega as a function of height. The first height is 0, the image
@@ -815,7 +815,7 @@ class TabulatedMapping(Mapped):
 
 # -- Registry of mappings --------------------------------------------------------------------------
 
-MAPPINGS: dict[str, type[Mapped]] = {
+MAPPINGS: dict[str, type[MappingMirror]] = {
     cls.KIND: cls
     for cls in (
         Equidistant,

@@ -54,7 +54,7 @@ NEGLIGIBLE = 1e-14  # last terms of a series, relative to the largest
 MIN_PIECES, MAX_BISECTIONS = 4, 12
 
 
-class GeneratedMeridian(Protocol):
+class PrescribedMeridian(Protocol):
     """Meridian of a generated mirror; lengths in units of the rim radius."""
 
     @property
@@ -273,7 +273,7 @@ THETA_MAX = Parameter(
 )
 
 
-class Mapped(Mirror):
+class MappingMirror(Mirror):
     """Mirror with a prescribed exact mapping for a lens at :attr:`design_distance` from its vertex.
 
     The image height is normalised by that of the rim: ``tau = tan(theta)/tan(Theta)`` for a
@@ -313,7 +313,7 @@ class Mapped(Mirror):
         return float(np.radians(self.theta_max_deg))
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg == 0:
             return OrthographicMeridian.solve(self.angles, self.rates)
         return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
@@ -345,8 +345,8 @@ class Mapped(Mirror):
 
 
 @dataclass(frozen=True)
-class Generated(Mapped):
-    """:class:`Mapped` mirror specified by its field angle at the rim."""
+class PrescribedMapping(MappingMirror):
+    """:class:`MappingMirror` mirror specified by its field angle at the rim."""
 
     omega_max_deg: float
     theta_max_deg: float

@@ -163,7 +163,7 @@ class Refraction(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outside:
+class OutsideRays:
     """Chief rays (n,) outside a cover; lengths in mm, angles in radians.
 
     ``x``, ``z`` is the point on each ray's line closest to its mirror point; ``spread`` and
@@ -184,7 +184,7 @@ class Outside:
         """Convert optical distances from the mirror to distances from ``x``, ``z``."""
         return object_distance - self.inside + self.reach
 
-    def seen_at(self, object_distance: Array) -> tuple[Array, Array]:
+    def apparent_distances(self, object_distance: Array) -> tuple[Array, Array]:
         """Return apparent distances (n,), (n,), mm, of tangential and sagittal foci.
 
         Converging pencils have negative distances.
@@ -203,11 +203,11 @@ class Outside:
                 f"cover; got {p:g}"
             )
         with np.errstate(divide="ignore"):
-            t, s = (1 / near for near in seen_inside(self.refractions, 1 / behind))
+            t, s = (1 / near for near in distances_inside_cover(self.refractions, 1 / behind))
         return t, s
 
 
-def seen_inside(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
+def distances_inside_cover(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
     """Convert 1/distance from the outer surface to that from the mirror, T and S."""
     vergence_t = vergence_s = -near
     for r in reversed(refractions):
@@ -236,7 +236,7 @@ class RefractingSurface(NamedTuple):
     height: Any
     """Height above the mirror vertex of a plane or a sphere's centre; not used for a cylinder."""
 
-    def met_by(self, ray: Pencil) -> tuple[Any, Any]:
+    def intersection(self, ray: Pencil) -> tuple[Any, Any]:
         """Return distances along rays from inside, and the angle of the normal."""
         sin, cos = np.sin(ray.omega), np.cos(ray.omega)
         if self.kind == "plane":
@@ -280,7 +280,7 @@ def refracting_surfaces(shell: Shell) -> tuple[RefractingSurface, RefractingSurf
 
 def refract_through_shell(
     ray: Pencil, sides: tuple[RefractingSurface, RefractingSurface], indices: tuple[float, float]
-) -> Passed:
+) -> CoverTransit:
     """Refract rays through both surfaces of a wall; ``indices`` are those of wall and outer medium.
 
     Rays that miss a surface or are totally reflected are non-finite. Imaginary parts of complex
@@ -296,10 +296,10 @@ def refract_through_shell(
     foot = Pencil(
         ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate
     )
-    return Passed(foot, reach, through[0].way + through[1].way, tuple(through))
+    return CoverTransit(foot, reach, through[0].way + through[1].way, tuple(through))
 
 
-class Passed(NamedTuple):
+class CoverTransit(NamedTuple):
     """Rays outside a wall, measured from the point of each line closest to its mirror point."""
 
     foot: Pencil
@@ -318,7 +318,7 @@ class Cover:
     >>> from omnimirror.optics.mirrors import Sphere
     >>> from omnimirror.optics.tracing.meridian import trace_chief_rays
     >>> cover = Cover(Tube(120.0, 3.0, 1.49, medium_index=1.333), -180.0, 20.0)
-    >>> rays = cover.left_by(trace_chief_rays(Sphere(50.0, 44.0), 180.0, [20.0, 40.0]))
+    >>> rays = cover.refracted(trace_chief_rays(Sphere(50.0, 44.0), 180.0, [20.0, 40.0]))
     >>> (np.cos(rays.reflected) / np.cos(rays.omega)).round(12)  # Snell's law at parallel walls
     array([1.333, 1.333])
     """
@@ -341,7 +341,7 @@ class Cover:
         """True if the media inside and outside have the same refractive index."""
         return self.shell.outer_index == 1.0
 
-    def left_by(self, rays: ChiefRays) -> ChiefRays:
+    def refracted(self, rays: ChiefRays) -> ChiefRays:
         """Return chief rays outside the cover."""
         start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
@@ -358,7 +358,7 @@ class Cover:
             through = tuple(_only_where(crosses, r) for r in through)
         x, z, omega, spread, rate, reach, inside = found
         return replace(
-            rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through)
+            rays, omega=omega, outside=OutsideRays(x, z, rate, spread, reach, inside, through)
         )
 
     def crosses(self, rays: ChiefRays) -> Mask:
@@ -373,7 +373,9 @@ class Cover:
             height: Array = rays.z - (self.shell.radii_mm[0] - rays.x) / np.tan(rays.reflected)
         return height
 
-    def first_seen(self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float) -> float:
+    def first_visible_x(
+        self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float
+    ) -> float:
         """Return the distance from the axis of the first mirror point with outside view.
 
         Rays from smaller distances end at the base. In air, the inner rays are used.
@@ -452,7 +454,7 @@ def _refracted(
 ) -> tuple[Pencil, Refraction]:
     """Return rays behind a surface, and its effect on wavefronts."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-    way, normal = side.met_by(ray)
+    way, normal = side.intersection(ray)
     curvature_t, curvature_s = side.curvatures
     i = ray.omega - normal
     cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
@@ -498,7 +500,7 @@ class ChiefRays:
     viewing side (for a lens, its viewing angle), ``gamma`` the angle of incidence and reflection,
     ``omega`` the field angle from -z (Eqs. 1-5) and ``w`` the axial distance from entrance pupil to
     mirror point (m + z if the pupil is in the reference point). ``path`` is the distance to the
-    pupil; ``seen_in`` are the chief rays of a second mirror in which the lens sees the first
+    pupil; ``secondary_rays`` are the chief rays of a second mirror in which the lens sees the first
     (:mod:`.two_mirrors`); ``drift`` is the pupil's motion, mm per radian of theta. Behind a cover,
     ``omega`` is the angle ``outside`` it.
     """
@@ -514,21 +516,21 @@ class ChiefRays:
     gamma: Array
     omega: Array
     path: Array
-    seen_in: ChiefRays | None = None
+    secondary_rays: ChiefRays | None = None
     drift: Array | float = 0.0
-    outside: Outside | None = None
+    outside: OutsideRays | None = None
 
     @property
     def first(self) -> ChiefRays:
         """Chief rays at the mirror facing the lens: these, or those at a second mirror."""
-        return self if self.seen_in is None else self.seen_in
+        return self if self.secondary_rays is None else self.secondary_rays
 
     def dfirst_dx(self) -> Array:
         """Compute the derivative, by x, of the coordinate on the mirror facing the lens."""
         return (
             np.ones_like(self.x)
-            if self.seen_in is None
-            else self._dtheta_dx() / self.seen_in.domega_dx()
+            if self.secondary_rays is None
+            else self._dtheta_dx() / self.secondary_rays.domega_dx()
         )
 
     def pupil_distance(self) -> Array:
@@ -538,9 +540,9 @@ class ChiefRays:
         caustic of the chief rays if it moves with their angle, or its tangential image in a second
         mirror.
         """
-        if self.seen_in is None:
+        if self.secondary_rays is None:
             return self.path - self.drift * np.sin(self.theta)
-        second = self.seen_in
+        second = self.secondary_rays
         return self.path + np.cos(second.gamma) / (np.cos(second.beta) * second.domega_dx())
 
     def domega_dx(self) -> Array:
@@ -673,7 +675,7 @@ class Meridian:
         return self._first_outside(0.0)
 
     @property
-    def middle_hidden_by(self) -> str:
+    def centre_obscured_by(self) -> str:
         """Part that blocks the rays below :attr:`x_min`."""
         assert self.cover is not None, "without a cover, a single mirror is visible from its axis"
         return f"{self.cover.shell.KIND}'s base"
@@ -682,13 +684,13 @@ class Meridian:
         """Return the first mirror point of the field that sees outside, from ``start``."""
         if self.cover is None:
             return start
-        return self.cover.first_seen(self._rays, start, self.mirror.rim_radius_mm)
+        return self.cover.first_visible_x(self._rays, start, self.mirror.rim_radius_mm)
 
     def _rays(self, x: Array) -> ChiefRays:
         return self._through_cover(trace_chief_rays(self.mirror, self.m, x, self.pupil))
 
     def _through_cover(self, rays: ChiefRays) -> ChiefRays:
-        return rays if self.cover is None else self.cover.left_by(rays)
+        return rays if self.cover is None else self.cover.refracted(rays)
 
     @property
     def omega_min(self) -> float:
@@ -775,7 +777,7 @@ class Meridian:
             )
         cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
 
-        depth = self.m - self.pupil.place(tangent)
+        depth = self.m - self.pupil.position(tangent)
 
         def difference(x: Array) -> tuple[Array, Array]:
             z, slope, _ = self.mirror.profile(x)

@@ -2,7 +2,7 @@
 
 Obscuration is defined by the chief ray: near its edge the image fades over the width of the lens
 aperture. Parts about the axis of an aligned sensor obscure rings of field angle at every azimuth
-(:func:`hidden_parts`); for any sensor they block rays in space (:meth:`Obstructions.met_by`).
+(:func:`hidden_parts`); for any sensor they block rays in space (:meth:`Obstructions.blocks`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.root_finding import sign_change
 from ...base.typing import Array, Mask
-from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
+from ..housing import TELECENTRIC_LENS_DISTANCE_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.as_built import MirrorPose
 from ._ray_intersection import circle_clearance
@@ -73,7 +73,7 @@ class Disc(NamedTuple):
         with np.errstate(invalid="ignore"):
             return np.where(meets, circle_clearance(across, self.radius_mm), np.inf)
 
-    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
+    def blocks(self, points: Array, directions: Array) -> tuple[Mask, Array]:
         """Return which rays it blocks, and their crossings (n, 2), mm, of its plane."""
         return self.clearance(points, directions) < 0, self.crossing(points, directions)[0]
 
@@ -140,7 +140,7 @@ class TaperedRod(NamedTuple):
             clearance = least / (2 * max(self.foot_radius_mm, self.top_radius_mm))
             return np.where(first <= last, clearance, np.inf)
 
-    def met_by(self, points: Array, directions: Array) -> Mask:
+    def blocks(self, points: Array, directions: Array) -> Mask:
         """Return which rays (n, 3), (n, 3) it blocks, including those that start inside."""
         blocked: Mask = self.clearance(points, directions) < 0
         return blocked
@@ -259,7 +259,7 @@ class Obstructions:
         found = self.clearances(points, outwards, back, MirrorPose(displacement_mm=shift_mm))
         return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
 
-    def met_by(
+    def blocks(
         self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose
     ) -> dict[str, Mask]:
         """Return which reflected rays (n,) each part blocks; see :meth:`clearances`."""
@@ -290,9 +290,9 @@ class Obstructions:
         """Return which reflected rays (n,) end at the camera or rod in front of the mirror."""
         meets = np.zeros(len(points), dtype=bool)
         if self.camera is not None:
-            meets |= self.camera.met_by(points, directions)[0]
+            meets |= self.camera.blocks(points, directions)[0]
         if self.rod is not None:
-            meets |= self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
+            meets |= self.rod.blocks(points, directions) | self.rod.blocks(points, towards_lens)
         return meets
 
 
@@ -310,7 +310,7 @@ def envelope_of(
     lens = (
         -mirror_distance_mm
         if np.isfinite(mirror_distance_mm)
-        else -LENS_AT_RIMS * mirror.rim_radius_mm
+        else -TELECENTRIC_LENS_DISTANCE_RIMS * mirror.rim_radius_mm
     )
     back, outer = highest_mm(mirror) + rim.thickness_mm, mirror.rim_radius_mm + rim.width_mm
     if secondary is None:
@@ -370,14 +370,14 @@ class Obscuration(NamedTuple):
     """Name of the obscuring part."""
     omega_deg: tuple[float, float]
     """Range of field angles, degrees."""
-    picture_percent: float
+    image_percent: float
     """Fraction of the area of the image circle, %."""
 
 
-def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
+def obscuration_summary(rings: tuple[Obscuration, ...], percent: float) -> str:
     """Describe the obscured rings of the field and the obscured fraction of the image.
 
-    >>> hidden_words((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
+    >>> obscuration_summary((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
     'camera 0 to 8.43 deg; total 0.71 % of the image'
     """
     parts = [
@@ -439,7 +439,7 @@ def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscurat
     """Return the ring below the first unobscured mirror point."""
     start = meridian.trace(np.array([meridian.x_min]))
     return Obscuration(
-        meridian.middle_hidden_by,
+        meridian.centre_obscured_by,
         (0.0, float(np.degrees(start.omega[0]))),
         float(100 * share(start)[0]),
     )

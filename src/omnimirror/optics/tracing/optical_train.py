@@ -89,7 +89,7 @@ class PosedMirror:
         points = self.pose.to_camera(found.points)
         return found._replace(
             points=points,
-            seen_at=points,
+            facing_points=points,
             normals=turn(found.normals),
             to_pupils=turn(found.to_pupils),
             to_targets=turn(found.to_targets),
@@ -119,7 +119,7 @@ class PosedMirror:
             section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section
 
-    def left_at(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, found: ReflectionPoints) -> Array:
         """Return the points (n, 3) at which rays leave the mirror."""
         return found.points
 
@@ -129,7 +129,7 @@ class PosedMirror:
         return objects
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays through points (n, 3) at the rim."""
         inside = self.pose.to_mirror(points)
@@ -216,7 +216,7 @@ class _Paths(NamedTuple):
     normals: Array
     to_pupils: Array
     reflected: Array
-    left_at: Array
+    exit_points: Array
     outwards: Array
     path: Array
     """Optical path length (n,), mm, from the pupil, or from the origin's plane if it is distant."""
@@ -251,7 +251,9 @@ class CoveredMirror:
         found = self.mirror.trace(origins, directions)
         valid = found.valid.copy()
         points, outwards = found.points.copy(), found.directions.copy()
-        points[valid], outwards[valid], _, _, passes = self._let_out(points[valid], outwards[valid])
+        points[valid], outwards[valid], _, _, passes = self._exit_rays(
+            points[valid], outwards[valid]
+        )
         valid[valid] = passes
         points[~valid] = outwards[~valid] = np.nan
         return Reflections(points, outwards, found.normals, valid)
@@ -295,7 +297,7 @@ class CoveredMirror:
 
             def change(there: _Paths, h: float) -> tuple[Array, Array]:
                 miss = self._miss(there, targets) - self._miss(ways, targets)
-                return flat(miss) / h, flat(there.left_at - ways.left_at) / h
+                return flat(miss) / h, flat(there.exit_points - ways.exit_points) / h
 
             by_place = [change(self._ways(pupils, xy + step * e), step) for e in np.eye(2)]
             h = step if not pupils.distant else DIFFERENCE
@@ -313,43 +315,45 @@ class CoveredMirror:
             section: Array = np.abs(np.linalg.det(moved))
             if not targets.distant:
                 section /= np.einsum(
-                    "ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at
+                    "ni,ni->n", targets.xyz - ways.exit_points, targets.xyz - ways.exit_points
                 )
         return section
 
-    def left_at(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, found: ReflectionPoints) -> Array:
         """Return the points (n, 3), mm, on the outer surface of the cover."""
-        return self._let_out(found.points, found.to_targets)[0]
+        return self._exit_rays(found.points, found.to_targets)[0]
 
     def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at optical distances (n,), mm, from their mirror points."""
-        left_at, outwards, _, inside, _ = self._let_out(found.points, found.to_targets)
-        objects: Array = left_at + (distances - inside)[:, None] * outwards
+        exit_points, outwards, _, inside, _ = self._exit_rays(found.points, found.to_targets)
+        objects: Array = exit_points + (distances - inside)[:, None] * outwards
         return objects
 
     def outside_of(self, points: Array, through: Array) -> tuple[Array, Array]:
         """Return exit points and directions (n, 3) of rays from inner points through others."""
         way = through - points
-        left_at, outwards, *_ = self._let_out(
+        exit_points, outwards, *_ = self._exit_rays(
             points, way / np.linalg.norm(way, axis=1, keepdims=True)
         )
-        return left_at, outwards
+        return exit_points, outwards
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
-        return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
+        return self.mirror.clearances(facing_points, points, to_pupils, to_targets)
 
     # -- refraction through the wall ---------------------------------------------------------------
 
-    def _let_out(self, points: Array, directions: Array) -> tuple[Array, Array, Array, Array, Mask]:
+    def _exit_rays(
+        self, points: Array, directions: Array
+    ) -> tuple[Array, Array, Array, Array, Mask]:
         """Return exit points and directions (n, 3), optical and geometric path (n,), and validity.
 
         Rays that meet an end of a tube in air continue unchanged: they do not reach the wall.
         """
         way = shell_exit(self.shell, points, directions)
-        left_at, outwards, passes, (first, second) = (
+        exit_points, outwards, passes, (first, second) = (
             way.points,
             way.directions,
             way.passes,
@@ -364,12 +368,12 @@ class CoveredMirror:
             if self.shell.outer_index != 1.0:
                 passes = passes & meets
             elif not meets.all():
-                left_at, outwards = (
+                exit_points, outwards = (
                     np.where(meets[:, None], new, old)
-                    for new, old in ((left_at, points), (outwards, way.incident))
+                    for new, old in ((exit_points, points), (outwards, way.incident))
                 )
                 first, second, passes = first * meets, second * meets, passes | ~meets
-        return left_at, outwards, first + self.shell.index * second, first + second, passes
+        return exit_points, outwards, first + self.shell.index * second, first + second, passes
 
     def _ways(self, pupils: RayEndpoints, xy: Array) -> _Paths:
         surface = MirrorSurface(self.mirror.mirror, xy, self.mirror.form)
@@ -383,9 +387,17 @@ class CoveredMirror:
             before = _lengths(way)
             to_pupils = way / before[:, None]
         reflected = reflect(-to_pupils, normals)
-        left_at, outwards, time, inside, passes = self._let_out(points, reflected)
+        exit_points, outwards, time, inside, passes = self._exit_rays(points, reflected)
         return _Paths(
-            points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes
+            points,
+            normals,
+            to_pupils,
+            reflected,
+            exit_points,
+            outwards,
+            before + time,
+            inside,
+            passes,
         )
 
     def _miss(self, ways: _Paths, targets: RayEndpoints) -> Array:
@@ -396,7 +408,7 @@ class CoveredMirror:
         """
         if targets.distant:
             return ways.outwards - targets.xyz
-        way = targets.xyz - ways.left_at
+        way = targets.xyz - ways.exit_points
         along = np.einsum("ni,ni->n", way, ways.outwards)
         distance = _lengths(targets.xyz - ways.points)
         miss: Array = (along[:, None] * ways.outwards - way) / distance[:, None]
@@ -406,7 +418,7 @@ class CoveredMirror:
     def _wanted(ways: _Paths, targets: RayEndpoints) -> Array:
         if targets.distant:
             return targets.xyz
-        way = targets.xyz - ways.left_at
+        way = targets.xyz - ways.exit_points
         wanted: Array = way / _lengths(way)[:, None]
         return wanted
 
@@ -529,9 +541,9 @@ class CoveredMirror:
         reflects = np.logical_and.reduce([*faces, leads, ways.passes])
         valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
         if targets.distant:
-            behind = -np.einsum("ni,ni->n", targets.xyz, ways.left_at)
+            behind = -np.einsum("ni,ni->n", targets.xyz, ways.exit_points)
         else:
-            behind = _lengths(targets.xyz - ways.left_at)
+            behind = _lengths(targets.xyz - ways.exit_points)
         path = ways.path + self.shell.outer_index * behind
         blank = np.where(reflects, 1.0, np.nan)
         column = blank[:, None]
@@ -615,7 +627,7 @@ class OpticalTrain:
         return PosedMirror(self.mirror, self.pose, self.form)
 
     @cached_property
-    def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
+    def effective_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
         """Mirror as seen from outside: through the tube or dome, if present."""
         mirror, cover = self.posed_mirror, self.obstructions
         if cover is None or cover.housing.shell is None:
@@ -639,7 +651,7 @@ class OpticalTrain:
         return offset
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at every edge between object and imager.
 
@@ -649,24 +661,24 @@ class OpticalTrain:
 
         Parameters
         ----------
-        seen_at, to_pupils : (n, 3) arrays
+        facing_points, to_pupils : (n, 3) arrays
             Points on the mirror facing the lens, and directions from these to the lens.
         points, to_targets : (n, 3) arrays
             Points on the primary mirror, and directions of the reflected rays into the world.
         """
         with np.errstate(all="ignore"):
-            found = self.seen_mirror.clearances(seen_at, points, to_pupils, to_targets)
-            found |= self.lens.clearances(seen_at - self.lens_offset, -to_pupils)
-            return found | self._housing_clearances(seen_at, points, to_pupils, to_targets)
+            found = self.effective_mirror.clearances(facing_points, points, to_pupils, to_targets)
+            found |= self.lens.clearances(facing_points - self.lens_offset, -to_pupils)
+            return found | self._housing_clearances(facing_points, points, to_pupils, to_targets)
 
     def _housing_clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         if self.obstructions is None:
             return {}
         mirror, towards_lens = self.posed_mirror, to_pupils
         if isinstance(mirror, FoldedMirror):
-            towards_lens = mirror.over(seen_at) - points
+            towards_lens = mirror.over(facing_points) - points
         return self.obstructions.clearances(points, to_targets, towards_lens, self.pose)
 
     def obstructed(self, origins: Array, directions: Array) -> tuple[Reflections, dict[str, Array]]:
@@ -679,17 +691,17 @@ class OpticalTrain:
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         with np.errstate(all="ignore"):
             if isinstance(mirror, FoldedMirror):
-                found, seen_at = (
+                found, facing_points = (
                     mirror.unobstructed(origins, directions),
-                    mirror.seen_at(origins, directions),
+                    mirror.facing_points(origins, directions),
                 )
-                own = mirror.clearances(seen_at, found.points, to_pupils, found.directions)
+                own = mirror.clearances(facing_points, found.points, to_pupils, found.directions)
                 own = {part: edge for part, edge in own.items() if part not in MIRROR_EDGES}
             else:
                 found = mirror.trace(origins, directions)
-                seen_at = found.points
+                facing_points = found.points
             return found, own | self._housing_clearances(
-                seen_at, found.points, to_pupils, found.directions
+                facing_points, found.points, to_pupils, found.directions
             )
 
     def passes_lens(self, origins: Array, directions: Array) -> Mask:
@@ -705,12 +717,12 @@ class OpticalTrain:
         """Return which lens-side rays (n, 3), (n, 3), given their reflections, are transmitted."""
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         mirror = self.posed_mirror
-        seen_at = (
-            mirror.seen_at(origins, directions)
+        facing_points = (
+            mirror.facing_points(origins, directions)
             if isinstance(mirror, FoldedMirror)
             else found.points
         )
-        edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
+        edges = self.clearances(facing_points, found.points, to_pupils, found.directions)
         passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
         return passed
 
@@ -729,7 +741,7 @@ class OpticalTrain:
         For a pupil that moves with the viewing angle, pupil and mirror point are found by
         iteration.
         """
-        mirror, middle = self.seen_mirror, np.zeros((1, 2))
+        mirror, middle = self.effective_mirror, np.zeros((1, 2))
         found = mirror.specular(self.entrance_pupil_points(middle), targets)
         if not self.lens.pupil.moves:
             return found
@@ -753,10 +765,10 @@ class OpticalTrain:
     def image_and_start_of(self, targets: RayEndpoints) -> tuple[Array, Array]:
         """Return these images, and the origins (n, 3), mm, of the outgoing rays."""
         found = self.chief_rays_to(targets)
-        return self._image_of(found), self.seen_mirror.left_at(found)
+        return self._image_of(found), self.effective_mirror.exit_points(found)
 
     def _image_of(self, found: ReflectionPoints) -> Array:
-        image = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils)
+        image = self.lens.image_of(found.facing_points - self.lens_offset, found.to_pupils)
         image[~found.valid] = np.nan
         return image
 

@@ -90,7 +90,7 @@ class ReflectionPoints(NamedTuple):
     """(n,) True for a reflection with both ends in front of the (continued) surface."""
     valid: Mask
     """(n,) True if the point is also within the rim and the path is unobstructed."""
-    seen_at: Array
+    facing_points: Array
     """(n, 3), mm: points of the mirror facing the pupils; a second mirror, if present."""
 
     @property

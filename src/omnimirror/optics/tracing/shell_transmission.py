@@ -62,7 +62,7 @@ class ShellTransit(NamedTuple):
     """(n, 3): unit directions outside."""
     met: Array
     """(n, 3): intersections with the inner surface."""
-    thrown_back: Array
+    reflected: Array
     """(n, 3): unit directions of the internally reflected part."""
     passed: Array
     """(n,): transmittance; 1 for undeviated rays that do not meet the wall."""
@@ -86,7 +86,7 @@ def passage(shell: Shell, points: Array, directions: Array) -> ShellTransit:
             f"{'axis' if isinstance(shell, Tube) else 'centre'} of the {shell.KIND}, its "
             f"inner radius; got {distances.max():.4g} mm"
         )
-    return let_out(shell, points, directions)
+    return transmit_rays(shell, points, directions)
 
 
 class ShellExit(NamedTuple):
@@ -112,24 +112,26 @@ class ShellExit(NamedTuple):
     """(n,): True if any light is transmitted."""
 
 
-def let_out(shell: Shell, points: Array, directions: Array) -> ShellTransit:
+def transmit_rays(shell: Shell, points: Array, directions: Array) -> ShellTransit:
     """Trace rays as :func:`passage`, with zero transmittance for rays that start outside."""
     if not shell.is_axial:
         pose = pose_of(shell)
-        found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
+        found = transmit_rays(
+            shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions)
+        )
         places, ways = pose.to_camera, pose.turned_to_camera
         return ShellTransit(
             places(found.points),
             ways(found.directions),
             places(found.met),
-            ways(found.thrown_back),
+            ways(found.reflected),
             found.passed,
         )
     return _with_light(shell_exit(shell, points, directions), shell.index, shell.outer_index)
 
 
 def shell_exit(shell: Shell, points: Array, directions: Array) -> ShellExit:
-    """Return the paths of :func:`let_out` without transmittance."""
+    """Return the paths of :func:`transmit_rays` without transmittance."""
     if not shell.is_axial:
         pose = pose_of(shell)
         way = shell_exit(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
@@ -159,10 +161,10 @@ def shell_exit_compiled(shell: Shell, points: Array, directions: Array) -> Shell
     backend.kernels.leave_wall(
         shell_kernel_arguments(shell), points, directions, vectors, numbers, flags.view(np.uint8)
     )
-    left_at, outwards, met, incident, inwards = vectors
+    exit_points, outwards, met, incident, inwards = vectors
     before, within, cosine, behind = numbers
     return ShellExit(
-        left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags
+        exit_points, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags
     )
 
 

@@ -152,7 +152,7 @@ class TwoMirrorMeridian(Meridian):
             gamma,
             beta + gamma,
             path,
-            seen_in=second,
+            secondary_rays=second,
         )
         return self._through_cover(rays)
 
@@ -199,10 +199,10 @@ class TwoMirrorMeridian(Meridian):
         return max(self._first_clear(x, part) for part in ("bore or camera", "secondary"))
 
     @property
-    def middle_hidden_by(self) -> str:
+    def centre_obscured_by(self) -> str:
         x = np.linspace(float(self.x_from_first([0.0])[0]), self.mirror.rim_radius_mm, NODES)
         mirrors_alone = self.cover is None or self.x_min <= self._first_past_mirrors(x)
-        return "secondary, bore" if mirrors_alone else super().middle_hidden_by
+        return "secondary, bore" if mirrors_alone else super().centre_obscured_by
 
     def _first_clear(self, x: Array, part: str) -> float:
         """Return the smallest mirror point with all rays beyond it past a part."""
@@ -227,7 +227,7 @@ class TwoMirrorMeridian(Meridian):
         def flat(across: Array, along: Array) -> Array:
             return np.stack([across, np.zeros_like(across), along], axis=-1)
 
-        points, seen_at = (
+        points, facing_points = (
             flat(rays.x, rays.z),
             flat(second.x, -self.secondary.distance_mm - second.z),
         )
@@ -235,7 +235,7 @@ class TwoMirrorMeridian(Meridian):
         outwards = flat(np.sin(rays.reflected), -np.cos(rays.reflected))
         with np.errstate(all="ignore"):
             return clearances(
-                self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0
+                self.mirror, self.secondary, self.m, from_lens, facing_points, points, outwards, 0.0
             )
 
     # -- validity checks ---------------------------------------------------------------------------
@@ -344,10 +344,13 @@ class FoldedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect lens-side rays (n, 3), (n, 3) at both mirrors."""
-        found, seen_at = self.unobstructed(origins, directions), self.seen_at(origins, directions)
+        found, facing_points = (
+            self.unobstructed(origins, directions),
+            self.facing_points(origins, directions),
+        )
         with np.errstate(all="ignore"):
             to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-            edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
+            edges = self.clearances(facing_points, found.points, to_pupils, found.directions)
         valid = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
         points, outgoing, normals = (
             np.where(valid[:, None], a, np.nan)
@@ -359,7 +362,7 @@ class FoldedMirror:
         """Reflect rays (n, 3), (n, 3) at both mirrors, ignoring bore, camera and secondary."""
         return _ray_intersection.trace(self.mirror, *self.off_secondary(origins, directions))
 
-    def seen_at(self, origins: Array, directions: Array) -> Array:
+    def facing_points(self, origins: Array, directions: Array) -> Array:
         """Return the intersections (n, 3) of lens-side rays with the secondary."""
         return self.over(self.off_secondary(origins, directions)[0])
 
@@ -377,19 +380,19 @@ class FoldedMirror:
         return there
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at mirrors, bore and secondary.
 
         Parameters
         ----------
-        seen_at, to_pupils : (n, 3) arrays
+        facing_points, to_pupils : (n, 3) arrays
             Points of the secondary, and directions from these to the lens, both in the unfolded
             frame.
         points, to_targets : (n, 3) arrays
             Points of the primary, and directions from these to the object.
         """
-        second, from_lens = self.over(seen_at), -to_pupils * SECONDARY_TO_WORLD
+        second, from_lens = self.over(facing_points), -to_pupils * SECONDARY_TO_WORLD
         return clearances(
             self.mirror,
             self.secondary,
@@ -495,10 +498,10 @@ class FoldedMirror:
     ) -> ReflectionPoints:
         second, first = self._surfaces(place)
         path = self._path(pupils, targets, place)
-        seen_at, met = second.points * SECONDARY_TO_WORLD + self._vertex, first.points
+        facing_points, met = second.points * SECONDARY_TO_WORLD + self._vertex, first.points
         to_pupils = pupils.xyz if pupils.distant else _unit(pupils.xyz - second.points)
         to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
-        between = _unit(met - seen_at)
+        between = _unit(met - facing_points)
         faces_both = [
             np.einsum("ni,ni->n", a, b) > 0
             for a, b in (
@@ -544,7 +547,7 @@ class FoldedMirror:
         """
         count = len(found.points)
         pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
-        place = np.concatenate([found.seen_at[:, :2], found.points[:, :2]], axis=1)
+        place = np.concatenate([found.facing_points[:, :2], found.points[:, :2]], axis=1)
         with np.errstate(all="ignore"):
             second, _ = self._surfaces(place)
             motion = np.broadcast_to(motion, (count, 2, 3))
@@ -566,7 +569,7 @@ class FoldedMirror:
                 )
         return section
 
-    def left_at(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, found: ReflectionPoints) -> Array:
         """Return the points (n, 3) at which rays leave the primary."""
         return found.points
 

@@ -16,7 +16,7 @@ from ....design.optimiser import Optimum
 from ....design.reference_mirrors import known_sensors, merit_values
 from ....design.relaxation import Conflict, Relaxation
 from ....design.requirement_check import ROUNDING, Judgement, Verdict
-from ....optics.tracing.obscuration import hidden_words
+from ....optics.tracing.obscuration import obscuration_summary
 from .._output import head, plain_table, say
 
 OF_ELEVATIONS = {
@@ -68,7 +68,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
     if sensor.obscured and not any("hides it" in remark for remark in remarks):  # not yet reported
-        told = hidden_words(sensor.obscured, sensor.hidden_percent)
+        told = obscuration_summary(sensor.obscured, sensor.hidden_percent)
         console.print(f"  hidden: {told}", highlight=False, soft_wrap=True)
 
 

@@ -23,7 +23,7 @@ from ....optics.lenses import BlurMode
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera
-from ....optics.tracing.obscuration import hidden_words
+from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import DocumentedCommand, Options, flag, option, takes
 from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
 from .._output import json_option, output_console, output_option, print_rows, say, say_written
@@ -145,9 +145,9 @@ def command(
         if isinstance(camera, Sensor):
             camera.check(
                 "evaluation of what is out of its axis",
-                "one mirror",
+                "single mirror",
                 "thin lens",
-                "ideal but for poses",
+                "ideal except poses",
             )
         model = SensorModel(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
@@ -217,7 +217,7 @@ def _show_mapping(
     if isinstance(result.camera, SensorModel):
         say(
             f"{_out_of_place(result.camera.sensor)}: traced in space, far away, means over the azimuths, from which "
-            f"resolution differs by up to {result.varies_percent:.2g} %",
+            f"resolution differs by up to {result.azimuthal_variation_percent:.2g} %",
             console=console,
         )
     if result.camera.uncertainty is not None:
@@ -280,7 +280,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     ]
     if not sensor.housing.is_empty:
         lines.append(
-            f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.hidden_percent)}"
+            f"hidden at every azimuth: {obscuration_summary(sensor.obscurations, sensor.hidden_percent)}"
         )
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
