@@ -546,7 +546,7 @@ class LensAndCover:
             if np.abs(missed).max() < CLOSE:
                 break
             wanted = np.degrees(inside + missed * _inside_rate(rays))
-            mirror = TabulatedMapping.sketched(wanted, tau, rim.theta_max_deg, rim.rim_radius_mm)
+            mirror = TabulatedMapping.unchecked(wanted, tau, rim.theta_max_deg, rim.rim_radius_mm)
         if isinstance(found.mirror, TabulatedMapping):
             found.mirror.checked()
         return found

@@ -165,8 +165,10 @@ class ClearWall(HousingPart):
 
     def centred(self) -> Self:
         """Return the cover in its nominal position."""
-        places = dict.fromkeys(("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0)
-        return replace(self, **places)  # type: ignore[type-var]  # every part is a dataclass
+        pose_parameters = dict.fromkeys(
+            ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0
+        )
+        return replace(self, **pose_parameters)  # type: ignore[type-var]  # every part is a dataclass
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the cover with the indices of its named materials at a wavelength, nm."""
@@ -189,12 +191,12 @@ def wall_description(shell: ClearWall) -> str:
     >>> wall_description(Tube())
     'n = 1.49'
     """
-    named = f"{_name(shell.material)}, " if shell.material else ""
-    words = f"{named}n = {shell.index:g}"
+    material = f"{_name(shell.material)}, " if shell.material else ""
+    text = f"{material}n = {shell.index:g}"
     if shell.outer_index == 1.0:
-        return words
+        return text
     medium = f"{_name(shell.medium)}, " if shell.medium else "a medium of "
-    return f"{words}, in {medium}n = {shell.outer_index:g}"
+    return f"{text}, in {medium}n = {shell.outer_index:g}"
 
 
 def _name(material: str) -> str:
@@ -248,19 +250,19 @@ class Tube(ClearWall):
 
     def fitted(self, envelope: Envelope) -> Tube:
         """Return the tube with dimensions fitted to the sensor."""
-        least, usual = self.diameters(envelope.outer_mm)
-        diameter = self.diameter_mm or float(usual)
-        if diameter < least:
+        min_diameter, default_diameter = self.diameters(envelope.outer_mm)
+        diameter = self.diameter_mm or float(default_diameter)
+        if diameter < min_diameter:
             raise InvalidParameter(
-                f"diameter_mm of the tube must be at least {least:g} mm, to enclose the mirror "
+                f"diameter_mm of the tube must be at least {min_diameter:g} mm, to enclose the mirror "
                 f"with a wall of {self.wall_mm:g} mm; got {diameter:g}"
             )
         return replace(self, diameter_mm=diameter)
 
     def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
         """Return minimum and default outer diameter around mirrors of given radii."""
-        least = 2 * (outer_mm + self.wall_mm)
-        return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
+        min_diameter = 2 * (outer_mm + self.wall_mm)
+        return min_diameter, np.ceil(np.real(min_diameter) + 2 * CLEARANCE_MM)
 
 
 @dataclass(frozen=True)
@@ -340,11 +342,11 @@ class Dome(ClearWall):
         """Return the dome with dimensions fitted to the sensor."""
         back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
         centre = float(self.centre_between(lens, back))
-        least, usual = self.diameters(lens, back, rim)
-        diameter = self.diameter_mm or float(usual)
-        if diameter < least:
+        min_diameter, default_diameter = self.diameters(lens, back, rim)
+        diameter = self.diameter_mm or float(default_diameter)
+        if diameter < min_diameter:
             raise InvalidParameter(
-                f"diameter_mm of the dome must be at least {least:.5g} mm, to enclose the "
+                f"diameter_mm of the dome must be at least {min_diameter:.5g} mm, to enclose the "
                 f"mirror (centre at {centre:.4g} mm, wall of {self.wall_mm:g} mm); got "
                 f"{diameter:g}"
             )
@@ -364,9 +366,9 @@ class Dome(ClearWall):
         """Return minimum and default outer diameter around mirrors, numbers or arrays."""
         lens, back, rim = (np.real(v) for v in (lens_mm, back_mm, outer_mm))
         centre = np.real(self.centre_between(lens, back))
-        farther = np.maximum(np.abs(back - centre), np.abs(lens - centre))
-        least = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
-        return least, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm))
+        max_height = np.maximum(np.abs(back - centre), np.abs(lens - centre))
+        min_diameter = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
+        return min_diameter, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, max_height) + self.wall_mm))
 
 
 @dataclass(frozen=True)
@@ -602,9 +604,9 @@ class Housing:
     secondary_rim: Rim | None = None
 
     def __post_init__(self) -> None:
-        kinds: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
-        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
-        for name, kind in kinds.items():
+        types: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
+        types |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
+        for name, kind in types.items():
             if (part := getattr(self, name)) is not None:
                 instance(
                     name,

@@ -179,19 +179,19 @@ class ImagerPose:
         moved = offsets @ self._plane().T
         if self.is_perpendicular:
             return moved[..., :2], np.zeros(moved.shape[:-1])
-        farther = 1 + moved[..., 2] / principal_distance
-        return moved[..., :2] / farther[..., None], moved[..., 2]
+        depth = 1 + moved[..., 2] / principal_distance
+        return moved[..., :2] / depth[..., None], moved[..., 2]
 
     def tilted(self, flat: Array, principal_distance: float) -> Array:
         """Return offsets (n, 2) on the tilted imager for points (n, 2) of an untilted one."""
         plane = self._plane()
         if self.is_perpendicular:
-            turned: Array = flat @ plane[:2]
-            return turned
+            rotated: Array = flat @ plane[:2]
+            return rotated
         basis = np.concatenate([plane, [[0.0], [0.0], [principal_distance]]], axis=1)
         ahead = np.concatenate([flat, np.full((*flat.shape[:-1], 1), principal_distance)], axis=-1)
-        found = ahead @ np.linalg.inv(basis).T
-        offsets: Array = found[..., :2] / found[..., 2:]
+        points = ahead @ np.linalg.inv(basis).T
+        offsets: Array = points[..., :2] / points[..., 2:]
         return offsets
 
 
@@ -216,10 +216,10 @@ class ImagePlane:
 
     def flat_mm(self, pixels: Array) -> tuple[Array, Array]:
         """Return image points (n, 2) of pixels (n, 2), and pixel depths (n,), mm."""
-        places = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
+        points = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
         if self.pose == ImagerPose():
-            return places, np.zeros(places.shape[:-1])
-        return self.pose.flat(places, self.principal_distance)
+            return points, np.zeros(points.shape[:-1])
+        return self.pose.flat(points, self.principal_distance)
 
     def pixels(self, flat_mm: Array) -> Array:
         """Return pixels (n, 2) of image points (n, 2), also outside the array."""

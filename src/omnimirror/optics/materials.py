@@ -141,8 +141,10 @@ class Glass:
                 f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of the "
                 f"data of {self.name}; got {wavelength_um * 1e3:g} nm"
             )
-        square, (first, *rest) = wavelength_um**2, self.coefficients
-        pairs = list(zip(rest[::2], rest[1::2], strict=True))
+        square, (first, *coefficients_after_first) = wavelength_um**2, self.coefficients
+        pairs = list(
+            zip(coefficients_after_first[::2], coefficients_after_first[1::2], strict=True)
+        )
         if self.formula == "sellmeier":
             return float(np.sqrt(1 + first + sum(a * square / (square - b) for a, b in pairs)))
         if self.formula == "cauchy":
@@ -240,8 +242,8 @@ def _of_agf(
     if formula in SELLMEIER:
         return Glass(name, "sellmeier", (0.0, *numbers[: 2 * SELLMEIER[formula]]), low, high)
     if formula in POWERS:
-        first, *others = zip(numbers, POWERS[formula], strict=False)
-        return Glass(name, "powers", (first[0], *(v for pair in others for v in pair)), low, high)
+        first, *terms = zip(numbers, POWERS[formula], strict=False)
+        return Glass(name, "powers", (first[0], *(v for pair in terms for v in pair)), low, high)
     return Glass(name, f"formula {formula}", (0.0,), low, high)
 
 
@@ -262,8 +264,8 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
                     f"{', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; got {glass.formula}"
                 )
             return glass
-    known = {n for c in catalogues for _, n in c.glasses}
-    close = difflib.get_close_matches(name.upper(), sorted(known), n=1, cutoff=0.6)
+    known_names = {n for c in catalogues for _, n in c.glasses}
+    close = difflib.get_close_matches(name.upper(), sorted(known_names), n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]}?" if close else ""
     raise InvalidParameter(
         f"unknown glass {name}{hint}; specify the catalogue that contains it (.agf) as "

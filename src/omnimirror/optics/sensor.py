@@ -184,12 +184,12 @@ class Sensor:
         Sensor
             Sensor with this lens.
         """
-        other = replace(self, lens=lens)
+        changed = replace(self, lens=lens)
         if lens.pupil == self.lens.pupil:
-            other.__dict__.update(
+            changed.__dict__.update(
                 (name, self.__dict__[name]) for name in MIRROR_PROPERTIES if name in self.__dict__
             )
-        return other
+        return changed
 
     @property
     def is_axial(self) -> bool:
@@ -213,7 +213,7 @@ class Sensor:
         """True without form error and imager tilt; mirror and cover may be misaligned."""
         return self.mirror_form.is_empty and self.imager_pose == ImagerPose()
 
-    def check(self, what: str, *needs: SensorProperty) -> None:
+    def check(self, computation: str, *needs: SensorProperty) -> None:
         """Check that a sensor has the properties that a computation requires.
 
         Parameters
@@ -255,9 +255,9 @@ class Sensor:
                 "them; use sensor.aligned(), or rays, images and dewarping",
             ),
         }
-        for is_met, sentence in (conditions[need] for need in needs):
+        for is_met, condition in (conditions[need] for need in needs):
             if not is_met:
-                raise InvalidParameter(f"{what} requires {sentence}")
+                raise InvalidParameter(f"{computation} requires {condition}")
 
     def _repr_html_(self) -> str:
         """Return an HTML card for notebooks."""
@@ -434,25 +434,27 @@ class Sensor:
         """
         if self.housing.is_empty and self.secondary is None:
             return ()
-        return obscured_rings(self.meridian, self._hidden, self._image_share)
+        return obscured_rings(self.meridian, self._hidden, self._image_fraction)
 
     @cached_property
     def _hidden(self) -> tuple[HiddenPart, ...]:
-        return self._in_the_way(merged=False)
+        return self._hidden_parts(merged=False)
 
     @cached_property
     def _hidden_merged(self) -> tuple[HiddenPart, ...]:
-        return self._in_the_way(merged=True)
+        return self._hidden_parts(merged=True)
 
     @cached_property
     def obscured(self) -> tuple[Obscuration, ...]:
         """Obscured rings with overlapping ones merged; their image fractions are additive."""
         rings = tuple(sorted(self.obscurations, key=lambda ring: ring.omega_deg))
-        apart = all(one.omega_deg[1] < other.omega_deg[0] for one, other in pairwise(rings))
+        is_disjoint = all(
+            inner.omega_deg[1] < outer.omega_deg[0] for inner, outer in pairwise(rings)
+        )
         return (
             rings
-            if apart
-            else obscured_rings(self.meridian, self._hidden_merged, self._image_share)
+            if is_disjoint
+            else obscured_rings(self.meridian, self._hidden_merged, self._image_fraction)
         )
 
     @property
@@ -502,19 +504,21 @@ class Sensor:
         """
         pixels = vectors("pixels", pixels, 2)
         start, towards = self.lens_rays(pixels.reshape(-1, 2), np.zeros(2))
-        found, edges = self.optical_train.obstructed(start, towards)
+        reflections, edges = self.optical_train.obstructed(start, towards)
         shape = pixels.shape[:-1]
-        return {part: (found.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()}
+        return {
+            part: (reflections.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()
+        }
 
-    def _in_the_way(self, merged: bool) -> tuple[HiddenPart, ...]:
+    def _hidden_parts(self, merged: bool) -> tuple[HiddenPart, ...]:
         return hidden_parts(
             self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged
         )
 
-    def _image_share(self, rays: ChiefRays) -> Array:
+    def _image_fraction(self, rays: ChiefRays) -> Array:
         """Return the fraction (n,) of the image circle's area within chief rays."""
-        share: Array = (self.image_height_px(rays) / self.rim_radius_px) ** 2
-        return share
+        fraction: Array = (self.image_height_px(rays) / self.rim_radius_px) ** 2
+        return fraction
 
     # -- camera interface --------------------------------------------------------------------------
 
@@ -665,20 +669,20 @@ class Sensor:
         x, y, z = np.moveaxis(towards, -1, 0)
         distance, cos, sin = _unit(x, y)
         omega = np.arctan2(distance, -z)
-        seen = self.meridian.sees(omega) & (distance + np.abs(z) > 0)
+        in_field = self.meridian.sees(omega) & (distance + np.abs(z) > 0)
         x_mirror = np.full_like(omega, np.nan)
-        x_mirror[seen] = self.meridian.x_from_omega(omega[seen])
+        x_mirror[in_field] = self.meridian.x_from_omega(omega[in_field])
         return self._image(x_mirror, cos, sin)
 
     def _image(self, x_mirror: Array, cos: Array, sin: Array) -> Projection:
         """Return the pixels of mirror points (n,) at azimuths; NaN points are invalid."""
         image = np.full((*x_mirror.shape, 2), np.nan)
-        seen = np.isfinite(x_mirror)
-        first = self.meridian.trace(x_mirror[seen]).first
+        in_field = np.isfinite(x_mirror)
+        first = self.meridian.trace(x_mirror[in_field]).first
         radius = self.lens.ideal_height(first.x, first.w)
-        ideal = np.stack([radius * cos[seen], radius * sin[seen]], axis=-1)
-        image[seen] = self.lens.distorted(ideal)
-        return self._in_picture(image)
+        ideal = np.stack([radius * cos[in_field], radius * sin[in_field]], axis=-1)
+        image[in_field] = self.lens.distorted(ideal)
+        return self._to_projection(image)
 
     # -- skew rays ---------------------------------------------------------------------------------
 
@@ -794,13 +798,13 @@ class Sensor:
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         start, towards = self.lens_rays(flat[valid], pupil[valid])
-        found = self.optical_train.effective_mirror.trace(start, towards)
-        passes = found.valid & (
+        reflections = self.optical_train.effective_mirror.trace(start, towards)
+        passes = reflections.valid & (
             self.optical_train.passes_lens(start, towards) if pupil.any() else True
         )
         rotation = self._axes.T
-        origins[valid] = turned(found.points, rotation)
-        directions[valid] = turned(found.directions, rotation)
+        origins[valid] = turned(reflections.points, rotation)
+        directions[valid] = turned(reflections.directions, rotation)
         valid[valid] = passes
         shape = pixels.shape[:-1]
         return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))
@@ -809,7 +813,7 @@ class Sensor:
         """Return the pixels of points or directions (n, 3) of the camera frame."""
         self._check_one_to_one()
         image = self.optical_train.image_of(RayEndpoints.of(targets.reshape(-1, 3), distant))
-        return self._in_picture(image.reshape(*targets.shape[:-1], 2))
+        return self._to_projection(image.reshape(*targets.shape[:-1], 2))
 
     def _check_one_to_one(self) -> None:
         """Raise NotOneToOne for a misaligned sensor whose mapping is not one-to-one when it is aligned.
@@ -828,7 +832,7 @@ class Sensor:
         except OmnimirrorError:  # other reasons do not apply as-built
             return True
 
-    def _in_picture(self, image_mm: Array) -> Projection:
+    def _to_projection(self, image_mm: Array) -> Projection:
         """Convert image points (n, 2), mm, of an untilted imager to pixels."""
         pixels = self.image_plane.pixels(image_mm)
         valid = inside_image(pixels, self.image_size)

@@ -376,8 +376,8 @@ def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) 
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
     model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
     values = _values(model, "secondary", table, where)
-    place = {name: values.pop(name) for name in Secondary.PARAMETERS}
-    return where.wrap(("secondary",), lambda: Secondary(cls(**values), **place))
+    position = {name: values.pop(name) for name in Secondary.PARAMETERS}
+    return where.wrap(("secondary",), lambda: Secondary(cls(**values), **position))
 
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: SourceLocator) -> Any:
@@ -401,16 +401,16 @@ def uncertainty_of(table: dict[str, Any], where: SourceLocator) -> Uncertainty:
     return where.wrap(("uncertainty",), partial(Uncertainty, **values))
 
 
-def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
+def uncertainty_table(uncertainty: Uncertainty) -> dict[str, Any]:
     """Return the table ``[uncertainty]`` as plain data."""
     table: dict[str, Any] = {
-        "names": list(known.names),
-        "covariance": [list(row) for row in known.covariance],
+        "names": list(uncertainty.names),
+        "covariance": [list(row) for row in uncertainty.covariance],
     }
-    if known.field_deg is not None:
-        table["field_deg"] = known.field_deg
-    if known.marginal_sigmas is not None:
-        table["marginal_sigmas"] = list(known.marginal_sigmas)
+    if uncertainty.field_deg is not None:
+        table["field_deg"] = uncertainty.field_deg
+    if uncertainty.marginal_sigmas is not None:
+        table["marginal_sigmas"] = list(uncertainty.marginal_sigmas)
     return table
 
 
@@ -601,14 +601,14 @@ def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     try:
         camera = cls(**values, mount=mount)
     except OmnimirrorError as e:
-        named = re.match(r"\w+", str(e))
-        entry = ("camera", named[0]) if named and named[0] in table else ("camera",)
+        entry_name = re.match(r"\w+", str(e))
+        entry = ("camera", entry_name[0]) if entry_name and entry_name[0] in table else ("camera",)
         raise where.error(entry, f"camera.{e}" if len(entry) > 1 else str(e)) from None
     if "uncertainty" not in data:
         return camera
-    known = uncertainty_of(data["uncertainty"], where)
-    where.wrap(("uncertainty",), lambda: known.of([p.name for p in camera.parameters]))
-    return dataclasses.replace(camera, uncertainty=known)
+    uncertainty = uncertainty_of(data["uncertainty"], where)
+    where.wrap(("uncertainty",), lambda: uncertainty.of([p.name for p in camera.parameters]))
+    return dataclasses.replace(camera, uncertainty=uncertainty)
 
 
 def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
@@ -638,11 +638,11 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     >>> parse_camera(format_camera(camera, "seen twice")) == camera
     True
     """
-    kinds: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
+    types: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
     instance(
         "camera",
         camera,
-        kinds,
+        types,
         f"a sensor, or a camera of kind {', '.join(CAMERAS)}",
     )
     instance("notes", notes, str, "text")
@@ -662,8 +662,8 @@ def camera_tables(camera: RadialModel) -> dict[str, Any]:
         if value is not None and (f.default != 0.0 or value != 0.0):
             table[f.name] = _plain(value)
     tables = {"format": CAMERA_FILE_FORMAT, "camera": table, "mount": mount_table(camera.mount)}
-    if (known := camera.uncertainty) is not None:
-        tables["uncertainty"] = uncertainty_table(known)
+    if (uncertainty := camera.uncertainty) is not None:
+        tables["uncertainty"] = uncertainty_table(uncertainty)
     return tables
 
 

@@ -61,11 +61,11 @@ def check_profile_components(mirror: Mirror) -> None:
         np.full((2, 3), 0.4 * mirror.rim_radius_mm),
     ):
         for name, part in zip(("sag", "slope", "curvature"), mirror.profile(x), strict=True):
-            own = np.asarray(getattr(mirror, name)(x))
+            value = np.asarray(getattr(mirror, name)(x))
             assert np.shape(part) == x.shape, (
                 f"{name} of x with shape {x.shape} has shape {np.shape(part)}"
             )
-            assert np.array_equal(np.asarray(part), own), f"{name} differs from that of profile"
+            assert np.array_equal(np.asarray(part), value), f"{name} differs from that of profile"
 
 
 def check_derivatives(mirror: Mirror) -> None:
@@ -80,10 +80,10 @@ def check_derivatives(mirror: Mirror) -> None:
         ) / (12 * h)
         scale = np.abs(difference).max() + 1 / mirror.rim_radius_mm
         error = np.abs(derivative - difference) / scale
-        worst = int(error.argmax())
-        assert error[worst] < DIFFERENCE, (
-            f"{name} at x = {x[worst]:g} mm is {derivative[worst]:.9g}, but its integral changes by "
-            f"{difference[worst]:.9g}"
+        largest_error = int(error.argmax())
+        assert error[largest_error] < DIFFERENCE, (
+            f"{name} at x = {x[largest_error]:g} mm is {derivative[largest_error]:.9g}, but its integral changes by "
+            f"{difference[largest_error]:.9g}"
         )
 
 
@@ -133,8 +133,10 @@ def check_bounds(mirror: Mirror) -> None:
 
 def check_serialisation(mirror: Mirror) -> None:
     """Check equality and hash after ``eval(repr(...))`` and after pickling."""
-    words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
-    copy = eval(repr(mirror), words)
+    classes = {cls.__name__: cls for cls in MIRRORS.values()} | {
+        type(mirror).__name__: type(mirror)
+    }
+    copy = eval(repr(mirror), classes)
     assert copy == mirror, f"eval(repr(mirror)) must equal the mirror; got {copy!r} from {mirror!r}"
     assert hash(copy) == hash(mirror), (
         f"equal mirrors must have equal hashes; those of {mirror!r} differ"

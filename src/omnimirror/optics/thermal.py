@@ -134,14 +134,14 @@ class Thermal:
             if (value := getattr(self, name)) is not None:
                 parameter.check(name, value)
         for part in ("mirror", "spacer", "mount"):
-            material, ppm = self._said(part)
+            material, ppm = self._material_and_expansion(part)
             if material is not None and ppm is not None:
                 raise InvalidParameter(
                     f"{part}_material and {part}_ppm_per_k must not both be given; got {material!r} "
                     f"and {ppm:g}"
                 )
 
-    def _said(self, part: str) -> tuple[str | None, float | None]:
+    def _material_and_expansion(self, part: str) -> tuple[str | None, float | None]:
         return getattr(self, f"{part}_material"), getattr(self, f"{part}_ppm_per_k")
 
     def expansion_ppm(self, part: str) -> float:
@@ -163,5 +163,5 @@ class Thermal:
             If the part is unknown.
         """
         choice("part", part, ("mirror", "spacer", "mount"))
-        material, ppm = self._said(part)
+        material, ppm = self._material_and_expansion(part)
         return EXPANSIONS_PPM[material] if material is not None else ppm or 0.0

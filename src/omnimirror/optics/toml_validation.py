@@ -84,8 +84,8 @@ def _annotation(hint: Any, p: Parameter) -> Any:
 class EntryError(SpecError):
     """Invalid or inconsistent entry; ``path`` is its position among the tables."""
 
-    def __init__(self, path: tuple[str, ...], sentence: str) -> None:
-        super().__init__(sentence)
+    def __init__(self, path: tuple[str, ...], message: str) -> None:
+        super().__init__(message)
         self.path = path
 
 
@@ -134,20 +134,20 @@ class SourceLocator:
         >>> SourceLocator('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
         2
         """
-        wanted = ".".join(path).split(".")
+        target = ".".join(path).split(".")
         shared = [
             (
                 len(
                     list(
-                        takewhile(lambda pair: pair[0] == pair[1], zip(wanted, entry, strict=False))
+                        takewhile(lambda pair: pair[0] == pair[1], zip(target, entry, strict=False))
                     )
                 ),
                 -number,
             )
             for number, entry in self.entries
         ]
-        most, line = max(shared, default=(0, 0))
-        return -line if most else None
+        prefix_length, line = max(shared, default=(0, 0))
+        return -line if prefix_length else None
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
         line = self.line(path)
@@ -202,10 +202,10 @@ def validated(model: type[M], section: str, table: dict[str, Any], where: Source
         # a misspelt entry is the likely cause of a missing one: report it first
         problem = min(e.errors(), key=lambda p: p["type"] != "extra_forbidden")
         path = (section, *(str(p) for p in problem["loc"]))
-        raise where.error(path[:2], _sentence(model, path, problem)) from None
+        raise where.error(path[:2], _error_message(model, path, problem)) from None
 
 
-def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
+def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
     """Convert a pydantic error to a message with the value and the valid values."""
     name, value = ".".join(path[:2]), problem["input"]
     index = next((f"[{p}]" for p in path[2:] if p.isdigit()), "")

@@ -360,17 +360,17 @@ def test_what_cannot_be_had_is_refused_with_advice(make, message):
 def test_a_profile_asks_for_the_course_of_a_smooth_mirror_once(mirror):
     """A table yields an initial value, derivatives refine it to rounding: the reference is the
     mapping itself."""
-    asked = []
+    calls = []
     smooth = mirror._meridian
     counted = PerspectiveMeridian(
-        lambda theta: asked.append("place") or smooth.place(theta),
-        lambda theta: asked.append("course") or smooth.course(theta),
+        lambda theta: calls.append("angle_and_height") or smooth.angle_and_height(theta),
+        lambda theta: calls.append("field_and_height") or smooth.field_and_height(theta),
         smooth.theta_max,
     )
     x = np.sort(np.random.default_rng(4).uniform(0, 1, 500))
     counted.profile(x)  # with its table
-    asked.clear()
+    calls.clear()
     z, slope, _ = counted.profile(x)
-    assert asked == ["course"]
+    assert calls == ["field_and_height"]
     theta = np.arctan2(x, counted.distance + z)
-    assert np.abs(np.arctan(slope) - (smooth.place(theta)[0] - theta) / 2).max() < 1e-14
+    assert np.abs(np.arctan(slope) - (smooth.angle_and_height(theta)[0] - theta) / 2).max() < 1e-14

@@ -429,8 +429,8 @@ class LensTables:
         cell = np.clip((tangent.real / self.step).astype(int), 0, CELLS - 1)
         u = (tangent / self.step - cell)[..., None]
         (a, da), (b, db) = (np.moveaxis(self.values[cell + i], -2, 0) for i in (0, 1))
-        found = a + u * (da + u * (3 * (b - a) - 2 * da - db + u * (2 * (a - b) + da + db)))
-        rows = np.moveaxis(found, -1, 0)
+        values = a + u * (da + u * (3 * (b - a) - 2 * da - db + u * (2 * (a - b) + da + db)))
+        rows = np.moveaxis(values, -1, 0)
         powers = [rows[3 + 3 * i : 6 + 3 * i] for i in range(len(FOCUS_COLUMNS))]
         return LensColumns(*rows[:3], *powers)
 
@@ -441,9 +441,9 @@ class LensTables:
         """
         tangent = x / (depth - self.pupil_mm)
         for _ in range(AIM_STEPS):
-            found = self.at(tangent)
-            w = depth - found.place
-            tangent = tangent - (w * tangent - x) / (w - found.motion * tangent)
+            columns = self.at(tangent)
+            w = depth - columns.place
+            tangent = tangent - (w * tangent - x) / (w - columns.motion * tangent)
         return tangent
 
     def defocus(self, v: Any) -> Any:
@@ -475,28 +475,45 @@ def tables_of(lens: FieldLens) -> LensTables:
     >>> tables.at(np.array([0.25])).height[0].round(3)  # focused at infinity
     array([3.])
     """
-    nearest = max(
+    min_focus_mm = max(
         lens.principal_point_mm + MIN_FOCUS_DISTANCE * lens.focal_length_mm, lens.nearest_focus_mm
     )
-    f, at = lens.focal_length_mm, lens.pupil.at_mm
-    made = LensTables(
-        np.empty(0), 0.0, f, lens.f_number, lens.pupil_from_principal, at, 1 / (nearest - at), 0.0
+    f, pupil_mm = lens.focal_length_mm, lens.pupil.at_mm
+    tables = LensTables(
+        np.empty(0),
+        0.0,
+        f,
+        lens.f_number,
+        lens.pupil_from_principal,
+        pupil_mm,
+        1 / (min_focus_mm - pupil_mm),
+        0.0,
     )
-    vergences = np.array([1 / (MAX_DISTANCE_MM - at), made.max_vergence / 2, made.max_vergence])
-    focused, q = [lens.focused_at(float(1 / v + at)) for v in vergences], made.defocus(vergences)
-    end = min(one.field.end for one in focused)
+    vergences = np.array(
+        [1 / (MAX_DISTANCE_MM - pupil_mm), tables.max_vergence / 2, tables.max_vergence]
+    )
+    focused, q = (
+        [lens.focused_at(float(1 / v + pupil_mm)) for v in vergences],
+        tables.defocus(vergences),
+    )
+    end = min(focused_lens.field.end for focused_lens in focused)
     tangent = np.linspace(0.0, end, CELLS + 1)
-    each = np.stack([_columns(one, tangent) for one in focused])  # (3, 2, rows, nodes)
-    place, motion, light = each[1, :, :3].transpose(1, 0, 2)
-    powers = np.linalg.solve(np.vander(q, increasing=True), each[:, :, 3:].reshape(3, -1)).reshape(
-        3, *each[:, :, 3:].shape[1:]
-    )
+    columns = np.stack(
+        [_columns(focused_lens, tangent) for focused_lens in focused]
+    )  # (3, 2, rows, nodes)
+    position, motion, light = columns[1, :, :3].transpose(1, 0, 2)
+    powers = np.linalg.solve(
+        np.vander(q, increasing=True), columns[:, :, 3:].reshape(3, -1)
+    ).reshape(3, *columns[:, :, 3:].shape[1:])
     rows = np.concatenate(
-        [np.stack([place, motion, light]), powers.transpose(2, 0, 1, 3).reshape(-1, 2, CELLS + 1)]
+        [
+            np.stack([position, motion, light]),
+            powers.transpose(2, 0, 1, 3).reshape(-1, 2, CELLS + 1),
+        ]
     )
     imager = focused[0].imager_mm - f * float(q[0])
     return replace(
-        made, imager_mm=imager, values=np.ascontiguousarray(rows.transpose(2, 1, 0)), end=end
+        tables, imager_mm=imager, values=np.ascontiguousarray(rows.transpose(2, 1, 0)), end=end
     )
 
 
@@ -504,30 +521,30 @@ def _columns(lens: FieldLens, tangent: Array) -> Array:
     """Return all columns of a lens at its focus (2, rows, n): values, and derivatives per cell."""
     field, step = lens.field, tangent[1]
 
-    def both(values: Any) -> Array:
+    def with_derivative(values: Any) -> Array:
         """Return values of a function of tangents, and its spline derivatives."""
         from scipy.interpolate import make_interp_spline
 
         spline = make_interp_spline(tangent, values, k=5)
         return np.stack([values, step * spline.derivative()(tangent)])
 
-    found, (height, rate) = field.at(tangent), field.height(tangent)
-    motion = lens.pupil.aim(tangent * 1.0, 1.0 + found.pupil).drift / (1 + tangent**2)
-    wide_t, wide_s = found.scale_t * found.width_t, found.scale_s * found.width_s
+    values, (height, rate) = field.at(tangent), field.height(tangent)
+    motion = lens.pupil.aim(tangent * 1.0, 1.0 + values.pupil).drift / (1 + tangent**2)
+    wide_t, wide_s = values.scale_t * values.width_t, values.scale_s * values.width_s
     rows = (
-        found.pupil,
+        values.pupil,
         motion,
-        found.illumination,
+        values.illumination,
         height,
         rate,
-        wide_t * found.vergence_t,
+        wide_t * values.vergence_t,
         wide_t,
-        wide_s * found.vergence_s,
+        wide_s * values.vergence_s,
         wide_s,
-        np.maximum(found.own_t, 0.0),
-        np.maximum(found.own_s, 0.0),
+        np.maximum(values.own_t, 0.0),
+        np.maximum(values.own_s, 0.0),
     )
-    return np.stack([both(row) for row in rows], axis=1)
+    return np.stack([with_derivative(row) for row in rows], axis=1)
 
 
 # -- Lens with a moving pupil, and refracting cover ------------------------------------------------
@@ -579,27 +596,29 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> WallArrays
         )
         return WallArrays(sides, indices, None, np.real(inner) <= np.real(lens))
     if isinstance(shell, Tube):
-        least, usual = shell.diameters(outer)
-        radius = (shell.diameter_mm or usual) / 2 + 0 * lens
+        min_diameter, default_diameter = shell.diameters(outer)
+        radius = (shell.diameter_mm or default_diameter) / 2 + 0 * lens
         sides = (
             RefractingSurface("cylinder", radius - shell.wall_mm, 0.0),
             RefractingSurface("cylinder", radius, 0.0),
         )
-        return WallArrays(sides, indices, (lens, back), 2 * np.real(radius) >= np.real(least))
+        return WallArrays(
+            sides, indices, (lens, back), 2 * np.real(radius) >= np.real(min_diameter)
+        )
     assert isinstance(shell, Dome)
-    least, usual = shell.diameters(lens, back, outer)
+    min_diameter, default_diameter = shell.diameters(lens, back, outer)
     radius, centre = (
-        (shell.diameter_mm or usual) / 2 + 0 * lens,
+        (shell.diameter_mm or default_diameter) / 2 + 0 * lens,
         shell.centre_between(lens, back) + 0 * lens,
     )
     sides = (
         RefractingSurface("sphere", radius - shell.wall_mm, centre + shell.inner_shift_mm),
         RefractingSurface("sphere", radius, centre),
     )
-    takes_in = (2 * np.real(radius) >= least) & (
+    encloses = (2 * np.real(radius) >= min_diameter) & (
         np.real(radius - shell.wall_mm) > np.abs(np.real(lens - centre))
     )
-    return WallArrays(sides, indices, None, takes_in)
+    return WallArrays(sides, indices, None, encloses)
 
 
 def walls_around(obstructions: Obstructions) -> WallArrays | None:
@@ -620,8 +639,10 @@ def aim_of(x: Array, depth: Array, tables: LensTables | None) -> ChiefRayGeometr
     if tables is None:
         return ChiefRayGeometry(depth, x / depth, 0 * x)
     tangent = tables.aimed(x, depth)
-    found = tables.at(tangent)
-    return ChiefRayGeometry(depth - found.place, tangent, found.motion * (1 + tangent * tangent))
+    columns = tables.at(tangent)
+    return ChiefRayGeometry(
+        depth - columns.place, tangent, columns.motion * (1 + tangent * tangent)
+    )
 
 
 def built_optics(
@@ -651,7 +672,7 @@ def built_optics(
     start = Pencil(
         x, z, 2 * np.arctan(slope) + np.arctan(t), cos_gamma * root, 2 * curvature / steep + dtheta
     )  # spread = cos(gamma)/cos(beta)
-    foot, near, near_t, near_s, inside, seen, passes = _outside(start, near, walls)
+    foot, near, near_t, near_s, inside, visible, passes = _outside(start, near, walls)
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near_t)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near_s)
     ray, dray = (x + 0 * slope, 1.0) if telecentric else (t, dtheta / cosine**2)
@@ -672,7 +693,7 @@ def built_optics(
         viewpoint_z=axis_z,
         domega_dx=np.where(passes, foot.rate, -1.0),
         cos_incidence=cos_gamma,
-        seen=seen,
+        seen=visible,
         near=near,
     )
 
@@ -695,14 +716,14 @@ def _outside(
     behind = near / (1 - near * passed.inside)
     near_t, near_s = distances_inside_cover(passed.refractions, behind)
     inside = passed.inside - passed.reach
-    outside = _let_out(passed) & walls.fits & (np.real(near * passed.inside) < 1)
+    outside = _is_transmitted(passed) & walls.fits & (np.real(near * passed.inside) < 1)
     if walls.ends is None:
         return passed.foot, near, near_t, near_s, inside, True, outside
     height = np.real(start.z - (walls.sides[0].radius - start.x) / np.tan(start.omega))
     base, cap = (np.real(end) for end in walls.ends)
     if walls.indices[1] != 1.0:
-        seen = height > base
-        return passed.foot, near, near_t, near_s, inside, seen, outside | ~seen
+        visible = height > base
+        return passed.foot, near, near_t, near_s, inside, visible, outside | ~visible
     crosses = (height > base) & (height < cap)
     foot = Pencil(
         *(np.where(crosses, new, old) for new, old in zip(passed.foot, start, strict=True))
@@ -730,11 +751,11 @@ def as_rim(o: MirrorPointOptics) -> MirrorPointOptics:
     return o._replace(**{n: np.where(o.seen, getattr(o, n), getattr(o, n)[:, -1:]) for n in same})
 
 
-def _let_out(passed: CoverTransit) -> Any:
+def _is_transmitted(passed: CoverTransit) -> Any:
     """Check that rays leave the wall, and that neighbours do not cross behind it."""
     foot = passed.foot
-    apart = np.real(foot.spread + passed.reach * foot.rate) > 0
-    return np.isfinite(np.real(foot.omega)) & (np.real(foot.rate) > 0) & apart
+    separated = np.real(foot.spread + passed.reach * foot.rate) > 0
+    return np.isfinite(np.real(foot.omega)) & (np.real(foot.rate) > 0) & separated
 
 
 @dataclass(frozen=True)
@@ -772,12 +793,12 @@ class RealCamera:
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope
 
-    def resolution(self, o: MirrorPointOptics, found: LensColumns) -> tuple[Array, Array]:
+    def resolution(self, o: MirrorPointOptics, columns: LensColumns) -> tuple[Array, Array]:
         """Return Dh and Dw (3, ..), px/deg, by powers of q, at mirror points."""
         centre = np.real(o.ray) == 0
-        over_ray = np.where(centre, found.rate, found.height / np.where(centre, 1.0, o.ray))
+        over_ray = np.where(centre, columns.rate, columns.height / np.where(centre, 1.0, o.ray))
         scale = DEGREE / self.pitch_mm
-        return found.rate * o.magnification_t * scale, over_ray * o.magnification_s * scale
+        return columns.rate * o.magnification_t * scale, over_ray * o.magnification_s * scale
 
     def focus_mm(self, v: float) -> float:
         return 1 / v + self.tables.pupil_mm
@@ -793,11 +814,11 @@ class RealCamera:
 
     def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
-        found, q = self.tables.at(o.ray), self.tables.defocus(v)
+        columns, q = self.tables.at(o.ray), self.tables.defocus(v)
         far_t, spread_t, far_s, spread_s, own_t, own_s = (
-            focus_powers(c, q) / self.pitch_mm for c in found[5:]
+            focus_powers(c, q) / self.pitch_mm for c in columns[5:]
         )
-        dh, dw = (focus_powers(c, q) for c in self.resolution(o, found))
+        dh, dw = (focus_powers(c, q) for c in self.resolution(o, columns))
         wide = self.tables.focal_length_mm / self.tables.f_number  # pupil diameter
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
-        return FocusedImage(t, s, dh, dw, self.airy_px(v), own_t, own_s, found.light)
+        return FocusedImage(t, s, dh, dw, self.airy_px(v), own_t, own_s, columns.light)

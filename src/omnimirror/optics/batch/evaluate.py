@@ -357,31 +357,31 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
         o = _optics(d, u)
         camera = d.camera(o.ray[:, -1:])
         counts = np.broadcast_to(o.seen & (o.omega >= d.min_omega_deg * DEGREE), o.omega.shape)
-        known = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
+        in_field = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
         usable = (o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)
-        valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & known
-        v, worst = best_vergences(_areas(d, o, camera, counts))
-        look, v = camera.at(o, v[:, None]), v[:, None]
-        floor = 1 + look.airy_px**2
-        sides = look.t_px**2 + look.own_t_px**2 + floor, look.s_px**2 + look.own_s_px**2 + floor
-        area = np.sqrt(sides[0] * sides[1]) / (look.dh * look.dw)
+        valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & in_field
+        v, max_area = best_vergences(_areas(d, o, camera, counts))
+        image, v = camera.at(o, v[:, None]), v[:, None]
+        floor = 1 + image.airy_px**2
+        sides = image.t_px**2 + image.own_t_px**2 + floor, image.s_px**2 + image.own_s_px**2 + floor
+        area = np.sqrt(sides[0] * sides[1]) / (image.dh * image.dw)
         origin = 0.0 if d.tables is None else d.tables.at(o.ray).place
         distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
             o.omega / DEGREE,
             camera.height_px(o.ray, v),
-            look.dh,
-            look.dw,
+            image.dh,
+            image.dw,
             o.viewpoint_z,
             distance(o.vergence_t) + origin,
             distance(o.vergence_s) + origin,
-            look.t_px,
-            look.s_px,
+            image.t_px,
+            image.s_px,
             area,
         )
         table = np.where(o.seen, np.stack(np.broadcast_arrays(*columns)), np.nan)
         focus = distance(v[:, 0]) + (0.0 if d.tables is None else d.tables.pupil_mm)
-        return BatchEvaluation(table, focus, worst, valid)
+        return BatchEvaluation(table, focus, max_area, valid)
 
 
 def _areas(
@@ -421,8 +421,8 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
         columns,
         results,
     )
-    focus, worst, valid = results
-    return BatchEvaluation(columns, focus, worst, valid > 0)
+    focus, max_area, valid = results
+    return BatchEvaluation(columns, focus, max_area, valid > 0)
 
 
 def _of_lens(d: Designs) -> tuple[Array, tuple[float, ...]]:

@@ -90,9 +90,9 @@ def family(name: str, terms: int) -> Family:
         raise InvalidParameter(
             f"the family of meridians must be one of {', '.join(_FAMILIES)}; got {name!r}"
         )
-    few, many, has_conic, basis, mirror = _FAMILIES[name]
-    if not few <= terms <= many:
-        raise InvalidParameter(f"terms must be {few} to {many} for {name}; got {terms}")
+    min_terms, max_terms, has_conic, basis, mirror = _FAMILIES[name]
+    if not min_terms <= terms <= max_terms:
+        raise InvalidParameter(f"terms must be {min_terms} to {max_terms} for {name}; got {terms}")
     return Family(name, terms, has_conic, basis, mirror)
 
 
@@ -151,15 +151,15 @@ class FreeformFamily(NamedTuple):
         """
         word, colon, count = text.strip().partition(":")
         if word not in FREEFORM_FAMILIES or (colon and not (count.isascii() and count.isdigit())):
-            few_to_many = (
+            term_ranges = (
                 f"{w}:N with N from {_FAMILIES[n][0]} to {_FAMILIES[n][1]}"
                 for w, (n, _) in FREEFORM_FAMILIES.items()
             )
             raise InvalidParameter(
-                f"the freeform family must be {', '.join(few_to_many)}; got {text!r}"
+                f"the freeform family must be {', '.join(term_ranges)}; got {text!r}"
             )
-        name, usual = FREEFORM_FAMILIES[word]
-        return cls(name, family(name, int(count) if colon else usual).terms)
+        name, default_terms = FREEFORM_FAMILIES[word]
+        return cls(name, family(name, int(count) if colon else default_terms).terms)
 
 
 FREEFORM_FAMILIES = {

@@ -65,11 +65,11 @@ class GaussianLens(Lens):
 
     def _check_focus(self) -> None:
         if self.focus_distance_mm <= self.principal_point_mm + self.focal_length_mm:
-            place = self.principal_point_mm
-            where = f" in front of the principal point at {place:g}" if place else ""
+            pupil_mm = self.principal_point_mm
+            position_text = f" in front of the principal point at {pupil_mm:g}" if pupil_mm else ""
             raise InvalidParameter(
                 "focus_distance_mm must be greater than focal_length_mm = "
-                f"{self.focal_length_mm:g}{where}; got {self.focus_distance_mm:g}"
+                f"{self.focal_length_mm:g}{position_text}; got {self.focus_distance_mm:g}"
             )
         if self.focus_distance_mm <= self.pupil.at_mm:
             raise InvalidParameter(
@@ -153,11 +153,11 @@ class GaussianLens(Lens):
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
-        f, s0, at = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
+        f, s0, pupil_mm = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
         dropped = f - self.pupil_from_principal if mode == "exact" else 0.0
         spread = number("tolerance", tolerance, low=0, unit="mm") * self.f_number * (s0 - dropped)
-        far = f**2 * s0 / (f**2 - spread) + at if spread < f**2 else np.inf
-        return DepthOfField(f**2 * s0 / (f**2 + spread) + at, far)
+        far = f**2 * s0 / (f**2 - spread) + pupil_mm if spread < f**2 else np.inf
+        return DepthOfField(f**2 * s0 / (f**2 + spread) + pupil_mm, far)
 
 
 # -- Perspective lens ------------------------------------------------------------------------------

@@ -63,9 +63,9 @@ def read_lens_table(
         If the table must not name a file, or the file is missing, has other columns, or has rows
         that are not numeric.
     """
-    rest, path = split_file_entry(table, folder, "file", "its columns")
+    entries, path = split_file_entry(table, folder, "file", "its columns")
     if path is None:
-        return rest
+        return entries
     text = read_text(path, "lens table", SpecError)
     lines = [
         (i, line)
@@ -83,17 +83,17 @@ def read_lens_table(
         if name not in columns:
             valid = ", ".join(columns)
             raise SpecError(f"{path} line {rows[0][0]}: unknown column {shown(name)}; use {valid}")
-    found: dict[str, list[float]] = {name: [] for name in names}
+    columns_by_name: dict[str, list[float]] = {name: [] for name in names}
     for number, row in rows[1:]:
         try:
             for name, cell in zip(names, row, strict=True):
-                found[name].append(float_of(cell))
+                columns_by_name[name].append(float_of(cell))
         except ValueError:
             raise SpecError(
                 f"{path} line {number}: the row must contain {len(names)} numbers, one per "
                 f"column; got {shown(','.join(row))}"
             ) from None
-    return found | rest
+    return columns_by_name | entries
 
 
 # -- Sequential Zemax lens files (.zmx) ------------------------------------------------------------
@@ -146,8 +146,8 @@ class _File:
     field_count: int | None = None
     fields: dict[str, list[float]] = field(default_factory=dict)
 
-    def error(self, sentence: str, line: int | None = None) -> SpecError:
-        return SpecError(f"{self.path}{f' line {line}' if line else ''}: {sentence}")
+    def error(self, message: str, line: int | None = None) -> SpecError:
+        return SpecError(f"{self.path}{f' line {line}' if line else ''}: {message}")
 
 
 def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -161,15 +161,15 @@ def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]
     OmnimirrorError
         If the table must not name a file, or the file is missing or not a supported lens.
     """
-    rest, path = split_file_entry(table, folder, "file", "the surfaces")
+    entries, path = split_file_entry(table, folder, "file", "the surfaces")
     if path is None:
-        return rest
+        return entries
     catalogue = None
-    if "glass_catalogue" in rest:
-        rest, agf = split_file_entry(rest, folder, "glass_catalogue", "the indices")
+    if "glass_catalogue" in entries:
+        entries, agf = split_file_entry(entries, folder, "glass_catalogue", "the indices")
         assert agf is not None
         catalogue = read_agf(agf)
-    return read_zmx(path, catalogue) | rest
+    return read_zmx(path, catalogue) | entries
 
 
 def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, Any]:
@@ -182,7 +182,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     OmnimirrorError
         If the file is missing, has several configurations, or has unknown glasses or surface types.
     """
-    lens_file = _parsed(path, _text(path))
+    lens_file = _parse(path, _text(path))
     if len(lens_file.surfaces) < 4:
         raise lens_file.error(
             "the lens must have object, image and at least two surfaces in between (SURF); "
@@ -264,8 +264,8 @@ def _opening(lens_file: _File, table: dict[str, Any], scale: float) -> dict[str,
     tangent = _field_tangent(lens_file, sequence, scale, float(distance), to_imager)
     if not tangent > 0:
         return opening
-    widest = 1.05 * float(np.degrees(np.arctan(tangent)))
-    return opening | {"field_max_deg": min(max(widest, 1.0), 80.0)}
+    max_angle_deg = 1.05 * float(np.degrees(np.arctan(tangent)))
+    return opening | {"field_max_deg": min(max(max_angle_deg, 1.0), 80.0)}
 
 
 def _field_tangent(
@@ -311,14 +311,14 @@ def _text(path: Path) -> str:
     raise SpecError(f"{path} must be a text file in UTF-8 or UTF-16")
 
 
-def _parsed(path: Path, text: str) -> _File:
+def _parse(path: Path, text: str) -> _File:
     lens_file = _File(path)
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
         if not words:
             continue
         try:
-            _take(lens_file, number, words)
+            _parse_line(lens_file, number, words)
         except SpecError:
             raise
         except (ValueError, IndexError):
@@ -326,7 +326,7 @@ def _parsed(path: Path, text: str) -> _File:
     return lens_file
 
 
-def _take(lens_file: _File, number: int, words: list[str]) -> None:
+def _parse_line(lens_file: _File, number: int, words: list[str]) -> None:
     """Parse one line of the file."""
     key, values = words[0], words[1:]
     if key == "SURF":
@@ -360,10 +360,10 @@ def _take(lens_file: _File, number: int, words: list[str]) -> None:
             number,
         )
     elif lens_file.surfaces:
-        _take_surface(lens_file, lens_file.surfaces[-1], number, key, values)
+        _parse_surface_line(lens_file, lens_file.surfaces[-1], number, key, values)
 
 
-def _take_surface(
+def _parse_surface_line(
     lens_file: _File, surface: _Surface, number: int, key: str, values: list[str]
 ) -> None:
     """Parse one line of a surface."""
@@ -405,8 +405,8 @@ def _wavelengths(lens_file: _File) -> tuple[float, float, float]:
         filled = waves[24]
         waves = {k: v for k, v in waves.items() if v != filled or k == lens_file.primary}
     primary = waves.get(lens_file.primary, LINES_UM[1])
-    known = [*waves.values(), primary] if waves else list(LINES_UM)
-    return min(known), primary, max(known)
+    wavelengths = [*waves.values(), primary] if waves else list(LINES_UM)
+    return min(wavelengths), primary, max(wavelengths)
 
 
 def _glass(lens_file: _File, surface: _Surface, catalogue: GlassCatalogue | None) -> Glass | None:

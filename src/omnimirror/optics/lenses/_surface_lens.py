@@ -219,10 +219,10 @@ class SurfaceLens(FieldLens):
         return _field_of(self)
 
     def _check_focus(self) -> None:
-        nearest = self.principal_point_mm + self.focal_length_mm
-        if self.focus_distance_mm <= nearest:
+        min_focus_mm = self.principal_point_mm + self.focal_length_mm
+        if self.focus_distance_mm <= min_focus_mm:
             raise InvalidParameter(
-                f"focus_distance_mm must be greater than {nearest:g} mm, the front focus from "
+                f"focus_distance_mm must be greater than {min_focus_mm:g} mm, the front focus from "
                 f"the first surface; got {self.focus_distance_mm:g}"
             )
 
@@ -234,8 +234,8 @@ class SurfaceLens(FieldLens):
         InvalidParameter
             If no other wavelengths are given, or such light has no image before the imager.
         """
-        known = (self.wavelengths_nm, self.index_short, self.index_long)
-        if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(
+        wavelengths = (self.wavelengths_nm, self.index_short, self.index_long)
+        if any(column is None for column in wavelengths) or len(self.wavelengths_nm or ()) != len(
             FRAUNHOFER_NM
         ):
             raise InvalidParameter(
@@ -244,18 +244,18 @@ class SurfaceLens(FieldLens):
             )
         rows = np.array([self.index_short, self.index, self.index_long])
         index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
-        other = replace(
+        changed = replace(
             self,
             index=tuple(index.tolist()),
             index_short=None,
             index_long=None,
             wavelengths_nm=None,
         )
-        a, b, c, d = other._paraxial.back
+        a, b, c, d = changed._paraxial.back
         to_imager = _traced_of(self).to_imager
-        focal = other._paraxial.focal_length
+        focal = changed._paraxial.focal_length
         return replace(
-            other,
+            changed,
             focus_distance_mm=float(-(b + d * to_imager) / (a + c * to_imager)),
             f_number=self.f_number * float(focal / self.focal_length_mm),
         )
@@ -280,8 +280,8 @@ class SurfaceLens(FieldLens):
 
     def stop_points(self, points: Array, directions: Array) -> Array:
         """Trace the rays to the stop surface; NaN for blocked rays."""
-        places = self._landed_from(points, directions).stop / self._stop_scale
-        return places.reshape(directions[..., :2].shape)
+        stop_points = self._landed_from(points, directions).stop / self._stop_scale
+        return stop_points.reshape(directions[..., :2].shape)
 
     @cached_property
     def _stop_scale(self) -> float:
@@ -296,11 +296,11 @@ class SurfaceLens(FieldLens):
         found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
         t, s = axes(chief)
         for _ in range(AIMING_STEPS):
-            missed = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
-            along, across = (np.einsum("ni,ni->n", missed, axis) for axis in (t, s))
+            miss = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
+            along, across = (np.einsum("ni,ni->n", miss, axis) for axis in (t, s))
             step = (along / found.scale_t)[:, None] * t + (across / found.scale_s)[:, None] * s
             slopes = slopes + step
-            if not (np.abs(missed) > AIMING_TOLERANCE_MM).any():
+            if not (np.abs(miss) > AIMING_TOLERANCE_MM).any():
                 break
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
@@ -352,8 +352,12 @@ def _sequence_of(lens: SurfaceLens) -> Sequence:
     count = len(lens.curvature_per_mm)
 
     def column(values: tuple[float, ...] | None, missing: float) -> Array:
-        found = np.zeros(count) if values is None else np.array(values)
-        return np.where(found == 0.0, missing, found) if missing else found
+        values_or_zeros = np.zeros(count) if values is None else np.array(values)
+        return (
+            np.where(values_or_zeros == 0.0, missing, values_or_zeros)
+            if missing
+            else values_or_zeros
+        )
 
     return Sequence(
         np.array(lens.curvature_per_mm),

@@ -188,9 +188,9 @@ class TabulatedLens(FieldLens):
         if self.table_focus_mm is None:
             object.__setattr__(self, "table_focus_mm", self.focus_distance_mm)
         self._check_focus()
-        if (nearest := max(self.entrance_pupil_mm)) >= self.focus_distance_mm:
+        if (min_focus_mm := max(self.entrance_pupil_mm)) >= self.focus_distance_mm:
             raise InvalidParameter(
-                f"focus_distance_mm must be greater than {nearest:g} mm, the position of the "
+                f"focus_distance_mm must be greater than {min_focus_mm:g} mm, the position of the "
                 f"entrance pupil; got {self.focus_distance_mm:g}"
             )
         _ = self.field
@@ -215,12 +215,12 @@ class TabulatedLens(FieldLens):
         """
         if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
             return self
-        nothing = (0.0,) * len(self.field_deg)
+        zeros = (0.0,) * len(self.field_deg)
         shifts = np.array(
             [
-                self.lateral_colour_short_mm or nothing,
-                nothing,
-                self.lateral_colour_long_mm or nothing,
+                self.lateral_colour_short_mm or zeros,
+                zeros,
+                self.lateral_colour_long_mm or zeros,
             ]
         )
         moved = through_three(wavelength_nm, FRAUNHOFER_NM, shifts)
@@ -241,8 +241,8 @@ class TabulatedLens(FieldLens):
         slopes = directions[..., :2] / directions[..., 2:]
         square = (slopes**2).sum(axis=-1)
         n = self.window_index
-        nearer = self.window_mm * (1 - 1 / np.sqrt(n**2 + (n**2 - 1) * square))
-        depth = self.barrel_mm + nearer - points[..., 2]
+        is_nearer = self.window_mm * (1 - 1 / np.sqrt(n**2 + (n**2 - 1) * square))
+        depth = self.barrel_mm + is_nearer - points[..., 2]
         radius = self.barrel_diameter_mm / 2
         across = points[..., :2] + depth[..., None] * slopes
         return {"barrel": (radius**2 - (across**2).sum(axis=-1)) / (2 * radius)}
@@ -267,9 +267,9 @@ def _field_of(lens: TabulatedLens) -> LensField:
         else np.tan(np.radians(lens.chief_ray_deg))
     )
     height = np.array(lens.image_height_mm) + lens._at_table() * behind
-    nothing = np.zeros_like(tangent)
+    zeros = np.zeros_like(tangent)
     column = {
-        name: nothing if getattr(lens, name) is None else np.array(getattr(lens, name))
+        name: zeros if getattr(lens, name) is None else np.array(getattr(lens, name))
         for name in COLUMNS
         if name not in ("relative_illumination", "chief_ray_deg")
     }
@@ -279,8 +279,8 @@ def _field_of(lens: TabulatedLens) -> LensField:
     bend_t, bend_s = _of_defocus(tangent, behind, scale_t, scale_s)
     vergence_t = vergence - column["field_curvature_t_mm"] * bend_t
     vergence_s = vergence - column["field_curvature_s_mm"] * bend_s
-    left = _left_by_barrel(lens, tangent, pupil, vergence)
-    light = (1 + tangent**2) ** -2 * left.area
+    opening = _opening_of_barrel(lens, tangent, pupil, vergence)
+    light = (1 + tangent**2) ** -2 * opening.area
     if lens.relative_illumination is not None:
         light = np.array(lens.relative_illumination)
     nodes = FieldNodes(
@@ -291,9 +291,9 @@ def _field_of(lens: TabulatedLens) -> LensField:
         vergence_s,
         scale_t,
         scale_s,
-        left.width_t,
-        left.width_s,
-        left.shift_t,
+        opening.width_t,
+        opening.width_s,
+        opening.shift_t,
         light,
         column["own_blur_t_mm"],
         column["own_blur_s_mm"],
@@ -301,8 +301,8 @@ def _field_of(lens: TabulatedLens) -> LensField:
         column["lateral_colour_long_mm"],
         np.ones_like(tangent),
         np.ones_like(tangent),
-        nothing,
-        left.area,
+        zeros,
+        opening.area,
     )
     nodes = _through_window(nodes, lens.window_mm, lens.window_index)
     return LensField(
@@ -345,7 +345,9 @@ class _Opening(NamedTuple):
     area: Array
 
 
-def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence: Array) -> _Opening:
+def _opening_of_barrel(
+    lens: TabulatedLens, tangent: Array, pupil: Array, vergence: Array
+) -> _Opening:
     """Return the part of the pupil transmitted by the barrel: the intersection of two circles.
 
     A ray of slope ``t - y v`` through a pupil point y crosses the barrel's front, a before the

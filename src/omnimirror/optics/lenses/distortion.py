@@ -74,8 +74,8 @@ def undistorted(image: Array, brown: Coefficients) -> Array:
         if not (np.abs(step) > CLOSE).any():
             break
     with np.errstate(invalid="ignore"):
-        found = np.abs(distorted(ideal, brown) - image).max(axis=-1) < 1e-9
-    return np.where(found[..., None], ideal, np.nan)
+        solution = np.abs(distorted(ideal, brown) - image).max(axis=-1) < 1e-9
+    return np.where(solution[..., None], ideal, np.nan)
 
 
 def distorted_radius(r: Array, k: tuple[float, ...]) -> tuple[Array, Array]:
@@ -106,8 +106,8 @@ def undistorted_radius(radius: Array, k: tuple[float, ...]) -> Array:
             last, r = r, np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
             if not (np.abs(r - last) > CLOSE * np.abs(r)).any():
                 break
-        found = np.abs(distorted_radius(r, k)[0] - radius) <= 1e-9 * radius
-    return np.where(found, r, np.nan)
+        solution = np.abs(distorted_radius(r, k)[0] - radius) <= 1e-9 * radius
+    return np.where(solution, r, np.nan)
 
 
 @lru_cache(maxsize=64)

@@ -43,8 +43,8 @@ def _check(name: str, cls: Any) -> None:
             "a mirror class must be derived from omnimirror.optics.mirrors.Mirror; got "
             f"{shown(cls)}"
         )
-    made = vars(cls).get("__dataclass_params__")
-    if made is None or not made.frozen:
+    dataclass_parameters = vars(cls).get("__dataclass_params__")
+    if dataclass_parameters is None or not dataclass_parameters.frozen:
         raise InvalidParameter(f"{cls.__name__} must be a frozen dataclass of its parameters")
     if (kind := getattr(cls, "KIND", None)) != name:
         raise InvalidParameter(

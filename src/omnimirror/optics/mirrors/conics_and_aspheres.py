@@ -235,8 +235,11 @@ class Cone(Mirror):
         >>> round(radius, 9), round(z, 9)
         (100.0, 0.0)
         """
-        m, twice = number("mirror_distance_mm", mirror_distance_mm), 2 * np.radians(self.slope_deg)
-        return m * float(np.sin(twice)), m * float(np.cos(twice))
+        m, double_angle = (
+            number("mirror_distance_mm", mirror_distance_mm),
+            2 * np.radians(self.slope_deg),
+        )
+        return m * float(np.sin(double_angle)), m * float(np.cos(double_angle))
 
 
 # -- Flat mirror -----------------------------------------------------------------------------------

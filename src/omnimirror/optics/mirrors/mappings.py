@@ -346,32 +346,32 @@ class NodeConcentration:
     (array([0.     , 0.00447, 0.2    ]), array([0. , 0.5, 1. ]))
     """
 
-    middle: float
+    centre: float
     width: float
     end: float
 
     @cached_property
-    def _reach(self) -> tuple[float, float]:
+    def _sinh_range(self) -> tuple[float, float]:
         """Argument of sinh at s = 0, and its increase up to s = 1."""
-        low, high = (math.asinh((share - self.middle) / self.width) for share in (0.0, 1.0))
+        low, high = (math.asinh((share - self.centre) / self.width) for share in (0.0, 1.0))
         return low, high - low
 
     def t(self, s: Array) -> Array:
         """Compute the viewing angle, or the distance from the axis."""
-        low, span = self._reach
-        t: Array = self.end * (self.middle + self.width * np.sinh(low + span * s))
+        low, span = self._sinh_range
+        t: Array = self.end * (self.centre + self.width * np.sinh(low + span * s))
         return t
 
     def rate(self, s: Array) -> Array:
         """Compute dt/ds."""
-        low, span = self._reach
+        low, span = self._sinh_range
         rate: Array = self.end * self.width * span * np.cosh(low + span * s)
         return rate
 
     def s(self, t: Array) -> Array:
         """Compute the inverse of :meth:`t`."""
-        low, span = self._reach
-        s: Array = (np.arcsinh((t / self.end - self.middle) / self.width) - low) / span
+        low, span = self._sinh_range
+        s: Array = (np.arcsinh((t / self.end - self.centre) / self.width) - low) / span
         return s
 
 
@@ -413,9 +413,9 @@ class FiniteMapping(PrescribedMapping):
 
     def _field(self, t: Array) -> tuple[Array, Array]:
         """Compute the field angle and dOmega/dt, including the dependence on the meridian."""
-        return self._course(t)[:2]
+        return self._field_and_height(t)[:2]
 
-    def _course(self, t: Array) -> tuple[Array, Array, Array]:
+    def _field_and_height(self, t: Array) -> tuple[Array, Array, Array]:
         """Compute the field angle, dOmega/dt and the height y."""
         y, rim_z = self._solution.y(t), self._solution.rim_z
         law = self._law(t, y, rim_z)
@@ -423,7 +423,7 @@ class FiniteMapping(PrescribedMapping):
         omega = np.arctan2(dx.real, dz.real)
         return omega, (dx.imag * dz.real - dz.imag * dx.real) / (dx.real**2 + dz.real**2) / STEP, y
 
-    def _place(self, t: Array) -> tuple[Array, Array]:
+    def _angle_and_height(self, t: Array) -> tuple[Array, Array]:
         """Compute the field angle and the height y."""
         y = self._solution.y(t)
         return np.arctan2(*self._ray(t, y, self._solution.rim_z)), y
@@ -432,9 +432,11 @@ class FiniteMapping(PrescribedMapping):
     def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg == 0:
             return OrthographicMeridian(
-                lambda x: self._place(x)[0], lambda x: self._field(x)[1], self._solution.y
+                lambda x: self._angle_and_height(x)[0],
+                lambda x: self._field(x)[1],
+                self._solution.y,
             )
-        return PerspectiveMeridian(self._place, self._course, self._theta_max)
+        return PerspectiveMeridian(self._angle_and_height, self._field_and_height, self._theta_max)
 
     # -- differential equation ---------------------------------------------------------------------
 
@@ -709,7 +711,7 @@ class TabulatedMapping(MappingMirror):
         object.__setattr__(self, "height", floats("height", height))
 
     @classmethod
-    def sketched(
+    def unchecked(
         cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float
     ) -> TabulatedMapping:
         """Create a mirror without the costly check of its surface, for iterations."""
@@ -762,22 +764,22 @@ class TabulatedMapping(MappingMirror):
         rows = 64
         while True:
             # sinusoidal spacing: denser at the rim, with steeper mappings
-            share = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
-            omega = np.radians(low + (high - low) * share)
+            fractions = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
+            omega = np.radians(low + (high - low) * fractions)
             between = (omega[1:] + omega[:-1]) / 2
-            h, wanted = (coordinates("height(omega)", height(a)) for a in (omega, between))
-            if (h.shape, wanted.shape) != (omega.shape, between.shape):
+            h, heights_between = (coordinates("height(omega)", height(a)) for a in (omega, between))
+            if (h.shape, heights_between.shape) != (omega.shape, between.shape):
                 raise InvalidParameter(
                     "the mapping function must return one height per field angle, shape "
                     f"({len(omega)},); got {h.shape}"
                 )
-            if not (np.isfinite(h).all() and np.isfinite(wanted).all()):
+            if not (np.isfinite(h).all() and np.isfinite(heights_between).all()):
                 raise InvalidParameter(
                     "the mapping function must return finite heights over the field"
                 )
             mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
-            found, rate = mirror.mapping(wanted / h[-1])
-            error = float(np.abs((found - between) / rate).max())
+            angles, rate = mirror.mapping(heights_between / h[-1])
+            error = float(np.abs((angles - between) / rate).max())
             if error <= tolerance:
                 return mirror
             rows *= 2

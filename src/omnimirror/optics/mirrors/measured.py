@@ -106,7 +106,7 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
     if uncertainty_mm is None and (not scatter.is_noise or noise <= ROUNDING * float(np.ptp(z))):
         return _interpolated(x, z, smooth_apex, used)
     for _ in range(MAX_ROUNDS):
-        fit, residuals, residual = _smoothed(x, z, smooth_apex, used, noise)
+        fit, residuals, residual = _smooth(x, z, smooth_apex, used, noise)
         size = np.where(used, np.abs(residuals), 0.0)
         typical = MAD_TO_SIGMA * float(np.median(size[used]))
         outliers = size > max(
@@ -145,7 +145,7 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
     """
     used = np.ones(len(x), dtype=bool)
     noise = max(_scatter(x, z).sigma, ROUNDING * float(np.ptp(z)))
-    fit, residuals, _ = _smoothed(x, z, smooth_apex, used, noise)
+    fit, residuals, _ = _smooth(x, z, smooth_apex, used, noise)
     level = z[-1] - residuals[-1] - fit.spline(x[-1])  # of the apex
     return np.asarray(fit.spline(at) + level)
 
@@ -155,34 +155,36 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
 
 def _scatter(x: Array, z: Array) -> Scatter:
     """Return the smallest noise estimate over several polynomial degrees."""
-    found = [_unforetold(x, z, order) for order in ORDERS if len(x) > order + 1]
-    if not found:
+    residuals_by_order = [
+        _prediction_residuals(x, z, order) for order in ORDERS if len(x) > order + 1
+    ]
+    if not residuals_by_order:
         return Scatter(np.zeros(len(x)), False)
-    sizes = [float(np.median(np.abs(r))) for r in found]
-    least = found[int(np.argmin(sizes))]
-    inner = least[ORDERS[-1] // 2 : -ORDERS[-1] // 2]
+    sizes = [float(np.median(np.abs(r))) for r in residuals_by_order]
+    residuals = residuals_by_order[int(np.argmin(sizes))]
+    inner = residuals[ORDERS[-1] // 2 : -ORDERS[-1] // 2]
     changes = np.signbit(inner[1:]) != np.signbit(inner[:-1])
     is_noise = (
         len(inner) >= MIN_NOISE_POINTS
         and changes.mean() > ALTERNATING
         and max(sizes) < ALIKE * min(sizes)
     )
-    return Scatter(least, bool(is_noise))
+    return Scatter(residuals, bool(is_noise))
 
 
-def _unforetold(x: Array, z: Array, order: int) -> Array:
+def _prediction_residuals(x: Array, z: Array, order: int) -> Array:
     """Return prediction residuals (n,) from the ``order`` nearest neighbours."""
     n, half = len(x), order // 2
     first = np.clip(np.arange(n) - half, 0, n - order - 1)
     window = first[:, None] + np.arange(order + 1)
-    others = window[window != np.arange(n)[:, None]].reshape(n, order)
-    at = x[others]
-    gaps = at[:, :, None] - at[:, None, :] + np.eye(order)
-    steps = x[:, None] - at
+    neighbours = window[window != np.arange(n)[:, None]].reshape(n, order)
+    neighbour_x = x[neighbours]
+    gaps = neighbour_x[:, :, None] - neighbour_x[:, None, :] + np.eye(order)
+    steps = x[:, None] - neighbour_x
     ratio = steps[:, None, :] / gaps
     ratio[:, np.arange(order), np.arange(order)] = 1.0
     weights = ratio.prod(axis=2)
-    residual: Array = (z - np.einsum("no,no->n", weights, z[others])) / np.sqrt(
+    residual: Array = (z - np.einsum("no,no->n", weights, z[neighbours])) / np.sqrt(
         1 + (weights**2).sum(axis=1)
     )
     return residual
@@ -190,62 +192,66 @@ def _unforetold(x: Array, z: Array, order: int) -> Array:
 
 def _local_outliers(x: Array, z: Array) -> Mask:
     """Return isolated outliers (n,): far from their neighbours, which agree without them."""
-    wrong = np.zeros(len(x), dtype=bool)
-    tried = np.zeros(len(x), dtype=bool)
+    outliers = np.zeros(len(x), dtype=bool)
+    tested = np.zeros(len(x), dtype=bool)
     for _ in range(max(int(MAX_OUTLIER_FRACTION * len(x)), 1)):
-        kept = np.flatnonzero(~wrong)
-        if len(kept) <= 2 * ORDERS[0] + 2:
+        inliers = np.flatnonzero(~outliers)
+        if len(inliers) <= 2 * ORDERS[0] + 2:
             break
-        off, about = _off(x[kept], z[kept], float(np.ptp(z)))
-        off[tried[kept]] = 0.0
-        worst = int(np.argmax(off))
-        if off[worst] <= OUTLIER_THRESHOLD:
+        deviation, scatter = _relative_residuals(x[inliers], z[inliers], float(np.ptp(z)))
+        deviation[tested[inliers]] = 0.0
+        candidate = int(np.argmax(deviation))
+        if deviation[candidate] <= OUTLIER_THRESHOLD:
             break
-        without = np.delete(kept, worst)
-        again, _ = _off(x[without], z[without], float(np.ptp(z)), about[worst])
-        beside = again[max(worst - ORDERS[0] // 2, 0) : worst + ORDERS[0] // 2]
-        tried[kept[worst]] = True
-        wrong[kept[worst]] = bool((beside < max(OUTLIER_THRESHOLD, off[worst] / 8)).all())
-    return wrong
+        without = np.delete(inliers, candidate)
+        again, _ = _relative_residuals(x[without], z[without], float(np.ptp(z)), scatter[candidate])
+        neighbours = again[max(candidate - ORDERS[0] // 2, 0) : candidate + ORDERS[0] // 2]
+        tested[inliers[candidate]] = True
+        outliers[inliers[candidate]] = bool(
+            (neighbours < max(OUTLIER_THRESHOLD, deviation[candidate] / 8)).all()
+        )
+    return outliers
 
 
-def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple[Array, Array]:
+def _relative_residuals(
+    x: Array, z: Array, height: float, given_scatter: float | None = None
+) -> tuple[Array, Array]:
     """Return residuals (n,) in local (or given) standard deviations, and the latter, mm."""
-    size = np.abs(_unforetold(x, z, ORDERS[0]))
+    size = np.abs(_prediction_residuals(x, z, ORDERS[0]))
     padded = np.pad(size, WINDOW, constant_values=np.nan)
     views = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1).copy()
     views[:, WINDOW - ORDERS[0] // 2 : WINDOW + ORDERS[0] // 2 + 1] = np.nan  # the outlier's own
-    everywhere = _scatter(x, z)
-    least = max(ROUNDING * height, 0.7 * everywhere.sigma if everywhere.is_noise else 0.0)
-    scatter = np.maximum(MAD_TO_SIGMA * np.nanmedian(views, axis=1), least)
-    return size / (scatter if about is None else about), scatter
+    overall = _scatter(x, z)
+    min_scatter = max(ROUNDING * height, 0.7 * overall.sigma if overall.is_noise else 0.0)
+    scatter = np.maximum(MAD_TO_SIGMA * np.nanmedian(views, axis=1), min_scatter)
+    return size / (scatter if given_scatter is None else given_scatter), scatter
 
 
 # -- smooth curve ----------------------------------------------------------------------------------
 
 
-def _smoothed(
+def _smooth(
     x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float
 ) -> tuple[Fit, Array, float]:
     """Return the fit of the points used, all residuals (n,), mm, and their sigma."""
     curves: list[_Curve] = []
-    prices: list[float] = []
+    criteria: list[float] = []
     for pieces in PIECE_COUNTS:
         if curves and pieces + SMOOTHING_DEGREE > used.sum() / 2:
             break
         curves.append(_least_squares(x, z, smooth_apex, used, pieces))
         count = curves[-1].basis.shape[1]
-        missed = np.abs(curves[-1].residuals[used] / noise)
-        missed = np.where(
-            missed > MAX_DEVIATION, MAX_DEVIATION * (2 * missed - MAX_DEVIATION), missed**2
+        loss = np.abs(curves[-1].residuals[used] / noise)
+        loss = np.where(
+            loss > MAX_DEVIATION, MAX_DEVIATION * (2 * loss - MAX_DEVIATION), loss**2
         )  # Huber loss
-        prices.append(float(missed.sum() + np.log(used.sum()) * count))
-        if len(curves) - int(np.argmin(prices)) > max(PATIENCE, EXTRA_REFINEMENTS):
+        criteria.append(float(loss.sum() + np.log(used.sum()) * count))
+        if len(curves) - int(np.argmin(criteria)) > max(PATIENCE, EXTRA_REFINEMENTS):
             break
-    curve = curves[min(int(np.argmin(prices)) + EXTRA_REFINEMENTS, len(curves) - 1)]
-    left = float(np.sqrt(curve.left / max(used.sum() - curve.basis.shape[1], 1)))
-    spread = max(noise, left) * curve.roots @ curve.expand.T
-    return Fit(curve.spline, max(noise, left), used, spread), curve.residuals, left
+    curve = curves[min(int(np.argmin(criteria)) + EXTRA_REFINEMENTS, len(curves) - 1)]
+    sigma = float(np.sqrt(curve.left / max(used.sum() - curve.basis.shape[1], 1)))
+    deviations = max(noise, sigma) * curve.roots @ curve.expand.T
+    return Fit(curve.spline, max(noise, sigma), used, deviations), curve.residuals, sigma
 
 
 class _Curve(NamedTuple):
@@ -292,12 +298,12 @@ def _breaks(x: Array, end: float, pieces: int) -> Array:
     Pieces of equal point count are unsuitable: clouds are sparse at the apex, with high curvature.
     """
     breaks = [0.0]
-    held = 0
+    counted = 0
     for ahead in np.linspace(0.0, end, pieces + 1)[1:-1]:
         before = int(np.searchsorted(x, ahead))
-        if before - held >= MIN_POINTS_PER_PIECE and len(x) - before >= MIN_POINTS_PER_PIECE:
+        if before - counted >= MIN_POINTS_PER_PIECE and len(x) - before >= MIN_POINTS_PER_PIECE:
             breaks.append(float(ahead))
-            held = before
+            counted = before
     return np.array([*breaks, end])
 
 
@@ -357,15 +363,15 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1)]
     lines = [(i, line) for i, line in lines if line and not line.startswith(COMMENTS)]
     style = _Style.of([line for _, line in lines[:STYLE_LINES]], path)
-    header, kinds, table = _plain_table(lines, style) or _labelled_table(lines, style, path)
+    header, is_numeric, table = _plain_table(lines, style) or _labelled_table(lines, style, path)
     _check_unit(header, unit, path)
-    names = _named_columns(header, len(kinds))
+    names = _named_columns(header, len(is_numeric))
     has_decimals = any(
         sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,"
     )
     table = table[np.isfinite(table).all(axis=1)]
-    if names is not None and all(kinds[column] for column in names.values()):
-        columns = [sum(kinds[: names[axis]]) for axis in AXES if axis in names]
+    if names is not None and all(is_numeric[column] for column in names.values()):
+        columns = [sum(is_numeric[: names[axis]]) for axis in AXES if axis in names]
         return np.asarray(table[:, columns])
     if table.shape[1] >= 3 and not has_decimals and _are_row_numbers(table[:, 0]):
         table = table[:, 1:]
@@ -412,27 +418,29 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
         raise OmnimirrorError(
             f"{path} must contain rows of x, y, z, or of x, z for a profile; got no numbers"
         )
-    usual, count = counts.most_common(1)[0]
+    common_width, count = counts.most_common(1)[0]
     first = next(
         k
         for k, width in enumerate(widths)
-        if width and (width == usual or 2 * count <= counts.total())
+        if width and (width == common_width or 2 * count <= counts.total())
     )
     width = widths[first]
-    kinds = [style.is_number(word) for word in rows[first]]
+    is_numeric = [style.is_number(word) for word in rows[first]]
     values: list[list[float]] = []
     for (number, line), words in zip(lines[first:], rows[first:], strict=True):
-        found = [
-            style.value(word) for word, is_number in zip(words, kinds, strict=False) if is_number
+        row_values = [
+            style.value(word)
+            for word, is_number in zip(words, is_numeric, strict=False)
+            if is_number
         ]
-        if len(words) < width or None in found:
-            names = "x, y, z" if sum(kinds) > 2 else "x, z"
+        if len(words) < width or None in row_values:
+            names = "x, y, z" if sum(is_numeric) > 2 else "x, z"
             raise OmnimirrorError(
                 f"{path} line {number}: the row must contain {names}, as the other rows; got "
                 f"{shown(line)}"
             )
-        values.append([value for value in found if value is not None])
-    return [line for _, line in lines[:first]], kinds, np.array(values)
+        values.append([value for value in row_values if value is not None])
+    return [line for _, line in lines[:first]], is_numeric, np.array(values)
 
 
 class _Style:
@@ -504,9 +512,9 @@ def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
             for word in re.split(r"[;,\t]|\s+", line)
         ]
         words = [word for word in words if word]
-        found = {axis: words.index(axis) for axis in AXES if words.count(axis) == 1}
-        if len(words) == width and {"x", "z"} <= set(found):
-            return found
+        columns = {axis: words.index(axis) for axis in AXES if words.count(axis) == 1}
+        if len(words) == width and {"x", "z"} <= set(columns):
+            return columns
     return None
 
 
@@ -517,9 +525,9 @@ def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
         for line in header
         for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)
     ]
-    named = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
-    if unit is not None and len(named) == 1 and unit not in named:
-        (header_unit,) = named
+    header_units = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
+    if unit is not None and len(header_units) == 1 and unit not in header_units:
+        (header_unit,) = header_units
         raise OmnimirrorError(
             f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit "
             f"{header_unit} (--unit {header_unit})"
@@ -616,22 +624,22 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
 
 def _cloud_rows(path: Path, text: str, names: str) -> Array:
     """Return the numbers (n, columns) of a grid's text, separated by commas or blanks."""
-    found: list[list[float]] = []
+    rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
             numbers = [float_of(word) for word in line.replace(",", " ").replace(";", " ").split()]
             if (
                 not numbers
                 or not np.isfinite(numbers).all()
-                or len(numbers) < len(found[0] if found else [])
+                or len(numbers) < len(rows[0] if rows else [])
             ):
                 raise ValueError
         except ValueError:
             raise OmnimirrorError(
                 f"{path} line {number}: the line must contain {names}; got {shown(line)}"
             ) from None
-        found.append(numbers[: len(found[0])] if found else numbers)
-    return np.array(found).reshape(-1, len(found[0]) if found else 1)
+        rows.append(numbers[: len(rows[0])] if rows else numbers)
+    return np.array(rows).reshape(-1, len(rows[0]) if rows else 1)
 
 
 def profile_of(points: Array, source: str = "the cloud") -> Columns:
@@ -681,11 +689,11 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
 
 def check_distance(points: Array, source: str) -> None:
     """Check that no point (n, 3), mm, is farther than 10 km from the origin."""
-    farthest = float(np.abs(points).max(initial=0.0))
-    if farthest > MAX_COORDINATE_MM:
+    max_coordinate = float(np.abs(points).max(initial=0.0))
+    if max_coordinate > MAX_COORDINATE_MM:
         raise OmnimirrorError(
             f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's "
-            f"origin; got {farthest:.4g} mm; check the "
+            f"origin; got {max_coordinate:.4g} mm; check the "
             "unit and remove wrong points"
         )
 
@@ -719,34 +727,34 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     from scipy.optimize import least_squares
 
     size = float(np.ptp(points[:, :2])) / 2
-    some = points[:: max(len(points) // MAX_AXIS_POINTS, 1)]
-    place = _placed(some, size)
+    subset = points[:: max(len(points) // MAX_AXIS_POINTS, 1)]
+    profile = _profile_function(subset, size)
 
-    def misses(pose: Array) -> Array:
-        r, z = place(pose)
+    def residuals(pose: Array) -> Array:
+        r, z = profile(pose)
         order = np.argsort(r)
         curve = _least_squares(
             r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0]
         )
-        missed = np.empty_like(r)
-        missed[order] = curve.residuals / scale
-        return missed
+        ordered_residuals = np.empty_like(r)
+        ordered_residuals[order] = curve.residuals / scale
+        return ordered_residuals
 
     scale, pose = 1.0, np.array([*(start / size), 0.0, 0.0])
-    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
+    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residuals(pose)))), 1e-12 * size)
     for _ in range(2):
         pose = least_squares(
-            misses, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25
+            residuals, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25
         ).x
-        scale = max(scale * MAD_TO_SIGMA * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
-    r, z = _placed(points, size)(pose)
-    turned = points[:, :2] - pose[:2] * size
-    if len({(bool(x > 0), bool(y > 0)) for x, y in turned}) < 4:
+        scale = max(scale * MAD_TO_SIGMA * float(np.median(np.abs(residuals(pose)))), 1e-12 * size)
+    r, z = _profile_function(points, size)(pose)
+    centred = points[:, :2] - pose[:2] * size
+    if len({(bool(x > 0), bool(y > 0)) for x, y in centred}) < 4:
         raise OmnimirrorError(f"{source} must surround its axis; measure points on all sides of it")
     return r, z
 
 
-def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
+def _profile_function(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
     """Return a function from centre and tilts to distances and heights of points."""
 
     def at(pose: Array) -> tuple[Array, Array]:
@@ -805,9 +813,9 @@ class ColumnFile:
         name = table[self.entry]
         if not isinstance(name, str):
             raise SpecError(f"{self.entry} must be a file name in quotes; got {shown(name)}")
-        found = self.read(folder / name, self.noun)
-        rest = {k: v for k, v in table.items() if k != self.entry}
-        return rest | dict(zip(self.columns, map(list, found), strict=True))
+        columns = self.read(folder / name, self.noun)
+        entries = {k: v for k, v in table.items() if k != self.entry}
+        return entries | dict(zip(self.columns, map(list, columns), strict=True))
 
 
 def read_columns(

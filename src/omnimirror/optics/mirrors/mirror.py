@@ -77,7 +77,7 @@ class Mirror(ABC):
         """Return the mirror scaled uniformly: all lengths are multiplied by a factor."""
         factor = number("factor", factor, above=0.0)
 
-        def grown(name: str) -> Any:
+        def scaled_value(name: str) -> Any:
             value, unit = getattr(self, name), self.PARAMETERS[name].unit
             power = {"mm": 1, "um": 1, "nm": 1, "1/mm": -1}.get(unit, 0)
             if value is None or not power:
@@ -88,7 +88,7 @@ class Mirror(ABC):
                 else value * factor**power
             )
 
-        return replace(self, **{name: grown(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
+        return replace(self, **{name: scaled_value(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -129,9 +129,9 @@ class Mirror(ABC):
             z, slope, curvature = self.profile(x)
         missing = ~(np.isfinite(z) & np.isfinite(slope) & np.isfinite(curvature))
         if missing.any():
-            reach = self._reach(x[int(np.argmax(missing))])
+            extent = self._reach(x[int(np.argmax(missing))])
             raise OutsideMirror(
-                f"rim_radius_mm must be less than {reach:.6g} mm, where the {self.KIND} ends; "
+                f"rim_radius_mm must be less than {extent:.6g} mm, where the {self.KIND} ends; "
                 f"got {self.rim_radius_mm:g}"
             )
 

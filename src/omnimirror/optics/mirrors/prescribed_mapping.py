@@ -126,16 +126,16 @@ class PerspectiveMeridian:
 
     Attributes
     ----------
-    place : callable
+    angle_and_height : callable
         Field angle, and ln(rho/m), which is 0 on the axis, for viewing angles, all in radians.
-    course : callable
+    field_and_height : callable
         Field angle, its derivative and ln(rho/m) together, because they share most of the
         computation.
     theta_max : radians
     """
 
-    place: Callable[[Array], tuple[Array, Array]]
-    course: Callable[[Array], tuple[Array, Array, Array]]
+    angle_and_height: Callable[[Array], tuple[Array, Array]]
+    field_and_height: Callable[[Array], tuple[Array, Array, Array]]
     theta_max: float
 
     @classmethod
@@ -157,11 +157,11 @@ class PerspectiveMeridian:
     def distance(self) -> float:
         """Distance from lens to vertex; it scales the rim radius to 1."""
         end = np.array(self.theta_max)
-        return float(np.exp(-self.place(end)[1]) / np.sin(end))
+        return float(np.exp(-self.angle_and_height(end)[1]) / np.sin(end))
 
     def x(self, theta: Array) -> tuple[Array, Array]:
         """Compute the distance from the axis and its derivative dx/dtheta."""
-        return self._x(theta, *self.place(theta))
+        return self._x(theta, *self.angle_and_height(theta))
 
     def _x(self, theta: Array, omega: Array, log_rho: Array) -> tuple[Array, Array]:
         rho = self.distance * np.exp(log_rho)
@@ -171,15 +171,15 @@ class PerspectiveMeridian:
     @cached_property
     def _table(self) -> Array:
         """Cubic pieces (4, CELLS) of theta(x), refined by a Newton step."""
-        x, few = (
+        x, coarse = (
             np.linspace(0.0, 1.0, CELLS + 1),
             self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1)),
         )
-        theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
-        found, rate = self.x(theta)
-        theta = theta - (found - x) / rate
-        found, rate = self.x(theta)
-        if not np.abs(found - x).max() <= CLOSE:
+        theta = _between(_pieces(coarse, 1 / self.x(coarse)[1]), x)
+        x_at_theta, rate = self.x(theta)
+        theta = theta - (x_at_theta - x) / rate
+        x_at_theta, rate = self.x(theta)
+        if not np.abs(x_at_theta - x).max() <= CLOSE:
             theta = self._bracketed(x)
             rate = self.x(theta)[1]
         theta[0] = 0.0
@@ -190,8 +190,8 @@ class PerspectiveMeridian:
         low, high = np.zeros_like(x), np.full_like(x, self.theta_max)
         theta = x * self.theta_max
         for _ in range(60):  # bisection alone would converge; Newton's method takes over early
-            found, rate = self.x(theta)
-            error = found - x
+            x_at_theta, rate = self.x(theta)
+            error = x_at_theta - x
             low, high = np.where(error <= 0, theta, low), np.where(error >= 0, theta, high)
             step = theta - error / rate
             new = np.where((step >= low) & (step <= high), step, (low + high) / 2)
@@ -210,15 +210,15 @@ class PerspectiveMeridian:
         return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
 
     def _at(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Compute viewing angles at x, exactly 0 on the axis, and the course of the mapping there.
+        """Compute viewing angles at x, exactly 0 on the axis, and the mapping there.
 
         The table gives an estimate; first-order steps complete it.
         """
         theta = _between(self._table, x)
         for _ in range(2):
-            omega, domega, log_rho = self.course(theta)
-            found, rate = self._x(theta, omega, log_rho)
-            step = (x - found) / rate
+            omega, domega, log_rho = self.field_and_height(theta)
+            x_at_theta, rate = self._x(theta, omega, log_rho)
+            step = (x - x_at_theta) / rate
             log_rho = log_rho + np.tan((omega + theta) / 2) * step
             theta, omega = theta + step, omega + domega * step
             if not (np.abs(step) > CLOSE).any():
@@ -235,9 +235,9 @@ def _pieces(values: Array, rates: Array) -> Array:
 
 def _between(pieces: Array, x: Array) -> Array:
     """Evaluate cubic pieces at x."""
-    place = x * pieces.shape[1]
-    cell = np.fmax(np.fmin(place, pieces.shape[1] - 1), 0.0).astype(int)
-    t, (a, b, c, d) = place - cell, pieces[:, cell]
+    cell_coordinate = x * pieces.shape[1]
+    cell = np.fmax(np.fmin(cell_coordinate, pieces.shape[1] - 1), 0.0).astype(int)
+    t, (a, b, c, d) = cell_coordinate - cell, pieces[:, cell]
     return np.asarray(a + t * (b + t * (c + t * d)))
 
 

@@ -263,7 +263,7 @@ class SampledProfile(Mirror):
         """Indices (from 0) of the outliers, which are excluded."""
         return tuple(int(i) for i in np.flatnonzero(~self.fit.used))
 
-    def deviated(self, share: float) -> list[SmoothCurve]:
+    def deviated(self, factor: float) -> list[SmoothCurve]:
         """Return the mirror, and mirrors perturbed by a fraction of each independent deviation.
 
         The squared changes of any result, divided by the squared fraction, sum to its variance. The
@@ -271,11 +271,11 @@ class SampledProfile(Mirror):
         """
         from scipy.interpolate import BSpline
 
-        fit, rim, share = self.fit, self._rim * (1 + EXTRAPOLATION), number("share", share)
+        fit, rim, factor = self.fit, self._rim * (1 + EXTRAPOLATION), number("share", factor)
         curves = [
             fit.spline,
             *(
-                BSpline(fit.spline.t, fit.spline.c + share * d, SMOOTHING_DEGREE)
+                BSpline(fit.spline.t, fit.spline.c + factor * d, SMOOTHING_DEGREE)
                 for d in fit.deviations
             ),
         ]
