@@ -96,7 +96,7 @@ class PupilLight(NamedTuple):
 
     points: Array
     """Tangential and sagittal coordinates (n, 2) of rays in the section."""
-    shares: Array
+    area_ratios: Array
     """Ratio (n,) of aperture area to section area."""
     f_numbers: tuple[float, float]
     """Tangential and sagittal F-number of the disk."""
@@ -115,7 +115,7 @@ def check_wave_is_known(lens: FieldLens) -> None:
         )
 
 
-def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
+def phase_of_real_lens(cosines: Array, aberrations: Array) -> tuple[Array, Array]:
     """Return W (k, n), mm, from transverse aberrations (k, n, 2) mm, and its roughness (k,), mm.
 
     The roughness is the residual slope of the polynomial fit divided by its degree, the RMS of a
@@ -126,21 +126,25 @@ def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
     cosines, strayed : (k, n, 2) arrays
         Direction cosines of the rays at the imager, and their positions relative to the chief rays.
     """
-    by = basis_slopes()
+    derivatives = basis_slopes()
     coefficients = np.einsum("tn,knc->ktc", fit_matrix(), cosines)
     # (2, k, n): derivatives by the x and the y of the aperture
-    wanted = np.stack(
-        [-np.einsum("knc,nt,ktc->kn", strayed, rate, coefficients, optimize=True) for rate in by]
+    slopes = np.stack(
+        [
+            -np.einsum("knc,nt,ktc->kn", aberrations, rate, coefficients, optimize=True)
+            for rate in derivatives
+        ]
     )
-    k, n = strayed.shape[:2]
-    found = np.einsum(
-        "tm,km->kt", integration_matrix(), wanted.transpose(1, 0, 2).reshape(k, 2 * n)
+    k, n = aberrations.shape[:2]
+    phase_coefficients = np.einsum(
+        "tm,km->kt", integration_matrix(), slopes.transpose(1, 0, 2).reshape(k, 2 * n)
     )
-    phase = np.einsum("nt,kt->kn", polynomial_basis(FITTED.points), found)
-    missed = [
-        np.einsum("nt,kt->kn", rate, found) - slope for rate, slope in zip(by, wanted, strict=True)
+    phase = np.einsum("nt,kt->kn", polynomial_basis(FITTED.points), phase_coefficients)
+    residuals = [
+        np.einsum("nt,kt->kn", rate, phase_coefficients) - slope
+        for rate, slope in zip(derivatives, slopes, strict=True)
     ]
-    rough = np.sqrt((missed[0] ** 2 + missed[1] ** 2) @ FITTED.weights) / DEGREE
+    rough = np.sqrt((residuals[0] ** 2 + residuals[1] ** 2) @ FITTED.weights) / DEGREE
     return phase, rough
 
 
@@ -165,13 +169,13 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> PupilLight:
         @ cosines
     )
     low, high = edge.min(axis=0), edge.max(axis=0)
-    middle, half = (low + high) / 2, (high - low) / 2
-    reach = np.hypot(*((edge - middle) / half).T)
+    centre, half = (low + high) / 2, (high - low) / 2
+    radii = np.hypot(*((edge - centre) / half).T)
     stop = None
-    if np.ptp(reach) > 2 * MAX_ELLIPSE_DEVIATION:
-        half = half * reach.max()
+    if np.ptp(radii) > 2 * MAX_ELLIPSE_DEVIATION:
+        half = half * radii.max()
         stop = (1 - (at_stop**2).sum(axis=1)) / 2
-    points = (cosines - middle) / half
+    points = (cosines - centre) / half
     t, s = 1 / (2 * half)
     return PupilLight(points, half[0] * half[1] / area, (float(t), float(s)), stop)
 
@@ -248,10 +252,10 @@ class Wavefront:
             polynomials @ self._square(column) @ polynomials.T
             for column in (PHASE, DENSITY, *self._edges)
         )
-        share = _softened(1 - np.hypot(centres[:, None], centres), cell)
+        open_fraction = _softened(1 - np.hypot(centres[:, None], centres), cell)
         for clearance, slope in zip(edges, self._edge_slopes, strict=True):
-            share *= _softened(clearance, cell * slope)
-        return phase, np.maximum(density, 0.0), share
+            open_fraction *= _softened(clearance, cell * slope)
+        return phase, np.maximum(density, 0.0), open_fraction
 
     @property
     def _edges(self) -> range:
@@ -292,22 +296,24 @@ class Wavefront:
     @cached_property
     def _edge_slopes(self) -> list[float]:
         """Return the change (mm) of the clearance per aperture radius at each edge, near 0."""
-        found = []
+        slopes = []
         for column in self.coefficients.T[EDGES:]:
             by_x, by_y = (rate @ column for rate in basis_slopes())
-            near = np.argsort(np.abs(polynomial_basis(FITTED.points) @ column))[: len(by_x) // 10]
-            found.append(float(np.sqrt(np.mean(by_x[near] ** 2 + by_y[near] ** 2))))
-        return found
+            near_edge = np.argsort(np.abs(polynomial_basis(FITTED.points) @ column))[
+                : len(by_x) // 10
+            ]
+            slopes.append(float(np.sqrt(np.mean(by_x[near_edge] ** 2 + by_y[near_edge] ** 2))))
+        return slopes
 
     @property
-    def is_cut(self) -> bool:
+    def is_vignetted(self) -> bool:
         """Return whether an edge vignettes the aperture."""
         return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:
         """Return the nodes per side for integrals over the disk, according to the phase range."""
         return int(
-            np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_cut else 32, 400)
+            np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_vignetted else 32, 400)
         )
 
     def waves(self, wavelength_mm: float) -> float:
@@ -327,15 +333,15 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     sensor = bundles.focused_at(focus_mm)
     turn = bundles.axes()
     chief = bundles.chief_mm(sensor)
-    strayed = bundles.image_mm(sensor) - chief[:, None]
-    landing = np.einsum("knc,kac->kna", strayed, turn)
+    aberrations = bundles.image_mm(sensor) - chief[:, None]
+    landing = np.einsum("knc,kac->kna", aberrations, turn)
     edges = bundles.clearances()
     lens, cosines, at_stop = sensor.lens, np.empty(0), np.empty(0)
     if isinstance(lens, FieldLens):
         check_wave_is_known(lens)
         rays = bundles.facing_points - sensor.optical_train.lens_offset, bundles.to_pupils
         cosines, at_stop = lens.image_cosines(*rays), lens.stop_points(*rays)
-        phase, rough = phase_of_real_lens(cosines, strayed)
+        phase, rough = phase_of_real_lens(cosines, aberrations)
     else:
         phase = _phase(bundles, sensor, chief)
         rough = _misfit(phase)
@@ -348,13 +354,13 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
                 f"residual of {rough[i] / 550e-6:.2g} waves; reduce the aperture or use a "
                 "smoother mirror"
             )
-        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
+        cut = [_bounded(edge[i]) for edge in edges.values() if _vignettes(edge[i])]
         columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
         points = FITTED.points @ turn[i].T
         if isinstance(lens, FieldLens):
             cone = cone_of_light(cosines[i], at_stop[i], turn[i])
             points, f_numbers = cone.points, cone.f_numbers
-            columns[:, DENSITY] *= cone.shares
+            columns[:, DENSITY] *= cone.area_ratios
             if cone.stop is not None:
                 columns = np.column_stack([columns, cone.stop])
         else:
@@ -369,7 +375,7 @@ def _softened(clearance: Array, width: Array | float) -> Array:
     return ramp
 
 
-def _cuts(clearance: Array) -> bool:
+def _vignettes(clearance: Array) -> bool:
     """Return whether an edge vignettes the aperture, from the clearance (n,) at fitted points."""
     known = clearance[np.isfinite(clearance)]
     return bool(known.size and known.min() < MIN_CLEARANCE * np.ptp(known))
@@ -413,14 +419,16 @@ def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
     """Return W (k, n), mm: path to each aperture point minus that of the conjugate point."""
     train = sensor.optical_train
     in_focus = _conjugate(sensor, chief_mm) + train.lens_offset
-    pupil, centre = (
+    pupil, pupil_centre = (
         train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2)))
     )
     if pupil.distant:
-        ideal, middle = (-(in_focus @ e.xyz.T) for e in (pupil, centre))
+        ideal, central = (-(in_focus @ e.xyz.T) for e in (pupil, pupil_centre))
     else:
-        ideal, middle = (np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (pupil, centre))
-    return (bundles.path - bundles.chief_path()[:, None]) - (ideal - middle)
+        ideal, central = (
+            np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (pupil, pupil_centre)
+        )
+    return (bundles.path - bundles.chief_path()[:, None]) - (ideal - central)
 
 
 def _conjugate(sensor: Sensor, image_mm: Array) -> Array:

@@ -83,11 +83,11 @@ class CameraMapping:
 
     def columns(self) -> dict[str, Array]:
         """Return the columns (n,) of the table; uncertainties are included if known."""
-        known = self.camera.uncertainty is not None
+        is_known = self.camera.uncertainty is not None
         return {
             name: getattr(self, name)
             for name in MAPPING_COLUMNS
-            if known or name != "direction_sigma_deg"
+            if is_known or name != "direction_sigma_deg"
         }
 
     def texts(self) -> dict[str, list[str]]:
@@ -179,7 +179,7 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
             f"{requested[outside][0]:g}"
         )
     if not isinstance(camera, RadialModel):
-        return _in_space(camera, requested, end)
+        return _evaluate_skew(camera, requested, end)
     omega = np.minimum(np.radians(requested), camera.omega_max)
     radius, rate, height = camera.mapping(omega)
     along = np.radians(rate)
@@ -192,84 +192,94 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     return CameraMapping(requested, *columns, camera, end, camera.field_radius_px)
 
 
-def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
+def _evaluate_skew(camera: CameraModel, omega_deg: Array, end: float) -> CameraMapping:
     """Evaluate a camera without an axis on rings of directions."""
-    omega = np.maximum(np.radians(np.append(asked, end)), NEAR_AXIS_RAD)
-    seen, (directions, outwards, around) = _sees(camera, omega), _rings(camera, omega)
+    omega = np.maximum(np.radians(np.append(omega_deg, end)), NEAR_AXIS_RAD)
+    visible, (directions, outwards, around) = _sees(camera, omega), _rings(camera, omega)
     image = camera.image(directions.reshape(-1, 3), distant=True)
-    pixels = np.where(image.valid[:, None], image.pixels, np.nan).reshape(*seen.shape, 2)
-    rates = np.radians(image.d_points).reshape(*seen.shape, 2, 3)
+    pixels = np.where(image.valid[:, None], image.pixels, np.nan).reshape(*visible.shape, 2)
+    rates = np.radians(image.d_points).reshape(*visible.shape, 2, 3)
     along, across = ((rates @ across[..., None])[..., 0] for across in (outwards, around))
     area = np.abs(along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0])
     sizes = [np.linalg.norm(part, axis=-1) for part in (along, across)]
-    high, wide = (_mean(size, seen) for size in sizes)
-    radius = _mean(np.linalg.norm(pixels - _middle(camera, end), axis=-1), seen)
-    off = [
-        np.abs(size / mean[:, None] - 1)[seen]
+    high, wide = (_mean(size, visible) for size in sizes)
+    radius = _mean(np.linalg.norm(pixels - _image_centre(camera, end), axis=-1), visible)
+    deviations = [
+        np.abs(size / mean[:, None] - 1)[visible]
         for size, mean in zip(sizes, (high, wide), strict=True)
     ]
     sigma = (
         np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
     )
-    heights = _viewpoints(camera, pixels, seen)
-    told = (radius, high, wide, _mean(area, seen), _mean(sizes[1] / sizes[0], seen), heights, sigma)
-    h, dh, dw, ds, aspect, height, error = (column[:-1] for column in told)
-    varies = 100 * float(np.max(np.concatenate(off)))
+    heights = _viewpoints(camera, pixels, visible)
+    columns = (
+        radius,
+        high,
+        wide,
+        _mean(area, visible),
+        _mean(sizes[1] / sizes[0], visible),
+        heights,
+        sigma,
+    )
+    h, dh, dw, ds, aspect, height, error = (column[:-1] for column in columns)
+    variation = 100 * float(np.max(np.concatenate(deviations)))
     return CameraMapping(
-        asked, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), varies
+        omega_deg, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), variation
     )
 
 
-def _middle(camera: CameraModel, end: float) -> Array:
+def _image_centre(camera: CameraModel, end: float) -> Array:
     """Return the pixel (2,) at the centre of the smallest completely visible ring."""
     rings = np.append(NEAR_AXIS_RAD, np.radians(np.arange(SCAN_STEP_DEG, end, SCAN_STEP_DEG)))
     image = camera.image(_rings(camera, rings)[0].reshape(-1, 3), distant=True)
-    whole = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
-    if not len(whole):
+    complete = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
+    if not len(complete):
         raise OutsideField(
             "the camera must image at least one field angle at all azimuths, to define the "
             "centre of its image"
         )
-    return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[whole[0]].mean(axis=0))
+    return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[complete[0]].mean(axis=0))
 
 
-def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> Array:
+def _viewpoints(camera: CameraModel, pixels: Array, visible: NDArray[np.bool_]) -> Array:
     """Return the heights (n,) of the points nearest to the rays of each ring, or NaN."""
-    heights = np.full(len(seen), np.nan)
+    heights = np.full(len(visible), np.nan)
     world = camera.mount.rotation()
-    for i in np.flatnonzero(seen.sum(axis=1) > 1):
-        rays = camera.backproject(pixels[i, seen[i]])
-        origins, ways = (
+    for i in np.flatnonzero(visible.sum(axis=1) > 1):
+        rays = camera.backproject(pixels[i, visible[i]])
+        origins, directions = (
             turned(rays.origins[rays.valid], world),
             turned(rays.directions[rays.valid], world),
         )
-        if len(ways) > 1:
-            across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
+        if len(directions) > 1:
+            across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
             heights[i] = np.linalg.lstsq(
                 across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
             )[0][2]
     return heights
 
 
-def _mean(values: Array, seen: NDArray[np.bool_]) -> Array:
+def _mean(values: Array, visible: NDArray[np.bool_]) -> Array:
     """Return means (n,) over the visible azimuths (n, k); NaN without any."""
     with np.errstate(invalid="ignore"):
-        mean: Array = np.where(seen, values, 0.0).sum(axis=1) / seen.sum(axis=1)
+        mean: Array = np.where(visible, values, 0.0).sum(axis=1) / visible.sum(axis=1)
     return mean
 
 
 def _field_end_deg(camera: CameraModel) -> float:
     """Return the largest field angle in degrees at any azimuth."""
-    tried = np.radians(np.arange(SCAN_STEP_DEG, 180.0, SCAN_STEP_DEG))
-    rings = np.flatnonzero(_sees(camera, tried).any(axis=1))
+    angles = np.radians(np.arange(SCAN_STEP_DEG, 180.0, SCAN_STEP_DEG))
+    rings = np.flatnonzero(_sees(camera, angles).any(axis=1))
     if not len(rings):
         raise OutsideField(
             "the camera must image a part of its field; use a mirror whose centre is in the image"
         )
-    low, high = tried[rings[-1]], tried[rings[-1]] + np.radians(SCAN_STEP_DEG)
+    low, high = angles[rings[-1]], angles[rings[-1]] + np.radians(SCAN_STEP_DEG)
     for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _sees(camera, np.array([middle])).any() else (low, middle)
+        midpoint = (low + high) / 2
+        low, high = (
+            (midpoint, high) if _sees(camera, np.array([midpoint])).any() else (low, midpoint)
+        )
     return float(np.degrees(low))
 
 
@@ -308,5 +318,5 @@ def mean_sigma_deg(camera: CameraModel, omega: Array) -> Array:
     sigmas = direction_sigma_deg(camera, covariance, directions, camera.uncertainty.field_deg)
     squares = sigmas.reshape(len(omega), AZIMUTHS) ** 2
     pixels = camera.image(directions, distant=True).pixels.reshape(len(omega), AZIMUTHS, 2)
-    seen = np.isfinite(squares) & inside_image(pixels, camera.image_size)
-    return np.sqrt(_mean(squares, seen))
+    visible = np.isfinite(squares) & inside_image(pixels, camera.image_size)
+    return np.sqrt(_mean(squares, visible))

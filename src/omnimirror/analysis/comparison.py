@@ -61,8 +61,8 @@ class ComparedQuantity:
         numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
         if not self.better or len({*self.texts} - {"–"}) < 2:
             return [False] * len(self.values)
-        best = self.quantity.text((max if self.better == "high" else min)(numbers))
-        return [text == best for text in self.texts]
+        best_text = self.quantity.text((max if self.better == "high" else min)(numbers))
+        return [text == best_text for text in self.texts]
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
         raise InvalidParameter(
             f"the number of sensors must be 1 to {MAX_SENSORS}; got {len(sensors)}"
         )
-    named = _told_apart(sensors)
+    named = _with_unique_names(sensors)
     distance = float(distances("object_distance_mm", object_distance_mm))
     studies = [replace(_study(s), object_distance_mm=distance) for s in named]
     notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if not s.is_axial]
@@ -193,7 +193,7 @@ def _note(study: Study, sensor: Sensor) -> str:
     )
 
 
-def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
+def _with_unique_names(sensors: Sequence[Sensor]) -> list[Sensor]:
     """Return the sensors with unique names."""
     names = [s.name for s in sensors]
     return [
@@ -215,7 +215,7 @@ class Study:
     object_distance_mm: float = np.inf
 
     @cached_property
-    def own(self) -> Any:
+    def at_sensor_focus(self) -> Any:
         """Return the columns over the whole field at the focus of the sensor."""
         return self.evaluation
 
@@ -226,7 +226,7 @@ class Study:
         return evaluate(aligned, np.linspace(*aligned.field_deg, FIELD_NODES))
 
     @cached_property
-    def near(self) -> Evaluation:
+    def near_objects(self) -> Evaluation:
         """Return the evaluation of the aligned sensor for objects at the finite distance."""
         omega_deg = self.evaluation.omega_deg
         return evaluate(
@@ -235,14 +235,14 @@ class Study:
 
     def object_size(self, surface: str) -> float:
         """Return the smallest length per pixel, mm, the larger of both directions."""
-        t = getattr(self.near, f"{surface}_t_mm_per_px")
-        return float(np.fmin.reduce(np.maximum(t, self.near.object_s_mm_per_px)))
+        t = getattr(self.near_objects, f"{surface}_t_mm_per_px")
+        return float(np.fmin.reduce(np.maximum(t, self.near_objects.object_s_mm_per_px)))
 
     @cached_property
-    def best(self) -> tuple[float, float]:
+    def best_focus_optimum(self) -> tuple[float, float]:
         """Return the best focus, mm, and its worst floored blur area."""
-        found = best_focus(self.sensor)
-        return found.focus_mm, found.value
+        optimum = best_focus(self.sensor)
+        return optimum.focus_mm, optimum.value
 
     @property
     def field_deg(self) -> tuple[float, float]:
@@ -257,24 +257,24 @@ class Study:
         return self.sensor.rim_radius_px
 
     def viewpoint_spread(self) -> float:
-        heights = self.own.viewpoint_z_mm
+        heights = self.at_sensor_focus.viewpoint_z_mm
         return float(np.ptp(heights[np.isfinite(heights)]))
 
-    def share_of_sphere(self) -> float:
+    def sphere_coverage_percent(self) -> float:
         """Return the visible percentage of all directions."""
         low, high = np.cos(np.radians(self.sensor.field_deg))
         return float(50 * (low - high))
 
     def nonlinearity(self) -> float:
         """Return the largest deviation from a linear mapping, % of the rim height."""
-        h, omega = self.own.h_px, self.own.omega_deg
+        h, omega = self.at_sensor_focus.h_px, self.at_sensor_focus.omega_deg
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
     def worst_aspect(self) -> float:
         """Return the largest ratio of the longer to the shorter side of the image of a small
         square; inf at a cone tip.
         """
-        ratio = self.own.aspect[np.isfinite(self.own.aspect)]
+        ratio = self.at_sensor_focus.aspect[np.isfinite(self.at_sensor_focus.aspect)]
         with np.errstate(divide="ignore"):
             return float(np.maximum(ratio, 1 / ratio).max())
 
@@ -299,13 +299,13 @@ class FullFieldStudy(Study):
     """Data source for the rows of a misaligned sensor, over all azimuths."""
 
     @cached_property
-    def picture(self) -> FullFieldEvaluation:
+    def full_field(self) -> FullFieldEvaluation:
         return FullFieldEvaluation(self.sensor)
 
     @cached_property
-    def own(self) -> Any:
+    def at_sensor_focus(self) -> Any:
         """Return the columns over the whole image."""
-        blur = self.picture.own
+        blur = self.full_field.at_sensor_focus
         return SimpleNamespace(
             dh_domega_px_per_deg=blur.imaging.height,
             area_px2=blur.imaging.area,
@@ -318,49 +318,49 @@ class FullFieldStudy(Study):
         )
 
     @cached_property
-    def best(self) -> tuple[float, float]:
-        return self.picture.best_focus()
+    def best_focus_optimum(self) -> tuple[float, float]:
+        return self.full_field.best_focus()
 
     @property
     def field_deg(self) -> tuple[float, float]:
-        return self.picture.field_deg
+        return self.full_field.field_deg
 
     @property
     def hidden(self) -> tuple[float, float]:
-        return self.picture.hidden
+        return self.full_field.hidden
 
     def rim_radius(self) -> float:
-        return self.picture.rim_radius_px()
+        return self.full_field.rim_radius_px()
 
     def viewpoint_spread(self) -> float:
-        return self.picture.viewpoint_spread()
+        return self.full_field.viewpoint_spread()
 
-    def share_of_sphere(self) -> float:
-        return self.picture.share_of_sphere()
+    def sphere_coverage_percent(self) -> float:
+        return self.full_field.sphere_coverage_percent()
 
     def nonlinearity(self) -> float:
-        return self.picture.nonlinearity()
+        return self.full_field.nonlinearity()
 
     def one_viewpoint_error(self) -> float:
-        return self.picture.one_viewpoint_error(NEAR_OBJECT_MM)
+        return self.full_field.one_viewpoint_error(NEAR_OBJECT_MM)
 
 
-def _of(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
+def _reduced(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
     """Return a function for a reduction of an evaluation column, without poles (tip of a cone)."""
 
     def value(study: Study) -> float:
-        values = getattr(study.own, column)
+        values = getattr(study.at_sensor_focus, column)
         return float(reduce(values[np.isfinite(values)]))
 
     return value
 
 
-def _worst(column: str) -> Callable[[Study], float]:
-    return _of(column, lambda values: np.abs(values).max())
+def _max_abs(column: str) -> Callable[[Study], float]:
+    return _reduced(column, lambda values: np.abs(values).max())
 
 
 def _ratio(column: str) -> Callable[[Study], float]:
-    return _of(column, lambda values: values.min() / values.max())
+    return _reduced(column, lambda values: values.min() / values.max())
 
 
 def _secondary(study: Study) -> str:
@@ -386,17 +386,17 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "f_number": ("", _f_number),
     "field_from_deg": ("low", lambda s: s.field_deg[0]),
     "field_to_deg": ("high", lambda s: s.field_deg[1]),
-    "share_of_sphere_percent": ("high", lambda s: s.share_of_sphere()),
+    "share_of_sphere_percent": ("high", lambda s: s.sphere_coverage_percent()),
     "hidden_to_deg": ("low", lambda s: s.hidden[0]),
     "hidden_percent": ("low", lambda s: s.hidden[1]),
     "rim_radius_px": ("", lambda s: s.rim_radius()),
     "nonlinearity_percent": ("low", lambda s: s.nonlinearity()),
-    "least_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),
-    "largest_dh_domega_px_per_deg": ("", _of(TANGENTIAL, np.max)),
+    "least_dh_domega_px_per_deg": ("high", _reduced(TANGENTIAL, np.min)),
+    "largest_dh_domega_px_per_deg": ("", _reduced(TANGENTIAL, np.max)),
     "dh_domega_ratio": ("high", _ratio(TANGENTIAL)),
     "area_ratio": ("high", _ratio("area_px2")),
-    "least_aspect": ("", _of("aspect", np.min)),
-    "largest_aspect": ("", _of("aspect", np.max)),
+    "least_aspect": ("", _reduced("aspect", np.min)),
+    "largest_aspect": ("", _reduced("aspect", np.max)),
     "worst_aspect": ("low", lambda s: s.worst_aspect()),
     "least_plane_mm_per_px": ("low", lambda s: s.object_size("plane")),
     "least_cylinder_mm_per_px": ("low", lambda s: s.object_size("cylinder")),
@@ -404,13 +404,13 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "one_viewpoint_error_px": ("low", lambda s: s.one_viewpoint_error()),
     "focus_mm": ("", lambda s: s.evaluation.focus_mm),
     "depth_of_field_mm": ("high", lambda s: s.evaluation.depth_of_field_mm.depth),
-    "worst_blur_t_px": ("low", _worst("blur_t_px")),
-    "worst_blur_s_px": ("low", _worst("blur_s_px")),
-    "worst_blur_t_deg": ("low", _worst("blur_t_deg")),
-    "worst_blur_s_deg": ("low", _worst("blur_s_deg")),
-    "worst_floored_area_deg2": ("low", _worst("floored_area_deg2")),
-    "best_focus_mm": ("", lambda s: s.best[0]),
-    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best[1]),
+    "worst_blur_t_px": ("low", _max_abs("blur_t_px")),
+    "worst_blur_s_px": ("low", _max_abs("blur_s_px")),
+    "worst_blur_t_deg": ("low", _max_abs("blur_t_deg")),
+    "worst_blur_s_deg": ("low", _max_abs("blur_s_deg")),
+    "worst_floored_area_deg2": ("low", _max_abs("floored_area_deg2")),
+    "best_focus_mm": ("", lambda s: s.best_focus_optimum[0]),
+    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best_focus_optimum[1]),
     "airy_px": ("low", lambda s: s.evaluation.airy_px),
     "length_mm": ("low", lambda s: s.length()),
     "mirror_diameter_mm": ("low", lambda s: 2 * s.sensor.mirror.rim_radius_mm),
@@ -421,8 +421,8 @@ COMPARED: dict[str, tuple[Better, Value]] = {
 
 
 def _compared(name: str, studies: Sequence[Study]) -> ComparedQuantity:
-    better, value = COMPARED[name]
-    return ComparedQuantity(QUANTITIES[name], tuple(value(s) for s in studies), better)
+    preference, value = COMPARED[name]
+    return ComparedQuantity(QUANTITIES[name], tuple(value(s) for s in studies), preference)
 
 
 def _word(value: float | str) -> float | str:

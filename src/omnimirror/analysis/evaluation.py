@@ -201,14 +201,14 @@ class Evaluation:
         tangent = np.tan(np.radians(self.theta_deg))
         t, s = lens.own_blur(lens.principal_distance * tangent)
         colour = lens.field.odd(tangent)
-        found = (
+        values = (
             t / pitch,
             s / pitch,
             lens.field.at(tangent).illumination,
             (colour["short"] - colour["long"]) / pitch,
             lens.pupil.position(tangent),
         )
-        return {q.name: column for q, column in zip(quantities.OF_LENS, found, strict=True)}
+        return {q.name: column for q, column in zip(quantities.OF_LENS, values, strict=True)}
 
     @checked
     def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
@@ -273,8 +273,8 @@ class Evaluation:
             "summary": self.summary(),
             "columns": {k: v.tolist() for k, v in self.columns().items()},
         }
-        if found := self.standard_deviations():
-            data["standard_deviations"] = {k: v.tolist() for k, v in found.items()}
+        if deviations := self.standard_deviations():
+            data["standard_deviations"] = {k: v.tolist() for k, v in deviations.items()}
         write_text(path, json.dumps(_finite(data), indent=1) + "\n")
 
 
@@ -348,9 +348,9 @@ def evaluate(
     """
     check_sensor(sensor)
     choices = {"omega_deg": omega_deg, "x_mm": x_mm, "h_px": h_px, "pixels": pixels}
-    given = {k: v for k, v in choices.items() if v is not None}
-    if len(given) > 1:
-        raise InvalidParameter(f"{' and '.join(given)} must not be given together; remove one")
+    specified = {k: v for k, v in choices.items() if v is not None}
+    if len(specified) > 1:
+        raise InvalidParameter(f"{' and '.join(specified)} must not be given together; remove one")
     choice("mode", mode, BLUR_MODES)
     tolerance_px = number("tolerance_px", tolerance_px, above=0.0, unit="px")
     if image_radius_px is not None:
@@ -368,14 +368,14 @@ def evaluate(
         ).focus_mm
     if focus_mm is not None:
         sensor = replace(sensor, lens=sensor.lens.focused_at(number("focus_mm", focus_mm)))
-    asked, x = _mirror_points(sensor, given, image_radius_px)
+    field_angles_deg, x = _mirror_points(sensor, specified, image_radius_px)
     rays, p = sensor.meridian.trace(x), distance_per_angle(object_distance_mm, x)
     study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
-    found = _columns(study)
-    if asked is not None:  # preserve the given values exactly
-        found["omega_deg"] = asked
+    columns = _columns(study)
+    if field_angles_deg is not None:  # preserve the given values exactly
+        columns["omega_deg"] = field_angles_deg
     return Evaluation(
-        **found,
+        **columns,
         sensor=sensor,
         object_distance_mm=float(p) if p.ndim == 0 else p,
         mode=mode,
@@ -459,22 +459,22 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
 def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
     """Return the columns of an evaluation, (n,), with another mirror; NaN outside its field."""
     sensor = replace(result.sensor, mirror=mirror)
-    seen = sensor.meridian.sees(np.radians(result.omega_deg))
+    in_field = sensor.meridian.sees(np.radians(result.omega_deg))
     p, radius = np.asarray(result.object_distance_mm), result.image_radius_px
-    there = evaluate(
+    evaluation = evaluate(
         sensor,
-        result.omega_deg[seen],
-        object_distance_mm=p[seen] if p.size > 1 else p,
+        result.omega_deg[in_field],
+        object_distance_mm=p[in_field] if p.size > 1 else p,
         mode=result.mode,
         wavelength_nm=result.wavelength_nm,
         image_radius_px=None
         if radius is None
         else radius * sensor.rim_radius_px / result.sensor.rim_radius_px,
     )
-    found = {name: np.full(len(result), np.nan) for name in UNCERTAIN}
-    for name, column in found.items():
-        column[seen] = getattr(there, name)
-    return found
+    columns = {name: np.full(len(result), np.nan) for name in UNCERTAIN}
+    for name, column in columns.items():
+        column[in_field] = getattr(evaluation, name)
+    return columns
 
 
 @checked
@@ -514,13 +514,13 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
 
 
 def _mirror_points(
-    sensor: Sensor, given: dict[str, ArrayLike], image_radius_px: float | None
+    sensor: Sensor, specified: dict[str, ArrayLike], image_radius_px: float | None
 ) -> tuple[Array | None, Array]:
     """Return the given field angles, or None, and the mirror points, (n,) mm.
 
     Heights and pixels refer to the image scaled to ``image_radius_px``.
     """
-    kind, values = next(iter(given.items()), ("omega_deg", field_angles(sensor)))
+    kind, values = next(iter(specified.items()), ("omega_deg", field_angles(sensor)))
     if kind == "omega_deg":
         omega = numbers(kind, values).ravel()
         return omega, sensor.meridian.x_from_omega(np.radians(omega))

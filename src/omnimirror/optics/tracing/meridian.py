@@ -101,17 +101,17 @@ def _derivative(a: Array) -> Array:
 
 
 def _product(a: Array, b: Array) -> Array:
-    found = np.zeros((len(a) + len(b) - 1, a.shape[1]))
+    product = np.zeros((len(a) + len(b) - 1, a.shape[1]))
     for i, row in enumerate(a):
-        found[i : i + len(b)] += row * b
-    return found
+        product[i : i + len(b)] += row * b
+    return product
 
 
 def _sum(a: Array, b: Array) -> Array:
-    found = np.zeros((max(len(a), len(b)), a.shape[1]))
-    found[: len(a)] += a
-    found[: len(b)] += b
-    return found
+    total = np.zeros((max(len(a), len(b)), a.shape[1]))
+    total[: len(a)] += a
+    total[: len(b)] += b
+    return total
 
 
 def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float | None:
@@ -124,8 +124,8 @@ def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float 
     for _ in range(MAX_BISECTIONS):
         failed = (b[0] < -slack) | (b[-1] < -slack)
         if failed.any():
-            at = np.where(b[0] < -slack, start, start + step)
-            return float(at[failed].min())
+            position = np.where(b[0] < -slack, start, start + step)
+            return float(position[failed].min())
         open_ = (b < -slack).any(axis=0)
         if not open_.any():
             return None
@@ -203,13 +203,15 @@ class OutsideRays:
                 f"cover; got {p:g}"
             )
         with np.errstate(divide="ignore"):
-            t, s = (1 / near for near in distances_inside_cover(self.refractions, 1 / behind))
+            t, s = (1 / inverse for inverse in distances_inside_cover(self.refractions, 1 / behind))
         return t, s
 
 
-def distances_inside_cover(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
+def distances_inside_cover(
+    refractions: tuple[Refraction, ...], inverse_distance: Any
+) -> tuple[Any, Any]:
     """Convert 1/distance from the outer surface to that from the mirror, T and S."""
-    vergence_t = vergence_s = -near
+    vergence_t = vergence_s = -inverse_distance
     for r in reversed(refractions):
         vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
         vergence_s = (r.after_s * vergence_s - r.power_s) / r.before_s
@@ -245,8 +247,8 @@ class RefractingSurface(NamedTuple):
             return (self.radius - ray.x) / sin, np.pi / 2 + 0 * ray.x
         dz = ray.z - self.height
         b, c = ray.x * sin - dz * cos, ray.x**2 + dz**2 - self.radius**2
-        way = -b + np.sqrt(b * b - c)
-        return way, _angle_of(ray.x + way * sin, way * cos - dz)
+        distance = -b + np.sqrt(b * b - c)
+        return distance, _angle_of(ray.x + distance * sin, distance * cos - dz)
 
     @property
     def curvatures(self) -> tuple[Any, Any]:
@@ -346,17 +348,19 @@ class Cover:
         start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
         with np.errstate(all="ignore"):  # misses and total reflection: see below
-            passed = refract_through_shell(
+            transit = refract_through_shell(
                 start, refracting_surfaces(self.shell), (self.shell.index, self.shell.outer_index)
             )
-        foot, through = passed.foot, passed.refractions
-        found: tuple[Array, ...] = (*foot, passed.reach, passed.inside)
+        foot, through = transit.foot, transit.refractions
+        values: tuple[Array, ...] = (*foot, transit.reach, transit.inside)
         if not crosses.all():
-            nothing = np.zeros_like(start.x)
-            bare = (*start, nothing, nothing)
-            found = tuple(np.where(crosses, new, old) for new, old in zip(found, bare, strict=True))
-            through = tuple(_only_where(crosses, r) for r in through)
-        x, z, omega, spread, rate, reach, inside = found
+            zeros = np.zeros_like(start.x)
+            bare = (*start, zeros, zeros)
+            values = tuple(
+                np.where(crosses, new, old) for new, old in zip(values, bare, strict=True)
+            )
+            through = tuple(_identity_unless(crosses, r) for r in through)
+        x, z, omega, spread, rate, reach, inside = values
         return replace(
             rays, omega=omega, outside=OutsideRays(x, z, rate, spread, reach, inside, through)
         )
@@ -424,19 +428,19 @@ class Cover:
         """
         outside = rays.outside
         assert outside is not None
-        caught = ~np.isfinite(rays.omega)
-        if caught.any() and isinstance(self.shell, FlatWindow):
-            i = int(np.argmax(caught))
+        is_blocked = ~np.isfinite(rays.omega)
+        if is_blocked.any() and isinstance(self.shell, FlatWindow):
+            i = int(np.argmax(is_blocked))
             raise SelfObstruction(
                 "rays from the mirror must be directed back past the lens to pass the window; "
                 f"those from x = {rays.x[i]:.5g} mm leave at "
                 f"{np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a tube "
                 "or dome"
             )
-        if caught.any():
+        if is_blocked.any():
             raise SelfObstruction(
                 f"rays from the mirror must pass the {self.shell.KIND}; those from x = "
-                f"{rays.x[np.argmax(caught)]:.5g} mm are totally reflected at its outer "
+                f"{rays.x[np.argmax(is_blocked)]:.5g} mm are totally reflected at its outer "
                 "surface; use a larger diameter"
             )
         crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
@@ -454,7 +458,7 @@ def _refracted(
 ) -> tuple[Pencil, Refraction]:
     """Return rays behind a surface, and its effect on wavefronts."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-    way, normal = side.intersection(ray)
+    distance, normal = side.intersection(ray)
     curvature_t, curvature_s = side.curvatures
     i = ray.omega - normal
     cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
@@ -463,26 +467,28 @@ def _refracted(
     behind = np.arcsin(sin_behind)
     cos_behind = np.cos(behind)
     gain = after * cos_behind - before * cos_i
-    along = (ray.spread + way * ray.rate) / cos_i  # separation of neighbours along the surface
+    along = (ray.spread + distance * ray.rate) / cos_i  # separation of neighbours along the surface
     turn = curvature_t * along
     rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind)
-    left = Pencil(ray.x + way * sin, ray.z - way * cos, normal + behind, cos_behind * along, rate)
-    one = np.ones_like(gain)
-    return left, Refraction(
-        way,
+    outgoing = Pencil(
+        ray.x + distance * sin, ray.z - distance * cos, normal + behind, cos_behind * along, rate
+    )
+    ones = np.ones_like(gain)
+    return outgoing, Refraction(
+        distance,
         before * cos_i**2,
         after * cos_behind**2,
         gain * curvature_t,
-        before * one,
-        after * one,
+        before * ones,
+        after * ones,
         gain * curvature_s,
     )
 
 
-def _only_where(crosses: Mask, r: Refraction) -> Refraction:
+def _identity_unless(crosses: Mask, r: Refraction) -> Refraction:
     """Return the refraction, set to the identity for rays that do not cross."""
-    nothing = (0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0)
-    return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, nothing, strict=True)))
+    identity = (0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0)
+    return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, identity, strict=True)))
 
 
 # -- Chief rays and their inversion ----------------------------------------------------------------
@@ -757,8 +763,10 @@ class Meridian:
         t = (omega - low) / width
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = width / table.domega_dx()[np.stack([cell, cell + 1])]
-            bent = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
-        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # finite rates
+            interpolated = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
+        x: Array = (
+            a + t * step + np.where(np.isfinite(interpolated), interpolated, 0.0)
+        )  # finite rates
         return x
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
@@ -810,30 +818,30 @@ class Meridian:
         start, edge = np.full_like(x_t, self.x_min), np.full_like(x_t, rim)
         surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
         with np.errstate(invalid="ignore"):  # non-finite points are not imaged
-            seen = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
-            seen &= (difference(start, x_t, z_t)[0] <= 0) & (
+            in_field = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
+            in_field &= (difference(start, x_t, z_t)[0] <= 0) & (
                 difference(edge, x_t, z_t)[0] >= -ROUNDING
             )
         x = np.full_like(x_t, np.nan)
-        if seen.any():
-            xt, zt = x_t[seen], z_t[seen]
-            x[seen] = increasing_root(
+        if in_field.any():
+            xt, zt = x_t[in_field], z_t[in_field]
+            x[in_field] = increasing_root(
                 lambda x: difference(x, xt, zt),
-                start[seen],
-                edge[seen],
+                start[in_field],
+                edge[in_field],
                 self.first_guess(xt, zt),
                 rim,
             )
             if self.cover is not None:
-                x[seen] = np.where(
-                    self.cover.leads_to(self._rays(x[seen]), xt, zt), x[seen], np.nan
+                x[in_field] = np.where(
+                    self.cover.leads_to(self._rays(x[in_field]), xt, zt), x[in_field], np.nan
                 )
         return x
 
     def first_guess(self, x_t: Array, z_t: Array) -> Array:
         """Return single-viewpoint estimates of the mirror points (n,), mm."""
-        middle = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
-        omega, _ = _direction(x_t, z_t - middle)
+        midpoint = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
+        omega, _ = _direction(x_t, z_t - midpoint)
         return np.interp(omega, self._table.omega, self._table.x)
 
 
@@ -843,8 +851,8 @@ def _direction(dx: Array, dz: Array) -> tuple[Array, Array]:
     return np.where(phi < -np.pi / 2, phi + 2 * np.pi, phi), np.hypot(dx, dz)
 
 
-def _first(values: Array, where: NDArray[np.bool_]) -> float:
-    return float(np.atleast_1d(values)[np.atleast_1d(where)][0])
+def _first(values: Array, mask: NDArray[np.bool_]) -> float:
+    return float(np.atleast_1d(values)[np.atleast_1d(mask)][0])
 
 
 # -- validity checks -------------------------------------------------------------------------------

@@ -131,19 +131,19 @@ class TaperedRod(NamedTuple):
             )
             a = dx**2 + dy**2 - widening**2
             b = x * dx + y * dy - radius * widening
-            nearest = np.where(a > 0, np.clip(-b / a, first, last), first)
+            closest = np.where(a > 0, np.clip(-b / a, first, last), first)
             squares = [
                 (x + t * dx) ** 2 + (y + t * dy) ** 2 - (radius + t * widening) ** 2
-                for t in (first, nearest, last)
+                for t in (first, closest, last)
             ]
-            least = np.fmin.reduce(squares)
-            clearance = least / (2 * max(self.foot_radius_mm, self.top_radius_mm))
+            min_square = np.fmin.reduce(squares)
+            clearance = min_square / (2 * max(self.foot_radius_mm, self.top_radius_mm))
             return np.where(first <= last, clearance, np.inf)
 
     def blocks(self, points: Array, directions: Array) -> Mask:
         """Return which rays (n, 3), (n, 3) it blocks, including those that start inside."""
-        blocked: Mask = self.clearance(points, directions) < 0
-        return blocked
+        mask: Mask = self.clearance(points, directions) < 0
+        return mask
 
 
 @dataclass(frozen=True)
@@ -230,14 +230,16 @@ class Obstructions:
         pose
             Pose of the mirror.
         """
-        found = {}
+        clearances_by_part = {}
         if self.rod is not None:
-            ways = (self.rod.clearance(points, way) for way in (directions, towards_lens))
-            found["rod"] = np.fmin.reduce([*ways])
-        found |= {disc.part: disc.clearance(points, directions) for disc in self.discs}
+            rod_clearances = (
+                self.rod.clearance(points, direction) for direction in (directions, towards_lens)
+            )
+            clearances_by_part["rod"] = np.fmin.reduce([*rod_clearances])
+        clearances_by_part |= {disc.part: disc.clearance(points, directions) for disc in self.discs}
         if self.rim is not None:
-            found["rim"] = self._past_rim(self.rim, points, directions, pose)
-        return found
+            clearances_by_part["rim"] = self._past_rim(self.rim, points, directions, pose)
+        return clearances_by_part
 
     def meridian_clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
         """Return the clearance (n,), mm, of meridional chief rays at each part.
@@ -247,33 +249,38 @@ class Obstructions:
         x, z, theta, reflected = np.atleast_1d(
             rays.x, rays.z + shift_mm, rays.theta, rays.reflected
         )
-        nothing = np.zeros_like(x)
+        zeros = np.zeros_like(x)
         points, outwards, back = (
-            np.stack([across, nothing, along], axis=-1)
+            np.stack([across, zeros, along], axis=-1)
             for across, along in (
                 (x, z),
                 (np.sin(reflected), -np.cos(reflected)),
                 (-np.sin(theta), -np.cos(theta)),
             )
         )
-        found = self.clearances(points, outwards, back, MirrorPose(displacement_mm=shift_mm))
-        return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
+        clearances_by_part = self.clearances(
+            points, outwards, back, MirrorPose(displacement_mm=shift_mm)
+        )
+        return {
+            part: clearance.reshape(np.shape(rays.x))
+            for part, clearance in clearances_by_part.items()
+        }
 
     def blocks(
         self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose
     ) -> dict[str, Mask]:
         """Return which reflected rays (n,) each part blocks; see :meth:`clearances`."""
         return {
-            part: found < 0
-            for part, found in self.clearances(points, directions, towards_lens, pose).items()
+            part: clearance < 0
+            for part, clearance in self.clearances(points, directions, towards_lens, pose).items()
         }
 
     def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
         """Return which reflected or outer rays the edge of the rim blocks."""
         if self.rim is None:
             return np.zeros(len(points), dtype=bool)
-        blocked: Mask = self._past_rim(self.rim, points, directions, pose) < 0
-        return blocked
+        mask: Mask = self._past_rim(self.rim, points, directions, pose) < 0
+        return mask
 
     def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
         """Return the clearance (n,), mm, at the ring around the mirror, which starts at its
@@ -409,8 +416,10 @@ def hidden_parts(
     """
 
     def clearances(x: Array) -> dict[str, Array]:
-        found = obstructions.meridian_clearances(meridian.trace(x), shift_mm)
-        return {"anything": np.min([*found.values()], axis=0)} if merged and found else found
+        clearances_by_part = obstructions.meridian_clearances(meridian.trace(x), shift_mm)
+        if merged and clearances_by_part:
+            return {"anything": np.min([*clearances_by_part.values()], axis=0)}
+        return clearances_by_part
 
     def clearance(part: str, x: Array) -> Array:
         return clearances(x)[part]
@@ -424,24 +433,26 @@ def hidden_parts(
 
 
 def obscured_rings(
-    meridian: Meridian, hidden: tuple[HiddenPart, ...], share: Callable[[ChiefRays], Array]
+    meridian: Meridian, hidden: tuple[HiddenPart, ...], image_fraction: Callable[[ChiefRays], Array]
 ) -> tuple[Obscuration, ...]:
     """Return the obscured rings of the field, given image-area fractions (n,)."""
-    rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
+    rings = [_central_obscuration(meridian, image_fraction)] if meridian.x_min > 0 else []
     for part, ends in hidden:
         rays = meridian.trace(np.array(ends))
-        (low, high), (inner, outer) = np.degrees(rays.omega), share(rays)
+        (low, high), (inner, outer) = np.degrees(rays.omega), image_fraction(rays)
         rings.append(Obscuration(part, (float(low), float(high)), float(100 * (outer - inner))))
     return tuple(rings)
 
 
-def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
+def _central_obscuration(
+    meridian: Meridian, image_fraction: Callable[[ChiefRays], Array]
+) -> Obscuration:
     """Return the ring below the first unobscured mirror point."""
     start = meridian.trace(np.array([meridian.x_min]))
     return Obscuration(
         meridian.centre_obscured_by,
         (0.0, float(np.degrees(start.omega[0]))),
-        float(100 * share(start)[0]),
+        float(100 * image_fraction(start)[0]),
     )
 
 

@@ -65,8 +65,8 @@ class RayEndpoints:
                 ends = ends / np.linalg.norm(ends, axis=-1, keepdims=True)
         return cls(ends, distant)
 
-    def __getitem__(self, which: slice | NDArray[np.integer]) -> RayEndpoints:
-        return RayEndpoints(self.xyz[which], self.distant)
+    def __getitem__(self, index: slice | NDArray[np.integer]) -> RayEndpoints:
+        return RayEndpoints(self.xyz[index], self.distant)
 
     def spread(self, count: int) -> RayEndpoints:
         """Return ``count`` ends, broadcast from one or as many."""
@@ -338,7 +338,7 @@ def compiled_reflection_points(
     if tables is None or z == 0:
         return None
     count = len(targets.xyz)
-    asked, rows, states = (
+    coordinates, rows, states = (
         kernel_array(targets.xyz.T),
         np.empty((8, count)),
         np.empty(count, np.uint8),
@@ -350,14 +350,14 @@ def compiled_reflection_points(
         tables.omegas,
         tables.middle_mm,
         targets.distant,
-        asked,
+        coordinates,
         rows,
         states,
     )
     a, b, c = rows[5:]
     is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
-    places: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
-    return places
+    positions: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
+    return positions
 
 
 @lru_cache(maxsize=32)
@@ -427,22 +427,22 @@ def specular_points(
             if start is None
             else np.broadcast_to(start, (count, 2))
         )
-        for begin in range(0, count, CHUNK):
-            part = slice(begin, begin + CHUNK)
+        for row in range(0, count, CHUNK):
+            part = slice(row, row + CHUNK)
             xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
         if mirror.is_pointed:
-            _leave_the_tip((mirror, form), pupils, targets, xy)
-        return _proven((mirror, form), pupils, targets, xy)
+            _restart_from_tip((mirror, form), pupils, targets, xy)
+        return _verified((mirror, form), pupils, targets, xy)
 
 
 def _first(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
     """Return initial points (n, 2), mm: from compiled kernels if available, otherwise estimates."""
-    places = compiled_reflection_points(*shape, pupils, targets)
-    if places is None:
+    positions = compiled_reflection_points(*shape, pupils, targets)
+    if positions is None:
         return guess(shape[0], pupils, targets)
-    lost = np.flatnonzero(np.isnan(places[:, 0]))
-    places[lost] = guess(shape[0], pupils[lost], targets[lost])
-    return places
+    unsolved = np.flatnonzero(np.isnan(positions[:, 0]))
+    positions[unsolved] = guess(shape[0], pupils[unsolved], targets[unsolved])
+    return positions
 
 
 def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
@@ -456,8 +456,8 @@ def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
         else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
     )
     table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
-    middle = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
-    towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, middle]
+    midpoint = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
+    towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, midpoint]
     across = np.hypot(towards[:, 0], towards[:, 1])
     x = np.interp(np.arctan2(across, -towards[:, 2]), table.omega, table.x)
     if mirror.is_pointed:
@@ -537,39 +537,43 @@ def _path(
 def _shortest(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
     """Return (x, y) (n, 2) of the shortest paths, by descent from initial points."""
     rim, pointed = shape[0].rim_radius_mm, shape[0].is_pointed
-    best = np.array(start)
-    trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
-    active = np.arange(len(best))
+    best_path = np.array(start)
+    trial, step, length = (
+        best_path.copy(),
+        np.zeros_like(best_path),
+        np.full(len(best_path), np.inf),
+    )
+    active = np.arange(len(best_path))
     for _ in range(MAX_STEPS):
         pupil, target = pupils[active], targets[active]
         new_length, gradient, second = _path(
             MirrorSurface(shape[0], trial[active], shape[1]), pupil, target
         )
         down = new_length <= length[active] * (1 + PATH_ROUNDING) + PATH_ROUNDING * rim
-        taken = active[down]
-        best[taken], length[taken] = trial[taken], new_length[down]
-        reach = MAX_STEP_LENGTH * (np.hypot(*best[taken].T) if pointed else rim)
-        step[taken] = _downhill(gradient[down], tuple(s[down] for s in second), reach)
+        is_shorter = active[down]
+        best_path[is_shorter], length[is_shorter] = trial[is_shorter], new_length[down]
+        max_step = MAX_STEP_LENGTH * (np.hypot(*best_path[is_shorter].T) if pointed else rim)
+        step[is_shorter] = _downhill(gradient[down], tuple(s[down] for s in second), max_step)
         step[active[~down]] /= 4
-        trial[active] = best[active] + step[active]
+        trial[active] = best_path[active] + step[active]
         size = np.hypot(*step[active].T)
         arrived = down & (size <= NEWTON_TOLERANCE * rim)
-        best[active[arrived]] = trial[active[arrived]]
+        best_path[active[arrived]] = trial[active[arrived]]
         active = active[~arrived & np.isfinite(size)]
         if not active.size:
             break
-    return best
+    return best_path
 
 
-def _leave_the_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> None:
+def _restart_from_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> None:
     """Restart around the apex if the descent ended at the apex, which does not reflect."""
     for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
-        lost = np.flatnonzero(~_proven(shape, pupils, targets, xy).reflects)
-        if not lost.size:
+        at_tip = np.flatnonzero(~_verified(shape, pupils, targets, xy).reflects)
+        if not at_tip.size:
             return
         start = shape[0].rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
-        xy[lost] = _shortest(
-            shape, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2))
+        xy[at_tip] = _shortest(
+            shape, pupils[at_tip], targets[at_tip], np.broadcast_to(start, (at_tip.size, 2))
         )
 
 
@@ -587,7 +591,7 @@ def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) 
     return limited
 
 
-def _proven(
+def _verified(
     shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array
 ) -> ReflectionPoints:
     """Verify mirror points and return their rays."""

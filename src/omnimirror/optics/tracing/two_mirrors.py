@@ -93,14 +93,14 @@ def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack:
     heights = secondary.height(x)
     p, d = points[:, :2], outgoing[:, :2]
     low, high = ((h - points[:, 2]) / outgoing[:, 2] for h in (heights.min(), heights.max()))
-    nearest = np.clip(
+    closest = np.clip(
         -(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high)
     )
-    clearance: Array = np.hypot(*(p + nearest[:, None] * d).T) - x[-1]
+    clearance: Array = np.hypot(*(p + closest[:, None] * d).T) - x[-1]
     clearance[(low <= 0) & (high <= 0)] = np.inf
     close = np.flatnonzero(~(clearance > NEAR_EDGE * x[-1]))
-    for begin in range(0, len(close), CLEARANCE_CHUNK):
-        part = close[begin : begin + CLEARANCE_CHUNK]
+    for start in range(0, len(close), CLEARANCE_CHUNK):
+        part = close[start : start + CLEARANCE_CHUNK]
         along = (heights - points[part, 2:]) / outgoing[part, 2:]
         radius = np.hypot(
             *(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2)
@@ -182,7 +182,7 @@ class TwoMirrorMeridian(Meridian):
         rim = self.mirror.rim_radius_mm
         x = np.linspace(float(self.x_from_first([0.0])[0]), rim, NODES)
         rays = self._rays(x)
-        self._check_shows_all(rays)
+        self._check_visible_rim(rays)
         checked(rays)
         self._check_bore(rays)
         start = self._first_past_mirrors(x)
@@ -210,10 +210,10 @@ class TwoMirrorMeridian(Meridian):
         def clearance(x: Array) -> Array:
             return np.clip(self._clearances(self._rays(x))[part], -1e9, 1e9)
 
-        blocked = np.flatnonzero(clearance(x) < 0)
-        if not blocked.size:
+        blocked_nodes = np.flatnonzero(clearance(x) < 0)
+        if not blocked_nodes.size:
             return float(x[0])
-        last = int(blocked[-1])
+        last = int(blocked_nodes[-1])
         if last == len(x) - 1:
             return float(x[-1])
         return sign_change(
@@ -257,7 +257,7 @@ class TwoMirrorMeridian(Meridian):
                 "rays cross the axis"
             ) from None
 
-    def _check_shows_all(self, rays: ChiefRays) -> None:
+    def _check_visible_rim(self, rays: ChiefRays) -> None:
         missing = ~np.isfinite(rays.omega)
         if missing.any():
             visible_x = float(rays.x[np.argmax(missing) - 1])
@@ -271,24 +271,24 @@ class TwoMirrorMeridian(Meridian):
         """Check that the bore is large enough for the camera's chief rays."""
         second, bore = rays.first, self.secondary.bore_radius_mm
         lens = self.secondary.lens_height(self.m)
-        widest = float(second.x[-1])
+        max_radius = float(second.x[-1])
         if np.isinf(lens):
-            needed = widest
+            needed = max_radius
         elif lens <= 0:
             return
         else:
-            tangent = widest / float(second.w[-1])
+            tangent = max_radius / float(second.w[-1])
 
-            def room(radius: float) -> float:
+            def margin(radius: float) -> float:
                 return radius - max(lens - float(self.mirror.sag(radius)), 0.0) * tangent
 
             rim = self.mirror.rim_radius_mm
-            if room(rim) < 0:
+            if margin(rim) < 0:
                 raise SelfObstruction(
                     "the view of the camera behind the mirror must be narrower than the mirror, "
                     f"rim_radius_mm = {rim:g}; reduce the secondary's rim_radius_mm or move the lens"
                 )
-            needed = sign_change(room, 0.0, rim, 1e-12)
+            needed = sign_change(margin, 0.0, rim, 1e-12)
         if bore < needed:
             raise SelfObstruction(
                 f"bore_radius_mm must be greater than {needed:.4g} mm, the view of the camera "
@@ -344,17 +344,19 @@ class FoldedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect lens-side rays (n, 3), (n, 3) at both mirrors."""
-        found, facing_points = (
+        reflections, facing_points = (
             self.unobstructed(origins, directions),
             self.facing_points(origins, directions),
         )
         with np.errstate(all="ignore"):
             to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-            edges = self.clearances(facing_points, found.points, to_pupils, found.directions)
-        valid = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+            edges = self.clearances(
+                facing_points, reflections.points, to_pupils, reflections.directions
+            )
+        valid = np.logical_and.reduce([reflections.valid, *(edge >= 0 for edge in edges.values())])
         points, outgoing, normals = (
             np.where(valid[:, None], a, np.nan)
-            for a in (found.points, found.directions, found.normals)
+            for a in (reflections.points, reflections.directions, reflections.normals)
         )
         return Reflections(points, outgoing, normals, valid)
 
@@ -414,14 +416,14 @@ class FoldedMirror:
         dimensions, from the solution for the pupil centre. ``start`` is not used.
         """
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
-        place = np.empty((count, 4))
+        position = np.empty((count, 4))
         with np.errstate(all="ignore"):  # non-finite results are marked invalid
             first = np.broadcast_to(self._guess(targets), (count, 4))
             pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
-            for begin in range(0, count, RAY_CHUNK):
-                part = slice(begin, begin + RAY_CHUNK)
-                place[part] = self._stationary(pupils[part], targets[part], first[part])
-            return self._proven(pupils, targets, place)
+            for start_row in range(0, count, RAY_CHUNK):
+                part = slice(start_row, start_row + RAY_CHUNK)
+                position[part] = self._stationary(pupils[part], targets[part], first[part])
+            return self._verified(pupils, targets, position)
 
     def _seen(self, pupils: RayEndpoints) -> RayEndpoints:
         """Return entrance-pupil points in the secondary's frame."""
@@ -436,30 +438,30 @@ class FoldedMirror:
         )
         x = self.meridian.x_from_omega(omega)
         if not targets.distant:
-            near = self.meridian.x_from_point(across, xyz[:, 2])
-            x = np.where(np.isfinite(near), near, x)
-        seen = self.meridian.trace(x).first.x
+            near_x = self.meridian.x_from_point(across, xyz[:, 2])
+            x = np.where(np.isfinite(near_x), near_x, x)
+        secondary_x = self.meridian.trace(x).first.x
         cos, sin = np.cos(azimuth), np.sin(azimuth)
-        return np.stack([seen * cos, seen * sin, x * cos, x * sin], axis=-1)
+        return np.stack([secondary_x * cos, secondary_x * sin, x * cos, x * sin], axis=-1)
 
     def _stationary(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
         rims = np.repeat([self.secondary.mirror.rim_radius_mm, self.mirror.rim_radius_mm], 2)
-        place, active = np.array(start), np.arange(len(start))
+        position, active = np.array(start), np.arange(len(start))
         for _ in range(MAX_STEPS):
-            path = self._path(pupils[active], targets[active], place[active])
+            path = self._path(pupils[active], targets[active], position[active])
             solvable = np.isfinite(path.second).all(axis=(1, 2)) & (np.linalg.det(path.second) != 0)
-            place[active[~solvable]] = np.nan
+            position[active[~solvable]] = np.nan
             active = active[solvable]
             step = (
                 -np.linalg.solve(path.second[solvable], path.gradient[solvable][..., None])[..., 0]
                 / rims
             )
             size = np.abs(step).max(axis=1)
-            place[active] += step * np.minimum(1.0, MAX_STEP_LENGTH / size)[:, None] * rims
+            position[active] += step * np.minimum(1.0, MAX_STEP_LENGTH / size)[:, None] * rims
             active = active[size > NEWTON_TOLERANCE]
             if not active.size:
                 break
-        return place
+        return position
 
     def _surfaces(self, place: Array) -> tuple[MirrorSurface, MirrorSurface]:
         return MirrorSurface(self.secondary.mirror, place[:, :2]), MirrorSurface(
@@ -493,15 +495,18 @@ class FoldedMirror:
             hessian[:, part, part] += u[:, 2, None, None] * surface.bend
         return _Path(length, gradient, hessian)
 
-    def _proven(
+    def _verified(
         self, pupils: RayEndpoints, targets: RayEndpoints, place: Array
     ) -> ReflectionPoints:
         second, first = self._surfaces(place)
         path = self._path(pupils, targets, place)
-        facing_points, met = second.points * SECONDARY_TO_WORLD + self._vertex, first.points
+        facing_points, intersections = (
+            second.points * SECONDARY_TO_WORLD + self._vertex,
+            first.points,
+        )
         to_pupils = pupils.xyz if pupils.distant else _unit(pupils.xyz - second.points)
         to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
-        between = _unit(met - facing_points)
+        between = _unit(intersections - facing_points)
         faces_both = [
             np.einsum("ni,ni->n", a, b) > 0
             for a, b in (
@@ -518,11 +523,11 @@ class FoldedMirror:
         reflects = np.logical_and.reduce(
             [*faces_both, *(miss <= REFLECTION_TOLERANCE for miss in misses)]
         )
-        edges = self.clearances(second.points + self._vertex, met, to_pupils, to_targets)
+        edges = self.clearances(second.points + self._vertex, intersections, to_pupils, to_targets)
         valid = np.logical_and.reduce([reflects, *(edge >= 0 for edge in edges.values())])
         blank = np.where(reflects, 1.0, np.nan)
         return ReflectionPoints(
-            met,
+            intersections,
             first.normals * blank[:, None],
             to_pupils * blank[:, None],
             to_targets * blank[:, None],
