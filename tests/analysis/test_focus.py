@@ -209,7 +209,7 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
         ),
         (
             {"object_distance_mm": [100.0, 200.0]},
-            "object_distance_mm has 2 values for 1001 field angles",
+            "each of the 1001 field angles; got 2",
         ),
         ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
         (

@@ -192,7 +192,7 @@ def test_is_a_camera_and_tells_its_symmetry():
         (lambda: Imager(0, 10, 5.0), "width_px = 0 px is outside 1 to"),
         (lambda: Imager(10, 10.5, 5.0), "height_px must be an integer number of pixels; got 10.5"),
         (lambda: Imager(10, 10, float("nan")), "pixel_pitch_um = nan um"),
-        (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px has 1 numbers"),
+        (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px must be a pair .* got 1 numbers"),
     ],
 )
 def test_wrong_parts_are_named(make, message):

@@ -127,7 +127,7 @@ def check_bounds(mirror: Mirror) -> None:
         f"bounds must start at z = {z.min():g} mm, as the meridian; got {z0:g} mm"
     )
     assert abs(z1 - z.max()) < 1e-12, (
-        f"bounds must end at z = {z1:g} mm, as the meridian; got {z.max():g} mm"
+        f"bounds must end at z = {z.max():g} mm, as the meridian; got {z1:g} mm"
     )
 
 

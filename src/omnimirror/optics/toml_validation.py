@@ -219,6 +219,7 @@ def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> s
             return f"{name} must be one of {problem['ctx']['expected']}; got {shown(value)}"
         case _:
             requirement = re.sub(r"^(Input|List|String|Tuple) should", "must", problem["msg"])
+            requirement = re.sub(r" after validation, not \d+$", "", requirement)
             return (
                 f"{name}{index} {requirement}; got "
                 f"{shown(value)}{_describe(model, path[1]) if path[1:] else ''}"

@@ -300,7 +300,7 @@ def test_a_mirror_past_the_lens_s_field_or_too_wide_for_its_wall_is_not_valid(tr
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"shell": Tube(tilt_x_deg=1.0)}, "the tube is decentred or tilted"),
+        ({"shell": Tube(tilt_x_deg=1.0)}, "the tube must be aligned"),
         ({"mode": "paper"}, "mode = 'paper'"),
         ({"magnification": 0.1}, "a lens given by its field requires"),
     ],

@@ -288,7 +288,7 @@ def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
                 "index": (2.0, 2.0, 1.0),
                 "stop_surface": 2,
             },
-            "the entrance pupil must be at a finite distance; surface 2, the stop, is in the focal plane",
+            "the entrance pupil must be at a finite distance; the stop, surface 2, is in the focal plane",
         ),
         (
             {
@@ -297,7 +297,7 @@ def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
                 "stop_surface": 2,
                 "field_max_deg": 80.0,
             },
-            r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* Increase f_number or reduce",
+            r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* increase f_number or reduce",
         ),
     ],
 )
@@ -474,7 +474,7 @@ def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
     found = om.load_sensor(path)
     assert found.lens == sensor.lens
     assert om.parse_sensor(format_sensor(found)) == found
-    with pytest.raises(OmnimirrorError, match=r"lens\.file names another file"):
+    with pytest.raises(OmnimirrorError, match=r"lens\.file must not name a file"):
         om.parse_sensor(path.read_text())
 
 
@@ -493,8 +493,14 @@ BAD = {
         own.zmx(head="MNUM 3 1"),
         "save one configuration separately",
     ),
-    "non-sequential": (own.zmx().replace("MODE SEQ", "MODE NSC"), "MODE NSC is not sequential"),
-    "a shape": (own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"), "TYPE TOROIDAL is not known"),
+    "non-sequential": (
+        own.zmx().replace("MODE SEQ", "MODE NSC"),
+        r"MODE must be SEQ \(sequential\); got NSC",
+    ),
+    "a shape": (
+        own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"),
+        "TYPE must be STANDARD or EVENASPH; got TOROIDAL",
+    ),
     "a mirror": (
         own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]),
         "lenses with mirror surfaces",
@@ -510,7 +516,7 @@ BAD = {
     ),
     "wavelength": (
         own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"),
-        "the index of N-SK16 is known from",
+        "the range of the data of N-SK16",
     ),
 }
 
@@ -525,7 +531,7 @@ def test_bad_files_say_what_is_wrong_in_one_sentence(case, tmp_path):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(OmnimirrorError, match=r"nothing\.zmx cannot be read"):
+    with pytest.raises(OmnimirrorError, match=r"cannot read .*nothing\.zmx"):
         lens_of(tmp_path / "nothing.zmx")
 
 
@@ -563,7 +569,7 @@ def test_a_catalogue_file_counts_more(tmp_path):
     found = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
     assert found.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
     (tmp_path / "bad.agf").write_text("NM X\n")
-    with pytest.raises(OmnimirrorError, match="is not a line of a glass catalogue"):
+    with pytest.raises(OmnimirrorError, match="cannot parse .* as a line of a glass catalogue"):
         read_agf(tmp_path / "bad.agf")
 
 

@@ -116,14 +116,22 @@ def test_text_from_elsewhere_names_no_file(entry):
     ("entry", "text", "message"),
     [
         ("cloud_csv", "1,2,3\n" * 50, "at least 200 points; got 50"),
-        ("cloud_csv", "1,2,3\n1,2\n", "line 2: '1,2' is not x, y, z as in the other rows"),
-        ("cloud_csv", "1,2,3\n1,nan,2\n", "has 1 points; at least 200 are valid"),
+        (
+            "cloud_csv",
+            "1,2,3\n1,2\n",
+            "line 2: the row must contain x, y, z, as the other rows; got '1,2'",
+        ),
+        ("cloud_csv", "1,2,3\n1,nan,2\n", "at least 200 points; got 1"),
         ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "got flat points"),
         ("cloud_csv", BESIDE, "must surround its axis"),
         ("grid_sag", "", "must be a grid of heights"),
         ("grid_sag", "3 3 1 1 0 0 0\n1\n", "must be a grid of heights"),
         ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "must be a grid of heights"),
-        ("grid_sag", "2 2 1 1 0 0 0\n1\n2\nx\n4\n", "line 3: 'x' is not z"),
+        (
+            "grid_sag",
+            "2 2 1 1 0 0 0\n1\n2\nx\n4\n",
+            "line 3: the line must contain z and further columns; got 'x'",
+        ),
     ],
 )
 def test_what_is_no_cloud_or_grid_is_refused(tmp_path, entry, text, message):
