@@ -131,7 +131,7 @@ def test_a_design_says_how_temperature_moves_it():
         (WARM.replace("[-20, 60]", "[30, 60]"), "does not hold reference_c = 20"),
         (WARM.replace("[-20, 60]", "[-20]"), "range_c"),
         (WARM.replace('"acrylic"', '"cheese"'), "mirror_material"),
-        (WARM.replace('"acrylic"', '"acrylic"\nmirror_ppm_per_k = 3.0'), "were both given"),
+        (WARM.replace('"acrylic"', '"acrylic"\nmirror_ppm_per_k = 3.0'), "must not both be given"),
         (WARM.replace(limited("total_blur_px", 7.0), ""), "is about limits, and there is none"),
     ],
 )

@@ -77,17 +77,17 @@ def test_a_table_beside_the_file_is_followed(tmp_path):
 
 
 BAD = [
-    ("[field]", "[feild]", r"line 3: feild is not known; did you mean field\?"),
+    ("[field]", "[feild]", r"line 3: unknown entry feild; did you mean field\?"),
     (
         "omega_max_deg = 120",
         "omega_max = 120",
-        r"line 4: field.omega_max is not known; did you mean omega_max_deg\?",
+        r"line 4: unknown entry field.omega_max; did you mean omega_max_deg\?",
     ),
     ("omega_max_deg = 120\n", "", "line 3: field.omega_max_deg is missing .field angle at the rim"),
     (
         "omega_max_deg = 120",
         "omega_max_deg = 200",
-        "line 4: field.omega_max_deg = 200: it should be less than or equal",
+        "line 4: field.omega_max_deg must be less than or equal",
     ),
     (
         "omega_min_deg = 10.0",
@@ -97,9 +97,9 @@ BAD = [
     (
         "[500, inf]",
         "[500, 100]",
-        r"line 6: field.object_distance_mm = \[500, 100\]: it should be a number",
+        r"line 6: field.object_distance_mm must be a number",
     ),
-    ("[500, inf]", "nan", "line 6: field.object_distance_mm = nan: it should be a number"),
+    ("[500, inf]", "nan", "line 6: field.object_distance_mm must be a number"),
     (
         '"equidistant"',
         '"equidist"',
@@ -134,7 +134,7 @@ BAD = [
     (
         "rim_radius_mm = 40",
         "rim_radius_mm = true",
-        "line 10: mirror.rim_radius_mm = True: it should be a number",
+        "line 10: mirror.rim_radius_mm must be a number",
     ),
     (
         "theta_max_deg = [10, 14.0]\n",
@@ -149,7 +149,7 @@ BAD = [
     (
         "width_px = 1280",
         "width_px = 0",
-        "line 17: imager.width_px = 0: it should be greater than or equal to 1",
+        "line 17: imager.width_px must be greater than or equal to 1",
     ),
     (
         'quantity = "total_blur_px"',
@@ -167,7 +167,7 @@ BAD = [
     (
         "at_least = 0.8",
         "atleast = 0.8",
-        r"line 27: limit.1.atleast is not known; did you mean at_least\?",
+        r"line 27: unknown entry limit.1.atleast; did you mean at_least\?",
     ),
     (
         'quantity = "total_blur_px"\nat_most = 4',
@@ -187,12 +187,12 @@ BAD = [
     (
         "rim_radius_mm = 40",
         "rim_radius_mm = 0.001",
-        "line 10: mirror.rim_radius_mm = 0.001: it should be a number from 0.1",
+        "line 10: mirror.rim_radius_mm must be a number from 0.1",
     ),
     (
         "[500, inf]",
         "0.01",
-        "line 6: field.object_distance_mm = 0.01: it should be a number from 1 to inf",
+        "line 6: field.object_distance_mm must be a number from 1 to inf",
     ),
     (
         "[mirror]",
@@ -232,7 +232,7 @@ BAD = [
     (
         'mapping = "equidistant"',
         'mapping = "cylinder"\ncylinder_radius_mm = "far"',
-        "line 10: mirror.cylinder_radius_mm = 'far': it should be a valid number",
+        "line 10: mirror.cylinder_radius_mm must be a valid number",
     ),
     (
         'mapping = "equidistant"',
@@ -252,7 +252,7 @@ BAD = [
     (
         "[[limit]]\nquantity",
         "[limit]\nquantity",
-        "is not valid TOML|limit = .* is not a list of tables",
+        "is not valid TOML|limit must be a list of tables",
     ),
     ("\nname", "\nformat = 7\nname", "line 2: format must be .* got 7"),
 ]
@@ -412,19 +412,19 @@ def test_requirements_go_into_a_file_and_come_back(text):
     [
         (
             lambda: om.FieldRequirements(omega_max_deg=200),
-            "field.omega_max_deg = 200: it should be less than or equal",
+            "field.omega_max_deg must be less than or equal",
         ),
         (
             lambda: om.FieldRequirements(omega_max_deg="wide"),
-            "field.omega_max_deg = 'wide': it should be a valid num",
+            "field.omega_max_deg must be a valid num",
         ),
         (
             lambda: om.LensRequirements(f_number=(8, 4)),
-            r"lens.f_number = \(8, 4\): it should be a number from 0.1",
+            r"lens.f_number must be a number from 0.1",
         ),
         (
             lambda: replace(made_in_python().mirror, apex="sharp"),
-            "mirror.apex = 'sharp' is not one of",
+            "mirror.apex must be one of",
         ),
         (
             lambda: replace(made_in_python(), lens=om.LensRequirements()),

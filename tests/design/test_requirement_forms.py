@@ -95,7 +95,7 @@ def test_elevations_come_back_from_a_file_as_they_were_said():
         ),
         (
             {"field": "elevation_deg = 20"},
-            "line 3: field.elevation_deg = 20: it should be a valid list",
+            "line 3: field.elevation_deg must be a valid list",
         ),
         (
             {"field": "elevation_deg = [-60, 20]\nomega_max_deg = 100"},
@@ -501,9 +501,9 @@ def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
         ),
         (
             'kind = "orthographic"\nmagnification = 0',
-            "lens.magnification = 0: it should be a number",
+            "lens.magnification must be a number",
         ),
-        ('focal_length_mm = 6\nfills = "all"', "lens.fills = 'all' is not one of"),
+        ('focal_length_mm = 6\nfills = "all"', "lens.fills must be one of"),
         ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm = -1"),
     ],
 )

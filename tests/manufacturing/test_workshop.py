@@ -79,7 +79,7 @@ def test_all_materials_have_a_density():
         ),
         ("[title]\ntitle = '" + 60 * "x" + "'", "printable text of at most 48 characters"),
         ("[mirror]\nmaterial = 'brass'\nform_um = -1", "line 3: form_um = -1 um is outside"),
-        ("[mirrors]\nform_um = 1", "mirrors is not known; did you mean mirror"),
+        ("[mirrors]\nform_um = 1", "unknown entry mirrors; did you mean mirror"),
         ("[mirror", "workshop file"),
     ],
 )

@@ -212,7 +212,7 @@ def test_evaluation_of_a_misaligned_sensor_is_refused_and_of_the_aligned_one_is_
         lambda s: s.field_deg,
     ):
         with pytest.raises(
-            InvalidParameter, match=r"'paper-spherical' is decentred or tilted.*sensor\.aligned\(\)"
+            InvalidParameter, match=r"'paper-spherical' must be aligned .*sensor\.aligned\(\)"
         ):
             ask(sensor)
     assert sensor.aligned() == SPH
@@ -238,15 +238,15 @@ def test_the_pose_is_read_and_written():
         (
             "tilt_y_deg = -0.5",
             "tilt_deg = 1.0",
-            r"mirror_pose.tilt_deg is not known; did you mean tilt_\w_deg\?",
+            r"unknown entry mirror_pose.tilt_deg; did you mean tilt_\w_deg\?",
         ),
         (
             "-0.5",
             "-70.0",
-            "mirror_pose.tilt_y_deg = -70.0: it should be greater than or equal to -60",
+            "mirror_pose.tilt_y_deg must be greater than or equal to -60",
         ),
-        ("0.25", '"left"', "mirror_pose.decentre_x_mm = 'left': it should be a valid number"),
-        ("[mirror_pose]", "[miror_pose]", r"miror_pose is not known; did you mean mirror_pose\?"),
+        ("0.25", '"left"', "mirror_pose.decentre_x_mm must be a valid number; got 'left'"),
+        ("[mirror_pose]", "[miror_pose]", r"unknown entry miror_pose; did you mean mirror_pose\?"),
     ],
 )
 def test_a_wrong_pose_says_where(old, new, message):

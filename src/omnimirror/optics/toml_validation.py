@@ -218,7 +218,7 @@ def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> s
         case "literal_error":
             return f"{name} must be one of {problem['ctx']['expected']}; got {shown(value)}"
         case _:
-            requirement = re.sub(r"^(Input|List|String|Tuple) should", "must", problem["msg"])
+            requirement = re.sub(r"^(Input|List|String|Tuple|it) should", "must", problem["msg"])
             requirement = re.sub(r" after validation, not \d+$", "", requirement)
             return (
                 f"{name}{index} {requirement}; got "

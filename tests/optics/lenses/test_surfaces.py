@@ -569,7 +569,7 @@ def test_a_catalogue_file_counts_more(tmp_path):
     found = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
     assert found.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
     (tmp_path / "bad.agf").write_text("NM X\n")
-    with pytest.raises(OmnimirrorError, match="cannot parse .* as a line of a glass catalogue"):
+    with pytest.raises(OmnimirrorError, match=r"cannot parse .* as a line of a glass catalogue"):
         read_agf(tmp_path / "bad.agf")
 
 

@@ -418,18 +418,16 @@ def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
 
 def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
     with pytest.raises(
-        InvalidParameter, match="material must not both be given; got 1.5 and 'bk7'"
+        InvalidParameter, match=r"material must not both be given; got 1.5 and 'bk7'"
     ):
         Tube(110.0, refractive_index=1.5, material="bk7")
-    with pytest.raises(InvalidParameter, match="medium = 'water' were both given"):
+    with pytest.raises(InvalidParameter, match="medium must not both be given"):
         Dome(medium="water", medium_index=1.3)
     with pytest.raises(InvalidParameter, match="material = 'jelly' is not one of air, acrylic"):
         Tube(material="jelly")
     with pytest.raises(InvalidParameter, match=r"object_distance_mm must be greater than \d"):
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
-    with pytest.raises(
-        InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"
-    ):
+    with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' must be aligned"):
         om.evaluate(covered("tilted tube"))
     kept_in = Dome(
         1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0

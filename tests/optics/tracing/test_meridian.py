@@ -149,7 +149,7 @@ def test_outside_the_field_names_the_angle_and_the_field():
         OutsideField, match=r"omega must be 0 to 135\.00\d* deg, the field; got 140"
     ):
         SPH.x_from_omega(np.radians([10.0, 140.0]))
-    with pytest.raises(OutsideField, match="omega must be 0 to .* got -1"):
+    with pytest.raises(OutsideField, match=r"omega must be 0 to .* got -1"):
         SPH.x_from_omega(np.radians([-1.0]))
     with pytest.raises(OutsideField, match=r"omega must be 100 to .* got 90"):
         Meridian(Cone(50.0, 1.0), 4.0).x_from_omega(np.radians([90.0]))
