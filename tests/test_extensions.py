@@ -370,7 +370,8 @@ def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_p
     worst = np.maximum(np.abs(result.blur_t_deg), np.abs(result.blur_s_deg)).max()
     assert 0 < om.blur_bound(sensor).blur_deg <= worst
     with pytest.raises(
-        om.base.errors.OmnimirrorError, match=r"depth_mm must be greater than or equal to 0.1; got 0"
+        om.base.errors.OmnimirrorError,
+        match=r"depth_mm must be greater than or equal to 0.1; got 0",
     ):
         om.optics.sensor_files.parse_sensor(
             (tmp_path / "mine.toml").read_text().replace("depth_mm = 20.0", "depth_mm = 0.0")

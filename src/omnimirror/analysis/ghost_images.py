@@ -86,43 +86,43 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     """
     check_sensor(sensor)
     sensor.check("ghosts", "single mirror")
-    standing = sensor.obstructions
-    shell = standing.housing.shell
+    obstructions = sensor.obstructions
+    shell = obstructions.housing.shell
     if shell is None:
         raise InvalidParameter(f"ghosts require a tube or a dome; {sensor.name!r} has none")
     omega = _clear_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     height = rays.z + sensor.mirror_pose.displacement_mm
-    nothing = np.zeros_like(omega)
-    points = np.stack([rays.x, nothing, height], axis=-1)
+    zeros = np.zeros_like(omega)
+    points = np.stack([rays.x, zeros, height], axis=-1)
     first = transmit_rays(
-        shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1)
+        shell, points, np.stack([np.sin(rays.reflected), zeros, -np.cos(rays.reflected)], axis=-1)
     )
 
-    start, way = first.met + ORIGIN_OFFSET_MM * first.reflected, first.reflected
-    again = sensor.optical_train.posed_mirror.trace(start, way)
+    start, direction = first.met + ORIGIN_OFFSET_MM * first.reflected, first.reflected
+    again = sensor.optical_train.posed_mirror.trace(start, direction)
     by_mirror = again.valid
     start = np.where(by_mirror[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, start)
-    way = np.where(by_mirror[:, None], again.directions, way)
-    ends = np.logical_or.reduce(
+    direction = np.where(by_mirror[:, None], again.directions, direction)
+    is_blocked = np.logical_or.reduce(
         [
-            *standing.blocks(start, way, way, sensor.mirror_pose).values(),
-            _meets_back(sensor, start, way),
+            *obstructions.blocks(start, direction, direction, sensor.mirror_pose).values(),
+            _meets_back(sensor, start, direction),
         ]
     )
-    second = transmit_rays(shell, start, way)
+    second = transmit_rays(shell, start, direction)
     out = second.directions
     angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(
         out[:, 0] < 0, -1.0, 1.0
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = (1 - first.passed) * second.passed / first.passed
+        ratio = (1 - first.passed) * second.passed / first.passed
     return Ghosts(
         omega,
         100 * first.passed,
-        np.where(ends, np.nan, angle),
-        np.where(ends, 0.0, 100 * share),
-        by_mirror & ~ends,
+        np.where(is_blocked, np.nan, angle),
+        np.where(is_blocked, 0.0, 100 * ratio),
+        by_mirror & ~is_blocked,
     )
 
 

@@ -111,10 +111,10 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
         return sensor
     mirror_grows = 1 + PPM * thermal.expansion_ppm("mirror") * warmer
     spacer_grows = 1 + PPM * thermal.expansion_ppm("spacer") * warmer
-    held = (
+    attachment = (
         float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
     )
-    distance = (sensor.mirror_distance_mm + held) * spacer_grows - held * mirror_grows
+    distance = (sensor.mirror_distance_mm + attachment) * spacer_grows - attachment * mirror_grows
     pose = sensor.mirror_pose
     shifts = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
     lengths = {name: getattr(pose, name) * spacer_grows for name in shifts}
@@ -227,5 +227,5 @@ def thermal_motion_px(
             f(a, b) for f, a, b in zip((max, min), sensor.field_deg, moved.field_deg, strict=True)
         )
         omega_deg = np.linspace(low, high, 181)
-    before, after = (evaluate(each, omega_deg).h_px for each in (sensor, moved))
+    before, after = (evaluate(states, omega_deg).h_px for states in (sensor, moved))
     return float(np.nanmax(np.abs(after - before)))

@@ -161,9 +161,9 @@ def psf(
     airy = bundles.focused_at(focus).lens.airy_diameter(wavelength_nm) / pitch
     offset = _offsets(wave, pitch, airy, width_px, step_px)
     if kind == "geometric":
-        density = _by_rays(wave, offset, pitch)
+        density = _geometric_density(wave, offset, pitch)
     else:
-        density = _by_waves(wave, offset * pitch, wavelength_mm) * pitch**2
+        density = _diffraction_density(wave, offset * pitch, wavelength_mm) * pitch**2
     F_t, F_s = wave.f_numbers
     # Peak of the Airy pattern per area: aperture area / (lambda b)^2 = pi / (4 lambda^2 F_t F_s).
     ideal = np.pi / (4 * wavelength_mm**2 * F_t * F_s) * pitch**2
@@ -193,7 +193,7 @@ def _offsets(
     return step * np.arange(-half, half + 1, dtype=np.float64)
 
 
-def _by_rays(wave: Wavefront, offset: Array, pitch: float) -> Array:
+def _geometric_density(wave: Wavefront, offset: Array, pitch: float) -> Array:
     """Return the density (n, n) per square pixel from rays."""
     _, landing, light = wave.at(fibonacci(GEOMETRIC_RAYS).points)
     step = offset[1] - offset[0]
@@ -205,14 +205,14 @@ def _by_rays(wave: Wavefront, offset: Array, pitch: float) -> Array:
     return density
 
 
-def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
+def _diffraction_density(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
     """Return the density (n, n) per mm^2 of the diffracted wave, a Fourier integral by rows."""
     k = 2 * np.pi / wavelength_mm
     F_t, F_s = wave.f_numbers
-    reach = (
+    fringes = (
         offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2
     )  # fringes across the aperture at the corner
-    nodes = int(min(wave.nodes(wavelength_mm) + 2 * reach, 1200))
+    nodes = int(min(wave.nodes(wavelength_mm) + 2 * fringes, 1200))
     psi = (
         np.pi * np.arange(1, nodes + 1) / (nodes + 1)
     )  # Gauss-Chebyshev of the second kind: rows of the disk
@@ -375,38 +375,38 @@ def mtf(
     """
     check_sensor(sensor)
     choice("kind", kind, KINDS)
-    asked = (
+    frequencies = (
         np.linspace(0, 1, FREQUENCIES)
         if cycles_per_px is None
         else row("cycles_per_px", cycles_per_px)
     )
-    nu = finite("cycles_per_px", asked, 0.0, MAX_FREQUENCY)
-    waves, shares = _spectrum(wavelength_nm, weights)
+    nu = finite("cycles_per_px", frequencies, 0.0, MAX_FREQUENCY)
+    waves, wave_weights = _spectrum(wavelength_nm, weights)
     angles = field_angles(sensor, 15.0) if omega_deg is None else omega_deg
     bundles = trace_bundles(sensor, angles, FITTED, azimuth_deg, object_distance_mm)
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     per_mm = nu / sensor.imager.pitch_mm
-    found = np.zeros((2, len(bundles.omega_deg), len(nu)))
+    curves = np.zeros((2, len(bundles.omega_deg), len(nu)))
     for i, wave in enumerate(wavefronts(bundles, focus)):
         if not bundles.passes[i].any():
             continue
         for axis in (0, 1):
             if kind == "geometric":
-                found[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
+                curves[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
             else:
-                found[axis, i] = np.abs(
-                    shares @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves]
+                curves[axis, i] = np.abs(
+                    wave_weights @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves]
                 )
     if pixel:
-        found *= _pixel_mtf(bundles, nu)
+        curves *= _pixel_mtf(bundles, nu)
     px_t, px_s = bundles.px_per_deg()
     return Mtf(
         bundles.omega_deg,
         bundles.azimuth_deg,
         focus,
         nu,
-        found[0],
-        found[1],
+        curves[0],
+        curves[1],
         sensor.imager.pixel_pitch_um,
         px_t,
         px_s,
@@ -439,8 +439,8 @@ def diffraction_otf(
         area = (np.arccos(shift[i] / 2) * weight * np.cos(psi) * half)[:, None] * weight
         ends = []
         for side in (0.5, -0.5):
-            place = (along + side * shift[i], across)
-            ends.append(wave.phase_and_amplitude(_points(place, axis)))
+            position = (along + side * shift[i], across)
+            ends.append(wave.phase_and_amplitude(_points(position, axis)))
         (W1, A1), (W2, A2) = ends
         otf[i] = (area.ravel() * A1 * A2) @ np.exp(2j * np.pi / wavelength_mm * (W1 - W2))
     otf /= _all_light(wave, nodes)
@@ -461,15 +461,15 @@ def _grid_otf(
 
     cells = int(np.clip(CELLS_PER_WAVE * wave.waves(wavelength_mm), *GRID_CELLS))
     centres = (np.arange(cells) + 0.5) * 2 / cells - 1
-    phase, density, share = wave.on_grid(centres)
-    field = np.sqrt(density) * share * np.exp(2j * np.pi / wavelength_mm * phase)
+    phase, density, open_fraction = wave.on_grid(centres)
+    field = np.sqrt(density) * open_fraction * np.exp(2j * np.pi / wavelength_mm * phase)
     if axis == 1:
         field = field.T
     tilt = float(np.angle((field[1:] * field[:-1].conj()).sum())) * cells / 2  # rad per radius
     field = field * np.exp(-1j * tilt * centres)[:, None]
     power = (np.abs(np.fft.fft(field, 2 * cells, axis=0)) ** 2).sum(axis=1)
     autocorrelation = np.fft.ifft(power)[: cells + 1]
-    autocorrelation[0] = (density * share).sum()
+    autocorrelation[0] = (density * open_fraction).sum()
     spline = CubicSpline(np.arange(cells + 1) * 2 / cells, autocorrelation / autocorrelation[0])
     inside_both = np.minimum(shift, 2.0)
     otf: NDArray[np.complex128] = np.where(
@@ -496,14 +496,14 @@ def _all_light(wave: Wavefront, nodes: int) -> float:
     x, weight = np.polynomial.legendre.leggauss(nodes)
     psi = x * np.pi / 2
     along = np.cos(psi)[:, None] * x
-    place = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
+    position = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
     area = (np.pi / 2 * weight * np.cos(psi) ** 2)[:, None] * weight
-    return float(area.ravel() @ wave.light(_points(place, 0)))
+    return float(area.ravel() @ wave.light(_points(position, 0)))
 
 
-def _points(place: tuple[Array, Array], axis: int) -> Array:
+def _points(position: tuple[Array, Array], axis: int) -> Array:
     """Return points (n, 2) of the aperture from coordinates along and perpendicular to an axis."""
-    return np.stack(place if axis == 0 else place[::-1], axis=-1).reshape(-1, 2)
+    return np.stack(position if axis == 0 else position[::-1], axis=-1).reshape(-1, 2)
 
 
 def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:

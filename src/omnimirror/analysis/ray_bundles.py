@@ -39,14 +39,14 @@ def hexapolar(rings: int) -> Pupil:
     (19, np.float64(1.0))
     """
     _check(rings)
-    ring = np.repeat(np.arange(rings + 1), [1, *(6 * np.arange(1, rings + 1))])
-    place = np.concatenate([[0.0], *(np.arange(6 * j) / (6 * j) for j in range(1, rings + 1))])
-    radius, phi = ring / rings, 2 * np.pi * place
+    azimuths = np.repeat(np.arange(rings + 1), [1, *(6 * np.arange(1, rings + 1))])
+    index = np.concatenate([[0.0], *(np.arange(6 * j) / (6 * j) for j in range(1, rings + 1))])
+    radius, phi = azimuths / rings, 2 * np.pi * index
     borders = np.clip(
         (np.arange(rings + 2) - 0.5) / rings, 0, 1
     )  # halfway to the neighbouring rings
     area = np.diff(borders**2) / np.maximum(6 * np.arange(rings + 1), 1)
-    return Pupil(np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1), area[ring])
+    return Pupil(np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1), area[azimuths])
 
 
 def fibonacci(count: int) -> Pupil:
@@ -162,13 +162,13 @@ class Bundles:
     def chief_path(self) -> Array:
         """Return the optical path lengths (k,) of the chief rays, defined like :attr:`path`."""
         path: Array = self.chief.path.copy()  # the chief rays refer to a distant object
-        near = np.isfinite(self.object_distance_mm)
-        if near.any():
-            distances = np.where(near, self.object_distance_mm, NEARLY_INFINITE_MM)
+        is_finite = np.isfinite(self.object_distance_mm)
+        if is_finite.any():
+            distances = np.where(is_finite, self.object_distance_mm, NEARLY_INFINITE_MM)
             objects = self.sensor.optical_train.effective_mirror.objects_at(self.chief, distances)[
-                near
+                is_finite
             ]
-            path[near] = self.sensor.optical_train.chief_rays_to(RayEndpoints(objects)).path
+            path[is_finite] = self.sensor.optical_train.chief_rays_to(RayEndpoints(objects)).path
         return path
 
     def axes(self) -> Array:
@@ -193,14 +193,14 @@ class Bundles:
         steps = (outwards, np.cross(towards, outwards))
         scales = []
         for step in steps:
-            ends = [
+            neighbours = [
                 self.sensor.optical_train.chief_rays_to(
                     RayEndpoints.of(towards + s * DIFFERENCE_STEP * step, True)
                 )
                 for s in (1, -1)
             ]
             lens, offset = self.sensor.lens, self.sensor.optical_train.lens_offset
-            a, b = (lens.image_of(e.facing_points - offset, e.to_pupils) for e in ends)
+            a, b = (lens.image_of(e.facing_points - offset, e.to_pupils) for e in neighbours)
             angle = np.degrees(2 * np.arctan(DIFFERENCE_STEP))
             scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)
         return scales[0], scales[1]
@@ -251,11 +251,11 @@ def trace_bundles(
             f"{_named(omega, azimuth, chief.valid)} must be in the field of {sensor.name!r}"
         )
     k, n = len(omega), len(pupil.points)
-    found, density = _aperture(sensor, pupil, chief, towards, p)
-    whole: Mask = np.logical_and.reduce(found.reflects.reshape(k, n), axis=1)
-    if not whole.all():
+    reflections, density = _aperture(sensor, pupil, chief, towards, p)
+    is_complete: Mask = np.logical_and.reduce(reflections.reflects.reshape(k, n), axis=1)
+    if not is_complete.all():
         raise OutsideField(
-            f"{_named(omega, azimuth, whole)} must be visible through the whole aperture; "
+            f"{_named(omega, azimuth, is_complete)} must be visible through the whole aperture; "
             "the aperture is too wide for the mirror"
         )
     mean = density @ pupil.weights
@@ -265,14 +265,14 @@ def trace_bundles(
         azimuth,
         p,
         pupil,
-        found.points.reshape(k, n, 3),
-        found.to_pupils.reshape(k, n, 3),
-        found.path.reshape(k, n),
+        reflections.points.reshape(k, n, 3),
+        reflections.to_pupils.reshape(k, n, 3),
+        reflections.path.reshape(k, n),
         density / mean[:, None],
-        found.valid.reshape(k, n),
+        reflections.valid.reshape(k, n),
         chief,
-        found.facing_points.reshape(k, n, 3),
-        found.to_targets.reshape(k, n, 3),
+        reflections.facing_points.reshape(k, n, 3),
+        reflections.to_targets.reshape(k, n, 3),
     )
     clear = [edge >= 0 for edge in bundles.clearances().values()]
     return replace(bundles, passes=np.logical_and.reduce([bundles.passes, *clear]))
@@ -295,10 +295,10 @@ def _aperture(
         )
         slopes = chief.chief_slopes[i : i + 1]
         ends = train.entrance_pupil_points(pupil.points, slopes)
-        found = mirror.specular(ends, target, chief.points[i])
+        reflections = mirror.specular(ends, target, chief.points[i])
         motion = sensor.lens.entrance_pupil_motion(pupil.points, slopes)
-        density[i] = mirror.beam(ends, target, found, motion)
-        parts.append(found)
+        density[i] = mirror.beam(ends, target, reflections, motion)
+        parts.append(reflections)
     return ReflectionPoints(
         *(np.concatenate(columns) for columns in zip(*parts, strict=True))
     ), density

@@ -54,8 +54,8 @@ class Spots(TabularResult):
     @property
     def filled(self) -> Array:
         """Return the unvignetted share (k,) of the aperture."""
-        share: Array = self.bundles.passes @ self.bundles.pupil.weights
-        return share
+        fraction: Array = self.bundles.passes @ self.bundles.pupil.weights
+        return fraction
 
     def centroid_px(self) -> tuple[Array, Array]:
         """Return tangential and sagittal centroids (k, m) relative to the chief ray."""
@@ -220,10 +220,10 @@ class BlurCheck:
     """Full width of the tangential fan minus the blur."""
     extent_s_px: Array
 
-    def worst(self, name: str) -> Array:
+    def max_abs(self, name: str) -> Array:
         """Return the largest magnitude (j,) of a column over the field."""
-        found: Array = np.abs(getattr(self, name)).max(axis=1)
-        return found
+        maximum: Array = np.abs(getattr(self, name)).max(axis=1)
+        return maximum
 
 
 def check_blur(
@@ -263,7 +263,7 @@ def check_blur(
     --------
     >>> import omnimirror as om
     >>> found = om.check_blur(om.load_sensor("paper-spherical"), [4.0])
-    >>> bool(found.worst("edge_t_px")[0] < 0.002)
+    >>> bool(found.max_abs("edge_t_px")[0] < 0.002)
     True
     """
     check_sensor(sensor)
@@ -285,9 +285,9 @@ def check_blur(
     )
     rows = []
     for F in numbers:
-        seen = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]
-        result = evaluate(seen, angles, object_distance_mm=object_distance_mm)
-        spot = spots(seen, angles, pupil=fans, object_distance_mm=object_distance_mm)
+        changed = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]
+        result = evaluate(changed, angles, object_distance_mm=object_distance_mm)
+        spot = spots(changed, angles, pupil=fans, object_distance_mm=object_distance_mm)
         t, s = spot.t_px[:, 0, :FAN_RAYS], spot.s_px[:, 0, FAN_RAYS:]
         blur_t, blur_s = np.abs(result.blur_t_px), np.abs(result.blur_s_px)
         edges = (np.abs(a[:, -1] - a[:, 0]) for a in (t, s))

@@ -219,7 +219,7 @@ def test_drawing_leaves_matplotlib_as_it_was():
 
 def test_save_all_writes_what_it_says(tmp_path):
     seen = []
-    files = save_all(SENSORS[:1], tmp_path / "new", which=["fig6", "fig5"], progress=seen.append)
+    files = save_all(SENSORS[:1], tmp_path / "new", names=["fig6", "fig5"], on_progress=seen.append)
     assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
     assert seen == ["fig6", "fig5"]
@@ -227,7 +227,7 @@ def test_save_all_writes_what_it_says(tmp_path):
 
 def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InvalidParameter, match=r"fig99.*valid are fig3"):
-        save_all(SENSORS, tmp_path, which=["fig5", "fig99"])
+        save_all(SENSORS, tmp_path, names=["fig5", "fig99"])
     with pytest.raises(InvalidParameter, match=r"'gif'.*valid are svg"):
         save_all(SENSORS, tmp_path, formats=["gif"])
     with pytest.raises(InvalidParameter, match="1 to 6"):

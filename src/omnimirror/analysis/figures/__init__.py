@@ -162,17 +162,17 @@ def save_all(
     sensors: Sequence[Sensor],
     out_dir: str | Path,
     formats: Sequence[str] = ("svg", "png"),
-    which: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     conditions: Conditions = EXACT,
-    progress: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Draw figures and write each in every format, as ``out_dir/fig5.svg`` and so on.
 
     Parameters
     ----------
-    which
+    names
         Names of figures; by default all of them.
-    progress
+    on_progress
         Callback with the name of each figure, called before it is drawn.
 
     Returns
@@ -186,16 +186,16 @@ def save_all(
     OmnimirrorError
         File that cannot be written.
     """
-    names = list(FIGURES) if which is None else list(dict.fromkeys(which))
-    for known, asked, noun in ((FIGURES, names, "figure"), (FORMATS, formats, "format")):
-        if unknown := [a for a in asked if a not in known]:
+    selected = list(FIGURES) if names is None else list(dict.fromkeys(names))
+    for valid, requested, noun in ((FIGURES, selected, "figure"), (FORMATS, formats, "format")):
+        if unknown := [a for a in requested if a not in valid]:
             raise InvalidParameter(
-                f"the {noun} must be one of {', '.join(known)}; got {unknown[0]!r}"
+                f"the {noun} must be one of {', '.join(valid)}; got {unknown[0]!r}"
             )
     files = []
-    for name in names:
-        if progress is not None:
-            progress(name)
+    for name in selected:
+        if on_progress is not None:
+            on_progress(name)
         figure = draw(name, sensors, conditions)
         files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
     return files

@@ -127,13 +127,13 @@ def residuals_by_image(names: Sequence[str], fit_px: Array, held_out_px: Array) 
     count = len(names)
     figure = new_figure(PAGE, 0.7 * COLUMN)
     axes = figure.subplots()
-    places = np.arange(count)
-    axes.bar(places, np.nan_to_num(fit_px), width=0.7, color=PALE, label="inliers")
+    positions = np.arange(count)
+    axes.bar(positions, np.nan_to_num(fit_px), width=0.7, color=PALE, label="fit")
     if np.isfinite(held_out_px).any():
-        axes.plot(places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="outliers")
+        axes.plot(positions, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="held out")
     step = max(1, count // MAX_LABELS)
     axes.set_xticks(
-        places[::step],
+        positions[::step],
         [_short(n) for n in names][::step],
         rotation=60,
         ha="right",
@@ -157,9 +157,9 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
         Standard deviation of a coordinate.
     """
     figure = new_figure(PAGE, 0.65 * COLUMN)
-    reach = 4.5 * noise_px
-    edges = np.linspace(-reach, reach, 46)
-    x = np.linspace(-reach, reach, 200)
+    limit = 4.5 * noise_px
+    edges = np.linspace(-limit, limit, 46)
+    x = np.linspace(-limit, limit, 200)
     normal = (
         np.exp(-0.5 * (x / noise_px) ** 2)
         / (noise_px * np.sqrt(2 * np.pi))
@@ -169,9 +169,9 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
     for axes, values, name in zip(
         figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True
     ):
-        axes.hist(np.clip(values, -reach, reach), edges, color=PALE)
+        axes.hist(np.clip(values, -limit, limit), edges, color=PALE)
         axes.plot(x, normal, color=PALETTE[0])
-        axes.set(xlabel=f"residual in {name} (px)", xlim=(-reach, reach))
+        axes.set(xlabel=f"residual in {name} (px)", xlim=(-limit, limit))
         axes.text(
             0.98,
             0.95,
@@ -220,7 +220,7 @@ def coverage_map(
     figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
     axes = figure.subplots()
     if sigma_deg is not None and np.isfinite(sigma_deg).any():
-        shown = axes.imshow(
+        image = axes.imshow(
             sigma_deg,
             extent=(-0.5, width - 0.5, height - 0.5, -0.5),
             cmap="Greys",
@@ -230,7 +230,7 @@ def coverage_map(
             alpha=0.7,
         )
         figure.colorbar(
-            shown, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01
+            image, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01
         )
     for i, corners in enumerate(boards):
         colour = PALETTE[i % len(PALETTE)]
@@ -290,7 +290,7 @@ MAX_COLUMNS = 4
 class RimDrawing(NamedTuple):
     """Image with its detected outline."""
 
-    picture: NDArray[Any]
+    image: NDArray[Any]
     """Image (rows, columns[, 3]), RGB."""
     rim_px: NDArray[np.float64]
     """Points (n, 2) of the rim, a closed curve."""
@@ -301,45 +301,47 @@ class RimDrawing(NamedTuple):
     title: str
 
 
-def detected_rims(found: Sequence[RimDrawing]) -> Figure:
+def detected_rims(drawings: Sequence[RimDrawing]) -> Figure:
     """Draw each image with its rim, dashed if uncertain, and the image of the camera dotted."""
-    columns = min(len(found), MAX_COLUMNS)
-    rows = -(-len(found) // columns)
-    aspect = max(one.picture.shape[0] / one.picture.shape[1] for one in found)
+    columns = min(len(drawings), MAX_COLUMNS)
+    rows = -(-len(drawings) // columns)
+    aspect = max(drawing.image.shape[0] / drawing.image.shape[1] for drawing in drawings)
     with styled():
         figure = new_figure(PAGE, rows * (PAGE / columns * aspect + 0.2))
-        for ax, one in zip(grid_of_axes(figure, rows, columns, len(found)), found, strict=True):
-            _draw_rim(ax, one)
+        for ax, drawing in zip(
+            grid_of_axes(figure, rows, columns, len(drawings)), drawings, strict=True
+        ):
+            _draw_rim(ax, drawing)
     return figure
 
 
-def _draw_rim(ax: Axes, one: RimDrawing) -> None:
-    height, width = one.picture.shape[:2]
+def _draw_rim(ax: Axes, drawing: RimDrawing) -> None:
+    height, width = drawing.image.shape[:2]
     every = max(1, max(height, width) // MAX_SIDE_PX)
-    shown = one.picture[::every, ::every]
+    image = drawing.image[::every, ::every]
     low, high = -0.5, 0.5
     ax.imshow(
-        shown,
+        image,
         extent=(low, width - high, height - high, low),
         cmap="gray",
         interpolation="antialiased",
     )
-    closed = np.concatenate([one.rim_px, one.rim_px[:1]])
+    closed = np.concatenate([drawing.rim_px, drawing.rim_px[:1]])
     for colour, thickness in (("white", 2.2), (PALETTE[1], 1.1)):
         ax.plot(
             closed[:, 0],
             closed[:, 1],
-            "-" if one.is_sure else "--",
+            "-" if drawing.is_sure else "--",
             color=colour,
             linewidth=thickness,
         )
-    if one.camera_px is not None:
-        u, v, radius = one.camera_px
+    if drawing.camera_px is not None:
+        u, v, radius = drawing.camera_px
         ax.add_patch(
             Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":")
         )
-    ax.plot(*one.centre_px, "+", color=PALETTE[1], markersize=6)
+    ax.plot(*drawing.centre_px, "+", color=PALETTE[1], markersize=6)
     ax.set_xlim(low, width - high)
     ax.set_ylim(height - high, low)
     ax.set_axis_off()
-    ax.set_title(plot_text(one.title))
+    ax.set_title(plot_text(drawing.title))

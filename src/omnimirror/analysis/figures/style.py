@@ -69,7 +69,7 @@ def axis_of_both(name: str, *parts: str) -> str:
     return f"{QUANTITIES[name].title} {', '.join(symbols)} ({QUANTITIES[name].unit})"
 
 
-def separated_positions(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
+def separated_positions(desired_positions: ArrayLike, gap: float, low: float, high: float) -> Array:
     """Return positions (n,) with a minimum distance ``gap`` between low and high, as near as
     possible to the desired ones.
 
@@ -79,16 +79,16 @@ def separated_positions(sought: ArrayLike, gap: float, low: float, high: float) 
     >>> separated_positions([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
     array([-1.3..., 0.6..., 2.6..., 9. ])
     """
-    at: Array = np.asarray(sought, dtype=float)
-    if at.size < 2:
-        return np.clip(at, low, high)
-    order = np.argsort(at, kind="stable")
-    gap = min(gap, (high - low) / (at.size - 1))
-    taken = gap * np.arange(at.size)
-    free: Array = isotonic_regression(at[order] - taken).x
-    placed = np.empty_like(at)
-    placed[order] = np.clip(free, low, high - taken[-1]) + taken
-    return placed
+    desired: Array = np.asarray(desired_positions, dtype=float)
+    if desired.size < 2:
+        return np.clip(desired, low, high)
+    order = np.argsort(desired, kind="stable")
+    gap = min(gap, (high - low) / (desired.size - 1))
+    offsets = gap * np.arange(desired.size)
+    free: Array = isotonic_regression(desired[order] - offsets).x
+    positions = np.empty_like(desired)
+    positions[order] = np.clip(free, low, high - offsets[-1]) + offsets
+    return positions
 
 
 def displayed_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
@@ -108,10 +108,11 @@ class EndLabels:
 
     def of_line(self, ax: Axes, line: Line2D, text: str) -> None:
         """Label the last visible point of a line in its colour."""
-        shown = np.flatnonzero(displayed_points(ax, line))
-        if shown.size:
+        visible = np.flatnonzero(displayed_points(ax, line))
+        if visible.size:
             x, y = (
-                float(np.asarray(v, float)[shown[-1]]) for v in (line.get_xdata(), line.get_ydata())
+                float(np.asarray(v, float)[visible[-1]])
+                for v in (line.get_xdata(), line.get_ydata())
             )
             self.at(ax, x, y, text, str(line.get_color()))
 
@@ -150,10 +151,10 @@ class EndLabels:
         for ax, labels in self._labels.items():
             ax.apply_aspect()
             box = ax.get_window_extent()
-            sought = [float(ax.transData.transform(label.xy)[1]) for label in labels]
+            desired = [float(ax.transData.transform(label.xy)[1]) for label in labels]
             line_height = 1.18 * self.size * self.figure.dpi / 72
-            placed = separated_positions(sought, line_height, box.y0, box.y1)
-            for label, y in zip(labels, placed, strict=True):
+            positions = separated_positions(desired, line_height, box.y0, box.y1)
+            for label, y in zip(labels, positions, strict=True):
                 inverse = ax.transData.inverted().transform((0.0, float(y)))
                 label.set_position((label.get_position()[0], float(inverse[1])))
 
@@ -243,9 +244,9 @@ def panel_title(ax: Axes, index: int, text: str, of: int = 2) -> None:
     ax.set_title(f"({chr(ord('a') + index)}) {text}" if of > 1 else text)
 
 
-def angle_axis(ax: Axes, high_deg: float, most_ticks: int = 10) -> None:
+def angle_axis(ax: Axes, high_deg: float, max_ticks: int = 10) -> None:
     """Set the horizontal axis to field angles from 0 to the largest one."""
-    step = next((s for s in (1, 5, 15, 30) if high_deg / s <= most_ticks), 45)
+    step = next((s for s in (1, 5, 15, 30) if high_deg / s <= max_ticks), 45)
     ax.set_xlim(0, high_deg)
     ax.set_xticks(step * np.arange(np.floor(high_deg / step + 1e-3) + 1))
     ax.set_xlabel(axis_label("omega_deg", titled=True))

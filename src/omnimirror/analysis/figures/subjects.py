@@ -114,9 +114,9 @@ class Subject:
     def mean_pixel_deg(self) -> float:
         """Return the side (deg) of the mean square field of view of a pixel (Sec. 3.3)."""
         low, high = np.radians(self.sensor.field_deg)
-        seen = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
+        field_area = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
         inner = float(self.curve.h_px[0])  # a pointed mirror has an annular image
-        return float(np.sqrt(seen / (np.pi * (self.radius_px**2 - inner**2))))
+        return float(np.sqrt(field_area / (np.pi * (self.radius_px**2 - inner**2))))
 
 
 def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subject]:
