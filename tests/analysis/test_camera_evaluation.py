@@ -16,7 +16,7 @@ STEP = 1e-5
 
 
 @pytest.mark.parametrize("camera", MODELS.values(), ids=MODELS)
-def test_resolution_is_that_of_the_projection(camera):
+def test_resolution_matches_projection(camera):
     """Radial and tangential resolution of 1 deg, from pixels of directions, undistorted to one
     side."""
     table = om.evaluate_camera(camera)
@@ -51,7 +51,7 @@ def test_resolution_is_that_of_the_projection(camera):
     np.testing.assert_allclose(np.mean(areas, axis=0), table.area_px2[inside], rtol=0.03)
 
 
-def test_viewpoints_are_where_rays_meet_the_axis():
+def test_viewpoints_match_ray_axis_intersections():
     camera = MODELS["viewpoint-spline"]
     table = om.evaluate_camera(camera, [30.0, 60.0, 90.0])
     directions = np.radians(table.omega_deg)
@@ -65,7 +65,7 @@ def test_viewpoints_are_where_rays_meet_the_axis():
     np.testing.assert_allclose(table.viewpoint_z_mm, heights, atol=1e-9)
 
 
-def test_what_is_not_seen_is_refused():
+def test_angles_outside_field_rejected():
     camera = MODELS["ball"]
     with pytest.raises(
         OutsideField, match="omega_deg must be 0 to 150 deg, the field of the camera; got 160"
@@ -75,7 +75,7 @@ def test_what_is_not_seen_is_refused():
         om.evaluate_camera(om.load_sensor("paper-spherical"))
 
 
-def test_a_sensor_in_space_is_the_same_as_in_its_meridian():
+def test_skew_evaluation_matches_meridian():
     sensor = om.load_sensor("paper-hyperboloidal")
     table = om.evaluate_camera(om.SensorModel(sensor), [20.0, 60.0, 100.0])
     truth = om.evaluate(sensor, [20.0, 60.0, 100.0])
@@ -86,7 +86,7 @@ def test_a_sensor_in_space_is_the_same_as_in_its_meridian():
     assert table.field_deg == pytest.approx(sensor.field_deg[1], abs=1e-4)
 
 
-def test_what_was_estimated_of_a_sensor_is_free_in_its_model():
+def test_estimated_parameters_are_free_in_model():
     """More or fewer parameters than usual: the direction error is that of the uncertainty in the
     file."""
     usual = om.SensorModel(om.load_sensor("paper-spherical")).parameters
@@ -109,7 +109,7 @@ def misaligned():
     return replace(sensor, uncertainty=Uncertainty(names, ((1e-4, 0.0), (0.0, 1e-4))))
 
 
-def test_a_misaligned_sensor_is_evaluated_in_space():
+def test_misaligned_sensor_evaluation():
     """Radius and resolution against differences of its own projection, azimuth by azimuth."""
     sensor, omega = misaligned(), np.radians(60.0)
     table = om.evaluate_camera(om.SensorModel(sensor, sensor.uncertainty.names), [60.0])
@@ -141,7 +141,7 @@ def test_a_misaligned_sensor_is_evaluated_in_space():
     assert table.direction_sigma_deg[0] == pytest.approx(np.sqrt((sigmas**2).mean()), rel=1e-4)
 
 
-def test_evaluate_says_what_a_misaligned_sensor_is(tmp_path):
+def test_evaluate_command_describes_misalignment(tmp_path):
     om.save_sensor(misaligned(), tmp_path / "built.toml")
     run = omnimirror(
         "evaluate",

@@ -54,12 +54,12 @@ def table():
         ),
     ],
 )
-def test_known_numbers_are_there(table, key, known):
+def test_comparison_reference_values(table, key, known):
     row = dict(zip(NAMES, table[key].values, strict=True))
     assert {name: row[name] for name in known} == known
 
 
-def test_the_worst_is_no_better_than_any_angle_of_the_evaluation(table):
+def test_worst_values_bound_evaluation(table):
     for i, sensor in enumerate(SENSORS):
         angles = om.evaluate(sensor, np.linspace(*sensor.field_deg, 50))
         for key in ("blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2"):
@@ -72,7 +72,7 @@ def test_the_worst_is_no_better_than_any_angle_of_the_evaluation(table):
         )
 
 
-def test_the_best_of_a_row_is_marked_and_nothing_where_none_is_better(table):
+def test_best_values_marked(table):
     assert table["field_to_deg"].best == [
         True,
         True,
@@ -93,14 +93,14 @@ def test_the_best_of_a_row_is_marked_and_nothing_where_none_is_better(table):
     assert not any(om.compare([SENSORS[0]])["field_to_deg"].best)
 
 
-def test_every_kind_of_mirror_can_be_compared(any_sensor):
+def test_comparison_of_all_mirror_kinds(any_sensor):
     values = [
         v for row in om.compare([any_sensor]).rows for v in row.values if isinstance(v, float)
     ]
     assert np.isnan(values).sum() == any_sensor.lens.TELECENTRIC
 
 
-def test_files_hold_every_number_exactly(table, tmp_path):
+def test_comparison_files_are_exact(table, tmp_path):
     table.to_csv(tmp_path / "t.csv")
     table.to_json(tmp_path / "t.json")
     header, *lines = csv.reader((tmp_path / "t.csv").read_text(encoding="utf-8").splitlines())
@@ -116,7 +116,7 @@ def test_files_hold_every_number_exactly(table, tmp_path):
                 np.testing.assert_equal([float(cell), float(sensor[row.name])], [value, value])
 
 
-def test_sensors_of_one_name_are_told_apart():
+def test_duplicate_names_numbered():
     cone = sensor_of("cone")
     table = om.compare([cone, SENSORS[0], replace(cone, mirror=SENSORS[0].mirror)])
     assert table.names == ["cone (1)", "paper-spherical", "cone (2)"]
@@ -132,7 +132,7 @@ def test_sensors_of_one_name_are_told_apart():
         ),
     ],
 )
-def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
+def test_full_field_study_matches_meridian(name):
     """A mirror misaligned by 1 nm: rays in space against the closed formulas of one meridian."""
     drawn = om.load_sensor(name)
     table = om.compare([drawn, replace(drawn, mirror_pose=MirrorPose(decentre_x_mm=1e-6))])
@@ -151,7 +151,7 @@ def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
 
 
 @pytest.mark.full
-def test_what_was_built_askew_is_compared_over_its_whole_picture():
+def test_misaligned_sensor_compared_over_full_image():
     """Compared with random directions through the projection, and with spots of the whole aperture."""
     drawn = SENSORS[0]
     built = replace(
@@ -198,7 +198,7 @@ def test_what_was_built_askew_is_compared_over_its_whole_picture():
     assert value["one_viewpoint_error_px"] >= table["one_viewpoint_error_px"].values[1] * 0.9
 
 
-def test_what_a_rod_hides_is_the_angle_of_its_foot_and_its_share_of_the_picture():
+def test_rod_obscuration_angle_and_fraction():
     rod = replace(SENSORS[0], housing=Housing(rod=Rod(20.0)))
     table = om.compare([SENSORS[0], rod])
     pixels = np.stack(
@@ -219,7 +219,7 @@ def test_what_a_rod_hides_is_the_angle_of_its_foot_and_its_share_of_the_picture(
 
 
 @pytest.mark.full
-def test_what_is_hidden_of_one_that_was_built_askew_is_what_its_pixels_show():
+def test_misaligned_obscuration_matches_pixels():
     from omnimirror.optics.housing import CameraBody, Housing
 
     built = replace(
@@ -236,21 +236,21 @@ def test_what_is_hidden_of_one_that_was_built_askew_is_what_its_pixels_show():
     assert percent == pytest.approx(100 * hidden.sum() / (hidden | seen).sum(), rel=0.02)
 
 
-def test_what_is_on_the_axis_still_has_no_note():
+def test_aligned_sensor_has_no_note():
     assert (
         om.compare([replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))]).notes == ()
     )
 
 
 @pytest.mark.full  # rays in space over a mirror with a form error; the other notes are created in the same code
-def test_a_note_says_what_is_out_of_order_and_nothing_else():
+def test_note_lists_misalignments_only():
     bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
     assert om.compare([bent]).notes == (
         "bent: form error of the mirror; compared over the full image, at all azimuths.",
     )
 
 
-def test_one_that_cannot_be_traced_all_around_is_compared_as_it_was_drawn_and_that_is_said():
+def test_untraceable_sensor_compared_as_aligned():
     drawn = SENSORS[0]
     leaning = replace(drawn, name="leaning", imager_pose=ImagerPose(tilt_x_deg=0.5))
     table = om.compare([leaning, drawn])
@@ -259,7 +259,7 @@ def test_one_that_cannot_be_traced_all_around_is_compared_as_it_was_drawn_and_th
 
 
 @pytest.mark.parametrize("shell", [Dome(), Tube(130.0)])
-def test_one_behind_a_cover_is_compared_as_it_was_drawn(shell):
+def test_covered_sensor_compared_as_aligned(shell):
     drawn = replace(SENSORS[0], housing=Housing(shell=shell))
     table = om.compare(
         [replace(drawn, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), drawn]
@@ -270,7 +270,7 @@ def test_one_behind_a_cover_is_compared_as_it_was_drawn(shell):
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
-def test_too_many_or_unknown_is_refused(table):
+def test_invalid_comparisons_rejected(table):
     with pytest.raises(InvalidParameter, match="the number of sensors must be 1 to 6; got 7"):
         om.compare([SENSORS[0]] * 7)
     with pytest.raises(InvalidParameter, match="got 0"):

@@ -26,14 +26,14 @@ LENS = Perspective(11.6, 4.0, 212.0)
 
 
 @pytest.mark.parametrize("L", [150.0, 205.0, 212.0, 230.0, 4000.0])
-def test_blur_is_the_width_of_the_cone_at_the_imager(L):
+def test_blur_is_cone_width_at_imager(L):
     """Image the point with the lens equation, and intersect its cone of light at b0 (Eqs. 25-27)."""
     f, D = 11.6, 11.6 / 4
     b0, b = 1 / (1 / f - 1 / 212.0), 1 / (1 / f - 1 / L)
     assert float(LENS.blur(L)) == pytest.approx(D * (b0 - b) / b, rel=1e-12, abs=1e-15)
 
 
-def test_the_papers_blur_drops_f_against_the_focus_distance():
+def test_paper_blur_neglects_focal_length():
     assert float(LENS.blur(220.0, mode="paper")) == pytest.approx(
         11.6**2 / 4 * (220 - 212) / (212 * 220), rel=1e-12
     )
@@ -45,13 +45,13 @@ def test_the_papers_blur_drops_f_against_the_focus_distance():
 @pytest.mark.parametrize(
     "lens", [LENS, Orthographic(0.06, 4.0, 20.0)], ids=["perspective", "orthographic"]
 )
-def test_depth_of_field_ends_where_the_blur_is_the_tolerance(lens, mode):
+def test_depth_of_field_limits_match_tolerance(lens, mode):
     near, far = lens.depth_of_field(0.0052, mode)
     assert near < lens.focus_distance_mm < far
     np.testing.assert_allclose(lens.blur([near, far], mode=mode), [-0.0052, 0.0052], rtol=1e-10)
 
 
-def test_depth_of_field_beyond_the_hyperfocal_distance_has_no_far_end():
+def test_depth_of_field_beyond_hyperfocal_is_infinite():
     assert Perspective(11.6, 4.0, 7000.0).depth_of_field(0.0052).far == np.inf
     assert LENS.hyperfocal_distance(0.0052) == pytest.approx(6469.2, abs=0.1)
 
@@ -60,7 +60,7 @@ def test_airy_disk():
     assert om.evaluate(SPH, [0.0]).airy_px == pytest.approx(1.09, abs=0.005)
 
 
-def test_exact_blur_on_axis_of_the_sphere():
+def test_exact_axial_blur_of_sphere():
     """Erratum 11: -1.036 px at L0 = 212, so not every tangential point is within the depth of
     field."""
     assert om.evaluate(SPH, [0.0]).blur_t_px[0] == pytest.approx(-1.036, abs=5e-4)
@@ -76,7 +76,7 @@ def test_exact_blur_on_axis_of_the_sphere():
         (SPH, "worst_blur_deg", 219.5, 0.596),
     ],
 )
-def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
+def test_best_focus_of_paper_mirrors(sensor, merit, focus, value):
     best = om.best_focus(
         sensor, merit, omega_deg=np.linspace(0, 135, 1001), mode="paper", image_radius_px=500
     )
@@ -84,7 +84,7 @@ def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
     assert best.value == pytest.approx(value, rel=2e-3)
 
 
-def test_the_papers_focus_of_svp_follows_from_its_outer_field():
+def test_paper_svp_focus_from_outer_field():
     best = om.best_focus(
         SVP,
         "worst_blur_area_deg2",
@@ -124,7 +124,7 @@ def spacings(low, high):
 
 
 @pytest.mark.parametrize(("sensor", "focus", "value"), MEANS, ids=["SPH", "E-DI", "SVP"])
-def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus, value):
+def test_mean_merit_is_solid_angle_mean(sensor, focus, value):
     for name, omega, within in spacings(*sensor.field_deg):
         best = om.best_focus(sensor, "mean_floored_area_deg2", omega_deg=omega)
         assert best.value == pytest.approx(value, rel=within), name
@@ -135,7 +135,7 @@ def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus,
 @pytest.mark.parametrize("mode", ["exact", "paper"])
 @pytest.mark.parametrize("radius", [None, 500.0])
 @pytest.mark.parametrize("merit", FOCUS_MERITS)
-def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
+def test_focus_function_matches_evaluation(merit, mode, radius):
     """The merit as a sum of functions of the focus, and its derivative, against plain evaluations."""
     lens = replace(SPH.lens, k1=-0.4, k2=1.0)
     for sensor in (replace(SPH, lens=lens), om.load_sensor("paraboloid-telecentric")):
@@ -158,7 +158,7 @@ def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
 
 
 @pytest.mark.parametrize("merit", FOCUS_MERITS)
-def test_what_is_searched_has_the_blur_of_a_real_lens_in_it(merit):
+def test_focus_function_includes_lens_blur(merit):
     """At the current focus of the lens: elsewhere focus breathing applies, which only the last step
     of the search includes."""
     columns = (0.0, 1 / 6.0, 0.0), (0.5, 2.0, 0.0), (1.0, 1.5168, 1.0)
@@ -176,7 +176,7 @@ def test_what_is_searched_has_the_blur_of_a_real_lens_in_it(merit):
 
 
 @pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
-def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
+def test_unknown_mode_rejected(mode):
     for ask in (
         lambda: om.best_focus(SPH, "worst_blur_px", mode=mode),
         lambda: om.evaluate(SPH, [0.0], mode=mode),
@@ -222,7 +222,7 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
         ),
     ],
 )
-def test_what_cannot_be_focused_by_is_refused(kwargs, message):
+def test_invalid_focus_arguments_rejected(kwargs, message):
     with pytest.raises(InvalidParameter, match=message):
         om.best_focus(SPH, **kwargs)
 
@@ -240,16 +240,16 @@ def test_what_cannot_be_focused_by_is_refused(kwargs, message):
         ([40.0, 99.0], (28.5, 30.0)),  # unless no others exist
     ],
 )
-def test_focus_is_searched_around_the_images(coordinates, expected):
+def test_focus_search_range(coordinates, expected):
     assert _around(np.array(coordinates), 2.0, 30.0) == pytest.approx(expected, abs=1e-12)
 
 
-def test_without_images_there_is_no_best_focus():
+def test_best_focus_requires_images():
     with pytest.raises(InvalidParameter, match="best focus requires virtual images; got none"):
         _around(np.array([np.nan]), 2.0, 30.0)
 
 
-def test_one_angle_is_focused_between_its_images():
+def test_single_angle_focus_between_images():
     best, row = (
         om.best_focus(SPH, "worst_blur_px", omega_deg=90),
         om.evaluate(SPH, [90.0]).columns(),
@@ -261,7 +261,7 @@ def test_one_angle_is_focused_between_its_images():
     )  # blur is linear in 1/L
 
 
-def test_the_tip_of_a_cone_has_no_best_focus():
+def test_cone_tip_has_no_best_focus():
     cone = sensor_of("cone")
     with pytest.raises(InvalidParameter, match="has no finite blur at any focus"):
         om.best_focus(cone, "worst_blur_deg", omega_deg=[cone.field_deg[0], cone.field_deg[1]])
@@ -274,7 +274,7 @@ EVERY_DAY = ("paper-spherical", "paraboloid-telecentric")
     "name",
     [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()],
 )
-def test_no_focus_on_a_fine_grid_is_better_than_the_best(name):
+def test_best_focus_is_global_minimum(name):
     """The search for each merit against plain enumeration of evaluations."""
     bundled = om.load_sensor(name)
     angles = np.linspace(*bundled.field_deg, 1001)
@@ -305,7 +305,7 @@ def test_no_focus_on_a_fine_grid_is_better_than_the_best(name):
         assert here <= min(value[merit] for value in tried) * (1 + 1e-9), merit
 
 
-def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
+def test_floored_area_lower_bound():
     r = om.evaluate(SPH, np.linspace(0, 135, 50))
     floor = (1 + r.airy_px**2) / r.area_px2
     assert np.all(r.floored_area_deg2 >= floor)
@@ -315,7 +315,7 @@ def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
 @pytest.mark.parametrize("curvature", [1e-5, 1e-7, 1e-9, 1e-12])
-def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(name, curvature):
+def test_best_focus_of_nearly_flat_mirror(name, curvature):
     """z = c x^2 images distant objects at 1/(4 c), finally farther than the maximum focus distance."""
     sensor = replace(om.load_sensor(name), mirror=EvenPolynomial((curvature,), 20.0))
     best = om.best_focus(sensor)
@@ -325,7 +325,7 @@ def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(n
 
 
 @pytest.mark.full
-def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
+def test_best_focus_with_images_beyond_infinity():
     """The far-plane mirror to 80 deg has tangential images behind the lens; no focus of a fine scan
     is better."""
     placed = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))
@@ -340,18 +340,18 @@ def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
         )
 
 
-def test_auto_focus_is_the_best_focus():
+def test_auto_focus_equals_best_focus():
     assert om.evaluate(SPH, [0.0], focus_mm="auto").focus_mm == om.best_focus(SPH).focus_mm
 
 
-def test_lowest_finds_the_deepest_of_several_valleys():
+def test_minimiser_finds_global_minimum():
     assert minimise_scalar(
         lambda x: abs(np.sin(3 * x)) + 0.01 * (x - 2) ** 2, 0.5, 9.0
     ) == pytest.approx(2 * np.pi / 3, abs=1e-6)
     assert minimise_scalar(lambda x: x, 1.0, 1.0) == 1.0
 
 
-def test_blur_in_degrees_is_blur_over_resolution():
+def test_angular_blur_is_blur_over_resolution():
     r = om.evaluate(SPH, [20.0, 100.0])
     np.testing.assert_allclose(r.blur_t_deg * r.dh_domega_px_per_deg, r.blur_t_px, rtol=1e-12)
     np.testing.assert_allclose(r.blur_s_deg * r.width_px_per_deg, r.blur_s_px, rtol=1e-12)
@@ -359,7 +359,7 @@ def test_blur_in_degrees_is_blur_over_resolution():
 
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
-def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
+def test_blur_matches_real_ray_cone(sensor):
     """Section 6: marginal rays of the aperture, traced from a distant object over the real mirror,
     hit the imager within a few 0.01 px of the predicted blur."""
     lens, m, mirror = sensor.lens, sensor.mirror_distance_mm, sensor.mirror

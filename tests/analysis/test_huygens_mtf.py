@@ -243,7 +243,7 @@ NEAR = {
 
 
 @pytest.mark.parametrize("case", few(NEAR, "narrow bore"))
-def test_mtf_of_near_objects_is_that_of_a_huygens_integral(case):
+def test_near_object_mtf_matches_huygens_integral(case):
     """The bore also vignettes waves of near objects, focused at the tangential image of one."""
     bore, distance, focus = NEAR[case]
     truth, _ = huygens(folded(2.0, bore), 50.0, distance=distance, focus=focus)
@@ -254,7 +254,7 @@ def test_mtf_of_near_objects_is_that_of_a_huygens_integral(case):
 
 
 @pytest.mark.parametrize("case", few(CASES, "narrow bore", "hyperboloidal", "past the camera"))
-def test_mtf_is_that_of_a_huygens_integral(case):
+def test_mtf_matches_huygens_integral(case):
     sensor, omega = CASES[case]
     truth, filled = huygens(sensor, omega)
     found = om.mtf(sensor, [omega], cycles_per_px=NU, wavelength_nm=WAVE * 1e6)

@@ -27,7 +27,7 @@ FIELD = np.linspace(0, 135, 271)
 
 
 @given(a=st.floats(0.2, 3), b=st.floats(0.5, 6), rim=st.floats(0.3, 2))
-def test_every_hyperboloid_at_its_focus_has_one_viewpoint_and_aspect_cos_theta(a, b, rim):
+def test_hyperboloid_has_single_viewpoint_and_aspect_cos_theta(a, b, rim):
     mirror = Hyperboloid(a * M, b * M, rim * M)
     lens = Perspective(11.6, 4.0, 200.0)
     sensor = om.Sensor(
@@ -43,24 +43,24 @@ def test_every_hyperboloid_at_its_focus_has_one_viewpoint_and_aspect_cos_theta(a
     )  # stigmatic at all distances
 
 
-def test_the_paper_hyperboloid_has_one_viewpoint_to_1e_12_of_its_radius():
+def test_paper_hyperboloid_single_viewpoint_accuracy():
     z = om.evaluate(SVP, FIELD).viewpoint_z_mm
     assert np.ptp(z) <= 1e-12 * M
 
 
-def test_paraboloid_under_an_orthographic_lens_is_conformal_with_one_viewpoint():
+def test_orthographic_paraboloid_is_conformal():
     result = om.evaluate(om.load_sensor("paraboloid-telecentric"), np.linspace(0, 105, 50))
     np.testing.assert_allclose(result.aspect, 1, rtol=1e-12)
     np.testing.assert_allclose(result.viewpoint_z_mm, 19.18 / 2, rtol=1e-12)
 
 
-def test_sphere_under_an_orthographic_lens_is_equiareal():
+def test_orthographic_sphere_is_equiareal():
     sensor = om.Sensor(Sphere(50.0, 47.0), Orthographic(0.05, 4.0, 25.0), Imager(1024, 1024, 5.2))
     area = om.evaluate(sensor, np.linspace(0, 139, 50)).area_px2
     np.testing.assert_allclose(area, area[0], rtol=1e-12)
 
 
-def test_exact_equidistant_is_proportional_and_the_polynomial_nearly():
+def test_equidistant_mirrors_are_linear():
     exact = om.evaluate(om.load_sensor("exact-equidistant"), FIELD)
     np.testing.assert_allclose(
         exact.dh_domega_px_per_deg, exact.dh_domega_px_per_deg[0], rtol=1e-11
@@ -71,7 +71,7 @@ def test_exact_equidistant_is_proportional_and_the_polynomial_nearly():
 
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
-def test_solid_angle_adds_up_to_the_field(sensor):
+def test_solid_angle_sums_to_field(sensor):
     """The image area per square degree, integrated over the image, is the solid angle of the field."""
     r = om.evaluate(sensor, np.linspace(0, 135, 4001))
     per_ring = (
@@ -84,7 +84,7 @@ def test_solid_angle_adds_up_to_the_field(sensor):
 
 
 @pytest.mark.parametrize("distance", [np.inf, 300.0, 25.0])
-def test_what_is_seen_along_the_axis_is_imaged_on_the_axis(distance):
+def test_axial_object_imaged_on_axis(distance):
     """At 25 mm, a concave mirror of 50 mm has its image at infinity, which is on the axis too."""
     for mirror in (Sphere(50.0, 44.0), EvenPolynomial((-0.01,), 5.0)):
         rays = trace_chief_rays(mirror, 180.0, [0.0])
@@ -92,7 +92,7 @@ def test_what_is_seen_along_the_axis_is_imaged_on_the_axis(distance):
         assert (images.x_t.tolist(), images.x_s.tolist()) == ([0.0], [0.0])
 
 
-def test_viewpoint_is_where_two_points_of_the_ray_line_up_with_the_axis():
+def test_viewpoint_is_axis_intersection():
     r = om.evaluate(SPH, [30.0, 90.0, 120.0])
     omega = np.radians(r.omega_deg)
     np.testing.assert_allclose(
@@ -100,7 +100,7 @@ def test_viewpoint_is_where_two_points_of_the_ray_line_up_with_the_axis():
     )
 
 
-def test_the_angle_error_is_what_a_point_seen_from_v0_shows():
+def test_angle_error_matches_point_seen_from_viewpoint():
     """Place the object on the real ray, compute its direction from V0, and compare the angles."""
     rays = SPH.meridian.trace(SPH.meridian.x_from_omega(np.radians([10.0, 60.0, 90.0, 130.0])))
     v0, n = 11.5, 7 * M
@@ -113,7 +113,7 @@ def test_the_angle_error_is_what_a_point_seen_from_v0_shows():
 
 
 @pytest.mark.parametrize(("n", "worst", "v0"), [(40, 0.91, 0.2541), (7, 4.75, 0.2623)])
-def test_best_viewpoint_of_the_sphere_as_the_paper_reckons(n, worst, v0):
+def test_best_viewpoint_of_sphere_matches_paper(n, worst, v0):
     best = om.best_viewpoint(SPH, n * M, image_radius_px=500, linearised=True)
     assert best.worst_px == pytest.approx(worst, abs=0.005)
     assert best.z_mm / M == pytest.approx(v0, abs=5e-5)
@@ -134,7 +134,7 @@ def test_best_viewpoint_of_the_sphere_as_the_paper_reckons(n, worst, v0):
         ("equidistant", 7, 5.581),
     ],
 )
-def test_the_true_error_of_one_viewpoint(name, n, worst):
+def test_single_viewpoint_error_exact(name, n, worst):
     """Compared with a scan of viewpoints: objects at n M from the mirror, projected as if from V0."""
     sensor = om.load_sensor(f"paper-{name}")
     best = om.best_viewpoint(sensor, n * M, image_radius_px=500)
@@ -158,19 +158,19 @@ def test_the_true_error_of_one_viewpoint(name, n, worst):
 
 
 @pytest.mark.parametrize("name", ["spherical", "equidistant"])
-def test_far_away_both_errors_of_one_viewpoint_are_the_same(name):
+def test_single_viewpoint_errors_agree_for_distant_objects(name):
     sensor = om.load_sensor(f"paper-{name}")
     true, linear = (om.best_viewpoint(sensor, 1e6, linearised=b) for b in (False, True))
     np.testing.assert_allclose(true.error_px, linear.error_px, rtol=2e-4, atol=1e-7)
 
 
-def test_a_viewpoint_is_asked_for_a_distance():
+def test_best_viewpoint_requires_distance():
     for bad in (0.0, -3.0, float("inf"), float("nan"), [1.0, 2.0], "far"):
         with pytest.raises(InvalidParameter, match="object_distance_mm"):
             om.best_viewpoint(SPH, bad)
 
 
-def test_angles_pixels_heights_and_mirror_points_give_the_same_rows():
+def test_input_kinds_give_equal_rows():
     by_angle = om.evaluate(SPH, [0.0, 45.0, 90.0, 135.0])
     by_x = om.evaluate(SPH, x_mm=by_angle.x_mm)
     by_h = om.evaluate(SPH, h_px=by_angle.h_px)
@@ -184,7 +184,7 @@ def test_angles_pixels_heights_and_mirror_points_give_the_same_rows():
 
 
 @pytest.mark.parametrize("flipped", [False, True])
-def test_a_scaled_image_is_asked_in_the_pixels_it_answers_in(flipped):
+def test_scaled_image_uses_scaled_pixels(flipped):
     """Heights and pixels of the image scaled to 500 px at the rim, as input and output."""
     lens = replace(SPH.lens, k1=-0.3, p1=0.002)
     mount = replace(SPH.mount, image_flipped=flipped)
@@ -202,7 +202,7 @@ def test_a_scaled_image_is_asked_in_the_pixels_it_answers_in(flipped):
     )
 
 
-def test_one_row_per_value_in_the_order_given():
+def test_rows_follow_input_order():
     r = om.evaluate(SPH, [120.0, 3.0, 3.0])
     assert r.omega_deg.tolist() == [120.0, 3.0, 3.0]
     assert r.x_mm[1] == r.x_mm[2] < r.x_mm[0]
@@ -210,7 +210,7 @@ def test_one_row_per_value_in_the_order_given():
     assert len(om.evaluate(SPH)) == 28  # every 5 deg
 
 
-def test_object_distances_may_differ_by_row():
+def test_object_distances_per_row():
     together = om.evaluate(SPH, [60.0, 60.0], object_distance_mm=[5 * M, np.inf])
     assert together.q_t_mm[0] == om.evaluate(SPH, [60.0], object_distance_mm=5 * M).q_t_mm[0]
     assert together.q_t_mm[1] == om.evaluate(SPH, [60.0]).q_t_mm[0]
@@ -274,12 +274,12 @@ def test_object_distances_may_differ_by_row():
         ),
     ],
 )
-def test_what_cannot_be_evaluated_is_named(kwargs, error, message):
+def test_invalid_arguments_rejected(kwargs, error, message):
     with pytest.raises(error, match=message):
         om.evaluate(SPH, **kwargs)
 
 
-def test_an_unusable_mirror_says_so_when_first_asked():
+def test_unusable_mirror_rejected_at_first_evaluation():
     sensor = replace(SPH, mirror=Sphere(44.0, 43.9))  # nearly a hemisphere with a grazing rim
     with pytest.raises(OmnimirrorError, match="views the mirror edge-on"):
         om.evaluate(sensor, [10.0])
@@ -288,7 +288,7 @@ def test_an_unusable_mirror_says_so_when_first_asked():
 
 
 @pytest.mark.parametrize("m", [176.0, 5.0])
-def test_rays_of_a_cone_come_from_a_ring_of_virtual_pinholes(m):
+def test_cone_rays_pass_virtual_pinhole_ring(m):
     """Real rays, reflected in 3-D from tangent planes of the cone, and extended behind it."""
     cone = Cone(50.0, 43.9)
     sensor = om.Sensor(
@@ -313,7 +313,7 @@ def test_rays_of_a_cone_come_from_a_ring_of_virtual_pinholes(m):
     np.testing.assert_allclose(result.radius_s_mm, x / np.sin(np.radians(50.0)), rtol=1e-13)
 
 
-def test_a_cone_has_one_viewpoint_only_with_the_lens_in_its_tip():
+def test_cone_single_viewpoint_only_at_tip():
     """The ring shrinks with m, as does the spread of axis intersections of the rays."""
     spread = []
     for m in (10.0, 1.0, 0.1):
@@ -331,7 +331,7 @@ def test_a_cone_has_one_viewpoint_only_with_the_lens_in_its_tip():
 
 
 @pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
-def test_some_angles_of_an_evaluation_are_what_they_are_alone(name):
+def test_subset_of_angles_gives_equal_rows(name):
     sensor = om.load_sensor(name)
     whole = om.evaluate(
         sensor, [10.0, 40.0, 70.0, 90.0], object_distance_mm=[500.0, 600.0, 700.0, 800.0]
@@ -344,7 +344,7 @@ def test_some_angles_of_an_evaluation_are_what_they_are_alone(name):
 
 
 @pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
-def test_virtual_images_of_other_objects_are_those_of_their_evaluation(name):
+def test_virtual_images_match_evaluation(name):
     sensor = om.load_sensor(name)
     far, near = om.evaluate(sensor), om.evaluate(sensor, object_distance_mm=220.0)
     for told, true in zip(image_curves(far, 220.0), image_curves(near), strict=True):

@@ -221,7 +221,7 @@ def stop_radius(to_imager):
 
 
 @pytest.mark.parametrize("omega", [0.0, 60.0, 110.0])
-def test_the_psf_is_that_of_waves_added_up_through_the_glass(sensor, omega):
+def test_psf_matches_traced_waves(sensor, omega):
     x, truth, rays = added_waves(omega)
     assert rays > 10000
     found = om.psf(sensor, omega, wavelength_nm=WAVE * 1e6, width_px=12.0, step_px=0.3)
@@ -244,7 +244,7 @@ VIGNETTED = {
 
 
 @pytest.mark.parametrize("case", few(VIGNETTED, "two rims, off-centre", "behind a bore, vignetted"))
-def test_the_mtf_of_a_vignetting_lens_is_that_of_waves_through_the_glass(case, tmp_path):
+def test_mtf_of_vignetting_lens_matches_traced_waves(case, tmp_path):
     """Line spread function of waves from the mirror, through bore, glass and clear apertures."""
     clear, key, fold, omega = VIGNETTED[case]
     truth, filled = mtf_of_waves(omega, clear, fold)
@@ -256,7 +256,7 @@ def test_the_mtf_of_a_vignetting_lens_is_that_of_waves_through_the_glass(case, t
     assert (filled < 0.999) == (case != "whole aperture")
 
 
-def test_the_mtf_is_the_transform_of_the_psf(sensor):
+def test_mtf_is_psf_transform(sensor):
     nu = np.array([0.0, 0.05, 0.1, 0.2, 0.3])
     for omega in (0.0, 90.0):
         spot = om.psf(sensor, omega, width_px=60.0, step_px=0.24)
@@ -289,7 +289,7 @@ def tabulated(lens, **columns):
 
 
 @pytest.mark.parametrize("pupil", few([0.0, 6.0], 6.0))
-def test_a_table_without_faults_has_the_waves_of_the_ordinary_lens(pupil):
+def test_ideal_table_wavefront_matches_thin_lens(pupil):
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, lens=replace(sensor.lens, entrance_pupil_mm=pupil))
     table = replace(sensor, lens=tabulated(sensor.lens))
@@ -301,7 +301,7 @@ def test_a_table_without_faults_has_the_waves_of_the_ordinary_lens(pupil):
     np.testing.assert_allclose(*spots, atol=0.02 * spots[1].max())
 
 
-def test_a_bent_field_is_a_lens_focused_elsewhere():
+def test_curved_field_equals_refocused_lens():
     """An image slightly behind the imager over the whole field."""
     sensor = om.load_sensor("paper-spherical")
     behind = 0.03
@@ -320,7 +320,7 @@ def test_a_bent_field_is_a_lens_focused_elsewhere():
         assert np.abs(getattr(ours, name) - getattr(flat, name)).max() > 0.1
 
 
-def test_own_blur_of_unknown_shape_has_no_wave():
+def test_lens_blur_without_wavefront_rejected():
     sensor = om.load_sensor("paper-spherical")
     table = replace(
         sensor, lens=tabulated(sensor.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.01)))

@@ -428,7 +428,7 @@ def maps(kind: str, name: str, folder: Path) -> list[Path]:
 
 def figure(kind: str, name: str, folder: Path) -> list[Path]:
     return om.analysis.figures.save_all(
-        [replace(SENSOR, name=name)], folder, formats=["svg"], which=[kind]
+        [replace(SENSOR, name=name)], folder, formats=["svg"], names=[kind]
     )
 
 

@@ -47,7 +47,7 @@ def some_uncertainty(model):
 
 @pytest.mark.parametrize("mount", [Mount(), Mount("forward", 33.3, True, 4.0, -5.0)])
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_what_is_written_is_read_back(model, mount, tmp_path):
+def test_camera_file_round_trip(model, mount, tmp_path):
     path = tmp_path / "camera.toml"
     for camera in (
         replace(model, mount=mount),
@@ -59,11 +59,11 @@ def test_what_is_written_is_read_back(model, mount, tmp_path):
         assert om.parse_camera(path.read_text()).uncertainty == camera.uncertainty
 
 
-def test_every_kind_is_tried():
+def test_all_camera_kinds_tested():
     assert {model.KIND for model in MODELS.values()} == set(CAMERAS)
 
 
-def test_it_says_what_people_write():
+def test_camera_file_text():
     camera = om.parse_camera(GOOD)
     assert camera == om.Unified(
         0.96,
@@ -118,7 +118,7 @@ def test_it_says_what_people_write():
         (("[camera]", "[camera"), r"mine is not valid TOML: .*at line 4"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(change, message):
+def test_camera_file_errors_give_line(change, message):
     assert change[0] in GOOD
     with pytest.raises(SpecError, match=message) as e:
         om.parse_camera(GOOD.replace(*change), "mine")
@@ -126,13 +126,13 @@ def test_what_is_wrong_is_named_with_its_line(change, message):
 
 
 @given(st.text(max_size=100))
-def test_any_text_is_read_or_refused(text):
+def test_arbitrary_text_read_or_rejected(text):
     for begin in ("", "[camera]\n", GOOD):
         with suppress(SpecError):
             om.parse_camera(begin + text)
 
 
-def test_whatever_holds_a_camera_is_read(tmp_path):
+def test_camera_file_formats_read(tmp_path):
     """Detection by content: a sensor name, a sensor file, an OCamCalib file."""
     sensor = om.load_sensor("paper-spherical")
     assert om.load_camera("paper-spherical") == sensor

@@ -43,7 +43,7 @@ WALLS = {
 
 
 @pytest.mark.parametrize("name", WALLS)
-def test_sizes_of_covers_are_refused_outside_their_bounds(name):
+def test_cover_sizes_out_of_bounds_rejected(name):
     kind = {"centre_mm": Dome, "inner_shift_mm": Dome, "height_mm": FlatWindow}.get(name, Tube)
     low, high = WALLS[name]
     for value in (low - 1e-4, high + 0.1):
@@ -51,7 +51,7 @@ def test_sizes_of_covers_are_refused_outside_their_bounds(name):
             kind(**{name: value})
 
 
-def test_covers_are_as_wide_as_the_mirror_needs():
+def test_cover_default_sizes():
     """Minimum diameters by Pythagoras, from the back of the mirror; default diameters have a
     clearance of 3 mm, rounded up to 1 mm."""
     envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
@@ -72,7 +72,7 @@ def test_covers_are_as_wide_as_the_mirror_needs():
 
 
 @pytest.mark.parametrize("shift", [0.0, 2.0])
-def test_a_dome_is_as_wide_inside_as_its_inner_sphere(shift):
+def test_dome_inner_radius(shift):
     dome = Dome(200.0, 5.0, centre_mm=-40.0, inner_shift_mm=shift)
     for height in (-100.0, -40.0, 0.0, 30.0):
         assert dome.inner_radius_mm(height) == pytest.approx(
@@ -86,7 +86,7 @@ def sensor(request):
     return CASES[request.param]
 
 
-def test_drawing_evaluation_and_verdict_say_the_same_angles(sensor):
+def test_obscured_angles_consistent(sensor):
     low, high = sensor.clear_field_deg
     assert (low, high) != sensor.field_deg
     assert with_housing(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
@@ -104,7 +104,7 @@ def magnified(sensor, omega_deg):
     return replace(sensor, imager=Imager(WIDTH, 1, pitch, centre))
 
 
-def test_the_picture_goes_dark_at_these_angles(sensor):
+def test_image_dark_at_obscured_angles(sensor):
     """Agreement to 0.01 deg, in the compiled kernels and in the ground truth."""
     white, edges = (
         Environment(np.ones((4, 8, 3), np.float32)),
@@ -122,7 +122,7 @@ def test_the_picture_goes_dark_at_these_angles(sensor):
 
 
 @pytest.mark.parametrize("name", ["camera", "rod", "rod in mirror", "tube", "dome", "all"])
-def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(name):
+def test_misaligned_image_dark_at_obscured_pixels(name):
     rod = replace(SPH, housing=Housing(rod=Rod(0.5, 16.0, gap_mm=160.0)))
     sensor = replace(CASES.get(name, rod), mirror_pose=MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6))
     if (
@@ -148,6 +148,6 @@ def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(na
 
 
 @pytest.mark.parametrize("shell", [Tube(), Dome(), FlatWindow()])
-def test_a_wall_is_3_mm_thick_by_default_and_stands_in_air(shell):
+def test_wall_defaults(shell):
     assert (shell.wall_mm, shell.outer_index) == (3.0, 1.0)
     assert shell.material is None

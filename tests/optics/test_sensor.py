@@ -20,7 +20,7 @@ SPH = om.load_sensor("paper-spherical")
 
 
 @pytest.mark.parametrize(("looks", "azimuth"), [("up", 7.595), ("down", -7.595)])
-def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
+def test_forward_wall_orientation(looks, azimuth):
     """Numeric case of section 1a: point A at y = +400 mm, on the left for an observer, on a wall 3
     m ahead."""
     sensor = replace(SPH, mount=Mount(looks, forward_azimuth_deg=0.0))
@@ -39,7 +39,7 @@ def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
     )  # backproject starts at the mirror, not at the origin
 
 
-def test_a_ray_traced_in_space_by_hand_gives_the_same_pixel():
+def test_manually_traced_ray_gives_pixel():
     """Brute force in the camera frame: lens at the origin, directed upwards at a sphere; find the
     pixel of the point."""
     A, m, b0, pitch = 1.138 * 43.9, 4.110 * 43.9, SPH.lens.image_distance, 5.2e-3
@@ -80,12 +80,12 @@ def test_mounts_are_rotations(looks, azimuth):
     )
 
 
-def test_an_azimuth_is_any_whole_number_too():
+def test_integer_azimuth_accepted():
     assert (Mount("up", -360 * 2**90).rotation() == Mount("up", 0).rotation()).all()
 
 
 @given(pan=st.floats(-180, 180), tilt=st.floats(-90, 90), roll=st.floats(-180, 180))
-def test_view_axes_are_right_handed_and_look_where_they_say(pan, tilt, roll):
+def test_view_axes_right_handed(pan, tilt, roll):
     f, r, d = view_axes(pan, tilt, roll)
     np.testing.assert_allclose(np.array([f, r, d]) @ np.array([f, r, d]).T, np.eye(3), atol=1e-14)
     np.testing.assert_allclose(np.cross(r, d), f, atol=1e-14)  # X right, Y down, Z forward
@@ -93,7 +93,7 @@ def test_view_axes_are_right_handed_and_look_where_they_say(pan, tilt, roll):
     assert view_axes(pan, 0, 0)[1][2] == 0  # the horizon is level
 
 
-def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
+def test_raw_image_is_reversed_unless_flipped():
     """A word on a wall, traversed from left to right, is traversed in reverse in the raw image."""
 
     def turn(sensor):
@@ -117,7 +117,7 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.3])
-def test_an_off_centre_axis_refers_to_the_image_before_the_flip(tilt_deg):
+def test_centre_refers_to_unflipped_image(tilt_deg):
     """The delivered image is the array reversed by columns, for any position of the optical axis."""
     sensor = om.load_sensor("paper-spherical")
     imager = replace(
@@ -137,7 +137,7 @@ def test_an_off_centre_axis_refers_to_the_image_before_the_flip(tilt_deg):
     np.testing.assert_allclose(other, one[:, ::-1], atol=1e-5)
 
 
-def test_sees_nothing_outside_rim_and_picture():
+def test_pixels_outside_rim_or_image_invalid():
     _, directions, valid = SPH.backproject(
         [[511.5, 511.5], [5.0, 5.0], [-3.0, 511.5], [1013.2, 511.5], [1013.0, 511.5]]
     )
@@ -150,7 +150,7 @@ def test_sees_nothing_outside_rim_and_picture():
     assert np.isnan(pixels[0]).all()
 
 
-def test_directions_of_no_length_and_points_behind_the_mirror_are_not_seen():
+def test_zero_directions_and_hidden_points_invalid():
     assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [
         False,
         True,
@@ -163,7 +163,7 @@ def test_directions_of_no_length_and_points_behind_the_mirror_are_not_seen():
     ]
 
 
-def test_a_far_point_is_seen_where_its_direction_is():
+def test_distant_point_matches_direction():
     rng = np.random.default_rng(1)
     d = rng.normal(size=(200, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
@@ -174,7 +174,7 @@ def test_a_far_point_is_seen_where_its_direction_is():
     np.testing.assert_allclose(by_point.pixels[both], by_direction.pixels[both], atol=1e-6)
 
 
-def test_is_a_camera_and_tells_its_symmetry():
+def test_sensor_is_camera_with_symmetry():
     assert isinstance(SPH, Camera)
     s = SPH.symmetry
     np.testing.assert_array_equal(s.axis, [0, 0, -1])
@@ -195,6 +195,6 @@ def test_is_a_camera_and_tells_its_symmetry():
         (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px must be a pair .* got 1 numbers"),
     ],
 )
-def test_wrong_parts_are_named(make, message):
+def test_invalid_parts_rejected(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()

@@ -46,7 +46,7 @@ mirror_distance_mm = 186.0
 """
 
 
-def test_bundled_sensors_are_those_of_the_paper_and_more():
+def test_bundled_sensor_list():
     assert set(bundled_sensors()) >= {
         "paper-spherical",
         "paper-equidistant",
@@ -74,7 +74,7 @@ def test_bundled_sensors_are_those_of_the_paper_and_more():
     )
 
 
-def test_prototypes_are_as_section_5_1_says():
+def test_prototypes_match_section_5_1():
     sphere, hyperboloid = load_sensor("prototype-spherical"), load_sensor("prototype-hyperboloidal")
     assert (sphere.mirror.radius_mm, sphere.mirror.rim_radius_mm) == (50.0, 44.0)
     assert sphere.field_deg[1] == pytest.approx(135, abs=1e-4)
@@ -85,17 +85,17 @@ def test_prototypes_are_as_section_5_1_says():
     )
 
 
-def test_every_bundled_sensor_has_its_image_on_the_imager(bundled):
+def test_bundled_images_fit_imager(bundled):
     u, v = bundled.imager.centre
     assert bundled.rim_radius_px <= min(u, v) + 0.5
 
 
-def test_round_trip_without_loss(any_sensor, tmp_path):
+def test_sensor_file_round_trip(any_sensor, tmp_path):
     om.save_sensor(any_sensor, tmp_path / "s.toml")
     assert load_sensor(tmp_path / "s.toml") == any_sensor
 
 
-def test_bundled_round_trip_without_loss(bundled):
+def test_bundled_sensor_round_trip(bundled):
     assert parse_sensor(format_sensor(bundled)) == bundled
 
 
@@ -108,9 +108,7 @@ def test_bundled_round_trip_without_loss(bundled):
     looks=st.sampled_from(["up", "down", "forward"]),
     centre=st.none() | st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
 )
-def test_any_sensor_round_trips_without_loss(
-    name, notes, coefficients, distance, azimuth, looks, centre
-):
+def test_random_sensor_round_trip(name, notes, coefficients, distance, azimuth, looks, centre):
     sensor = om.Sensor(
         EvenPolynomial(tuple(coefficients), 10.0),
         Perspective(11.6, 4.0, 212.0),
@@ -123,7 +121,7 @@ def test_any_sensor_round_trips_without_loss(
     assert parse_sensor(format_sensor(sensor)) == sensor
 
 
-def test_what_stands_in_place_is_not_written_and_what_does_not_comes_back():
+def test_default_poses_omitted_from_file():
     plain = om.load_sensor("paper-spherical")
     moved = replace(
         plain,
@@ -140,7 +138,7 @@ def test_what_stands_in_place_is_not_written_and_what_does_not_comes_back():
         assert parse_sensor(format_sensor(sensor)) == sensor
 
 
-def test_a_profile_beside_the_sensor_file_is_followed(tmp_path):
+def test_profile_file_relative_to_sensor_file(tmp_path):
     x = np.linspace(0, 44, 60)
     rows = "\n".join(f"{a},{50 - np.sqrt(2500 - a * a)}" for a in x)
     (tmp_path / "profile.csv").write_text(f"# measured\nx_mm,z_mm\n{rows}\n")
@@ -156,7 +154,7 @@ def test_a_profile_beside_the_sensor_file_is_followed(tmp_path):
     assert parse_sensor(format_sensor(sensor)) == sensor  # including the points
 
 
-def test_the_template_of_init_is_a_working_sensor():
+def test_template_is_valid_sensor():
     sensor = parse_sensor(sensor_template("mine"))
     assert sensor.name == "mine"
     assert sensor.field_deg[1] == pytest.approx(135, abs=0.01)
@@ -179,7 +177,7 @@ width_mm = 1.5
 )
 
 
-def test_a_housing_comes_back_with_what_was_left_out():
+def test_housing_round_trip_with_defaults():
     sensor = parse_sensor(HOUSED)
     assert sensor.housing == Housing(CameraBody(30.0), Rod(end_diameter_mm=2.0), Tube(), Rim(1.5))
     assert parse_sensor(format_sensor(sensor)) == sensor
@@ -229,14 +227,14 @@ def test_a_housing_comes_back_with_what_was_left_out():
         ),
     ],
 )
-def test_a_housing_that_cannot_be_is_named_with_its_line(old, new, message):
+def test_invalid_housing_error_gives_line(old, new, message):
     text = HOUSED.replace(old, new)
     assert text != HOUSED
     with pytest.raises(SpecError, match=message):
         parse_sensor(text)
 
 
-def test_the_housing_of_the_template_works():
+def test_template_housing_is_valid():
     head, tail = sensor_template("mine").split("# [housing.camera]")
     sensor = parse_sensor(
         head
@@ -338,7 +336,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD, ids=[m[:40] for *_, m in BAD])
-def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
+def test_invalid_file_error_gives_line_and_valid_values(old, new, message):
     assert old in GOOD
     with pytest.raises(SpecError, match=message) as e:
         parse_sensor(GOOD.replace(old, new, 1), source="mine.toml", folder=Path())
@@ -346,7 +344,7 @@ def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
     assert "\n" not in str(e.value)
 
 
-def test_files_that_cannot_be_read(tmp_path):
+def test_unreadable_files_rejected(tmp_path):
     with pytest.raises(
         SpecError,
         match=r"sensor file or bundled sensor 'paper-sferical' does not exist; did you mean paper-spherical\?",
@@ -369,7 +367,7 @@ def test_files_that_cannot_be_read(tmp_path):
         ("0,0\n2,1\n1,2\n4,3\n5,4\n6,5\n", "must increase; got"),
     ],
 )
-def test_wrong_profiles(tmp_path, content, message):
+def test_invalid_profiles_rejected(tmp_path, content, message):
     from omnimirror.optics.mirrors import SampledProfile
 
     (tmp_path / "p.csv").write_text(content)
@@ -377,7 +375,7 @@ def test_wrong_profiles(tmp_path, content, message):
         SampledProfile.from_csv(tmp_path / "p.csv")
 
 
-def test_sampled_profile_refuses_a_rim_beyond_its_points():
+def test_sampled_profile_rejects_rim_beyond_points():
     from omnimirror.optics.mirrors import SampledProfile
 
     x = tuple(np.linspace(0, 10, 11))
@@ -394,7 +392,7 @@ def test_sampled_profile_refuses_a_rim_beyond_its_points():
     assert float(pointed.slope(0.0)) == pytest.approx(0.5)
 
 
-def test_saving_leaves_an_earlier_file_when_the_disk_refuses(tmp_path):
+def test_failed_save_keeps_existing_file(tmp_path):
     folder = tmp_path / "taken"
     folder.write_text("a file where a folder would have to be")
     with pytest.raises(OmnimirrorError, match="cannot write"):
@@ -417,7 +415,7 @@ def test_saving_leaves_an_earlier_file_when_the_disk_refuses(tmp_path):
         (("nothing",), None),
     ],
 )
-def test_lines_are_those_of_dotted_and_quoted_keys_and_not_of_what_stands_in_texts(path, line):
+def test_line_numbers_of_dotted_and_quoted_keys(path, line):
     text = """# a comment with ''' in it
 name = "x # [lens]"
 notes = '''a

@@ -64,7 +64,7 @@ def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
     )
 
 
-def test_chief_rays_land_where_traced_ones_do(sensor):
+def test_chief_rays_match_sequential_trace(sensor):
     """Within 0.001 px, from the axis to the rim."""
     found = om.evaluate(sensor, OMEGA).h_px
     assert np.abs(found - truth(OMEGA)[:, 0] / PITCH).max() < 1e-3
@@ -72,7 +72,7 @@ def test_chief_rays_land_where_traced_ones_do(sensor):
     assert om.evaluate(sensor, [90.0]).dh_domega_px_per_deg[0] == pytest.approx(rate, rel=1e-5)
 
 
-def test_the_pupil_moves_and_its_motion_shows(sensor):
+def test_pupil_motion_included(sensor):
     """Precondition of the preceding test."""
     places = sensor.lens.field.nodes.pupil
     assert np.ptp(places) > 0.1
@@ -87,7 +87,7 @@ def test_the_pupil_moves_and_its_motion_shows(sensor):
     assert 0.05 < np.abs(away).max() < 3
 
 
-def test_blur_is_that_of_thin_bundles_through_glass(file):
+def test_blur_matches_bundles_through_glass(file):
     """Tangential and sagittal, by rays through the edges of a stop of F/400 without spherical
     aberration."""
     sensor = sensor_with(lens_of(file, f_number=400.0))
@@ -102,7 +102,7 @@ def test_blur_is_that_of_thin_bundles_through_glass(file):
         assert np.abs(blur) == pytest.approx(np.abs(ends[0] - ends[1]) / PITCH, rel=1e-3, abs=1e-5)
 
 
-def test_spots_are_those_of_rays_through_the_stop(sensor):
+def test_spots_match_rays_through_stop(sensor):
     """At F/4: combined aberrations of lens and mirror, within 5 % of their size."""
     edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
     r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
@@ -118,7 +118,7 @@ def test_spots_are_those_of_rays_through_the_stop(sensor):
             assert size[0, 0] == pytest.approx(image[:, axis].std(), rel=0.05)
 
 
-def test_three_wavelengths(sensor):
+def test_three_wavelength_indices(sensor):
     """Lateral colour in the field functions."""
     found = om.evaluate(sensor, OMEGA[1:])
     theta = np.tan(np.radians(found.theta_deg))
@@ -130,7 +130,7 @@ def test_three_wavelengths(sensor):
 
 
 @pytest.mark.parametrize("nm", [486.1327, 546.07, 656.2725, 700.0])
-def test_at_another_wavelength_rays_land_where_that_light_does(sensor, nm):
+def test_rays_at_other_wavelength(sensor, nm):
     """Indices of the wavelength with fixed stop and imager; interpolation and extrapolation by
     Cauchy's formula."""
     colour = om.at_wavelength(sensor, nm)
@@ -145,7 +145,7 @@ def test_at_another_wavelength_rays_land_where_that_light_does(sensor, nm):
 @pytest.mark.parametrize(
     "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
 )
-def test_pixels_come_back_and_apertures_agree(file, pose):
+def test_pixel_round_trip_and_apertures(file, pose):
     sensor = sensor_with(lens_of(file), pose)
     rng = np.random.default_rng(3)
     turn, r = rng.uniform(0, 2 * np.pi, 40), 460 * np.sqrt(rng.uniform(0, 1, 40))
@@ -161,7 +161,7 @@ def test_pixels_come_back_and_apertures_agree(file, pose):
     assert np.abs(np.degrees(chief.directions - rays.directions)).max() < 2e-4
 
 
-def test_every_ray_of_a_picture_lands_on_its_pixel(sensor):
+def test_rendered_rays_reach_their_pixels(sensor):
     """Rays of the renderer, traced back through the glass from their mirror points."""
     plan = spread(8, True)
     bundle = trace(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
@@ -178,7 +178,7 @@ def test_every_ray_of_a_picture_lands_on_its_pixel(sensor):
         assert np.abs(-landed - image[k]).max() < 1e-8
 
 
-def test_focusing_breathes(file):
+def test_focus_breathing(file):
     """The imager moves, the surfaces are fixed: traced heights of another focus."""
     near = sensor_with(lens_of(file).focused_at(150.0))
     n = own.indices()
@@ -189,7 +189,7 @@ def test_focusing_breathes(file):
     assert np.abs(om.evaluate(near, OMEGA).h_px - wanted / PITCH).max() < 1e-3
 
 
-def test_even_aspheres_meet_their_surface():
+def test_even_asphere_intersections():
     """Intersections are on the surface, with the slope of the sag by finite differences."""
     c, k, a = 0.02, -0.7, np.array([[1e-4, -3e-6, 2e-8]])
     one = Sequence(
@@ -228,7 +228,7 @@ def plano_convex(curvature_per_mm=CURVED, f_number=8.0, focus_distance_mm=1e6, *
     return SurfaceLens(f_number, focus_distance_mm, curvature_per_mm, **{**PLANO, **columns})
 
 
-def test_a_paraboloid_is_its_first_asphere():
+def test_paraboloid_equals_first_asphere():
     """z = c r^2 / 2 as a conic with constant -1, and as the r^2 coefficient of a plane."""
     conic = plano_convex(conic=(0.0, -1.0, 0.0))
     asphere = plano_convex((0.0, 0.0, 0.0), aspheres=(0.0, 0.0, 0.5 / 25.84, 0.0, 0.0, 0.0))
@@ -239,7 +239,7 @@ def test_a_paraboloid_is_its_first_asphere():
 
 
 @pytest.mark.parametrize("focal_length", [0.5, 1e6])
-def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
+def test_extreme_focal_lengths_valid(focal_length):
     lens = plano_convex((0.0, 50.0 / (25.84 * focal_length), 0.0), thickness_mm=(0.1, 0.04, 0.0))
     assert lens.focal_length_mm == pytest.approx(focal_length, rel=1e-4)
 
@@ -301,7 +301,7 @@ def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
         ),
     ],
 )
-def test_surfaces_that_are_no_lens_are_refused_without_a_warning(columns, sentence):
+def test_invalid_surfaces_rejected_without_warning(columns, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         plano_convex(**columns)
 
@@ -314,7 +314,7 @@ BOUNDS = {
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_columns_are_refused_outside_their_bounds(name):
+def test_surface_columns_out_of_bounds_rejected(name):
     low, high = BOUNDS[name]
     for value in (low - 1e-4, high + 0.1):
         with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
@@ -322,7 +322,7 @@ def test_columns_are_refused_outside_their_bounds(name):
 
 
 @pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
-def test_without_three_indices_other_wavelengths_are_not_known(missing):
+def test_other_wavelengths_require_three_indices(missing):
     known = {
         "wavelengths_nm": (486.1, 587.6, 656.3),
         "index_short": (1.0, 1.5224, 1.0),
@@ -337,7 +337,7 @@ def test_without_three_indices_other_wavelengths_are_not_known(missing):
         ).at_wavelength(700.0)
 
 
-def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
+def test_narrow_aperture_reduces_illumination(file, tmp_path):
     """A front aperture vignettes the bundle as traced."""
     text = own.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
     (tmp_path / "cut.zmx").write_text(text)
@@ -348,7 +348,7 @@ def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
     assert cut.illumination[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.illumination)
 
 
-def test_straightening_finds_its_pixels_through_the_glass(sensor):
+def test_dewarping_through_real_lens(sensor):
     """Distances from the image centre of distant targets, against traced rays."""
     screen = om.screens.Cylinder((720, 270), tilt_min_deg=-60, tilt_max_deg=35)
     coordinates = om.Dewarper(sensor, screen).coordinates()
@@ -359,7 +359,7 @@ def test_straightening_finds_its_pixels_through_the_glass(sensor):
     assert np.abs(radius - truth(omega)[:, 0] / PITCH).max() < 0.01
 
 
-def test_an_evaluation_tells_what_the_lens_does_by_itself(file, sensor, tmp_path):
+def test_evaluation_includes_lens_blur(file, sensor, tmp_path):
     found = om.evaluate(sensor, [0.0, 90.0])
     assert list(found.of_lens) == [
         "lens_blur_t_px",
@@ -380,7 +380,7 @@ def test_an_evaluation_tells_what_the_lens_does_by_itself(file, sensor, tmp_path
     assert om.evaluate(om.load_sensor("paper-spherical"), [0.0]).of_lens == {}
 
 
-def test_the_command_line_takes_a_lens(file):
+def test_command_line_accepts_lens_file(file):
     found = omnimirror("evaluate", "paper-spherical", "--lens", file, "--omega-deg", "90")
     assert found.returncode == 0, found.stderr
     assert "surfaces lens" in found.stdout
@@ -394,7 +394,7 @@ def test_the_command_line_takes_a_lens(file):
 
 
 @pytest.mark.parametrize("code", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
-def test_any_encoding_gives_the_same_lens(code, file, tmp_path):
+def test_lens_file_encodings(code, file, tmp_path):
     (tmp_path / "triplet.zmx").write_bytes(
         own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code)
     )
@@ -427,9 +427,7 @@ DIAMETERS = {
         ),  # real image height: the triplet has little distortion
     ],
 )
-def test_the_field_of_a_file_is_its_field_with_and_without_diameters(
-    fields, widest_deg, diameters, tmp_path
-):
+def test_lens_file_field(fields, widest_deg, diameters, tmp_path):
     """OpticStudio writes DIAM lines by default; they vignette rays and do not change the field."""
     text = own.zmx(per_surface=diameters)
     start, end = text.index("FTYP"), text.index("WAVM 1")
@@ -442,7 +440,7 @@ def test_the_field_of_a_file_is_its_field_with_and_without_diameters(
         assert np.degrees(np.arctan(lens.field.end)) == pytest.approx(lens.field_max_deg)
 
 
-def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_path):
+def test_field_beyond_lens_file_rejected(file, tmp_path):
     with pytest.raises(
         OmnimirrorError, match=r"ends at 10 deg; .* increase field_max_deg \(now 10\)"
     ):
@@ -452,7 +450,7 @@ def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_pat
         )
 
 
-def test_inches(file, tmp_path):
+def test_lens_file_in_inches(file, tmp_path):
     text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
     (tmp_path / "inches.zmx").write_text(
         text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}")
@@ -462,7 +460,7 @@ def test_inches(file, tmp_path):
     )
 
 
-def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
+def test_sensor_file_names_lens_file(file, sensor, tmp_path):
     text = format_sensor(om.load_sensor("paper-spherical"))
     head, rest = text.split("[lens]\n")
     rest = rest[rest.index("[imager]") :]
@@ -522,7 +520,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_files_say_what_is_wrong_in_one_sentence(case, tmp_path):
+def test_invalid_lens_files_rejected(case, tmp_path):
     text, sentence = BAD[case]
     (tmp_path / "bad.zmx").write_text(text)
     with pytest.raises(OmnimirrorError, match=sentence) as found:
@@ -530,7 +528,7 @@ def test_bad_files_say_what_is_wrong_in_one_sentence(case, tmp_path):
     assert "\n" not in str(found.value)
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_missing_lens_file_rejected(tmp_path):
     with pytest.raises(OmnimirrorError, match=r"cannot read .*nothing\.zmx"):
         lens_of(tmp_path / "nothing.zmx")
 
@@ -552,14 +550,14 @@ def test_a_missing_file_is_named(tmp_path):
         ("POLYCARB", 1.5848, 29.9),
     ],
 )
-def test_glasses_have_the_numbers_of_their_data_sheets(name, index, abbe):
+def test_glass_indices_match_data_sheets(name, index, abbe):
     glass = glass_named(name, (), None)
     d, f, c = (glass.index(w) for w in (0.5875618, 0.4861327, 0.6562725))
     assert d == pytest.approx(index, abs=1.5e-5 if name[0] != "P" else 2e-3)
     assert (d - 1) / (f - c) == pytest.approx(abbe, abs=0.02 if name[0] != "P" else 5.0)
 
 
-def test_a_catalogue_file_counts_more(tmp_path):
+def test_catalogue_file_takes_precedence(tmp_path):
     lines = [
         "CC test",
         "NM N-SK16 2 0 1.5 60 0 1",
@@ -573,14 +571,14 @@ def test_a_catalogue_file_counts_more(tmp_path):
         read_agf(tmp_path / "bad.agf")
 
 
-def test_schotts_own_formula():
+def test_schott_dispersion_formula():
     """n^2 = a0 + a1 l^2 + a2 l^-2 + ..., coefficients of the old BK7 data sheet."""
     a = (2.2718929, -1.0108077e-2, 1.0592509e-2, 2.0816965e-4, -7.6472538e-6, 4.9240991e-7)
     powers = (a[0], a[1], 2.0, a[2], -2.0, a[3], -4.0, a[4], -6.0, a[5], -8.0)
     assert Glass("BK7", "powers", powers).index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
 
 
-def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
+def test_zmx_export_contains_ideal_lens(sensor, tmp_path):
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     text = found.path.read_text(encoding="utf-16")
     assert (
@@ -590,7 +588,7 @@ def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
 
 @pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])
 @pytest.mark.parametrize("thickness", [3.0, 1e4])
-def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvature, thickness):
+def test_extreme_curvatures_without_warning(curvature, thickness):
     try:
         lens = SurfaceLens(4.0, 1e7, (curvature, -curvature), (thickness, 0.0), (1.5, 1.0), 1)
     except InvalidParameter:
@@ -599,7 +597,7 @@ def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvatur
     assert lens.focal_length_mm == pytest.approx(1 / thick, rel=1e-9)
 
 
-def test_clearances_of_rays_at_apertures():
+def test_aperture_clearances():
     """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at
     its curved face."""
     lens = SurfaceLens(

@@ -34,7 +34,7 @@ def faultless(sensor, pupil=0.0):
 
 
 @pytest.mark.parametrize("pupil", [0.0, 6.0])
-def test_a_table_without_faults_is_the_ordinary_lens(pupil):
+def test_ideal_table_equals_thin_lens(pupil):
     plain, table = faultless(om.load_sensor("paper-spherical"), pupil)
     for focus in (None, 190.0):
         ours, theirs = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
@@ -87,13 +87,13 @@ def both(tmp_path_factory):
     return [om.Sensor(mirror, each, imager, mirror_distance_mm=182.0) for each in (lens, table)]
 
 
-def test_its_chief_rays_are_those_of_the_lens_it_was_made_of(both):
+def test_table_chief_rays_match_source_lens(both):
     surfaces, table = (om.evaluate(s, OMEGA) for s in both)
     assert np.abs(surfaces.h_px - table.h_px).max() < 2e-4
     assert np.abs(surfaces.viewpoint_z_mm - table.viewpoint_z_mm).max() < 1e-4
 
 
-def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
+def test_image_side_field_curvature_matches_object_side(both):
     """Defocus in mm behind the lens, found by moving the imager to the sharpest focus of narrow
     real bundles."""
     surfaces, table = both
@@ -136,7 +136,7 @@ def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
     assert np.abs(near[0] - near[1]).max() < 0.01
 
 
-def test_own_blur_and_illumination_are_in_the_floored_area_and_the_light():
+def test_lens_blur_and_illumination_included():
     _, table = faultless(om.load_sensor("paper-spherical"))
     dull = replace(
         table.lens,
@@ -160,7 +160,7 @@ def test_own_blur_and_illumination_are_in_the_floored_area_and_the_light():
     )
 
 
-def test_best_focus_counts_the_own_blur():
+def test_best_focus_includes_lens_blur():
     """Minimum area merit by exhaustive search."""
     _, table = faultless(om.load_sensor("paper-spherical"))
     own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
@@ -175,7 +175,7 @@ def test_best_focus_counts_the_own_blur():
     assert best.value <= min(tried) * (1 + 1e-6)
 
 
-def test_a_file_of_columns(tmp_path):
+def test_lens_table_file(tmp_path):
     plain, table = faultless(om.load_sensor("paper-spherical"))
     rows = zip(ANGLES, table.lens.image_height_mm, table.lens.entrance_pupil_mm, strict=True)
     lines = ["# a lens", "field_deg, image_height_mm, entrance_pupil_mm"]
@@ -216,7 +216,7 @@ def test_a_file_of_columns(tmp_path):
         ),
     ],
 )
-def test_bad_tables_say_what_is_wrong(text, sentence, tmp_path):
+def test_invalid_lens_tables_rejected(text, sentence, tmp_path):
     (tmp_path / "lens.csv").write_text(text)
     table = {
         "file": "lens.csv",
@@ -239,7 +239,7 @@ BOUNDS = {
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_entries_are_refused_outside_their_bounds(name):
+def test_table_entries_out_of_bounds_rejected(name):
     low, high = BOUNDS[name]
     lens = faultless(om.load_sensor("paper-spherical"))[1].lens
     is_column = name in COLUMNS
@@ -249,7 +249,7 @@ def test_entries_are_refused_outside_their_bounds(name):
             replace(lens, **{name: wrong})
 
 
-def test_a_mirror_past_the_end_of_the_table_is_refused():
+def test_mirror_beyond_table_rejected():
     _, table = faultless(om.load_sensor("paper-spherical"))
     short = replace(
         table.lens,
@@ -261,14 +261,14 @@ def test_a_mirror_past_the_end_of_the_table_is_refused():
         om.evaluate(replace(table, lens=short), OMEGA)
 
 
-def test_what_knows_ideal_lenses_only_says_so():
+def test_thin_lens_functions_reject_tables():
     _, table = faultless(om.load_sensor("paper-spherical"))
     for ask in (lambda: om.SensorModel(table), lambda: om.blur_bound(table)):
         with pytest.raises(OmnimirrorError, match="requires a perspective or orthographic lens"):
             ask()
 
 
-def test_a_design_like_another_sensors_has_its_real_lens():
+def test_design_like_sensor_keeps_real_lens():
     ideal, table = faultless(om.load_sensor("paper-spherical"), pupil=6.0)
     asked = om.requirements_like(table, family="sphere")
     assert asked.lens.optics == table.lens
@@ -310,7 +310,7 @@ def passing(lens, tangent, side=1201):
     return disk[np.hypot(*there.T) <= BARREL / 2], len(disk)
 
 
-def test_a_barrel_leaves_what_straight_rays_say():
+def test_barrel_vignetting_matches_rays():
     bare, cut = barrelled(om.load_sensor("paper-spherical"))
     angles = np.array([20.0, 60.0, 90.0, 120.0, 134.0])
     theta = np.tan(np.radians(om.evaluate(bare, angles).theta_deg))
@@ -334,7 +334,7 @@ def test_a_barrel_leaves_what_straight_rays_say():
     assert narrow / wide < 0.9
 
 
-def test_pictures_are_dimmed_by_it():
+def test_barrel_vignetting_in_images():
     from omnimirror.simulation.radiometry import Radiometry
     from tests.simulation.test_rendering_wavelengths import Stripes
 
@@ -359,7 +359,7 @@ def test_pictures_are_dimmed_by_it():
         ({"barrel_mm": 300.0}, "must not vignette the bundle on the axis"),
     ],
 )
-def test_barrels_that_cut_everything_off_are_refused(entries, sentence):
+def test_blocking_barrels_rejected(entries, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         barrelled(om.load_sensor("paper-spherical"), **entries)
 
@@ -395,7 +395,7 @@ def off_the_ball(start, slopes, pupil_z, radius):
     return d - 2 * (d * normal).sum(1)[:, None] * normal
 
 
-def test_a_pane_before_the_lens_is_that_of_rays_through_its_faces():
+def test_pane_matches_refracted_rays():
     sensor = om.load_sensor("paper-spherical")
     narrow = replace(sensor, lens=replace(sensor.lens, f_number=40.0))
     ideal, bare = faultless(narrow, pupil=6.0)
@@ -421,7 +421,7 @@ def test_a_pane_before_the_lens_is_that_of_rays_through_its_faces():
 
 
 @pytest.mark.parametrize("given", [("short",), ("long",), ("short", "long"), ()])
-def test_heights_of_other_colours_are_those_of_the_table_at_three_lines(given):
+def test_lateral_colour_at_three_lines(given):
     """F, d and C; in between a parabola in 1/wavelength^2."""
     angles, heights = (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.1)
     shifts = {"short": (0.0, 0.004, 0.01, 0.03), "long": (0.0, -0.006, -0.02, -0.05)}

@@ -83,7 +83,7 @@ def covered(name):
 
 
 @pytest.mark.parametrize("name", few(COVERS, "tube", "dome in oil"))
-def test_points_before_a_cover_or_beside_a_ray_are_not_on_it(name):
+def test_points_inside_cover_or_off_ray_rejected(name):
     meridian = covered(name).meridian
     x = np.linspace(0.3, 0.9, 5) * meridian.mirror.rim_radius_mm
     rays = meridian.trace(x)
@@ -198,7 +198,7 @@ def truth(sensor, pixel):
 
 
 @pytest.mark.parametrize("name", [*COVERS, *MISALIGNED])
-def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(name):
+def test_covered_sensor_projection_round_trip(name):
     sensor = covered(name)
     turn = sensor.mount.rotation()
     pixels = INNER_PIXELS if "window" in name else PIXELS
@@ -220,9 +220,7 @@ def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(
 @pytest.mark.parametrize(
     "name", few(["tilted tube", "decentred dome", "mirror out of place"], "tilted tube")
 )
-def test_one_ray_besides_compiled_ones_finds_where_a_target_is_seen(
-    monkeypatch: pytest.MonkeyPatch, name
-):
+def test_compiled_solution_needs_one_verification_ray(monkeypatch: pytest.MonkeyPatch, name):
     """It verifies the result of a kernel that interpolates the mirror in a table."""
     sensor, traced = covered(name), []
     pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
@@ -247,7 +245,7 @@ STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
 
 
 @pytest.mark.parametrize("name", STARTS)
-def test_rays_start_where_those_from_their_images_do(name):
+def test_ray_origins_match_image_rays(name):
     """Solved from outside, and traced from inside."""
     train = STARTS[name].optical_train
     towards = np.random.default_rng(9).normal(size=(900, 3))
@@ -275,7 +273,7 @@ SEARCHED = {
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 @pytest.mark.parametrize("name", SEARCHED)
-def test_kernels_and_numpy_find_the_same(monkeypatch: pytest.MonkeyPatch, name):
+def test_kernels_match_numpy(monkeypatch: pytest.MonkeyPatch, name):
     """Near and far targets all around; if a kernel does not converge, NumPy does not either."""
     towards = np.random.default_rng(6).normal(size=(1500, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
@@ -296,7 +294,7 @@ def test_kernels_and_numpy_find_the_same(monkeypatch: pytest.MonkeyPatch, name):
 
 
 @pytest.mark.parametrize("name", [name for name in SEARCHED if "pointed" in name])
-def test_what_the_tip_of_a_mirror_shows_is_found(name):
+def test_pointed_mirror_tip_projection(name):
     """Rays from pixels near the tip lead to directions that are observed there."""
     sensor = SEARCHED[name]
     about = np.random.default_rng(8).normal(size=(400, 2))
@@ -318,7 +316,7 @@ def test_what_the_tip_of_a_mirror_shows_is_found(name):
         ("dome", np.inf),
     ),
 )
-def test_images_are_where_rays_of_one_object_cross_before_the_lens(name, distance):
+def test_virtual_images_behind_cover_match_rays(name, distance):
     """Rays from both sides of the pupil, aimed by the reference tracer at one object; tangential,
     then sagittal."""
     sensor = covered(name)
@@ -352,7 +350,7 @@ def test_images_are_where_rays_of_one_object_cross_before_the_lens(name, distanc
 @pytest.mark.parametrize(
     "shell", [Tube(110.0, refractive_index=1.0), Dome(340.0, 5.0, refractive_index=1.0)]
 )
-def test_a_wall_of_air_changes_nothing(shell):
+def test_air_wall_has_no_effect(shell):
     bare, clear = SPH, replace(SPH, housing=Housing(shell=shell))
     for distance in (np.inf, 400.0):
         a, b = (om.evaluate(s, object_distance_mm=distance).columns() for s in (bare, clear))
@@ -365,7 +363,7 @@ def test_a_wall_of_air_changes_nothing(shell):
 
 
 @pytest.mark.parametrize("name", ["tube", "dome in oil", "decentred dome"])
-def test_views_and_pictures_see_by_the_same_rays(name):
+def test_views_and_images_use_equal_rays(name):
     sensor = covered(name)
     screen = om.screens.Plane((60, 40), tilt_deg=10.0, hfov_deg=70.0)
     quick, exact = (source_pixels(sensor, screen, exact=e) for e in (False, True))
@@ -377,7 +375,7 @@ def test_views_and_pictures_see_by_the_same_rays(name):
     np.testing.assert_allclose(pictured.origins, looks.origins, atol=1e-9)
 
 
-def test_a_tube_in_water_begins_where_rays_pass_its_base():
+def test_water_tube_field_starts_at_base():
     sensor = covered("tube in water")
     low, high = sensor.field_deg
     x = sensor.meridian.x_min
@@ -390,7 +388,7 @@ def test_a_tube_in_water_begins_where_rays_pass_its_base():
     assert high < SPH.field_deg[1]
 
 
-def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
+def test_window_field_limits():
     window = FlatWindow(120.0, medium="water")
     sensor = replace(NARROW, housing=Housing(shell=window))
     (ring,) = sensor.obscurations
@@ -416,7 +414,7 @@ def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
         om.evaluate(replace(NARROW, housing=Housing(shell=FlatWindow(height_mm=-50.0))))
 
 
-def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
+def test_invalid_covers_rejected():
     with pytest.raises(
         InvalidParameter, match=r"material must not both be given; got 1.5 and 'bk7'"
     ):
@@ -475,7 +473,7 @@ PUBLISHED = {
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_materials_have_the_indices_that_were_published(name):
+def test_material_indices_match_literature(name):
     material, n = MATERIALS[name], PUBLISHED[name]
     assert material.index_d == pytest.approx(n(0.58756), abs=1e-4)
     assert material.abbe_number == pytest.approx(
@@ -489,7 +487,7 @@ def test_materials_have_the_indices_that_were_published(name):
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 @pytest.mark.parametrize("name", COVERS)
-def test_compiled_walls_are_numpys(name):
+def test_compiled_walls_match_numpy(name):
     """Rays from inside and outside, along the axis, from the wrong side: to the last digits, with
     equal validity."""
     shell, rng = covered(name).obstructions.housing.shell, np.random.default_rng(5)

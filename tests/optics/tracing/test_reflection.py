@@ -37,7 +37,7 @@ def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[RayEndpoint
 @pytest.mark.parametrize("telecentric", [False, True])
 @pytest.mark.parametrize("distant", [False, True])
 @pytest.mark.parametrize("kind", few(sorted({*MIRRORS} - {"cone"}), *EVERY_DAY))
-def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monkeypatch):
+def test_solution_independent_of_initial_value(kind, distant, telecentric, monkeypatch):
     mirror = MIRRORS[kind][0]
     pupils, targets = ends_about(kind, distant, telecentric)
     found = specular_points(mirror, pupils, targets)
@@ -50,7 +50,7 @@ def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monke
     assert np.abs(found.path - guessed.path)[found.valid].max() < 1e-11 * size
 
 
-def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
+def test_sphere_reflection_of_distant_point():
     """A direction observed from far away along the axis is at half of its angle from the axis."""
     towards = np.random.default_rng(5).normal(size=(COUNT, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
@@ -68,7 +68,7 @@ def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
 
 
 @compiled
-def test_the_surface_is_looked_at_half_as_often(monkeypatch):
+def test_surface_evaluation_count(monkeypatch):
     """The measure is work: points of the exact surface over all steps."""
     looked_at = []
 
@@ -93,7 +93,7 @@ def test_the_surface_is_looked_at_half_as_often(monkeypatch):
 
 
 @compiled
-def test_kernels_are_not_asked_where_they_do_not_serve():
+def test_kernels_not_used_outside_their_scope():
     pupils, targets = ends_about("sphere", True, False)
     pupils = pupils.spread(COUNT)
     sphere = Sphere(50.0, 40.0)
