@@ -804,8 +804,8 @@ class ColumnFile:
         if self.entry not in table:
             return dict(table)
         if folder is None:
-            columns = " and ".join(self.columns)
-            raise SpecError(f"{self.entry} must not name a file here; enter {columns} instead")
+            names = " and ".join(self.columns)
+            raise SpecError(f"{self.entry} must not name a file here; enter {names} instead")
         if clash := set(self.columns) & set(table):
             raise SpecError(
                 f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one"
