@@ -169,6 +169,8 @@ class FullFieldEvaluation:
         ) / (2 * NEAR_CENTRE)
         along = outwards / height[:, None]
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        # the image shift per unit of the aperture coordinates is a linear map; the spot of the unit disk
+        # has the full width 2 |J^T e| in the direction e
         t, s = (
             2 * np.linalg.norm(np.einsum("nij,ni->nj", aberration, axis), axis=1)
             for axis in (along, across)
@@ -244,6 +246,7 @@ class FullFieldEvaluation:
     def sphere_coverage_percent(self) -> float:
         """Return the visible percentage of all directions."""
         first, last = np.cos(self.grid.omega[0]), np.cos(self.grid.omega[-1])
+        # solid angle 2 pi (cos(first) - cos(last)), averaged over the azimuths, relative to 4 pi
         return float(50 * np.mean(first - last))
 
     def _rings(self) -> Array:
@@ -266,6 +269,7 @@ class FullFieldEvaluation:
         """Return the largest distance (mm) between the viewpoints of two rings."""
         chief, shape = self.bundles.chief, (*self.grid.omega.shape, 3)
         points, directions = chief.points.reshape(shape), self._axes[0].reshape(shape)
+        # least squares: the point nearest to lines (p, d) satisfies sum(I - d d^T) v = sum(I - d d^T) p
         across = np.eye(3) - directions[..., :, None] * directions[..., None, :]
         sums, right = across.sum(axis=1), np.einsum("raij,raj->ri", across, points)
         viewpoints = np.array(

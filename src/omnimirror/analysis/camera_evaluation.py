@@ -252,6 +252,7 @@ def _viewpoints(camera: CameraModel, pixels: Array, visible: NDArray[np.bool_]) 
             turned(rays.directions[rays.valid], world),
         )
         if len(directions) > 1:
+            # least squares: the point nearest to lines (p, d) satisfies sum(I - d d^T) v = sum(I - d d^T) p
             across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
             heights[i] = np.linalg.lstsq(
                 across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None

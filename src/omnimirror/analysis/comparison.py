@@ -263,6 +263,7 @@ class Study:
     def sphere_coverage_percent(self) -> float:
         """Return the visible percentage of all directions."""
         low, high = np.cos(np.radians(self.sensor.field_deg))
+        # solid angle 2 pi (cos(low) - cos(high)) relative to 4 pi
         return float(50 * (low - high))
 
     def nonlinearity(self) -> float:

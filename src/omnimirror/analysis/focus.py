@@ -174,6 +174,8 @@ def _product_area(c: Sides) -> Array:
 
 
 def _floored_area(c: Sides) -> Array:
+    # A^2 = (T + F + own_t^2)(S + F + own_s^2)/(Dh Dw)^2 with squared blurs T, S and the floor F of pixel
+    # and Airy disk: products of T, S, F and 1, sorted by their dependence on the focus
     t, s = _square(c.t, c.w_t), _square(c.s, c.w_s)
     ones = np.ones((1, len(c.t)))
     terms = [t + s, ones]

@@ -116,6 +116,8 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
         out[:, 0] < 0, -1.0, 1.0
     )
     with np.errstate(divide="ignore", invalid="ignore"):
+        # reflected at the wall, transmitted by the opposite one, relative to the direct light; absorption
+        # and further reflections are neglected
         ratio = (1 - first.passed) * second.passed / first.passed
     return Ghosts(
         omega,

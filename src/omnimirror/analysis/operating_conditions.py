@@ -114,6 +114,7 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
     attachment = (
         float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
     )
+    # the spacer, from lens to attachment, and the mirror, from attachment to vertex, expand separately
     distance = (sensor.mirror_distance_mm + attachment) * spacer_grows - attachment * mirror_grows
     pose = sensor.mirror_pose
     shifts = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")

@@ -179,6 +179,7 @@ class ImagerPose:
         moved = offsets @ self._plane().T
         if self.is_perpendicular:
             return moved[..., :2], np.zeros(moved.shape[:-1])
+        # central projection from the exit pupil, at the principal distance, to the untilted plane
         depth = 1 + moved[..., 2] / principal_distance
         return moved[..., :2] / depth[..., None], moved[..., 2]
 
@@ -188,6 +189,7 @@ class ImagerPose:
         if self.is_perpendicular:
             rotated: Array = flat @ plane[:2]
             return rotated
+        # inverse: (flat, c) is proportional to plane @ offsets + (0, 0, c), a linear system
         basis = np.concatenate([plane, [[0.0], [0.0], [principal_distance]]], axis=1)
         ahead = np.concatenate([flat, np.full((*flat.shape[:-1], 1), principal_distance)], axis=-1)
         points = ahead @ np.linalg.inv(basis).T

@@ -159,6 +159,7 @@ def model_glass(index_d: float, abbe: float) -> Glass:
     >>> round((glass.index(LINE_D) - 1) / (glass.index(LINE_F) - glass.index(LINE_C)), 6)
     40.0
     """
+    # (n_d - 1)/V = n_F - n_C = b (1/lambda_F^2 - 1/lambda_C^2), the definition of the Abbe number V
     spread = LINE_F**-2 - LINE_C**-2
     b = (index_d - 1) / abbe / spread if abbe else 0.0
     return Glass("a model glass", "cauchy", (index_d - b / LINE_D**2, b, -2.0))

@@ -114,6 +114,7 @@ class Subject:
     def mean_pixel_deg(self) -> float:
         """Return the side (deg) of the mean square field of view of a pixel (Sec. 3.3)."""
         low, high = np.radians(self.sensor.field_deg)
+        # solid angle of the field, square degrees, per pixel of the image annulus
         field_area = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
         inner = float(self.curve.h_px[0])  # a pointed mirror has an annular image
         return float(np.sqrt(field_area / (np.pi * (self.radius_px**2 - inner**2))))

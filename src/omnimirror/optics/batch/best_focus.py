@@ -235,6 +235,8 @@ class RealAreas:
         (t, dt), (s, ds), (own_t, down_t), (own_s, down_s), (dh, ddh), (dw, ddw) = (
             (focus_powers(c, q), c[1] + 2 * q * c[2]) for c in there
         )
+        # A^2 = (t^2 + own_t^2 + floor)(s^2 + own_s^2 + floor)/(Dh Dw)^2; its logarithmic derivative by q is
+        # the sum of those of its factors, and dq/dv is applied at the end
         side_t, side_s = t * t + own_t * own_t + floor, s * s + own_s * own_s + floor
         rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (
             2 * (s * ds + own_s * down_s) + dfloor
@@ -325,6 +327,8 @@ def _maximum(
     areas = _areas(v, r, vergence_t, vergence_s, density)
     j = areas.argmax(axis=1)
     flat_index = j + np.arange(len(j)) * areas.shape[1]
+    # A^2 = D (t^2 + r)(s^2 + r)/(M_t M_s)^2 with t = v - v_t, s = v - v_s and the floor r(v) of pixel
+    # and Airy disk; its derivative is A^2 times the sum of the logarithmic derivatives
     t, s = v - vergence_t.take(flat_index)[:, None], v - vergence_s.take(flat_index)[:, None]
     value = D * areas.take(flat_index)[:, None]
     return (

@@ -156,6 +156,8 @@ def telecentric_optics(
     inverse_distance: Any = 0.0,
 ) -> MirrorPointOptics:
     """Compute the optics as :func:`node_optics` for a telecentric lens."""
+    # theta = 0: Omega = 2 beta (Eq. 4), and gamma = beta; the equations of node_optics for w -> inf.
+    # 1/q_t = dOmega/dx + 1/p and 1/q_s = sin(Omega)/x + 1/p, both along the axis (cos(theta) = 1)
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
     omega = 2 * np.arctan(slope)

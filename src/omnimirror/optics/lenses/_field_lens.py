@@ -268,6 +268,7 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
     x = np.asarray(known_nm, dtype=float) ** -2.0
     if len(set(x)) < len(x):
         raise InvalidParameter("wavelengths_nm must be three different wavelengths")
+    # Lagrange interpolation about the middle value: n = n_1 + sum_i (n_i - n_1) l_i(lambda^-2)
     inverse_square = wavelength_nm**-2.0
     interpolated: Array = values[1]
     for i, j in ((0, 2), (2, 0)):  # equal values at all three stay equal
@@ -448,6 +449,7 @@ def axes(slopes: Array) -> tuple[Array, Array]:
 def _focused(pupil_points: Array, chief: Array, values: LensValues) -> Array:
     """Return slope differences (n, 2) to the chief rays for rays in focus."""
     t, s = axes(chief)
+    # rays in focus: tangential slope t - y_t v_t, sagittal slope -y_s v_s
     along, across = np.einsum("ni,ni->n", pupil_points, t), np.einsum("ni,ni->n", pupil_points, s)
     differences: Array = (along * values.vergence_t)[:, None] * t + (across * values.vergence_s)[
         :, None

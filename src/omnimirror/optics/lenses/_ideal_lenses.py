@@ -117,6 +117,8 @@ class GaussianLens(Lens):
     def ideal_height_rate(
         self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
     ) -> Array:
+        # h = c tan(theta), tan(theta) = x/w: dh/dx = c (w - x z')/w^2 (Eq. 8), with w changing by the
+        # pupil's motion, drift dtheta
         return self.principal_distance * (w - x * slope) / (w * (w - drift * x * w / (x**2 + w**2)))
 
     @property
@@ -154,6 +156,8 @@ class GaussianLens(Lens):
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
         f, s0, pupil_mm = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
+        # blur (f/F) c |1/s0 - 1/s| = tolerance, solved for s, with c = f s0/(s0 - (f - e)); mode "paper"
+        # replaces c by f (Eq. 29)
         dropped = f - self.pupil_from_principal if mode == "exact" else 0.0
         spread = number("tolerance", tolerance, low=0, unit="mm") * self.f_number * (s0 - dropped)
         far = f**2 * s0 / (f**2 - spread) + pupil_mm if spread < f**2 else np.inf

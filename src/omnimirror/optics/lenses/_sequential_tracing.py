@@ -89,6 +89,7 @@ class Sequence:
             if i == self.stop:
                 to_stop = matrix.copy()
             before, after = self.index[i], self.index[i + 1]
+            # refraction: n' u' = n u - (n' - n) c y; transfer: y' = y + t u
             matrix = (
                 np.array([[1.0, 0.0], [-(after - before) * c / after, before / after]]) @ matrix
             )
@@ -130,6 +131,8 @@ class Sequence:
         """Return intersections (n, 3) and normals (n, 3), in the surface's frame."""
         c, k, a = self.curvature[i], self.conic[i], self.aspheres[i]
         p = p - (p[:, 2] / d[:, 2])[:, None] * d
+        # from the vertex plane, the conic c (r^2 + (1 + k) z^2) = 2 z is a quadratic in the distance t;
+        # its smaller root is written without cancellation
         square = c * (p[:, 0] ** 2 + p[:, 1] ** 2)
         along = d[:, 2] - c * (p[:, 0] * d[:, 0] + p[:, 1] * d[:, 1])
         t = square / (along + np.sqrt(along**2 - c * (1 + k * d[:, 2] ** 2) * square))
@@ -165,6 +168,7 @@ def sag_and_slope(r2: Array, c: float, k: float, a: Array) -> tuple[Array, Array
 def refracted(d: Array, normal: Array, ratio: float) -> Array:
     """Return unit directions (n, 3) after refraction; NaN for total reflection."""
     cos = np.einsum("ni,ni->n", d, normal)
+    # Snell's law in vectors: the tangential component scales with n/n'
     after = np.sqrt(1 - ratio**2 * (1 - cos**2))
     outgoing: Array = ratio * d + (after - ratio * cos)[:, None] * normal
     return outgoing
@@ -293,6 +297,8 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     area = (edge**2).mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         lateral = np.where(t == 0.0, fan[2], height / t)
+    # flux: open pupil area times cos^4(theta) per area of the tangents; irradiance: divided by the
+    # image area per area of the tangents, dh/dt tangentially times h/t sagittally
     light = area / area[0] * (1 + t**2) ** -2 * fan[2][0] ** 2 / (lateral * fan[2])
     width_t, width_s, shift = _ellipse(edge)
     stop_t, stop_s, stop_shift = _ellipse(unvignetted)
@@ -432,6 +438,8 @@ def _own_blur(
         len(t), -1, 2
     )
     image = _through(traced, t, pupil_position, focus, pupil).image.reshape(*pupil.shape)
+    # rings of equal area: each ray represents the sector area edge^2; a uniform disk has a standard
+    # deviation of a quarter of its diameter
     weight = np.tile(edge**2, (1, RINGS))
     weight /= weight.sum(axis=1, keepdims=True)
     mean = np.einsum("nk,nka->na", weight, image)

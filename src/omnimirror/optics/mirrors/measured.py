@@ -179,6 +179,8 @@ def _prediction_residuals(x: Array, z: Array, order: int) -> Array:
     window = first[:, None] + np.arange(order + 1)
     neighbours = window[window != np.arange(n)[:, None]].reshape(n, order)
     neighbour_x = x[neighbours]
+    # Lagrange weights of the neighbours at x; independent noise of equal variance has the residual
+    # variance sigma^2 (1 + sum of the squared weights)
     gaps = neighbour_x[:, :, None] - neighbour_x[:, None, :] + np.eye(order)
     steps = x[:, None] - neighbour_x
     ratio = steps[:, None, :] / gaps
@@ -659,6 +661,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     """
     check_spread(points, source)
     points = points - points.mean(axis=0)
+    # initial axis: the apex of the best-fit paraboloid z = a + b x + c y + d (x^2 + y^2)
     a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
     bowl = np.linalg.lstsq(a, points[:, 2], rcond=None)[0]
     if bowl[3] < 0:  # measured from above: rotate about x

@@ -165,6 +165,7 @@ class PerspectiveMeridian:
 
     def _x(self, theta: Array, omega: Array, log_rho: Array) -> tuple[Array, Array]:
         rho = self.distance * np.exp(log_rho)
+        # x = rho sin(theta); dx/dtheta with d ln(rho)/dtheta = tan((Omega + theta)/2)
         sin, cos = np.sin(theta), np.cos(theta)
         return rho * sin, rho * (cos + np.tan((omega + theta) / 2) * sin)
 
@@ -206,6 +207,7 @@ class PerspectiveMeridian:
         beta = (omega - theta) / 2
         # rho cos(theta) - m, without cancellation near the axis
         z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
+        # z' = tan(beta), beta = (Omega - theta)/2 (Eq. 4); z'' = dbeta/dtheta / cos^2(beta) / (dx/dtheta)
         rate = self._x(theta, omega, log_rho)[1]
         return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
 
