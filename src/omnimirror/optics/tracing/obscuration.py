@@ -390,7 +390,7 @@ def obscuration_summary(rings: tuple[Obscuration, ...], percent: float) -> str:
     parts = [
         f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings
     ]
-    return f"{', '.join(parts)}; total {percent:.2f} % of the image" if parts else "nothing"
+    return f"{', '.join(parts)}; total {percent:.2f} % of the image" if parts else "none"
 
 
 class HiddenPart(NamedTuple):
