@@ -239,7 +239,7 @@ BREACHES = {
     ),
     "shape": (
         with_profile(lambda u, z, s, c: (z, s, c.ravel())),
-        r"curvature of x \(2, 3\) has shape \(6,\)",
+        r"curvature of x with shape \(2, 3\) has shape \(6,\)",
     ),
     "vertex": (
         with_profile(lambda u, z, s, c: (z + 1e-12, s, c)),

@@ -170,7 +170,7 @@ def test_wavefront_vignetted_like_rays():
     bundles = trace_bundles(FOLDED, [FOLDED.field_deg[0] + 0.4], FITTED)
     (wave,) = wavefronts(bundles, 212.0)
     _, _, light = wave.at(FITTED.points)
-    assert wave.is_cut
+    assert wave.is_vignetted
     assert 0.2 < bundles.passes.mean() < 0.98
     assert np.mean((light > 0) != bundles.passes[0]) < 0.01
 

@@ -99,7 +99,7 @@ def test_camera_file_text():
         (("[220, 221.5]", "[220]"), "line 7: camera.focal_px must have at least 2 items"),
         (
             ("[220, 221.5]", "[220, -1]"),
-            "line 7: camera.focal_px must have at least 2 items.* both above 0",
+            "line 7: camera.focal_px .* both above 0",
         ),
         (("[220, 221.5]", "[220, inf]"), "line 7: camera.focal_px"),
         (("[640, 480]", "[640.5, 480]"), "line 9: camera.image_size"),
@@ -161,7 +161,8 @@ def test_camera_file_formats_read(tmp_path):
     ):
         om.load_camera(tmp_path / "found.json")
     with pytest.raises(
-        SpecError, match=r"no sensor file, camera file or bundled sensor 'paper-sperical'; did"
+        SpecError,
+        match=r"sensor file, camera file or bundled sensor 'paper-sperical' does not exist; did",
     ):
         om.load_camera("paper-sperical")
     with pytest.raises(InvalidParameter, match="is not a sensor, or a camera of kind"):

@@ -55,12 +55,12 @@ def fit_matrix_at(points: Array) -> Array:
 @cache
 def basis_slopes() -> tuple[Array, Array]:
     """Return derivatives (n, terms), (n, terms) of the products by x and y at the fitted pupil."""
-    turned = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
+    rotated = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
     (x, y), (dx, dy) = (
         [make(c) for c in FITTED.points.T]
         for make in (
             lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE),
-            lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE - 1) @ turned,
+            lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE - 1) @ rotated,
         )
     )
     i, j = polynomial_orders()
@@ -345,7 +345,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     else:
         phase = _phase(bundles, sensor, chief)
         rough = _misfit(phase)
-    found = []
+    waves = []
     for i in range(len(chief)):
         if not rough[i] <= MAX_PHASE_RESIDUAL * 550e-6:
             raise InvalidParameter(
@@ -365,8 +365,8 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
                 columns = np.column_stack([columns, cone.stop])
         else:
             f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
-        found.append(Wavefront(fit_matrix_at(points) @ columns, f_numbers))
-    return found
+        waves.append(Wavefront(fit_matrix_at(points) @ columns, f_numbers))
+    return waves
 
 
 def _softened(clearance: Array, width: Array | float) -> Array:
@@ -377,8 +377,8 @@ def _softened(clearance: Array, width: Array | float) -> Array:
 
 def _vignettes(clearance: Array) -> bool:
     """Return whether an edge vignettes the aperture, from the clearance (n,) at fitted points."""
-    known = clearance[np.isfinite(clearance)]
-    return bool(known.size and known.min() < MIN_CLEARANCE * np.ptp(known))
+    is_known = clearance[np.isfinite(clearance)]
+    return bool(is_known.size and is_known.min() < MIN_CLEARANCE * np.ptp(is_known))
 
 
 def _bounded(clearance: Array) -> Array:

@@ -158,10 +158,10 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
         raise InvalidParameter(
             f"the number of sensors must be 1 to {MAX_SENSORS}; got {len(sensors)}"
         )
-    named = _with_unique_names(sensors)
+    unique = _with_unique_names(sensors)
     distance = float(distances("object_distance_mm", object_distance_mm))
-    studies = [replace(_study(s), object_distance_mm=distance) for s in named]
-    notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if not s.is_axial]
+    studies = [replace(_study(s), object_distance_mm=distance) for s in unique]
+    notes = [_note(study, s) for study, s in zip(studies, unique, strict=True) if not s.is_axial]
     rows = tuple(_compared(name, studies) for name in COMPARED)
     return Comparison(tuple(s.sensor for s in studies), rows, tuple(notes))
 

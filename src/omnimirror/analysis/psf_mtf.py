@@ -62,18 +62,18 @@ class Psf:
         """Return the encircled energy (r,) within radii (r,) of the centroid."""
         from scipy.interpolate import RectBivariateSpline
 
-        at = self.offset_px
-        step = self._step / int(np.clip(MAX_INTEGRATION_SAMPLES // len(at), 1, 12))
-        fine = np.arange(at[0] - self._step / 2 + step / 2, at[-1] + self._step / 2, step)
-        light = np.maximum(RectBivariateSpline(at, at, self.density)(fine, fine), 0.0)
+        radii = self.offset_px
+        step = self._step / int(np.clip(MAX_INTEGRATION_SAMPLES // len(radii), 1, 12))
+        fine = np.arange(radii[0] - self._step / 2 + step / 2, radii[-1] + self._step / 2, step)
+        light = np.maximum(RectBivariateSpline(radii, radii, self.density)(fine, fine), 0.0)
         light *= self.light_within / light.sum()
         t0, s0 = (float(light.sum(axis=axis) @ fine) / self.light_within for axis in (0, 1))
         rings = (np.hypot(fine - t0, (fine - s0)[:, None]) / step).astype(int)
         energy = np.concatenate([[0.0], np.cumsum(np.bincount(rings.ravel(), light.ravel()))])
-        shares: Array = np.interp(
+        fractions: Array = np.interp(
             np.asarray(radius_px, dtype=float), step * np.arange(len(energy)), energy
         )
-        return shares
+        return fractions
 
     def on_pixels(self) -> Array:
         """Return the density (n, n) averaged over a pixel at each position."""
@@ -426,7 +426,7 @@ def diffraction_otf(
     summed on a grid.
     """
     shift = 2 * wavelength_mm * wave.f_numbers[axis] * per_mm  # in aperture radii
-    if wave.is_cut:
+    if wave.is_vignetted:
         return _grid_otf(wave, shift, axis, wavelength_mm)
     nodes = wave.nodes(wavelength_mm)
     x, weight = np.polynomial.legendre.leggauss(nodes)
@@ -516,15 +516,15 @@ def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
 def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
     """Return wavelengths and their weights, with sum 1."""
     waves = row("wavelength_nm", wavelength_nm)
-    shares = np.ones(len(waves)) if weights is None else row("weights", weights)
-    if len(shares) != len(waves):
+    spectral_weights = np.ones(len(waves)) if weights is None else row("weights", weights)
+    if len(spectral_weights) != len(waves):
         raise InvalidParameter(
             f"weights must have one value for each of the {len(waves)} wavelengths; got "
-            f"{len(shares)}"
+            f"{len(spectral_weights)}"
         )
     valid = (waves >= 100) & (waves <= 20000)
     if not valid.all():
         raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {waves[~valid][0]:g}")
-    if not ((shares >= 0).all() and shares.sum() > 0):
+    if not ((spectral_weights >= 0).all() and spectral_weights.sum() > 0):
         raise InvalidParameter("weights must not be negative, nor all 0")
-    return waves, shares / shares.sum()
+    return waves, spectral_weights / spectral_weights.sum()

@@ -503,7 +503,7 @@ class DesignSpace:
         """Return the axial distance from the lens to the rim, mm; infinite if telecentric."""
         if self.problem.is_telecentric:
             return np.full(g.M.shape, np.inf)
-        place = 0.0 if self.tables is None else self.tables.at(g.tangent).place
+        place = 0.0 if self.tables is None else self.tables.at(g.tangent).pupil_position
         reach: Array = g.M / g.tangent + place
         return reach
 

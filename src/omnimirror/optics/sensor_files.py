@@ -34,7 +34,7 @@ from .mirrors.as_built import MirrorForm, MirrorPose
 from .sensor import Sensor, check_sensor
 from .thermal import Thermal
 from .toml_validation import (
-    MountTable,
+    SensorMountTable,
     SourceLocator,
     Table,
     check_entries,
@@ -293,7 +293,7 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
     write_text(file_name("path", path), format_sensor(sensor))
 
 
-class SensorMountTable(MountTable):
+class SensorMountTable(SensorMountTable):
     mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
 
 
@@ -428,7 +428,7 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
     """Create a housing from the tables of ``[housing]``, with missing values None."""
     for name, part in table.items():
         if name not in HOUSING_PARTS:
-            valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
+            valid = ", ".join(f"housing.{part_name}" for part_name in HOUSING_PARTS)
             raise where.error(
                 ("housing", name),
                 f"unknown entry housing.{name}{did_you_mean(name, HOUSING_PARTS)}; use {valid}",
@@ -597,7 +597,7 @@ def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
     values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
-    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
+    mount = Mount(**validated(SensorMountTable, "mount", data.get("mount", {}), where).model_dump())
     try:
         camera = cls(**values, mount=mount)
     except OmnimirrorError as e:

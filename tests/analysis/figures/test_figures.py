@@ -226,9 +226,9 @@ def test_save_all_writes_returned_files(tmp_path):
 
 
 def test_save_all_validates_before_writing(tmp_path):
-    with pytest.raises(InvalidParameter, match=r"fig99.*valid are fig3"):
+    with pytest.raises(InvalidParameter, match=r"must be one of fig3.*fig99"):
         save_all(SENSORS, tmp_path, names=["fig5", "fig99"])
-    with pytest.raises(InvalidParameter, match=r"'gif'.*valid are svg"):
+    with pytest.raises(InvalidParameter, match=r"must be one of svg.*'gif'"):
         save_all(SENSORS, tmp_path, formats=["gif"])
     with pytest.raises(InvalidParameter, match="1 to 6"):
         draw("fig5", [])

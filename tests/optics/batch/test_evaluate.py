@@ -276,7 +276,7 @@ def test_invalid_batch_arguments_rejected():
         Designs(shape, np.ones((2, 3)), 170.0, M, 11.6, -4.0, 5.2)
     with pytest.raises(InvalidParameter, match="one per design"):
         Designs(shape, np.ones((2, 3)), np.ones(3), M, 11.6, 4.0, 5.2)
-    with pytest.raises(InvalidParameter, match="fractions"):
+    with pytest.raises(InvalidParameter, match="fraction of the rim radius"):
         evaluate_designs(Designs(shape, np.ones((2, 3)), 170.0, M, 11.6, 4.0, 5.2), [0.0, 1.5])
     with pytest.raises(InvalidParameter, match="must be one of even-polynomial"):
         family("sphere", 3)

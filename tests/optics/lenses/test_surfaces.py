@@ -387,7 +387,7 @@ def test_command_line_accepts_lens_file(file):
     assert "pupil" in found.stdout
     missing = omnimirror("evaluate", "paper-spherical", "--lens", "nothing.zmx")
     assert missing.returncode
-    assert "nothing.zmx cannot be read" in missing.stderr
+    assert "cannot read nothing.zmx" in missing.stderr
 
 
 # -- files -----------------------------------------------------------------------------------------------------

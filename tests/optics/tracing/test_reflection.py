@@ -41,7 +41,7 @@ def test_solution_independent_of_initial_value(kind, distant, telecentric, monke
     mirror = MIRRORS[kind][0]
     pupils, targets = ends_about(kind, distant, telecentric)
     found = specular_points(mirror, pupils, targets)
-    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
+    monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     guessed = specular_points(mirror, pupils, targets)
     assert np.array_equal(found.valid, guessed.valid)
     assert found.valid.sum() > COUNT / 5
@@ -70,26 +70,26 @@ def test_sphere_reflection_of_distant_point():
 @compiled
 def test_surface_evaluation_count(monkeypatch):
     """The measure is work: points of the exact surface over all steps."""
-    looked_at = []
+    evaluated = []
 
     class Counted(MirrorSurface):
         def __init__(self, mirror, xy, form=NO_FORM):
-            looked_at.append(len(xy))
+            evaluated.append(len(xy))
             super().__init__(mirror, xy, form)
 
-    monkeypatch.setattr(reflection, "Surface", Counted)
+    monkeypatch.setattr(reflection, "MirrorSurface", Counted)
     pupils, targets = ends_about("sphere", True, False)
     inside = RayEndpoints(
         targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True
     )
-    looked_at.clear()
+    evaluated.clear()
     specular_points(MIRRORS["sphere"][0], pupils, inside)
-    with_kernels = sum(looked_at)
-    looked_at.clear()
-    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
+    with_kernels = sum(evaluated)
+    evaluated.clear()
+    monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     assert with_kernels <= 3.1 * len(inside.xyz)
-    assert with_kernels < 0.6 * sum(looked_at)
+    assert with_kernels < 0.6 * sum(evaluated)
 
 
 @compiled

@@ -253,9 +253,9 @@ def _through_wall(rays: ChiefRays, i: int) -> list[tuple[float, float]]:
     without a cover.
     """
     outside = rays.outside
-    if outside is None or not outside.refractions[0].way[i]:
+    if outside is None or not outside.refractions[0].path_mm[i]:
         return []
-    way, angle = float(outside.refractions[0].way[i]), float(rays.reflected[i])
+    way, angle = float(outside.refractions[0].path_mm[i]), float(rays.reflected[i])
     x, z = rays.last
     return [
         (float(z[i]), float(x[i])),

@@ -72,7 +72,7 @@ class MirrorPointOptics(NamedTuple):
     """dOmega/dx, 1/mm (Eq. 8); positive for a one-to-one mapping."""
     cos_incidence: Array
     """Cosine of the angle of incidence gamma (Eq. 3); positive on the front of the mirror."""
-    seen: Any = True
+    visible: Any = True
     """False for points obscured by the base of a tube in another medium."""
     near: Any = 0.0
     """1/distance of the objects from the mirror points, 1/mm."""
@@ -360,7 +360,7 @@ AIM_STEPS = 6  # Newton steps for a moving pupil
 class LensColumns(NamedTuple):
     """Lens properties at viewing angles; first axis (3, ..): powers 0, 1, 2 of q."""
 
-    place: Array
+    pupil_position: Array
     """(..) position of the entrance pupil, mm towards the mirror from the reference point."""
     motion: Array
     """(..) its derivative by the tangent."""
@@ -444,7 +444,7 @@ class LensTables:
         tangent = x / (depth - self.pupil_mm)
         for _ in range(AIM_STEPS):
             columns = self.at(tangent)
-            w = depth - columns.place
+            w = depth - columns.pupil_position
             tangent = tangent - (w * tangent - x) / (w - columns.motion * tangent)
         return tangent
 
@@ -643,7 +643,7 @@ def aim_of(x: Array, depth: Array, tables: LensTables | None) -> ChiefRayGeometr
     tangent = tables.aimed(x, depth)
     columns = tables.at(tangent)
     return ChiefRayGeometry(
-        depth - columns.place, tangent, columns.motion * (1 + tangent * tangent)
+        depth - columns.pupil_position, tangent, columns.motion * (1 + tangent * tangent)
     )
 
 
@@ -695,7 +695,7 @@ def built_optics(
         viewpoint_z=axis_z,
         domega_dx=np.where(passes, foot.rate, -1.0),
         cos_incidence=cos_gamma,
-        seen=visible,
+        visible=visible,
         near=near,
     )
 
@@ -747,10 +747,12 @@ def _behind_wall(near: Any, passed: CoverTransit) -> Any:
 
 def as_rim(o: MirrorPointOptics) -> MirrorPointOptics:
     """Replace mirror points (n, k) without outside view by the last one."""
-    if o.seen is True:
+    if o.visible is True:
         return o
     same = ("magnification_t", "magnification_s", "vergence_t", "vergence_s")
-    return o._replace(**{n: np.where(o.seen, getattr(o, n), getattr(o, n)[:, -1:]) for n in same})
+    return o._replace(
+        **{n: np.where(o.visible, getattr(o, n), getattr(o, n)[:, -1:]) for n in same}
+    )
 
 
 def _is_transmitted(passed: CoverTransit) -> Any:

@@ -356,16 +356,16 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
     with np.errstate(all="ignore"):
         o = _optics(d, u)
         camera = d.camera(o.ray[:, -1:])
-        counts = np.broadcast_to(o.seen & (o.omega >= d.min_omega_deg * DEGREE), o.omega.shape)
+        counts = np.broadcast_to(o.visible & (o.omega >= d.min_omega_deg * DEGREE), o.omega.shape)
         in_field = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
         usable = (o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)
-        valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & in_field
+        valid: Any = (usable | ~np.broadcast_to(o.visible, usable.shape)).all(axis=1) & in_field
         v, max_area = best_vergences(_areas(d, o, camera, counts))
         image, v = camera.at(o, v[:, None]), v[:, None]
         floor = 1 + image.airy_px**2
         sides = image.t_px**2 + image.own_t_px**2 + floor, image.s_px**2 + image.own_s_px**2 + floor
         area = np.sqrt(sides[0] * sides[1]) / (image.dh * image.dw)
-        origin = 0.0 if d.tables is None else d.tables.at(o.ray).place
+        origin = 0.0 if d.tables is None else d.tables.at(o.ray).pupil_position
         distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
             o.omega / DEGREE,
@@ -379,7 +379,7 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
             image.s_px,
             area,
         )
-        table = np.where(o.seen, np.stack(np.broadcast_arrays(*columns)), np.nan)
+        table = np.where(o.visible, np.stack(np.broadcast_arrays(*columns)), np.nan)
         focus = distance(v[:, 0]) + (0.0 if d.tables is None else d.tables.pupil_mm)
         return BatchEvaluation(table, focus, max_area, valid)
 

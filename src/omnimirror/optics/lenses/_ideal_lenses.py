@@ -363,9 +363,11 @@ class Orthographic(Lens):
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
-        reach = (
+        half_depth = (
             number("tolerance", tolerance, low=0, unit="mm")
             * self.working_f_number
             / self.magnification**2
         )
-        return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)
+        return DepthOfField(
+            self.focus_distance_mm - half_depth, self.focus_distance_mm + half_depth
+        )

@@ -196,7 +196,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
             f"{len(stops)}"
         )
     scale = UNITS[lens_file.unit]
-    short, middle, long = _wavelengths(lens_file)
+    short, primary, long = _wavelengths(lens_file)
     glasses = [_glass(lens_file, surface, catalogue) for surface in lens]
     table: dict[str, Any] = {
         "curvature_per_mm": [s.curvature / scale for s in lens],
@@ -205,7 +205,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
         "edge_mm": [s.edge * scale for s in lens],
         "clear_mm": [s.clear * scale for s in lens],
         "stop_surface": stops[0],
-        "wavelengths_nm": [1e3 * w for w in (short, middle, long)],
+        "wavelengths_nm": [1e3 * w for w in (short, primary, long)],
     }
     terms = max((k for s in lens if s.is_asphere for k, v in s.terms.items() if v), default=0)
     if terms:
@@ -215,7 +215,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
             for s in lens
             for j in powers
         ]
-    for name, wave in (("index", middle), ("index_short", short), ("index_long", long)):
+    for name, wave in (("index", primary), ("index_short", short), ("index_long", long)):
         table[name] = [_index(lens_file, s, g, wave) for s, g in zip(lens, glasses, strict=True)]
     if not all(np.isfinite(table["thickness_mm"])):
         raise lens_file.error(

@@ -293,12 +293,12 @@ class SurfaceLens(FieldLens):
         origins, directions = super().rays(image, pupil)
         slopes = directions[:, :2] / directions[:, 2:]
         chief = self.undistorted(image) / self.principal_distance
-        found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+        values = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
         t, s = axes(chief)
         for _ in range(AIMING_STEPS):
             miss = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
             along, across = (np.einsum("ni,ni->n", miss, axis) for axis in (t, s))
-            step = (along / found.scale_t)[:, None] * t + (across / found.scale_s)[:, None] * s
+            step = (along / values.scale_t)[:, None] * t + (across / values.scale_s)[:, None] * s
             slopes = slopes + step
             if not (np.abs(miss) > AIMING_TOLERANCE_MM).any():
                 break
@@ -311,10 +311,10 @@ class SurfaceLens(FieldLens):
             points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes
         )
 
-    def _landed(self, places: Array, slopes: Array) -> Landed:
+    def _landed(self, points: Array, slopes: Array) -> Landed:
         """Trace rays from points (n, 2) in the first vertex plane, given slopes."""
         traced = _traced_of(self)
-        return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
+        return traced.sequence.trace(points, -slopes, traced.to_imager).upright()
 
 
 @lru_cache(maxsize=64)

@@ -358,9 +358,9 @@ def _opening_of_barrel(
     InvalidParameter
         If the barrel is narrower than the pupil seen through it, or vignettes an angle completely.
     """
-    one = np.ones_like(tangent)
+    ones = np.ones_like(tangent)
     if lens.barrel_diameter_mm is None:
-        return _Opening(one, one, 0 * one, one)
+        return _Opening(ones, ones, 0 * ones, ones)
     ahead = lens.barrel_mm - pupil
     narrowing = 1 - ahead * vergence
     radius = lens.barrel_diameter_mm / 2 / narrowing / lens.aperture_radius
@@ -379,8 +379,8 @@ def _opening_of_barrel(
             f"{angle:g} deg; remove these rows or use a wider barrel"
         )
     distance = np.abs(centre)
-    whole = distance <= radius - 1
-    d = np.where(whole, 1.0, distance)
+    unvignetted = distance <= radius - 1
+    d = np.where(unvignetted, 1.0, distance)
     ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
     theirs = np.clip((d - ours) / radius, -1.0, 1.0)
     chord = np.sqrt(1 - ours**2)
@@ -393,9 +393,9 @@ def _opening_of_barrel(
     across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
     return _Opening(
         (high - low) / 2,
-        np.where(whole, 1.0, across),
+        np.where(unvignetted, 1.0, across),
         (high + low) / 2,
-        np.where(whole, 1.0, common / np.pi),
+        np.where(unvignetted, 1.0, common / np.pi),
     )
 
 

@@ -295,5 +295,5 @@ def cos4(tangent: Array) -> Array:
 def crossing(points: Array, directions: Array, z: float) -> Array:
     """Return the intersections (x, y) (n, 2) of rays (n, 3), (n, 3) with the plane at z."""
     steps = (z - points[..., 2]) / directions[..., 2]
-    met: Array = points[..., :2] + steps[..., None] * directions[..., :2]
-    return met
+    points_in_plane: Array = points[..., :2] + steps[..., None] * directions[..., :2]
+    return points_in_plane

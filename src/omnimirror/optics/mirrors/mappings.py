@@ -353,7 +353,7 @@ class NodeConcentration:
     @cached_property
     def _sinh_range(self) -> tuple[float, float]:
         """Argument of sinh at s = 0, and its increase up to s = 1."""
-        low, high = (math.asinh((share - self.centre) / self.width) for share in (0.0, 1.0))
+        low, high = (math.asinh((fraction - self.centre) / self.width) for fraction in (0.0, 1.0))
         return low, high - low
 
     def t(self, s: Array) -> Array:
@@ -379,13 +379,13 @@ class NodeConcentration:
 class Solution:
     """Height along the meridian as a series in s, and height of the rim, for rim radius 1."""
 
-    places: NodeConcentration
+    concentration: NodeConcentration
     series: Chebyshev
     rim_z: float
 
     def y(self, t: Array) -> Array:
         """Compute the height at t: ln(rho/m), or z."""
-        return np.asarray(self.series(self.places.s(t)), float)
+        return np.asarray(self.series(self.concentration.s(t)), float)
 
 
 @dataclass(frozen=True)
@@ -487,14 +487,14 @@ class FiniteMapping(PrescribedMapping):
 
     def _collocate(self, count: int) -> Solution | None:
         """Solve the equations on ``count`` nodes by Newton's method; None without convergence."""
-        places = NodeConcentration(*self._poles(), end=self._theta_max or 1.0)
+        concentration = NodeConcentration(*self._poles(), end=self._theta_max or 1.0)
         nodes, integral, last = _integration(count)
         s = (nodes + 1) / 2
-        t, weights = places.t(s), places.rate(s) / 2
+        t, weights = concentration.t(s), concentration.rate(s) / 2
         integral, last = integral * weights, last * weights
         rim_z = float(np.tan((self._omega_max - self._theta_max) / 2)) / 2  # of a paraboloid
         y = integral @ np.tan(
-            (self._omega_max * t / places.end + (t if self.theta_max_deg else 0.0)) / 2
+            (self._omega_max * t / concentration.end + (t if self.theta_max_deg else 0.0)) / 2
         )
         for _ in range(NEWTON_STEPS):
             with np.errstate(all="ignore"):
@@ -524,7 +524,9 @@ class FiniteMapping(PrescribedMapping):
         coefficients = np.linalg.solve(
             chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2
         )
-        return Solution(places, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z)
+        return Solution(
+            concentration, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z
+        )
 
 
 @lru_cache(maxsize=8)
@@ -617,10 +619,10 @@ class CylinderMapping(FiniteMapping):
         return R, low + (high - low) * tau
 
     def _poles(self) -> tuple[float, float]:
-        begin, end = (
+        start, end = (
             1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max)
         )
-        return begin / (begin - end), 1 / (begin - end)
+        return start / (start - end), 1 / (start - end)
 
 
 # -- Custom mappings -------------------------------------------------------------------------------

@@ -251,7 +251,7 @@ def _smooth(
         if len(curves) - int(np.argmin(criteria)) > max(PATIENCE, EXTRA_REFINEMENTS):
             break
     curve = curves[min(int(np.argmin(criteria)) + EXTRA_REFINEMENTS, len(curves) - 1)]
-    sigma = float(np.sqrt(curve.left / max(used.sum() - curve.basis.shape[1], 1)))
+    sigma = float(np.sqrt(curve.square_sum / max(used.sum() - curve.basis.shape[1], 1)))
     deviations = max(noise, sigma) * curve.roots @ curve.expand.T
     return Fit(curve.spline, max(noise, sigma), used, deviations), curve.residuals, sigma
 
@@ -260,7 +260,7 @@ class _Curve(NamedTuple):
     spline: BSpline
     basis: Array
     residuals: Array
-    left: float
+    square_sum: float
     """Sum of squared residuals of the points used."""
     roots: Array
     """(j, j): its transpose times itself is the inverse of the normal equations."""
@@ -675,7 +675,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     smooth, pointed = (
         _least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False)
     )
-    curve = pointed if pointed.left < TIP * smooth.left else smooth
+    curve = pointed if pointed.square_sum < TIP * smooth.square_sum else smooth
     rings = np.array_split(np.arange(len(r)), min(MAX_RINGS, len(r) // POINTS_PER_RING))
     x = np.array([r[ring].mean() for ring in rings])
     heights = curve.spline(x) + np.array([curve.residuals[ring].mean() for ring in rings])

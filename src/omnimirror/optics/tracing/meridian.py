@@ -152,7 +152,7 @@ RAY_TOLERANCE = 1e-7  # relative distance within which a point is on a ray
 class Refraction(NamedTuple):
     """Refraction of wavefronts: ``after vergence' = before vergence + power``, (n,)."""
 
-    way: Any
+    path_mm: Any
     """Distance from the previous surface, mm."""
     before_t: Any
     after_t: Any
@@ -215,7 +215,7 @@ def distances_inside_cover(
     for r in reversed(refractions):
         vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
         vergence_s = (r.after_s * vergence_s - r.power_s) / r.before_s
-        vergence_t, vergence_s = (v / (1 - r.way * v) for v in (vergence_t, vergence_s))
+        vergence_t, vergence_s = (v / (1 - r.path_mm * v) for v in (vergence_t, vergence_s))
     return -vergence_t, -vergence_s
 
 
@@ -298,7 +298,7 @@ def refract_through_shell(
     foot = Pencil(
         ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate
     )
-    return CoverTransit(foot, reach, through[0].way + through[1].way, tuple(through))
+    return CoverTransit(foot, reach, through[0].path_mm + through[1].path_mm, tuple(through))
 
 
 class CoverTransit(NamedTuple):

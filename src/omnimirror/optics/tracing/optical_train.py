@@ -99,13 +99,17 @@ class PosedMirror:
         )
 
     def beam(
-        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+        self,
+        pupils: RayEndpoints,
+        targets: RayEndpoints,
+        reflections: ReflectionPoints,
+        motion: Array,
     ) -> Array:
         """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
         """
-        inside = found._replace(points=self.pose.to_mirror(found.points))
+        inside = reflections._replace(points=self.pose.to_mirror(reflections.points))
         area = reflection.footprint(
             self.mirror,
             self.inside(pupils),
@@ -114,20 +118,22 @@ class PosedMirror:
             self.pose.turned_to_mirror(motion),
             self.form,
         )
-        axial_cosine = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
-        cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+        axial_cosine = np.abs(self.pose.turned_to_mirror(reflections.normals)[:, 2])
+        cos_incidence = np.einsum("ni,ni->n", reflections.normals, reflections.to_targets)
         section: Array = area * cos_incidence / axial_cosine
         if not targets.distant:
-            section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+            section /= np.einsum(
+                "ni,ni->n", targets.xyz - reflections.points, targets.xyz - reflections.points
+            )
         return section
 
-    def exit_points(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, reflections: ReflectionPoints) -> Array:
         """Return the points (n, 3) at which rays leave the mirror."""
-        return found.points
+        return reflections.points
 
-    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+    def objects_at(self, reflections: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at distances (n,), mm, from their mirror points, on their rays."""
-        objects: Array = found.points + distances[:, None] * found.to_targets
+        objects: Array = reflections.points + distances[:, None] * reflections.to_targets
         return objects
 
     def clearances(
@@ -282,16 +288,20 @@ class CoveredMirror:
         return ReflectionPoints(*(np.concatenate(arrays) for arrays in zip(*chunks, strict=True)))
 
     def beam(
-        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+        self,
+        pupils: RayEndpoints,
+        targets: RayEndpoints,
+        reflections: ReflectionPoints,
+        motion: Array,
     ) -> Array:
         """Return the light (n,) from mirror points to moving pupils; see :meth:`PosedMirror.beam`.
 
         While the pupil moves, the mirror point follows to keep the ray on its target. Finite
         differences give the derivatives of the miss and the transverse motion of the outer ray.
         """
-        count = len(found.points)
+        count = len(reflections.points)
         pupils, targets = pupils.spread(count), targets.spread(count)
-        xy = self.mirror.pose.to_mirror(found.points)[:, :2]
+        xy = self.mirror.pose.to_mirror(reflections.points)[:, :2]
         motion = np.broadcast_to(motion, (count, 2, 3))
         step = DIFFERENCE * self.mirror.mirror.rim_radius_mm
         with np.errstate(all="ignore"):
@@ -328,13 +338,15 @@ class CoveredMirror:
                 )
         return section
 
-    def exit_points(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, reflections: ReflectionPoints) -> Array:
         """Return the points (n, 3), mm, on the outer surface of the cover."""
-        return self._exit_rays(found.points, found.to_targets)[0]
+        return self._exit_rays(reflections.points, reflections.to_targets)[0]
 
-    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+    def objects_at(self, reflections: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at optical distances (n,), mm, from their mirror points."""
-        exit_points, outwards, _, inside, _ = self._exit_rays(found.points, found.to_targets)
+        exit_points, outwards, _, inside, _ = self._exit_rays(
+            reflections.points, reflections.to_targets
+        )
         objects: Array = exit_points + (distances - inside)[:, None] * outwards
         return objects
 
@@ -740,17 +752,21 @@ class OpticalTrain:
             passed &= edge >= 0
         return passed
 
-    def passes(self, origins: Array, directions: Array, found: Reflections) -> Mask:
+    def passes(self, origins: Array, directions: Array, reflections: Reflections) -> Mask:
         """Return which lens-side rays (n, 3), (n, 3), given their reflections, are transmitted."""
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         mirror = self.posed_mirror
         facing_points = (
             mirror.facing_points(origins, directions)
             if isinstance(mirror, FoldedMirror)
-            else found.points
+            else reflections.points
         )
-        edges = self.clearances(facing_points, found.points, to_pupils, found.directions)
-        passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        edges = self.clearances(
+            facing_points, reflections.points, to_pupils, reflections.directions
+        )
+        passed: Mask = np.logical_and.reduce(
+            [reflections.valid, *(edge >= 0 for edge in edges.values())]
+        )
         return passed
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> RayEndpoints:
@@ -796,9 +812,11 @@ class OpticalTrain:
             reflection_points
         )
 
-    def _image_of(self, found: ReflectionPoints) -> Array:
-        image = self.lens.image_of(found.facing_points - self.lens_offset, found.to_pupils)
-        image[~found.valid] = np.nan
+    def _image_of(self, reflections: ReflectionPoints) -> Array:
+        image = self.lens.image_of(
+            reflections.facing_points - self.lens_offset, reflections.to_pupils
+        )
+        image[~reflections.valid] = np.nan
         return image
 
     def rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:

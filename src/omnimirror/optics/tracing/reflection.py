@@ -210,10 +210,12 @@ class MirrorTables:
         rays = trace_chief_rays(mirror, pupil_distance, x)
         omegas = float(rays.omega[0]), float(rays.omega[-1])
         even = np.interp(np.linspace(*omegas, CELLS + 1), rays.omega, x)
-        depth, most = None, 0.0
+        depth, max_tangent = None, 0.0
         if np.isfinite(pupil_distance):
-            most = float(x[-1] / rays.w[-1])
-            depth = _depths(mirror, pupil_distance, np.linspace(0.0, most, CELLS + 1), x, rays.w)
+            max_tangent = float(x[-1] / rays.w[-1])
+            depth = _depths(
+                mirror, pupil_distance, np.linspace(0.0, max_tangent, CELLS + 1), x, rays.w
+            )
         return cls(
             meridian_table(mirror),
             cubic_pieces(even, np.gradient(even)),
@@ -221,7 +223,7 @@ class MirrorTables:
             rim / CELLS,
             omegas,
             float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS]),
-            most,
+            max_tangent,
             rim,
             TIP * rim if mirror.is_pointed else 0.0,
         )
@@ -470,7 +472,7 @@ def footprint(
     mirror: Mirror,
     pupils: RayEndpoints,
     targets: RayEndpoints,
-    found: ReflectionPoints,
+    reflections: ReflectionPoints,
     motion: Array,
     form: MirrorForm = NO_FORM,
 ) -> Array:
@@ -490,14 +492,14 @@ def footprint(
     The gradient of the path stays 0 while the pupil moves; the point therefore moves by the inverse
     of the path's Hessian times the mixed derivative.
     """
-    count = len(found.points)
+    count = len(reflections.points)
     pupils, targets = pupils.spread(count), targets.spread(count)
     with np.errstate(all="ignore"):
-        surface = MirrorSurface(mirror, found.points[:, :2], form)
+        surface = MirrorSurface(mirror, reflections.points[:, :2], form)
         _, _, (a, b, c) = _path(surface, pupils, targets)
         motion = np.broadcast_to(motion, (count, 2, 3))
         if not pupils.distant:
-            step = found.points - pupils.xyz
+            step = reflections.points - pupils.xyz
             distance = np.linalg.norm(step, axis=1)[:, None, None]
             u = step[:, :, None] / distance
             motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
@@ -577,17 +579,17 @@ def _restart_from_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints,
         )
 
 
-def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
+def _downhill(gradient: Array, second: tuple[Array, ...], max_step: Array | float) -> Array:
     """Return Newton or gradient steps (n, 2), limited to ``reach``."""
     a, b, c = second
     gx, gy = gradient.T
     det = a * c - b * b
     newton = np.stack([b * gy - c * gx, b * gx - a * gy], axis=-1) / det[:, None]
     slope = np.hypot(gx, gy)
-    steepest = -gradient * (reach / np.where(slope > 0, slope, 1.0))[:, None]
+    steepest = -gradient * (max_step / np.where(slope > 0, slope, 1.0))[:, None]
     step = np.where(((det > 0) & (a > 0))[:, None], newton, steepest)
     size = np.hypot(*step.T)
-    limited: Array = step * np.where(size > reach, reach / size, 1.0)[:, None]
+    limited: Array = step * np.where(size > max_step, max_step / size, 1.0)[:, None]
     return limited
 
 

@@ -463,17 +463,17 @@ class FoldedMirror:
                 break
         return position
 
-    def _surfaces(self, place: Array) -> tuple[MirrorSurface, MirrorSurface]:
-        return MirrorSurface(self.secondary.mirror, place[:, :2]), MirrorSurface(
-            self.mirror, place[:, 2:]
+    def _surfaces(self, position: Array) -> tuple[MirrorSurface, MirrorSurface]:
+        return MirrorSurface(self.secondary.mirror, position[:, :2]), MirrorSurface(
+            self.mirror, position[:, 2:]
         )
 
-    def _path(self, pupils: RayEndpoints, targets: RayEndpoints, place: Array) -> _Path:
-        second, first = self._surfaces(place)
+    def _path(self, pupils: RayEndpoints, targets: RayEndpoints, position: Array) -> _Path:
+        second, first = self._surfaces(position)
         length, gradient, hessian = (
-            np.zeros(len(place)),
-            np.zeros((len(place), 4)),
-            np.zeros((len(place), 4, 4)),
+            np.zeros(len(position)),
+            np.zeros((len(position), 4)),
+            np.zeros((len(position), 4, 4)),
         )
         for end, surface, part in ((pupils, second, slice(0, 2)), (targets, first, slice(2, 4))):
             far, pull, bend = _leg(end, surface)
@@ -496,10 +496,10 @@ class FoldedMirror:
         return _Path(length, gradient, hessian)
 
     def _verified(
-        self, pupils: RayEndpoints, targets: RayEndpoints, place: Array
+        self, pupils: RayEndpoints, targets: RayEndpoints, position: Array
     ) -> ReflectionPoints:
-        second, first = self._surfaces(place)
-        path = self._path(pupils, targets, place)
+        second, first = self._surfaces(position)
+        path = self._path(pupils, targets, position)
         facing_points, intersections = (
             second.points * SECONDARY_TO_WORLD + self._vertex,
             first.points,
@@ -542,7 +542,11 @@ class FoldedMirror:
         return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
 
     def beam(
-        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+        self,
+        pupils: RayEndpoints,
+        targets: RayEndpoints,
+        reflections: ReflectionPoints,
+        motion: Array,
     ) -> Array:
         """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
@@ -550,11 +554,13 @@ class FoldedMirror:
         The path stays stationary while the pupil moves; both points move by the inverse of its
         Hessian.
         """
-        count = len(found.points)
+        count = len(reflections.points)
         pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
-        place = np.concatenate([found.facing_points[:, :2], found.points[:, :2]], axis=1)
+        position = np.concatenate(
+            [reflections.facing_points[:, :2], reflections.points[:, :2]], axis=1
+        )
         with np.errstate(all="ignore"):
-            second, _ = self._surfaces(place)
+            second, _ = self._surfaces(position)
             motion = np.broadcast_to(motion, (count, 2, 3))
             if not pupils.distant:
                 step = second.points - pupils.xyz
@@ -563,24 +569,24 @@ class FoldedMirror:
                 motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
             mixed = np.zeros((count, 4, 2))
             mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
-            moved = np.linalg.solve(self._path(pupils, targets, place).second, mixed)[:, 2:]
-            cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+            moved = np.linalg.solve(self._path(pupils, targets, position).second, mixed)[:, 2:]
+            cos_incidence = np.einsum("ni,ni->n", reflections.normals, reflections.to_targets)
             section: Array = (
-                np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(found.normals[:, 2])
+                np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(reflections.normals[:, 2])
             )
             if not targets.distant:
                 section /= np.einsum(
-                    "ni,ni->n", targets.xyz - found.points, targets.xyz - found.points
+                    "ni,ni->n", targets.xyz - reflections.points, targets.xyz - reflections.points
                 )
         return section
 
-    def exit_points(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, reflections: ReflectionPoints) -> Array:
         """Return the points (n, 3) at which rays leave the primary."""
-        return found.points
+        return reflections.points
 
-    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+    def objects_at(self, reflections: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at distances (n,), mm, from the primary."""
-        objects: Array = found.points + distances[:, None] * found.to_targets
+        objects: Array = reflections.points + distances[:, None] * reflections.to_targets
         return objects
 
 
