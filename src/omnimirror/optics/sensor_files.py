@@ -34,7 +34,7 @@ from .mirrors.as_built import MirrorForm, MirrorPose
 from .sensor import Sensor, check_sensor
 from .thermal import Thermal
 from .toml_validation import (
-    SensorMountTable,
+    MountTable,
     SourceLocator,
     Table,
     check_entries,
@@ -293,7 +293,7 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
     write_text(file_name("path", path), format_sensor(sensor))
 
 
-class SensorMountTable(SensorMountTable):
+class SensorMountTable(MountTable):
     mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
 
 
@@ -597,7 +597,7 @@ def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
     values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
-    mount = Mount(**validated(SensorMountTable, "mount", data.get("mount", {}), where).model_dump())
+    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
     try:
         camera = cls(**values, mount=mount)
     except OmnimirrorError as e:
