@@ -272,7 +272,7 @@ def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
 
 
 def test_only_a_sensor_of_one_mirror_has_something_about_it():
-    with pytest.raises(InvalidParameter, match="without secondary mirror"):
+    with pytest.raises(InvalidParameter, match="one mirror"):
         ground_truth(
             replace(om.load_sensor("folded-spherical"), housing=Housing(shell=Tube())), Ball()
         )

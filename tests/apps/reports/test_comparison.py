@@ -146,4 +146,4 @@ def test_from_the_command_line(tmp_path):
     )
     wrong = omnimirror("compare", *["paper-spherical"] * 7, cwd=tmp_path)
     assert wrong.returncode == 2
-    assert "7 sensors do not fit" in wrong.stderr
+    assert "the number of sensors must be 1 to 6; got 7" in wrong.stderr

@@ -226,7 +226,7 @@ def test_temperature_matches_thermal_model():
         (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] = 500 is outside 1 to 91"),
         (
             lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)),
-            "behind a orthographic|imager_pose leans",
+            "behind a orthographic",
         ),
         (
             lambda: replace(OTHERS["two mirrors"], mirror_form=MirrorForm((5,), (1.0,))),
@@ -238,7 +238,7 @@ def test_temperature_matches_thermal_model():
         ),
         (
             lambda: om.spots(replace(SPH, imager_pose=ImagerPose(1.0)), [90.0]),
-            "that of 'paper-spherical' leans by 1",
+            "that of 'paper-spherical' is tilted by 1",
         ),
         (
             lambda: om.SensorModel(replace(SPH, imager_pose=ImagerPose(1.0))),

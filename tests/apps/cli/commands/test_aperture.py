@@ -107,7 +107,7 @@ def test_a_misaligned_sensor_is_analysed_too(tmp_path):
     [
         (
             ["spots", "paper-spherical", "--omega-deg", "150"],
-            "omega = 150 deg at azimuth 0 deg is not seen",
+            "omega = 150 deg at azimuth 0 deg must be in the field",
         ),
         (["spots", "paper-spherical", "--rings", "0"], "rings = 0 is not a whole number"),
         (
