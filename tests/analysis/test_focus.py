@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.analysis.focus import FOCUS_MERITS, FocusStudy, _around, focus_function
+from omnimirror.analysis.focus import FOCUS_MERITS, FocusStudy, _focusable_interval, focus_function
 from omnimirror.analysis.meridional_imaging import virtual_images
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.optimisation import minimise_scalar
@@ -241,12 +241,14 @@ def test_invalid_focus_arguments_rejected(kwargs, message):
     ],
 )
 def test_focus_search_range(coordinates, expected):
-    assert _around(np.array(coordinates), 2.0, 30.0) == pytest.approx(expected, abs=1e-12)
+    assert _focusable_interval(np.array(coordinates), 2.0, 30.0) == pytest.approx(
+        expected, abs=1e-12
+    )
 
 
 def test_best_focus_requires_images():
     with pytest.raises(InvalidParameter, match="best focus requires virtual images; got none"):
-        _around(np.array([np.nan]), 2.0, 30.0)
+        _focusable_interval(np.array([np.nan]), 2.0, 30.0)
 
 
 def test_single_angle_focus_between_images():

@@ -324,7 +324,7 @@ WRONG = [
     (
         JSON,
         '{"rms_px": 0.1, "held_out_rms_px": 0.1}',
-        r"contains the results of a calibration",
+        r"holds the numbers of a calibration, and not its camera",
     ),
     ("a.txt", "what is this", r"is not recognised as a camera file"),
 ]

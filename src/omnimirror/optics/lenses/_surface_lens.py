@@ -184,7 +184,7 @@ class SurfaceLens(FieldLens):
         >>> SurfaceLens.from_file("nothing.zmx")
         Traceback (most recent call last):
         ...
-        omnimirror.base.errors.SpecError: nothing.zmx cannot be read: No such file or directory
+        omnimirror.base.errors.SpecError: cannot read nothing.zmx: No such file or directory
         """
         return cls(**read_lens_file({"file": str(path), **entries}, Path()))
 

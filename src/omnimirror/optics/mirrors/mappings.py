@@ -336,13 +336,13 @@ STEP = 1e-30  # complex-step size: its square is negligible
 class NodeConcentration:
     """Change of variable from s to t, denser at fast changes of the field angle.
 
-    Omega is an arc tangent of the image height with complex poles at ``middle +- i width``,
-    relative to the image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles
+    Omega is an arc tangent of the image height with complex poles at ``centre +- i width``,
+    relative to the image height of the rim; ``t = end (centre + width sinh(...))`` moves the poles
     away from the image.
 
-    >>> places = NodeConcentration(middle=0.0, width=0.001, end=0.2)
-    >>> t = places.t(np.array([0.0, 0.5, 1.0]))
-    >>> t.round(5), places.s(t).round(12)
+    >>> nodes = NodeConcentration(centre=0.0, width=0.001, end=0.2)
+    >>> t = nodes.t(np.array([0.0, 0.5, 1.0]))
+    >>> t.round(5), nodes.s(t).round(12)
     (array([0.     , 0.00447, 0.2    ]), array([0. , 0.5, 1. ]))
     """
 
