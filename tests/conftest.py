@@ -44,7 +44,7 @@ from omnimirror.optics.mirrors import (
     TabulatedMapping,
     UnitAspect,
 )
-from omnimirror.optics.mirrors.prescribed_mapping import Mapped
+from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 from omnimirror.optics.sensor_files import bundled_sensors
 
 # Shared machines stall occasionally, and a run must not fail for a case that the next run does not
@@ -75,7 +75,7 @@ def _table() -> TabulatedMapping:
     return TabulatedMapping(tuple(omega), tuple(np.sin(np.radians(omega) / 2)), 11.0, 40.0)
 
 
-GENERATED: dict[str, Mapped] = {
+GENERATED: dict[str, MappingMirror] = {
     mirror.KIND: mirror
     for mirror in (
         Equidistant(137.0, 12.2, 44.5),

@@ -16,7 +16,7 @@ STEP = 1e-5
 
 
 @pytest.mark.parametrize("camera", MODELS.values(), ids=MODELS)
-def test_resolution_is_that_of_the_projection(camera):
+def test_resolution_matches_projection(camera):
     """Radial and tangential resolution of 1 deg, from pixels of directions, undistorted to one
     side."""
     table = om.evaluate_camera(camera)
@@ -27,68 +27,51 @@ def test_resolution_is_that_of_the_projection(camera):
     omega = np.radians(table.omega_deg[inside])
 
     def pixels(omega, phi):
-        directions = [
-            np.sin(omega) * np.cos(phi),
-            np.sin(omega) * np.sin(phi),
-            ahead * np.cos(omega),
-        ]
+        directions = [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), ahead * np.cos(omega)]
         return camera.image(np.stack(directions, axis=-1), distant=True).pixels
 
     areas = []
     for phi in np.arange(8) * np.pi / 4:
         along = (pixels(omega + STEP, phi) - pixels(omega - STEP, phi)) / (2 * np.degrees(STEP))
-        around = (pixels(omega, phi + STEP) - pixels(omega, phi - STEP)) / (
-            2 * np.degrees(STEP) * np.sin(omega)
-        )[:, None]
+        around = (pixels(omega, phi + STEP) - pixels(omega, phi - STEP)) / (2 * np.degrees(STEP) * np.sin(omega))[:, None]
         areas.append(np.abs(along[:, 0] * around[:, 1] - along[:, 1] * around[:, 0]))
         if camera.symmetry is not None:
-            np.testing.assert_allclose(
-                np.linalg.norm(along, axis=1), table.dh_domega_px_per_deg[inside], rtol=1e-6
-            )
-            np.testing.assert_allclose(
-                np.linalg.norm(around, axis=1), table.width_px_per_deg[inside], rtol=1e-6
-            )
+            np.testing.assert_allclose(np.linalg.norm(along, axis=1), table.dh_domega_px_per_deg[inside], rtol=1e-6)
+            np.testing.assert_allclose(np.linalg.norm(around, axis=1), table.width_px_per_deg[inside], rtol=1e-6)
     np.testing.assert_allclose(np.mean(areas, axis=0), table.area_px2[inside], rtol=0.03)
 
 
-def test_viewpoints_are_where_rays_meet_the_axis():
+def test_viewpoints_match_ray_axis_intersections():
     camera = MODELS["viewpoint-spline"]
     table = om.evaluate_camera(camera, [30.0, 60.0, 90.0])
     directions = np.radians(table.omega_deg)
     d = np.stack([0 * directions, np.sin(directions), -np.cos(directions)], axis=-1)
     rays = camera.backproject(camera.image(d, distant=True).pixels)
-    across, up = (
-        np.hypot(*rays.directions[:, :2].T),
-        rays.directions[:, 2],
-    )  # it faces up: Z is that of the world
+    across, up = (np.hypot(*rays.directions[:, :2].T), rays.directions[:, 2])  # it faces up: Z is that of the world
     heights = rays.origins[:, 2] - np.hypot(*rays.origins[:, :2].T) / across * up
     np.testing.assert_allclose(table.viewpoint_z_mm, heights, atol=1e-9)
 
 
-def test_what_is_not_seen_is_refused():
+def test_angles_outside_field_rejected():
     camera = MODELS["ball"]
-    with pytest.raises(
-        OutsideField, match="omega_deg = 160 is not seen; the camera sees 0 to 150 deg"
-    ):
+    with pytest.raises(OutsideField, match="omega_deg must be 0 to 150 deg, the field of the camera; got 160"):
         om.evaluate_camera(camera, [10.0, 160.0])
-    with pytest.raises(
-        InvalidParameter, match=r"camera must be a calibrated camera, such as om\.load_camera gives"
-    ):
+    with pytest.raises(InvalidParameter, match=r"camera must be a calibrated camera, such as om\.load_camera gives"):
         om.evaluate_camera(om.load_sensor("paper-spherical"))
 
 
-def test_a_sensor_in_space_is_the_same_as_in_its_meridian():
+def test_skew_evaluation_matches_meridian():
     sensor = om.load_sensor("paper-hyperboloidal")
     table = om.evaluate_camera(om.SensorModel(sensor), [20.0, 60.0, 100.0])
     truth = om.evaluate(sensor, [20.0, 60.0, 100.0])
     for column in ("h_px", "dh_domega_px_per_deg", "width_px_per_deg"):
         np.testing.assert_allclose(getattr(table, column), getattr(truth, column), rtol=1e-6)
     assert np.ptp(table.viewpoint_z_mm) < 1e-6  # focus of a hyperboloid
-    assert table.varies_percent < 1e-4
+    assert table.azimuthal_variation_percent < 1e-4
     assert table.field_deg == pytest.approx(sensor.field_deg[1], abs=1e-4)
 
 
-def test_what_was_estimated_of_a_sensor_is_free_in_its_model():
+def test_estimated_parameters_are_free_in_model():
     """More or fewer parameters than usual: the direction error is that of the uncertainty in the
     file."""
     usual = om.SensorModel(om.load_sensor("paper-spherical")).parameters
@@ -111,18 +94,14 @@ def misaligned():
     return replace(sensor, uncertainty=Uncertainty(names, ((1e-4, 0.0), (0.0, 1e-4))))
 
 
-def test_a_misaligned_sensor_is_evaluated_in_space():
+def test_misaligned_sensor_evaluation():
     """Radius and resolution against differences of its own projection, azimuth by azimuth."""
     sensor, omega = misaligned(), np.radians(60.0)
     table = om.evaluate_camera(om.SensorModel(sensor, sensor.uncertainty.names), [60.0])
     phi = np.radians(np.arange(0, 360, 10))
 
     def pixels(omega, turn=0.0):
-        seen = (
-            np.sin(omega) * np.cos(phi + turn),
-            np.sin(omega) * np.sin(phi + turn),
-            -np.cos(omega) + 0 * phi,
-        )
+        seen = (np.sin(omega) * np.cos(phi + turn), np.sin(omega) * np.sin(phi + turn), -np.cos(omega) + 0 * phi)
         found = sensor.project_directions(np.stack(seen, axis=-1) @ sensor.mount.rotation().T)
         assert found.valid.all()
         return found.pixels
@@ -130,36 +109,23 @@ def test_a_misaligned_sensor_is_evaluated_in_space():
     centre = sensor.project_directions(-sensor.mount.rotation()[:, 2][None]).pixels[0]
     step = np.radians(0.01)
     along = np.linalg.norm(pixels(omega + step) - pixels(omega - step), axis=1) / 0.02
-    across = (
-        np.linalg.norm(pixels(omega, step) - pixels(omega, -step), axis=1) / 0.02 / np.sin(omega)
-    )
-    assert table.h_px[0] == pytest.approx(
-        np.linalg.norm(pixels(omega) - centre, axis=1).mean(), abs=1e-3
-    )
+    across = np.linalg.norm(pixels(omega, step) - pixels(omega, -step), axis=1) / 0.02 / np.sin(omega)
+    assert table.h_px[0] == pytest.approx(np.linalg.norm(pixels(omega) - centre, axis=1).mean(), abs=1e-3)
     assert table.dh_domega_px_per_deg[0] == pytest.approx(along.mean(), rel=1e-5)
     assert table.width_px_per_deg[0] == pytest.approx(across.mean(), rel=1e-5)
-    assert table.varies_percent > 100 * np.abs(along / along.mean() - 1).max() > 0.01
+    assert table.azimuthal_variation_percent > 100 * np.abs(along / along.mean() - 1).max() > 0.01
     sigmas = om.direction_uncertainty(sensor, pixels(omega))
     assert table.direction_sigma_deg[0] == pytest.approx(np.sqrt((sigmas**2).mean()), rel=1e-4)
 
 
-def test_evaluate_says_what_a_misaligned_sensor_is(tmp_path):
+def test_evaluate_command_describes_misalignment(tmp_path):
     om.save_sensor(misaligned(), tmp_path / "built.toml")
-    run = omnimirror(
-        "evaluate",
-        tmp_path / "built.toml",
-        "--omega-deg",
-        "0:120:30",
-        "--json",
-        tmp_path / "table.json",
-    )
+    run = omnimirror("evaluate", tmp_path / "built.toml", "--omega-deg", "0:120:30", "--json", tmp_path / "table.json")
     assert run.returncode == 0, run.stderr
     words = " ".join(run.stdout.split())
     assert "decentred by 0.5 mm and tilted by 0.781 deg" in words
     assert "omnimirror uncertainty" in words
-    assert '"varies_percent"' in (tmp_path / "table.json").read_text()
+    assert '"azimuthal_variation_percent"' in (tmp_path / "table.json").read_text()
     refused = omnimirror("evaluate", tmp_path / "built.toml", "--focus-mm", "auto")
     assert refused.returncode == 2
-    assert "--focus-mm asks for the meridian of an aligned mirror" in " ".join(
-        refused.stderr.split()
-    )
+    assert "--focus-mm asks for the meridian of an aligned mirror" in " ".join(refused.stderr.split())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.analysis.focus import FOCUS_MERITS, FocusStudy, _around, focus_function
+from omnimirror.analysis.focus import FOCUS_MERITS, FocusStudy, _focusable_interval, focus_function
 from omnimirror.analysis.meridional_imaging import virtual_images
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.optimisation import minimise_scalar
@@ -19,39 +19,33 @@ from omnimirror.optics.mirrors import EvenPolynomial
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import sensor_of
 
-SPH, EDI, SVP = (
-    om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal")
-)
+SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
 LENS = Perspective(11.6, 4.0, 212.0)
 
 
 @pytest.mark.parametrize("L", [150.0, 205.0, 212.0, 230.0, 4000.0])
-def test_blur_is_the_width_of_the_cone_at_the_imager(L):
+def test_blur_is_cone_width_at_imager(L):
     """Image the point with the lens equation, and intersect its cone of light at b0 (Eqs. 25-27)."""
     f, D = 11.6, 11.6 / 4
     b0, b = 1 / (1 / f - 1 / 212.0), 1 / (1 / f - 1 / L)
     assert float(LENS.blur(L)) == pytest.approx(D * (b0 - b) / b, rel=1e-12, abs=1e-15)
 
 
-def test_the_papers_blur_drops_f_against_the_focus_distance():
-    assert float(LENS.blur(220.0, mode="paper")) == pytest.approx(
-        11.6**2 / 4 * (220 - 212) / (212 * 220), rel=1e-12
-    )
+def test_paper_blur_neglects_focal_length():
+    assert float(LENS.blur(220.0, mode="paper")) == pytest.approx(11.6**2 / 4 * (220 - 212) / (212 * 220), rel=1e-12)
     ratio = LENS.blur(220.0, mode="paper") / LENS.blur(220.0)
     assert 1 - float(ratio) == pytest.approx(11.6 / 212, rel=1e-12)  # 5.5 % too small
 
 
 @pytest.mark.parametrize("mode", ["exact", "paper"])
-@pytest.mark.parametrize(
-    "lens", [LENS, Orthographic(0.06, 4.0, 20.0)], ids=["perspective", "orthographic"]
-)
-def test_depth_of_field_ends_where_the_blur_is_the_tolerance(lens, mode):
+@pytest.mark.parametrize("lens", [LENS, Orthographic(0.06, 4.0, 20.0)], ids=["perspective", "orthographic"])
+def test_depth_of_field_limits_match_tolerance(lens, mode):
     near, far = lens.depth_of_field(0.0052, mode)
     assert near < lens.focus_distance_mm < far
     np.testing.assert_allclose(lens.blur([near, far], mode=mode), [-0.0052, 0.0052], rtol=1e-10)
 
 
-def test_depth_of_field_beyond_the_hyperfocal_distance_has_no_far_end():
+def test_depth_of_field_beyond_hyperfocal_is_infinite():
     assert Perspective(11.6, 4.0, 7000.0).depth_of_field(0.0052).far == np.inf
     assert LENS.hyperfocal_distance(0.0052) == pytest.approx(6469.2, abs=0.1)
 
@@ -60,38 +54,21 @@ def test_airy_disk():
     assert om.evaluate(SPH, [0.0]).airy_px == pytest.approx(1.09, abs=0.005)
 
 
-def test_exact_blur_on_axis_of_the_sphere():
+def test_exact_axial_blur_of_sphere():
     """Erratum 11: -1.036 px at L0 = 212, so not every tangential point is within the depth of
     field."""
     assert om.evaluate(SPH, [0.0]).blur_t_px[0] == pytest.approx(-1.036, abs=5e-4)
 
 
-@pytest.mark.parametrize(
-    ("sensor", "merit", "focus", "value"),
-    [
-        (SPH, "worst_blur_area_deg2", 212.4, 0.0751),
-        (EDI, "worst_blur_area_deg2", 206.0, 0.566),
-        (SVP, "worst_blur_area_deg2", 172.5, 1.52),
-        (SPH, "worst_floored_area_deg2", 215.5, 0.704),
-        (SPH, "worst_blur_deg", 219.5, 0.596),
-    ],
-)
-def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
-    best = om.best_focus(
-        sensor, merit, omega_deg=np.linspace(0, 135, 1001), mode="paper", image_radius_px=500
-    )
+@pytest.mark.parametrize(("sensor", "merit", "focus", "value"), [(SPH, "worst_blur_area_deg2", 212.4, 0.0751), (EDI, "worst_blur_area_deg2", 206.0, 0.566), (SVP, "worst_blur_area_deg2", 172.5, 1.52), (SPH, "worst_floored_area_deg2", 215.5, 0.704), (SPH, "worst_blur_deg", 219.5, 0.596)])
+def test_best_focus_of_paper_mirrors(sensor, merit, focus, value):
+    best = om.best_focus(sensor, merit, omega_deg=np.linspace(0, 135, 1001), mode="paper", image_radius_px=500)
     assert best.focus_mm == pytest.approx(focus, abs=0.05)
     assert best.value == pytest.approx(value, rel=2e-3)
 
 
-def test_the_papers_focus_of_svp_follows_from_its_outer_field():
-    best = om.best_focus(
-        SVP,
-        "worst_blur_area_deg2",
-        omega_deg=np.linspace(82, 135, 1001),
-        mode="paper",
-        image_radius_px=500,
-    )
+def test_paper_svp_focus_from_outer_field():
+    best = om.best_focus(SVP, "worst_blur_area_deg2", omega_deg=np.linspace(82, 135, 1001), mode="paper", image_radius_px=500)
     assert best.focus_mm == pytest.approx(189.7, abs=0.05)
 
 
@@ -108,23 +85,15 @@ MEANS = [(SPH, 212.3896, 0.2436625), (EDI, 201.0575, 0.3048491), (SVP, 169.6890,
 def spacings(low, high):
     rng = np.random.default_rng(5)
     yield "even", np.linspace(low, high, 1001), 1e-5
-    yield (
-        "dense centre",
-        np.concatenate([np.linspace(low, 20, 300), np.linspace(20, high, 101)[1:]]),
-        1e-3,
-    )
-    yield (
-        "dense rim",
-        np.concatenate([np.linspace(low, high - 10, 51)[:-1], np.linspace(high - 10, high, 350)]),
-        1e-3,
-    )
+    yield ("dense centre", np.concatenate([np.linspace(low, 20, 300), np.linspace(20, high, 101)[1:]]), 1e-3)
+    yield ("dense rim", np.concatenate([np.linspace(low, high - 10, 51)[:-1], np.linspace(high - 10, high, 350)]), 1e-3)
     yield "any", np.concatenate([[low, high], rng.uniform(low, high, 400)]), 1e-3
     yield "backwards", np.linspace(high, low, 1001), 1e-5
     yield "twice", np.repeat(np.linspace(low, high, 501), 2), 1e-4
 
 
 @pytest.mark.parametrize(("sensor", "focus", "value"), MEANS, ids=["SPH", "E-DI", "SVP"])
-def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus, value):
+def test_mean_merit_is_solid_angle_mean(sensor, focus, value):
     for name, omega, within in spacings(*sensor.field_deg):
         best = om.best_focus(sensor, "mean_floored_area_deg2", omega_deg=omega)
         assert best.value == pytest.approx(value, rel=within), name
@@ -135,7 +104,7 @@ def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus,
 @pytest.mark.parametrize("mode", ["exact", "paper"])
 @pytest.mark.parametrize("radius", [None, 500.0])
 @pytest.mark.parametrize("merit", FOCUS_MERITS)
-def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
+def test_focus_function_matches_evaluation(merit, mode, radius):
     """The merit as a sum of functions of the focus, and its derivative, against plain evaluations."""
     lens = replace(SPH.lens, k1=-0.4, k2=1.0)
     for sensor in (replace(SPH, lens=lens), om.load_sensor("paraboloid-telecentric")):
@@ -148,25 +117,19 @@ def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
         found, slope, _ = function(u)
         focus = sensor.lens.focus_coordinate(middle + unit * u)
         wanted = np.array([FOCUS_MERITS[merit].value(study.at(f)) for f in focus])
-        np.testing.assert_allclose(
-            found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10
-        )
+        np.testing.assert_allclose(found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10)
         h = 1e-6
-        np.testing.assert_allclose(
-            slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5
-        )
+        np.testing.assert_allclose(slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5)
 
 
 @pytest.mark.parametrize("merit", FOCUS_MERITS)
-def test_what_is_searched_has_the_blur_of_a_real_lens_in_it(merit):
+def test_focus_function_includes_lens_blur(merit):
     """At the current focus of the lens: elsewhere focus breathing applies, which only the last step
     of the search includes."""
     columns = (0.0, 1 / 6.0, 0.0), (0.5, 2.0, 0.0), (1.0, 1.5168, 1.0)
     sensor = replace(SPH, lens=SurfaceLens(4.0, 215.0, *columns, 1, field_max_deg=20.0))
     omega = np.linspace(0.0, 0.99 * sensor.field_deg[1], 60)
-    assert (
-        min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5
-    )  # for a difference between squares and cubes
+    assert min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5  # for a difference between squares and cubes
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), "exact", None, 550.0)
     middle = float(sensor.lens.focus_coordinate(sensor.lens.focus_distance_mm))
@@ -176,7 +139,7 @@ def test_what_is_searched_has_the_blur_of_a_real_lens_in_it(merit):
 
 
 @pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
-def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
+def test_unknown_mode_rejected(mode):
     for ask in (
         lambda: om.best_focus(SPH, "worst_blur_px", mode=mode),
         lambda: om.evaluate(SPH, [0.0], mode=mode),
@@ -193,52 +156,22 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        (
-            {"image_radius_px": -5.0},
-            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got -5\.0",
-        ),
-        (
-            {"image_radius_px": 0},
-            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 0",
-        ),
-        (
-            {"image_radius_px": 1e-165},
-            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 1e-165",
-        ),
-        (
-            {"image_radius_px": float("nan")},
-            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got nan",
-        ),
+        ({"image_radius_px": -5.0}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got -5\.0"),
+        ({"image_radius_px": 0}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 0"),
+        ({"image_radius_px": 1e-165}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 1e-165"),
+        ({"image_radius_px": float("nan")}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got nan"),
         ({"image_radius_px": "500"}, "image_radius_px must be a number; got '500'"),
         ({"omega_deg": []}, "omega_deg must contain at least one number"),
-        (
-            {"omega_deg": [[0.0, 1.0]]},
-            r"omega_deg must be a number or have the shape \(n,\); got shape \(1, 2\)",
-        ),
+        ({"omega_deg": [[0.0, 1.0]]}, r"omega_deg must be a number or have the shape \(n,\); got shape \(1, 2\)"),
         ({"omega_deg": [10**400]}, r"omega_deg must be numbers of shape \(n,\)"),
-        (
-            {"omega_deg": np.ma.masked_array([9.0, 10.0], [False, True])},
-            r"omega_deg must be numbers of shape \(n,\)",
-        ),
-        (
-            {"object_distance_mm": [100.0, 200.0]},
-            "object_distance_mm has 2 values for 1001 field angles",
-        ),
-        (
-            {"object_distance_mm": -1.0},
-            "object_distance_mm must be at least 1e-09 mm, or inf; got -1",
-        ),
-        (
-            {"object_distance_mm": 2e-309},
-            "object_distance_mm must be at least 1e-09 mm, or inf; got 2e-309",
-        ),
-        (
-            {"merit": "sharpest"},
-            "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2",
-        ),
+        ({"omega_deg": np.ma.masked_array([9.0, 10.0], [False, True])}, r"omega_deg must be numbers of shape \(n,\)"),
+        ({"object_distance_mm": [100.0, 200.0]}, "each of the 1001 field angles; got 2"),
+        ({"object_distance_mm": -1.0}, "object_distance_mm must be at least 1e-09 mm, or inf; got -1"),
+        ({"object_distance_mm": 2e-309}, "object_distance_mm must be at least 1e-09 mm, or inf; got 2e-309"),
+        ({"merit": "sharpest"}, "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2"),
     ],
 )
-def test_what_cannot_be_focused_by_is_refused(kwargs, message):
+def test_invalid_focus_arguments_rejected(kwargs, message):
     with pytest.raises(InvalidParameter, match=message):
         om.best_focus(SPH, **kwargs)
 
@@ -256,30 +189,23 @@ def test_what_cannot_be_focused_by_is_refused(kwargs, message):
         ([40.0, 99.0], (28.5, 30.0)),  # unless no others exist
     ],
 )
-def test_focus_is_searched_around_the_images(coordinates, expected):
-    assert _around(np.array(coordinates), 2.0, 30.0) == pytest.approx(expected, abs=1e-12)
+def test_focus_search_range(coordinates, expected):
+    assert _focusable_interval(np.array(coordinates), 2.0, 30.0) == pytest.approx(expected, abs=1e-12)
 
 
-def test_without_images_there_is_no_best_focus():
-    with pytest.raises(
-        InvalidParameter, match="there are no virtual images, so there is no best focus"
-    ):
-        _around(np.array([np.nan]), 2.0, 30.0)
+def test_best_focus_requires_images():
+    with pytest.raises(InvalidParameter, match="best focus requires virtual images; got none"):
+        _focusable_interval(np.array([np.nan]), 2.0, 30.0)
 
 
-def test_one_angle_is_focused_between_its_images():
-    best, row = (
-        om.best_focus(SPH, "worst_blur_px", omega_deg=90),
-        om.evaluate(SPH, [90.0]).columns(),
-    )
+def test_single_angle_focus_between_images():
+    best, row = (om.best_focus(SPH, "worst_blur_px", omega_deg=90), om.evaluate(SPH, [90.0]).columns())
     near, far = sorted((row["distance_t_mm"][0], row["distance_s_mm"][0]))
     assert near < best.focus_mm < far
-    assert 1 / best.focus_mm == pytest.approx(
-        (1 / near + 1 / far) / 2, rel=1e-9
-    )  # blur is linear in 1/L
+    assert 1 / best.focus_mm == pytest.approx((1 / near + 1 / far) / 2, rel=1e-9)  # blur is linear in 1/L
 
 
-def test_the_tip_of_a_cone_has_no_best_focus():
+def test_cone_tip_has_no_best_focus():
     cone = sensor_of("cone")
     with pytest.raises(InvalidParameter, match="has no finite blur at any focus"):
         om.best_focus(cone, "worst_blur_deg", omega_deg=[cone.field_deg[0], cone.field_deg[1]])
@@ -288,11 +214,8 @@ def test_the_tip_of_a_cone_has_no_best_focus():
 EVERY_DAY = ("paper-spherical", "paraboloid-telecentric")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()],
-)
-def test_no_focus_on_a_fine_grid_is_better_than_the_best(name):
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()])
+def test_best_focus_is_global_minimum(name):
     """The search for each merit against plain enumeration of evaluations."""
     bundled = om.load_sensor(name)
     angles = np.linspace(*bundled.field_deg, 1001)
@@ -317,13 +240,11 @@ def test_no_focus_on_a_fine_grid_is_better_than_the_best(name):
         here = values(best.focus_mm)[merit]
         # the mean over caps assigns each angle its whole neighbourhood, and is thus accurate to
         # second order only
-        assert here == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12), (
-            merit
-        )
+        assert here == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12), merit
         assert here <= min(value[merit] for value in tried) * (1 + 1e-9), merit
 
 
-def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
+def test_floored_area_lower_bound():
     r = om.evaluate(SPH, np.linspace(0, 135, 50))
     floor = (1 + r.airy_px**2) / r.area_px2
     assert np.all(r.floored_area_deg2 >= floor)
@@ -333,7 +254,7 @@ def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
 @pytest.mark.parametrize("curvature", [1e-5, 1e-7, 1e-9, 1e-12])
-def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(name, curvature):
+def test_best_focus_of_nearly_flat_mirror(name, curvature):
     """z = c x^2 images distant objects at 1/(4 c), finally farther than the maximum focus distance."""
     sensor = replace(om.load_sensor(name), mirror=EvenPolynomial((curvature,), 20.0))
     best = om.best_focus(sensor)
@@ -343,7 +264,7 @@ def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(n
 
 
 @pytest.mark.full
-def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
+def test_best_focus_with_images_beyond_infinity():
     """The far-plane mirror to 80 deg has tangential images behind the lens; no focus of a fine scan
     is better."""
     placed = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))
@@ -353,23 +274,19 @@ def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
     found = om.evaluate(sensor, angles)
     assert found.distance_t_mm.min() < 0 < 5e3 < found.distance_t_mm.max()
     for focus in 1 / np.linspace(1e-7, 1 / 60, 200):
-        assert om.evaluate(sensor, angles, focus_mm=focus).floored_area_deg2.max() >= best.value * (
-            1 - 1e-9
-        )
+        assert om.evaluate(sensor, angles, focus_mm=focus).floored_area_deg2.max() >= best.value * (1 - 1e-9)
 
 
-def test_auto_focus_is_the_best_focus():
+def test_auto_focus_equals_best_focus():
     assert om.evaluate(SPH, [0.0], focus_mm="auto").focus_mm == om.best_focus(SPH).focus_mm
 
 
-def test_lowest_finds_the_deepest_of_several_valleys():
-    assert minimise_scalar(
-        lambda x: abs(np.sin(3 * x)) + 0.01 * (x - 2) ** 2, 0.5, 9.0
-    ) == pytest.approx(2 * np.pi / 3, abs=1e-6)
+def test_minimiser_finds_global_minimum():
+    assert minimise_scalar(lambda x: abs(np.sin(3 * x)) + 0.01 * (x - 2) ** 2, 0.5, 9.0) == pytest.approx(2 * np.pi / 3, abs=1e-6)
     assert minimise_scalar(lambda x: x, 1.0, 1.0) == 1.0
 
 
-def test_blur_in_degrees_is_blur_over_resolution():
+def test_angular_blur_is_blur_over_resolution():
     r = om.evaluate(SPH, [20.0, 100.0])
     np.testing.assert_allclose(r.blur_t_deg * r.dh_domega_px_per_deg, r.blur_t_px, rtol=1e-12)
     np.testing.assert_allclose(r.blur_s_deg * r.width_px_per_deg, r.blur_s_px, rtol=1e-12)
@@ -377,7 +294,7 @@ def test_blur_in_degrees_is_blur_over_resolution():
 
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
-def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
+def test_blur_matches_real_ray_cone(sensor):
     """Section 6: marginal rays of the aperture, traced from a distant object over the real mirror,
     hit the imager within a few 0.01 px of the predicted blur."""
     lens, m, mirror = sensor.lens, sensor.mirror_distance_mm, sensor.mirror
@@ -386,10 +303,7 @@ def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
     radius = lens.focal_length_mm / lens.f_number / 2
     for i, omega in enumerate(np.radians(angles)):
         landed = []
-        for side in (
-            -radius,
-            radius,
-        ):  # the ray through (side, -m) with the incident direction omega
+        for side in (-radius, radius):  # the ray through (side, -m) with the incident direction omega
             low, high = result.x_mm[i] - 5.0, min(result.x_mm[i] + 5.0, mirror.rim_radius_mm * 1.02)
 
             def misses(x, side=side, omega=omega):

@@ -21,7 +21,7 @@ INSIDE = [35.0, 60.0, 90.0, 120.0]
 
 
 @pytest.mark.parametrize("distance", [np.inf, 300.0])
-def test_spots_of_a_flat_fold_are_those_of_one_mirror(distance):
+def test_flat_fold_spots_match_single_mirror(distance):
     one, two = (
         om.spots(s, INSIDE, focus_mm=[205.0, 212.0], object_distance_mm=distance, azimuth_deg=40.0)
         for s in (UNFOLDED, FOLDED)
@@ -33,7 +33,7 @@ def test_spots_of_a_flat_fold_are_those_of_one_mirror(distance):
 
 
 @pytest.mark.full
-def test_mtf_and_psf_of_a_flat_fold_are_those_of_one_mirror():
+def test_flat_fold_mtf_and_psf_match_single_mirror():
     one, two = (om.mtf(s, INSIDE[1:]) for s in (UNFOLDED, FOLDED))
     np.testing.assert_allclose(two.tangential, one.tangential, atol=1e-9)
     np.testing.assert_allclose(two.sagittal, one.sagittal, atol=1e-9)
@@ -55,7 +55,7 @@ def small(sensor):
 
 @pytest.mark.parametrize("kind", SENSORS)
 @pytest.mark.parametrize("distance", few([np.inf, 400.0], 400.0))
-def test_widths_of_spots_are_the_blur_of_coddingtons_chain(kind, distance):
+def test_spot_widths_match_coddington_blur(kind, distance):
     sensor = small(SENSORS[kind])
     low, high = sensor.field_deg
     omega = np.linspace(low + 4, high - 2, 6)
@@ -70,7 +70,7 @@ def test_widths_of_spots_are_the_blur_of_coddingtons_chain(kind, distance):
 
 
 @pytest.mark.parametrize("kind", SENSORS)
-def test_rays_found_from_objects_are_those_traced_from_pixels(kind):
+def test_rays_from_objects_match_rays_from_pixels(kind):
     """Stationary paths from an object through aperture points, and their reverse by reflection at
     the intercepts."""
     sensor = SENSORS[kind]
@@ -94,7 +94,7 @@ def test_rays_found_from_objects_are_those_traced_from_pixels(kind):
 
 
 @pytest.mark.parametrize("kind", ["flat", "concave", "convex", "aspheric", "two-hyperboloids"])
-def test_rays_through_the_aperture_are_reflected_twice(kind):
+def test_aperture_rays_reflect_twice(kind):
     """Intersection and reflection from the sag only, from aperture points towards the focal plane."""
     sensor = SENSORS[kind]
     second, b0, L0 = sensor.secondary, sensor.lens.image_distance, sensor.lens.focus_distance_mm
@@ -129,7 +129,7 @@ def test_rays_through_the_aperture_are_reflected_twice(kind):
 
 @pytest.mark.parametrize("kind", ["concave", "two-hyperboloids", "telecentric"])
 @pytest.mark.parametrize("distant", [True, False])
-def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant):
+def test_light_density_follows_footprint(kind, distant):
     """Area covered on the mirror by a small displacement of the pupil point, by central
     differences."""
     sensor, at, step = SENSORS[kind], np.array([[0.3, -0.5]]), 1e-4
@@ -157,7 +157,7 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
     assert float(beam[0]) == pytest.approx(section, rel=1e-6)
 
 
-def test_the_aperture_is_cut_where_the_field_begins():
+def test_aperture_vignetted_at_field_start():
     """At the edge of the bore, the chief ray and about half of the aperture pass."""
     low, _ = FOLDED.field_deg
     filled = om.spots(FOLDED, [low + 0.01, low + 8.0]).filled
@@ -165,17 +165,17 @@ def test_the_aperture_is_cut_where_the_field_begins():
     assert filled[1] == pytest.approx(1.0)
 
 
-def test_the_wave_is_cut_where_rays_are():
+def test_wavefront_vignetted_like_rays():
     """At the bore, by the fitted distance from its edge, with a few points on the edge itself."""
     bundles = trace_bundles(FOLDED, [FOLDED.field_deg[0] + 0.4], FITTED)
     (wave,) = wavefronts(bundles, 212.0)
     _, _, light = wave.at(FITTED.points)
-    assert wave.is_cut
+    assert wave.is_vignetted
     assert 0.2 < bundles.passes.mean() < 0.98
     assert np.mean((light > 0) != bundles.passes[0]) < 0.01
 
 
-def test_a_blurred_picture_is_as_bright_as_a_sharp_one():
+def test_blurred_image_preserves_brightness():
     room = om.Room(texel_mm=40.0)
     small_picture = replace(
         FOLDED, imager=replace(FOLDED.imager, width_px=96, height_px=96, pixel_pitch_um=55.0)
@@ -194,6 +194,8 @@ def test_a_blurred_picture_is_as_bright_as_a_sharp_one():
     np.testing.assert_allclose(blurred[ring].mean(axis=0), sharp[ring].mean(axis=0), rtol=0.01)
 
 
-def test_what_knows_of_one_mirror_only_is_still_refused():
-    with pytest.raises(InvalidParameter, match="illumination is for sensors of one mirror"):
+def test_single_mirror_functions_reject_secondary():
+    with pytest.raises(
+        InvalidParameter, match="illumination requires a sensor without secondary mirror"
+    ):
         om.illumination(FOLDED, [60.0])

@@ -29,7 +29,7 @@ class Asked:
 @pytest.mark.parametrize(
     "shell", [Tube(110.0, 4.0), Dome(), Dome(medium="water")], ids=["tube", "dome", "water"]
 )
-def test_ghosts_come_from_where_pictures_take_them(shell):
+def test_ghosts_match_rendered_images(shell):
     sensor = replace(SPH, housing=Housing(shell=shell))
     omega = np.arange(np.ceil(sensor.clear_field_deg[0]) + 1, 130.0, 3.0)
     found = om.ghosts(sensor, omega)
@@ -52,7 +52,7 @@ def test_ghosts_come_from_where_pictures_take_them(shell):
             )
 
 
-def test_a_tube_throws_back_by_fresnel_what_lies_across_it():
+def test_tube_reflectance_follows_fresnel():
     """At normal incidence on the wall: ((n - 1)/(n + 1))^2 per side, with the sum of all internal
     reflections."""
     n = 1.5
@@ -69,6 +69,6 @@ def test_a_tube_throws_back_by_fresnel_what_lies_across_it():
     assert found.ghost_percent[0] == pytest.approx(100 - found.passed_percent[0], abs=1e-9)
 
 
-def test_without_a_wall_there_is_no_ghost():
-    with pytest.raises(InvalidParameter, match="has no tube and no dome"):
+def test_ghosts_require_wall():
+    with pytest.raises(InvalidParameter, match="ghosts require a tube or a dome"):
         om.ghosts(SPH)

@@ -52,7 +52,7 @@ def pixel_of(sensor, point, turn=0.0):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_lengths_per_pixel_are_those_of_points_moved_on_the_surfaces(case):
+def test_lengths_per_pixel_match_displaced_points(case):
     sensor, distance = CASES[case]
     low, high = sensor.field_deg
     omega = np.linspace(low + 0.15 * (high - low), low + 0.9 * (high - low), 4)
@@ -77,7 +77,7 @@ def test_lengths_per_pixel_are_those_of_points_moved_on_the_surfaces(case):
         assert found.width_px_per_deg[i] == pytest.approx(per_deg * around, rel=1e-5)
 
 
-def test_a_pipe_wall_is_resolved_as_its_points_are():
+def test_pipe_wall_resolution_matches_points():
     """Wall at 10 mm from the axis: 1 deg is smaller in the image than for a distant object."""
     rays = SMALL.meridian.trace(SMALL.meridian.x_from_omega(np.radians([90.0])))
     distance = 10.0 - float(rays.x[0])
@@ -89,7 +89,7 @@ def test_a_pipe_wall_is_resolved_as_its_points_are():
 
 
 @pytest.mark.parametrize("case", ["sphere", "small mirror"])
-def test_blur_in_angle_is_the_width_of_the_cone_at_the_object(case):
+def test_angular_blur_is_cone_width_at_object(case):
     """Rays of one pixel through opposite edges of the aperture: their separation at the object,
     over its distance."""
     sensor, distance = CASES[case]
@@ -110,7 +110,7 @@ def test_blur_in_angle_is_the_width_of_the_cone_at_the_object(case):
 
 
 @pytest.mark.parametrize("quantity", ["plane_mm_per_px", "cylinder_mm_per_px"])
-def test_requirements_and_comparisons_have_lengths_per_pixel(quantity):
+def test_requirements_and_comparisons_include_lengths_per_pixel(quantity):
     sensor, distance = CASES["sphere"]
     found = om.evaluate(sensor, np.linspace(40.0, 60.0, 41), object_distance_mm=distance)
     surface = quantity.removesuffix("_mm_per_px")

@@ -74,7 +74,7 @@ def sagittal_q(mirror, x, obj, d, hit, back):
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
 @pytest.mark.parametrize("distance", [np.inf, 5 * M], ids=["infinite", "5M"])
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), *FEW_MIRRORS))
-def test_virtual_images_are_where_real_rays_cross(kind, distance, lens):
+def test_virtual_images_match_ray_intersections(kind, distance, lens):
     if lens == "orthographic" and kind in ("equidistant", "cone"):
         pytest.skip(
             "made for a perspective lens; under an orthographic one a cone sees a single field angle"
@@ -117,7 +117,7 @@ def test_virtual_images_are_where_real_rays_cross(kind, distance, lens):
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_the_mapping_rate_is_the_slope_of_the_mapping(kind):
+def test_mapping_rate_is_derivative(kind):
     """dh/dOmega against differences of the image heights of neighbouring field angles."""
     sensor = sensor_of(kind)
     low, high = sensor.field_deg

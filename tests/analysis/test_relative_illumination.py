@@ -46,7 +46,7 @@ def monte_carlo(sensor, omega_deg, count=60_000):
 
 @pytest.mark.parametrize("f_number", [4.0, 2.8, 1.4])
 @pytest.mark.parametrize("omega_deg", [0.0, 90.0, 130.0, 135.0])
-def test_illumination_is_what_photons_bring(f_number, omega_deg):
+def test_illumination_matches_traced_photons(f_number, omega_deg):
     """The flat-field formula deviates by 1.4 % at F/4, 11.4 % at F/1.4, and -3.6 % at the very rim."""
     sensor = replace(SPH, lens=replace(SPH.lens, f_number=f_number))
     truth, caught = monte_carlo(sensor, omega_deg)
@@ -55,7 +55,7 @@ def test_illumination_is_what_photons_bring(f_number, omega_deg):
 
 
 @pytest.mark.parametrize("F", [1.4, 4.0])
-def test_illumination_on_the_axis_is_that_of_a_cone(F):
+def test_axial_illumination_matches_cone(F):
     sensor = replace(SPH, lens=replace(SPH.lens, f_number=F))
     u = np.arctan(1 / (2 * sensor.lens.image_f_number()))
     assert om.illumination(sensor, [0.0]).irradiance_sr[0] == pytest.approx(
@@ -68,12 +68,12 @@ def test_illumination_on_the_axis_is_that_of_a_cone(F):
 
 
 @pytest.mark.parametrize("reflectivity", [0.0, -0.0])
-def test_a_mirror_that_reflects_nothing_has_no_illumination(reflectivity):
-    with pytest.raises(InvalidParameter, match="is not a share; it is valid above 0"):
+def test_zero_reflectivity_rejected(reflectivity):
+    with pytest.raises(InvalidParameter, match="must be greater than 0, up to 1"):
         om.illumination(SPH, [0.0], reflectivity=reflectivity)
 
 
-def test_no_strehl_ratio_exceeds_one():
+def test_strehl_ratio_at_most_one():
     in_focus = om.evaluate(SPH, [0.0]).distance_t_mm[0]
     assert np.isnan(om.psf(SPH, 0.0, focus_mm=in_focus, kind="geometric").strehl)
     sharp = om.psf(SPH, 0.0, focus_mm=in_focus).strehl
@@ -105,7 +105,7 @@ def test_no_strehl_ratio_exceeds_one():
         lambda: om.mtf(SPH, [0.0], focus_mm=float("nan")),
     ],
 )
-def test_what_cannot_be_traced_is_refused_in_one_short_sentence(ask):
+def test_untraceable_rays_rejected(ask):
     names = "omega_deg|azimuth_deg|wavelength_nm|focus_mm|f_numbers|cycles_per_px|step_px"
     with pytest.raises(InvalidParameter, match=names) as refused:
         ask()
@@ -116,7 +116,7 @@ def test_what_cannot_be_traced_is_refused_in_one_short_sentence(ask):
 @pytest.mark.parametrize(
     "name", ["sampled", "slope-spline", "tabulated-mapping", "sphere", "equidistant"]
 )
-def test_columns_run_smoothly_into_the_axis(name):
+def test_columns_continuous_at_axis(name):
     """Splines of slopes and angles round at 1e-18, which at 1e-12 deg was 1e-4 of the sagittal
     columns."""
     table = om.evaluate(sensor_of(name), [0.0, 1e-13, 1e-12, 1e-9, 1e-7, 1e-5])
@@ -133,7 +133,7 @@ def test_columns_run_smoothly_into_the_axis(name):
         np.testing.assert_allclose(values, values[0], rtol=1e-8, err_msg=column)
 
 
-def test_at_the_tip_of_a_cone_blur_across_is_infinite_whatever_the_focus():
+def test_cone_tip_sagittal_blur_is_infinite():
     cone = sensor_of("cone")
     tip = cone.field_deg[0]
     in_focus = om.evaluate(cone, [tip]).distance_s_mm[0]
@@ -145,7 +145,7 @@ def test_at_the_tip_of_a_cone_blur_across_is_infinite_whatever_the_focus():
 
 
 @pytest.mark.parametrize("omega_deg", [40.0, 90.0, 130.0])
-def test_a_cover_takes_what_fresnel_says(omega_deg):
+def test_cover_transmission_follows_fresnel(omega_deg):
     """The angle of incidence on a tube is 90 deg - Omega; in a narrow aperture all rays are the
     chief ray."""
     from omnimirror.optics.housing import Housing, Tube

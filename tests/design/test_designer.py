@@ -290,7 +290,7 @@ def test_what_a_mapping_cannot_reach_names_its_line():
     rows = "omega_deg = [0, 20, 40, 60, 80, 100]\nheight = [{}, 1, 2, 3, 4, 5]"
     for first, sentence in (
         (0, "the table ends at 100 deg and the field at omega_max_deg = 135"),
-        (0.5, "height starts at 0.5"),
+        (0.5, "height must start with 0"),
     ):
         table = common.replace('"equidistant"', '"tabulated-mapping"\n' + rows.format(first))
         with pytest.raises(SpecError, match=rf"line \d+: {sentence}"):

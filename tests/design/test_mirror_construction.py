@@ -157,6 +157,8 @@ def test_a_mapping_that_is_not_stated_whole_is_refused(mapping, entries, message
 
 def test_every_generated_mirror_of_the_registry_is_a_mapping_to_ask_for():
     from omnimirror.optics.mirrors import MIRRORS
-    from omnimirror.optics.mirrors.prescribed_mapping import Mapped
+    from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 
-    assert set(MAPPINGS) == {kind for kind, cls in MIRRORS.items() if issubclass(cls, Mapped)}
+    assert set(MAPPINGS) == {
+        kind for kind, cls in MIRRORS.items() if issubclass(cls, MappingMirror)
+    }

@@ -114,7 +114,7 @@ OF_LENSES = {  # the others are steps of a trace, with arrays created by it
     "at_wavelength",
     "airy_diameter",
 }
-INSIDE = {"from_spec", "sketched"}  # readers of checked files, and methods that skip the checks
+INSIDE = {"from_spec", "unchecked"}  # readers of checked files, and methods that skip the checks
 
 
 def methods_of(thing: Any) -> dict[str, Callable[..., Any]]:

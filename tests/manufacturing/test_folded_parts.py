@@ -167,7 +167,7 @@ def test_central_obscuration_matches_invalid_pixels():
     u, v = np.meshgrid(np.arange(0.5, 1024, 4), np.arange(0.5, 1024, 4))
     inside = np.hypot(u - 511.5, v - 511.5) < FOLDED.rim_radius_px
     _, _, valid = FOLDED.backproject(np.stack([u[inside], v[inside]], axis=-1))
-    assert ring.picture_percent == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
+    assert ring.image_percent == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -178,10 +178,10 @@ def test_central_obscuration_matches_invalid_pixels():
             "bore_diameter_mm must be at least 10",
         ),
         ({"body": Body(thread="M6")}, "with bore_depth_mm = inf"),
-        ({"housing": Housing(rod=Rod())}, "valid supports are tube and none"),
+        ({"housing": Housing(rod=Rod())}, "not supported with a secondary"),
         (
             {"housing": Housing(CameraBody(20.0), shell=Tube())},
-            "the camera's front is its bore_radius_mm",
+            "set bore_radius_mm of the secondary",
         ),
     ],
 )

@@ -35,7 +35,7 @@ def pixels_all_over(sensor, count=600):
 
 
 @pytest.mark.full
-def test_threads_do_not_mix_up_their_rays():
+def test_thread_safety_of_ray_tracing():
     """Regression test: one call in ten failed when OpenBLAS divided products of this size among its
     threads."""
     sensor = replace(SPH, mirror_pose=POSES[0])
@@ -51,7 +51,7 @@ def test_threads_do_not_mix_up_their_rays():
 @pytest.mark.parametrize(
     "kind", few(sorted(MIRRORS), "cone", "conic-asphere", "sampled", "equidistant")
 )
-def test_an_aligned_mirror_traced_in_space_is_the_meridian(kind, lens):
+def test_skew_trace_of_aligned_mirror_matches_meridian(kind, lens):
     if lens == "orthographic" and kind in ("cone", "equidistant"):
         pytest.skip("made for a perspective lens")
     sensor = sensor_of(kind, lens)
@@ -74,7 +74,7 @@ def test_an_aligned_mirror_traced_in_space_is_the_meridian(kind, lens):
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
 @pytest.mark.parametrize("pose", POSES, ids=["some", "much", "hardly"])
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_rays_lead_back_to_their_pixels(kind, pose, lens):
+def test_rays_project_to_their_pixels(kind, pose, lens):
     sensor = replace(sensor_of(kind, lens), mirror_pose=pose)
     pixels = pixels_all_over(sensor)
     if lens == "orthographic" and kind == "cone":  # a single direction
@@ -93,7 +93,7 @@ def test_rays_lead_back_to_their_pixels(kind, pose, lens):
 
 
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "conic-asphere", "hyperboloid", "sampled"))
-def test_what_is_seen_is_seen_from_there(kind):
+def test_projected_points_on_back_projected_rays(kind):
     """The pixel of any direction or point projects back to it; directions without a pixel are not
     observed."""
     sensor = replace(sensor_of(kind), mirror_pose=POSES[0])
@@ -125,7 +125,7 @@ def test_what_is_seen_is_seen_from_there(kind):
     looks=st.sampled_from(["up", "down", "forward"]),
     flipped=st.booleans(),
 )
-def test_any_small_misalignment_under_any_mount(x, y, z, tip, side, looks, flipped):
+def test_random_misalignments_round_trip(x, y, z, tip, side, looks, flipped):
     sensor = replace(
         SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(looks, 30.0, flipped)
     )
@@ -136,7 +136,7 @@ def test_any_small_misalignment_under_any_mount(x, y, z, tip, side, looks, flipp
     np.testing.assert_allclose(sensor.project(origins + 500 * directions).pixels, pixels, atol=1e-8)
 
 
-def test_a_sphere_tilted_about_its_vertex_is_a_sphere_moved():
+def test_tilted_sphere_equals_shifted_sphere():
     """A tilt of a sphere about its vertex only moves its centre; the image is equal except at the
     rim."""
     A, tip, side = SPH.mirror.radius_mm, np.radians(1.5), np.radians(-2.5)
@@ -150,7 +150,7 @@ def test_a_sphere_tilted_about_its_vertex_is_a_sphere_moved():
     np.testing.assert_allclose(one.directions, other.directions, atol=1e-12)
 
 
-def test_a_displaced_mirror_is_one_at_another_distance():
+def test_displaced_mirror_equals_changed_distance():
     displaced = replace(SPH, mirror_pose=MirrorPose(displacement_mm=3.0))
     farther = replace(SPH, mirror_distance_mm=SPH.mirror_distance_mm + 3.0)
     assert displaced.symmetry is not None
@@ -171,7 +171,7 @@ def test_a_displaced_mirror_is_one_at_another_distance():
 
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
-def test_a_mirror_moved_across_moves_its_picture(lens):
+def test_decentred_mirror_shifts_image(lens):
     """A shift of 1 mm to the right moves the image to the right, by the scale of the lens."""
     sensor = sensor_of("sphere", lens)
     moved = replace(sensor, mirror_pose=MirrorPose(decentre_x_mm=1.0, decentre_y_mm=-0.5))
@@ -193,7 +193,7 @@ def test_a_mirror_moved_across_moves_its_picture(lens):
     ],
     ids=["panorama", "perspective", "near wall", "dome"],
 )
-def test_straightening_takes_the_general_path_and_stays_exact(view):
+def test_dewarping_of_misaligned_sensor_is_exact(view):
     sensor = replace(SPH, mirror_pose=POSES[0])
     dewarper = om.Dewarper(sensor, view)
     quick, exact = dewarper.coordinates(), dewarper.coordinates(exact=True)
@@ -203,7 +203,7 @@ def test_straightening_takes_the_general_path_and_stays_exact(view):
     assert np.nanmax(abs(quick - aligned)) > 5  # a significant effect
 
 
-def test_evaluation_of_a_misaligned_sensor_is_refused_and_of_the_aligned_one_is_not():
+def test_meridional_evaluation_rejects_misaligned_sensor():
     sensor = replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=0.5))
     for ask in (
         om.evaluate,
@@ -212,7 +212,7 @@ def test_evaluation_of_a_misaligned_sensor_is_refused_and_of_the_aligned_one_is_
         lambda s: s.field_deg,
     ):
         with pytest.raises(
-            InvalidParameter, match=r"'paper-spherical' is decentred or tilted.*sensor\.aligned\(\)"
+            InvalidParameter, match=r"'paper-spherical' must be aligned .*sensor\.aligned\(\)"
         ):
             ask(sensor)
     assert sensor.aligned() == SPH
@@ -225,7 +225,7 @@ def test_evaluation_of_a_misaligned_sensor_is_refused_and_of_the_aligned_one_is_
 POSE_TABLE = "\n[mirror_pose]\ndecentre_x_mm = 0.25\ntilt_y_deg = -0.5\n"
 
 
-def test_the_pose_is_read_and_written():
+def test_pose_file_round_trip():
     sensor = parse_sensor(format_sensor(SPH) + POSE_TABLE)
     assert sensor.mirror_pose == MirrorPose(decentre_x_mm=0.25, tilt_y_deg=-0.5)
     assert parse_sensor(format_sensor(sensor)) == sensor
@@ -238,17 +238,17 @@ def test_the_pose_is_read_and_written():
         (
             "tilt_y_deg = -0.5",
             "tilt_deg = 1.0",
-            r"mirror_pose.tilt_deg is not known; did you mean tilt_\w_deg\?",
+            r"unknown entry mirror_pose.tilt_deg; did you mean tilt_\w_deg\?",
         ),
         (
             "-0.5",
             "-70.0",
-            "mirror_pose.tilt_y_deg = -70.0: it should be greater than or equal to -60",
+            "mirror_pose.tilt_y_deg must be greater than or equal to -60",
         ),
-        ("0.25", '"left"', "mirror_pose.decentre_x_mm = 'left': it should be a valid number"),
-        ("[mirror_pose]", "[miror_pose]", r"miror_pose is not known; did you mean mirror_pose\?"),
+        ("0.25", '"left"', "mirror_pose.decentre_x_mm must be a valid number; got 'left'"),
+        ("[mirror_pose]", "[miror_pose]", r"unknown entry miror_pose; did you mean mirror_pose\?"),
     ],
 )
-def test_a_wrong_pose_says_where(old, new, message):
+def test_invalid_pose_error_gives_line(old, new, message):
     with pytest.raises(SpecError, match=message):
         parse_sensor(format_sensor(SPH) + POSE_TABLE.replace(old, new))

@@ -20,7 +20,7 @@ SPH = om.load_sensor("paper-spherical")
 
 
 @pytest.mark.parametrize(("looks", "azimuth"), [("up", 7.595), ("down", -7.595)])
-def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
+def test_forward_wall_orientation(looks, azimuth):
     """Numeric case of section 1a: point A at y = +400 mm, on the left for an observer, on a wall 3
     m ahead."""
     sensor = replace(SPH, mount=Mount(looks, forward_azimuth_deg=0.0))
@@ -34,12 +34,10 @@ def test_a_wall_ahead_reads_from_left_to_right(looks, azimuth):
     # the observation of those pixels is in those panorama columns
     _, directions, _ = sensor.backproject([a, b])
     pans = np.degrees(np.arctan2(-directions[:, 1], directions[:, 0]))
-    assert 1799.5 + 10 * pans == pytest.approx(
-        columns, abs=0.2
-    )  # backproject starts at the mirror, not at the origin
+    assert 1799.5 + 10 * pans == pytest.approx(columns, abs=0.2)  # backproject starts at the mirror, not at the origin
 
 
-def test_a_ray_traced_in_space_by_hand_gives_the_same_pixel():
+def test_manually_traced_ray_gives_pixel():
     """Brute force in the camera frame: lens at the origin, directed upwards at a sphere; find the
     pixel of the point."""
     A, m, b0, pitch = 1.138 * 43.9, 4.110 * 43.9, SPH.lens.image_distance, 5.2e-3
@@ -75,17 +73,15 @@ def test_mounts_are_rotations(looks, azimuth):
     axis = {"up": [0, 0, 1], "down": [0, 0, -1], "forward": [1, 0, 0]}[looks]
     np.testing.assert_allclose(R @ [0, 0, 1], axis, atol=1e-15)
     c, s = np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))
-    np.testing.assert_allclose(
-        R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12
-    )
+    np.testing.assert_allclose(R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12)
 
 
-def test_an_azimuth_is_any_whole_number_too():
+def test_integer_azimuth_accepted():
     assert (Mount("up", -360 * 2**90).rotation() == Mount("up", 0).rotation()).all()
 
 
 @given(pan=st.floats(-180, 180), tilt=st.floats(-90, 90), roll=st.floats(-180, 180))
-def test_view_axes_are_right_handed_and_look_where_they_say(pan, tilt, roll):
+def test_view_axes_right_handed(pan, tilt, roll):
     f, r, d = view_axes(pan, tilt, roll)
     np.testing.assert_allclose(np.array([f, r, d]) @ np.array([f, r, d]).T, np.eye(3), atol=1e-14)
     np.testing.assert_allclose(np.cross(r, d), f, atol=1e-14)  # X right, Y down, Z forward
@@ -93,7 +89,7 @@ def test_view_axes_are_right_handed_and_look_where_they_say(pan, tilt, roll):
     assert view_axes(pan, 0, 0)[1][2] == 0  # the horizon is level
 
 
-def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
+def test_raw_image_is_reversed_unless_flipped():
     """A word on a wall, traversed from left to right, is traversed in reverse in the raw image."""
 
     def turn(sensor):
@@ -101,9 +97,7 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
         (a, b, c), _ = sensor.project(word)
         up = sensor.project([[2000.0, 0.0, 300.0]]).pixels[0] - b
         right = c - a
-        return np.sign(
-            right[0] * up[1] - right[1] * up[0]
-        )  # -1 if up is to the left of right: readable
+        return np.sign(right[0] * up[1] - right[1] * up[0])  # -1 if up is to the left of right: readable
 
     for looks in ("up", "down", "forward"):
         sensor = replace(SPH, mount=Mount(looks))
@@ -117,30 +111,22 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.3])
-def test_an_off_centre_axis_refers_to_the_image_before_the_flip(tilt_deg):
+def test_centre_refers_to_unflipped_image(tilt_deg):
     """The delivered image is the array reversed by columns, for any position of the optical axis."""
     sensor = om.load_sensor("paper-spherical")
-    imager = replace(
-        sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0)
-    )
+    imager = replace(sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0))
     straight = replace(sensor, imager=imager, mirror_pose=MirrorPose(tilt_x_deg=tilt_deg))
     flipped = replace(straight, mount=replace(sensor.mount, image_flipped=True))
     towards = straight.backproject([[21.0, 26.0], [30.0, 12.0]]).directions
-    np.testing.assert_allclose(
-        straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9
-    )
-    np.testing.assert_allclose(
-        flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9
-    )
+    np.testing.assert_allclose(straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9)
+    np.testing.assert_allclose(flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9)
     room = om.Room(texel_mm=40.0)
     one, other = (om.expose(s, room, samples=1) for s in (straight, flipped))
     np.testing.assert_allclose(other, one[:, ::-1], atol=1e-5)
 
 
-def test_sees_nothing_outside_rim_and_picture():
-    _, directions, valid = SPH.backproject(
-        [[511.5, 511.5], [5.0, 5.0], [-3.0, 511.5], [1013.2, 511.5], [1013.0, 511.5]]
-    )
+def test_pixels_outside_rim_or_image_invalid():
+    _, directions, valid = SPH.backproject([[511.5, 511.5], [5.0, 5.0], [-3.0, 511.5], [1013.2, 511.5], [1013.0, 511.5]])
     assert valid.tolist() == [True, False, False, False, True]
     assert np.isnan(directions[~valid]).all()
     small = replace(SPH, imager=Imager(600, 600, 5.2))
@@ -150,20 +136,12 @@ def test_sees_nothing_outside_rim_and_picture():
     assert np.isnan(pixels[0]).all()
 
 
-def test_directions_of_no_length_and_points_behind_the_mirror_are_not_seen():
-    assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [
-        False,
-        True,
-        False,
-    ]
-    assert SPH.project([[0, 0, 500], [0, 0, -100], [np.nan, 0, 0]]).valid.tolist() == [
-        False,
-        True,
-        False,
-    ]
+def test_zero_directions_and_hidden_points_invalid():
+    assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [False, True, False]
+    assert SPH.project([[0, 0, 500], [0, 0, -100], [np.nan, 0, 0]]).valid.tolist() == [False, True, False]
 
 
-def test_a_far_point_is_seen_where_its_direction_is():
+def test_distant_point_matches_direction():
     rng = np.random.default_rng(1)
     d = rng.normal(size=(200, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
@@ -174,14 +152,12 @@ def test_a_far_point_is_seen_where_its_direction_is():
     np.testing.assert_allclose(by_point.pixels[both], by_direction.pixels[both], atol=1e-6)
 
 
-def test_is_a_camera_and_tells_its_symmetry():
+def test_sensor_is_camera_with_symmetry():
     assert isinstance(SPH, Camera)
     s = SPH.symmetry
     np.testing.assert_array_equal(s.axis, [0, 0, -1])
     angles = np.radians([0.0, 60.0, 135.0])
-    np.testing.assert_allclose(
-        s.radius_px(angles), om.evaluate(SPH, np.degrees(angles)).h_px, rtol=1e-12
-    )
+    np.testing.assert_allclose(s.radius_px(angles), om.evaluate(SPH, np.degrees(angles)).h_px, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -190,14 +166,11 @@ def test_is_a_camera_and_tells_its_symmetry():
         (lambda: Mount("left"), "camera_looks must be one of up, down, forward; got 'left'"),
         (lambda: Mount("up", float("inf")), "forward_azimuth_deg must be a finite number; got inf"),
         (lambda: Imager(0, 10, 5.0), "width_px must be between 1 and 100000 px; got 0"),
-        (lambda: Imager(10, 10.5, 5.0), "height_px = 10.5 is not a whole number"),
-        (
-            lambda: Imager(10, 10, float("nan")),
-            r"pixel_pitch_um must be between 0\.01 and 10000 um; got nan",
-        ),
-        (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px has 1 numbers"),
+        (lambda: Imager(10, 10.5, 5.0), "height_px must be an integer number of pixels; got 10.5"),
+        (lambda: Imager(10, 10, float("nan")), r"pixel_pitch_um must be between 0\.01 and 10000 um; got nan"),
+        (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px must be a pair .* got 1 numbers"),
     ],
 )
-def test_wrong_parts_are_named(make, message):
+def test_invalid_parts_rejected(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()

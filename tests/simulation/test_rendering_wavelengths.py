@@ -103,7 +103,7 @@ def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path
     view = om.views.panorama(domed, (64, None))
     with pytest.raises(InvalidParameter, match="has no colours"):
         om.ColourDewarper((domed,) * 3, view)(np.zeros((256, 256), np.uint8))
-    with pytest.raises(InvalidParameter, match="are not three"):
+    with pytest.raises(InvalidParameter, match="must be three different"):
         om.ColourDewarper((domed, domed), view)
     with pytest.raises(InvalidParameter, match="valid is one size"):
         om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)

@@ -98,7 +98,7 @@ def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
     assert passage.passed == 1
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
     for shell in (Tube(120.0), Dome(120.0, centre_mm=0.0)):
-        with pytest.raises(InvalidParameter, match="inner radius is 57 mm"):
+        with pytest.raises(InvalidParameter, match="within 57 mm of the axis"):
             ThroughShell(world, shell, sensor).radiance(
                 np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]])
             )
@@ -124,7 +124,7 @@ def test_a_housing_hides_in_pictures_what_its_angles_say(housing):
     (ring,) = sensor.obscurations
     dark = int((light[512, :, 0] < 0.5)[512 - 450 : 512 + 450].sum())
     assert dark == pytest.approx(
-        2 * sensor.rim_radius_px * np.sqrt(ring.picture_percent / 100), abs=2
+        2 * sensor.rim_radius_px * np.sqrt(ring.image_percent / 100), abs=2
     )
 
 

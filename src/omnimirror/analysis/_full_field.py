@@ -51,7 +51,7 @@ class FieldGrid(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WholePicture:
+class FullFieldEvaluation:
     """Evaluation of a sensor with one mirror and an ideal lens at RINGS x AZIMUTHS directions.
 
     Examples
@@ -60,25 +60,25 @@ class WholePicture:
     >>> from dataclasses import replace
     >>> from omnimirror.optics.mirrors.as_built import MirrorPose
     >>> built = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.5))
-    >>> low, high = WholePicture(built).field_deg  # at some azimuth
+    >>> low, high = FullFieldEvaluation(built).field_deg  # at some azimuth
     >>> low, round(high, 1)
     (0.0, 135.1)
     """
 
     sensor: Sensor
 
-    # -- directions -------------------------------------------------------------------------------
+    # -- directions --------------------------------------------------------------------------------
 
     @cached_property
     def grid(self) -> FieldGrid:
-        return self._spread(RINGS, AZIMUTHS)
+        return self._field_grid(RINGS, AZIMUTHS)
 
-    def _spread(self, rings: int, azimuths: int) -> FieldGrid:
+    def _field_grid(self, rings: int, azimuths: int) -> FieldGrid:
         """Return rings between the inner and outer end of the field, at each azimuth."""
         phi = np.linspace(0.0, 2 * np.pi, azimuths, endpoint=False)
         scanned = np.broadcast_to(SCANNED_ANGLES[:, None], (len(SCANNED_ANGLES), azimuths))
-        seen = self._sees(scanned, np.broadcast_to(phi, scanned.shape))
-        first, last = seen.argmax(axis=0), len(SCANNED_ANGLES) - 1 - seen[::-1].argmax(axis=0)
+        visible = self._sees(scanned, np.broadcast_to(phi, scanned.shape))
+        first, last = visible.argmax(axis=0), len(SCANNED_ANGLES) - 1 - visible[::-1].argmax(axis=0)
         step = SCANNED_ANGLES[1] - SCANNED_ANGLES[0]
         start = np.where(
             first == 0,
@@ -86,17 +86,20 @@ class WholePicture:
             self._edge(SCANNED_ANGLES[first], SCANNED_ANGLES[first] - step, phi),
         )
         end = self._edge(SCANNED_ANGLES[last], SCANNED_ANGLES[last] + step, phi)
-        share = np.linspace(RIM_MARGIN, 1 - RIM_MARGIN, rings)[:, None]
-        omega = start + share * (end - start)
+        fractions = np.linspace(RIM_MARGIN, 1 - RIM_MARGIN, rings)[:, None]
+        omega = start + fractions * (end - start)
         return FieldGrid(omega, np.broadcast_to(phi, omega.shape))
 
-    def _edge(self, seen: Array, unseen: Array, phi: Array) -> Array:
+    def _edge(self, visible: Array, invisible: Array, phi: Array) -> Array:
         """Return the last visible angles (azimuths,), found by bisection."""
         for _ in range(BISECTIONS):
-            middle = (seen + unseen) / 2
-            sees = self._sees(middle, phi)
-            seen, unseen = np.where(sees, middle, seen), np.where(sees, unseen, middle)
-        return seen
+            midpoint = (visible + invisible) / 2
+            sees = self._sees(midpoint, phi)
+            visible, invisible = (
+                np.where(sees, midpoint, visible),
+                np.where(sees, invisible, midpoint),
+            )
+        return visible
 
     def _sees(self, omega: Array, phi: Array) -> Mask:
         towards = camera_direction(omega, phi).reshape(-1, 3)
@@ -113,7 +116,7 @@ class WholePicture:
         towards, outwards = camera_direction(omega, phi), camera_direction(omega + np.pi / 2, phi)
         return towards, outwards, np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=-1)
 
-    # -- traced rays ------------------------------------------------------------------------------
+    # -- traced rays -------------------------------------------------------------------------------
 
     @cached_property
     def bundles(self) -> Bundles:
@@ -136,10 +139,10 @@ class WholePicture:
     def _chief(self, towards: Array) -> ReflectionPoints:
         return self.sensor.optical_train.chief_rays_to(RayEndpoints.of(towards, True))
 
-    def _pixels(self, lens: Lens, found: ReflectionPoints) -> Array:
+    def _pixels(self, lens: Lens, reflections: ReflectionPoints) -> Array:
         """Return image positions (n, 2) px of chief rays relative to the lens axis."""
         image = lens.image_of(
-            found.seen_at - self.sensor.optical_train.lens_offset, found.to_pupils
+            reflections.facing_points - self.sensor.optical_train.lens_offset, reflections.to_pupils
         )
         return np.asarray(image / self.sensor.imager.pitch_mm)
 
@@ -151,7 +154,7 @@ class WholePicture:
         )
         return outwards, around
 
-    # -- derived quantities -----------------------------------------------------------------------
+    # -- derived quantities ------------------------------------------------------------------------
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Return resolution and blur (n,) with the lens focused at an object distance."""
@@ -161,21 +164,23 @@ class WholePicture:
         area = np.abs(outwards[:, 0] * around[:, 1] - outwards[:, 1] * around[:, 0])
         pitch = sensor.imager.pitch_mm
         images = self.bundles.image_mm(sensor) / pitch
-        spread = np.stack([images[:, 0] - images[:, 1], images[:, 2] - images[:, 3]], axis=2) / (
-            2 * NEAR_CENTRE
-        )
+        aberration = np.stack(
+            [images[:, 0] - images[:, 1], images[:, 2] - images[:, 3]], axis=2
+        ) / (2 * NEAR_CENTRE)
         along = outwards / height[:, None]
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        # the image shift per unit of the aperture coordinates is a linear map; the spot of the unit disk
+        # has the full width 2 |J^T e| in the direction e
         t, s = (
-            2 * np.linalg.norm(np.einsum("nij,ni->nj", spread, way), axis=1)
-            for way in (along, across)
+            2 * np.linalg.norm(np.einsum("nij,ni->nj", aberration, axis), axis=1)
+            for axis in (along, across)
         )
         imaging = ImagingCharacteristics(height, width, area, width / height)
         airy = sensor.lens.airy_diameter(WAVELENGTH_NM) / pitch
         return FocusedBlur(t, s, imaging, self.grid.omega.ravel(), airy)
 
     @cached_property
-    def own(self) -> FocusedBlur:
+    def at_sensor_focus(self) -> FocusedBlur:
         """Return resolution and blur at the focus of the sensor."""
         return self.at(self.sensor.lens.focus_distance_mm)
 
@@ -187,26 +192,26 @@ class WholePicture:
         low, high = np.radians(aligned.field_deg)
         rays = aligned.meridian.trace(aligned.meridian.x_from_omega(np.linspace(low, high, RINGS)))
         images = virtual_images(rays, np.array(np.inf))
-        found = np.stack(
+        coordinates = np.stack(
             FocusStudy(aligned, rays, images, "exact", None, WAVELENGTH_NM).coordinates(lens)
         )
-        near, far = float(np.nanmin(found)), float(np.nanmax(found))
+        near, far = float(np.nanmin(coordinates)), float(np.nanmax(coordinates))
         margin = FOCUS_EXTENSION * (far - near)
 
-        def worst(coordinate: float) -> float:
+        def max_area(coordinate: float) -> float:
             area = self.at(float(lens.distance_of(coordinate))).floored_area()
             return float(area[np.isfinite(area)].max())
 
-        tried = np.linspace(near - margin, far + margin, FOCUS_SAMPLES)
-        at = int(np.argmin([worst(c) for c in tried]))
-        bounds = tried[max(at - 1, 0)], tried[min(at + 1, FOCUS_SAMPLES - 1)]
-        best = minimize_scalar(
-            worst,
+        samples = np.linspace(near - margin, far + margin, FOCUS_SAMPLES)
+        minimum = int(np.argmin([max_area(c) for c in samples]))
+        bounds = samples[max(minimum - 1, 0)], samples[min(minimum + 1, FOCUS_SAMPLES - 1)]
+        optimum = minimize_scalar(
+            max_area,
             bounds=bounds,
             method="bounded",
             options={"xatol": FOCUS_TOLERANCE * (far - near)},
         )
-        return float(lens.distance_of(best.x)), float(best.fun)
+        return float(lens.distance_of(optimum.x)), float(optimum.fun)
 
     @cached_property
     def hidden(self) -> tuple[float, float]:
@@ -214,9 +219,9 @@ class WholePicture:
         standing = self.sensor.obstructions
         if standing.housing.is_empty:
             return self.field_deg[0], 0.0
-        omega, phi = self._spread(FINE_RINGS, FINE_AZIMUTHS)
+        omega, phi = self._field_grid(FINE_RINGS, FINE_AZIMUTHS)
         chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))
-        parts = standing.met_by(
+        parts = standing.blocks(
             chief.points, chief.to_targets, chief.to_pupils, self.sensor.mirror_pose
         )
         hidden = np.logical_or.reduce(list(parts.values())).reshape(omega.shape)
@@ -238,9 +243,10 @@ class WholePicture:
         low = float(omega[0].min())
         return 0.0 if low < np.degrees(2 * NEAR_AXIS_RAD) else low, float(omega[-1].max())
 
-    def share_of_sphere(self) -> float:
+    def sphere_coverage_percent(self) -> float:
         """Return the visible percentage of all directions."""
         first, last = np.cos(self.grid.omega[0]), np.cos(self.grid.omega[-1])
+        # solid angle 2 pi (cos(first) - cos(last)), averaged over the azimuths, relative to 4 pi
         return float(50 * np.mean(first - last))
 
     def _rings(self) -> Array:
@@ -262,13 +268,14 @@ class WholePicture:
     def viewpoint_spread(self) -> float:
         """Return the largest distance (mm) between the viewpoints of two rings."""
         chief, shape = self.bundles.chief, (*self.grid.omega.shape, 3)
-        points, ways = chief.points.reshape(shape), self._axes[0].reshape(shape)
-        across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
+        points, directions = chief.points.reshape(shape), self._axes[0].reshape(shape)
+        # least squares: the point nearest to lines (p, d) satisfies sum(I - d d^T) v = sum(I - d d^T) p
+        across = np.eye(3) - directions[..., :, None] * directions[..., None, :]
         sums, right = across.sum(axis=1), np.einsum("raij,raj->ri", across, points)
-        found = np.array(
+        viewpoints = np.array(
             [np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(sums, right, strict=True)]
         )
-        return float(np.linalg.norm(found[:, None] - found[None], axis=2).max())
+        return float(np.linalg.norm(viewpoints[:, None] - viewpoints[None], axis=2).max())
 
     def one_viewpoint_error(self, distance_mm: float) -> float:
         """Return the largest error (px) of the best single viewpoint for finite objects."""
@@ -279,29 +286,29 @@ class WholePicture:
         objects, here = chief.points + distance_mm * towards, self._pixels(lens, chief)
         by_out, by_around = (np.degrees(rate) for rate in self._rates(lens))
 
-        def seen_from(viewpoint: Array) -> Array:
-            ways = objects - viewpoint
-            return np.asarray(ways / np.linalg.norm(ways, axis=1)[:, None])
+        def directions_from(viewpoint: Array) -> Array:
+            directions = objects - viewpoint
+            return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])
 
-        def linear(ways: Array) -> Array:
-            off = ways - towards
-            moved = (off * outwards).sum(1)[:, None] * by_out + (off * around).sum(1)[
+        def linear_shift(directions: Array) -> Array:
+            offset = directions - towards
+            moved = (offset * outwards).sum(1)[:, None] * by_out + (offset * around).sum(1)[
                 :, None
             ] * by_around
             return np.asarray(moved)
 
-        at, rest = np.median(chief.points, axis=0), np.zeros_like(here)
+        viewpoint_mm, nonlinear = np.median(chief.points, axis=0), np.zeros_like(here)
         for _ in range(VIEWPOINT_ITERATIONS):
-            worst = lambda v, rest=rest: float(  # noqa: E731
-                np.linalg.norm(linear(seen_from(v)) + rest, axis=1).max()
+            max_error = lambda v, nonlinear=nonlinear: float(  # noqa: E731
+                np.linalg.norm(linear_shift(directions_from(v)) + nonlinear, axis=1).max()
             )
-            at = minimize(
-                worst,
-                at,
+            viewpoint_mm = minimize(
+                max_error,
+                viewpoint_mm,
                 method="Nelder-Mead",
                 options={"xatol": 1e-5, "fatol": 1e-9, "maxiter": 2000},
             ).x
-            ways = seen_from(at)
-            true = self._pixels(lens, self._chief(ways)) - here
-            rest = true - linear(ways)
+            directions = directions_from(viewpoint_mm)
+            true = self._pixels(lens, self._chief(directions)) - here
+            nonlinear = true - linear_shift(directions)
         return float(np.linalg.norm(true, axis=1).max())

@@ -16,7 +16,7 @@ from ..optics.lenses import FieldLens, GaussianLens, TabulatedLens
 from ..optics.sensor import Sensor
 from .ray_bundles import Bundles, gaussian
 
-# -- Polynomial fits of functions of the aperture to a few hundred rays ----------------------------
+# -- Polynomial fits over the aperture -------------------------------------------------------------
 
 FITTED_RINGS = 12  # of the fitted pupil
 DEGREE = 10
@@ -55,12 +55,12 @@ def fit_matrix_at(points: Array) -> Array:
 @cache
 def basis_slopes() -> tuple[Array, Array]:
     """Return derivatives (n, terms), (n, terms) of the products by x and y at the fitted pupil."""
-    turned = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
+    rotated = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
     (x, y), (dx, dy) = (
         [make(c) for c in FITTED.points.T]
         for make in (
             lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE),
-            lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE - 1) @ turned,
+            lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE - 1) @ rotated,
         )
     )
     i, j = polynomial_orders()
@@ -77,7 +77,7 @@ def integration_matrix() -> Array:
     return inverse
 
 
-# -- Wavefront of a real lens, as a function of the direction cosines of its rays at the imager ----
+# -- Wavefront of a real lens over direction cosines at the imager ---------------------------------
 #
 # Rays are normal to the wavefront. Relative to the reference sphere about the image point of the
 # chief ray, a ray with the transverse aberration eps has the phase lag W, with ``dW = -eps . dL``,
@@ -91,12 +91,12 @@ MAX_ELLIPSE_DEVIATION = (
 )
 
 
-class LightCone(NamedTuple):
+class PupilLight(NamedTuple):
     """Cone of light behind a real lens: section in direction cosines, scaled to the unit disk."""
 
     points: Array
     """Tangential and sagittal coordinates (n, 2) of rays in the section."""
-    shares: Array
+    area_ratios: Array
     """Ratio (n,) of aperture area to section area."""
     f_numbers: tuple[float, float]
     """Tangential and sagittal F-number of the disk."""
@@ -109,12 +109,13 @@ def check_wave_is_known(lens: FieldLens) -> None:
     blurs = (lens.own_blur_t_mm, lens.own_blur_s_mm) if isinstance(lens, TabulatedLens) else ()
     if any(blur is not None and any(blur) for blur in blurs):
         raise InvalidParameter(
-            "the wavefront (PSF and MTF) is not known of a lens table with own_blur_t_mm and own_blur_s_mm, which say "
-            "how large the lens's own blur is and not of what shape; valid are a table without them, or its surfaces"
+            "PSF and MTF require the wavefront of the lens; a table with own_blur_t_mm and "
+            "own_blur_s_mm defines only the size of its blur; use a table without them, or "
+            "a lens given by its surfaces"
         )
 
 
-def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
+def phase_of_real_lens(cosines: Array, aberrations: Array) -> tuple[Array, Array]:
     """Return W (k, n), mm, from transverse aberrations (k, n, 2) mm, and its roughness (k,), mm.
 
     The roughness is the residual slope of the polynomial fit divided by its degree, the RMS of a
@@ -125,25 +126,29 @@ def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
     cosines, strayed : (k, n, 2) arrays
         Direction cosines of the rays at the imager, and their positions relative to the chief rays.
     """
-    by = basis_slopes()
+    derivatives = basis_slopes()
     coefficients = np.einsum("tn,knc->ktc", fit_matrix(), cosines)
     # (2, k, n): derivatives by the x and the y of the aperture
-    wanted = np.stack(
-        [-np.einsum("knc,nt,ktc->kn", strayed, rate, coefficients, optimize=True) for rate in by]
+    slopes = np.stack(
+        [
+            -np.einsum("knc,nt,ktc->kn", aberrations, rate, coefficients, optimize=True)
+            for rate in derivatives
+        ]
     )
-    k, n = strayed.shape[:2]
-    found = np.einsum(
-        "tm,km->kt", integration_matrix(), wanted.transpose(1, 0, 2).reshape(k, 2 * n)
+    k, n = aberrations.shape[:2]
+    phase_coefficients = np.einsum(
+        "tm,km->kt", integration_matrix(), slopes.transpose(1, 0, 2).reshape(k, 2 * n)
     )
-    phase = np.einsum("nt,kt->kn", polynomial_basis(FITTED.points), found)
-    missed = [
-        np.einsum("nt,kt->kn", rate, found) - slope for rate, slope in zip(by, wanted, strict=True)
+    phase = np.einsum("nt,kt->kn", polynomial_basis(FITTED.points), phase_coefficients)
+    residuals = [
+        np.einsum("nt,kt->kn", rate, phase_coefficients) - slope
+        for rate, slope in zip(derivatives, slopes, strict=True)
     ]
-    rough = np.sqrt((missed[0] ** 2 + missed[1] ** 2) @ FITTED.weights) / DEGREE
+    rough = np.sqrt((residuals[0] ** 2 + residuals[1] ** 2) @ FITTED.weights) / DEGREE
     return phase, rough
 
 
-def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
+def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> PupilLight:
     """Return the cone of light of one object from the rays at :data:`FITTED`.
 
     Parameters
@@ -164,25 +169,25 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
         @ cosines
     )
     low, high = edge.min(axis=0), edge.max(axis=0)
-    middle, half = (low + high) / 2, (high - low) / 2
-    reach = np.hypot(*((edge - middle) / half).T)
+    centre, half = (low + high) / 2, (high - low) / 2
+    radii = np.hypot(*((edge - centre) / half).T)
     stop = None
-    if np.ptp(reach) > 2 * MAX_ELLIPSE_DEVIATION:
-        half = half * reach.max()
+    if np.ptp(radii) > 2 * MAX_ELLIPSE_DEVIATION:
+        half = half * radii.max()
         stop = (1 - (at_stop**2).sum(axis=1)) / 2
-    points = (cosines - middle) / half
+    points = (cosines - centre) / half
     t, s = 1 / (2 * half)
-    return LightCone(points, half[0] * half[1] / area, (float(t), float(s)), stop)
+    return PupilLight(points, half[0] * half[1] / area, (float(t), float(s)), stop)
 
 
-# -- Wavefront of one object over the aperture: phase, aberrations, light density and edges --------
+# -- Wavefront over the aperture -------------------------------------------------------------------
 #
 # Rays through a few hundred points of the aperture are fitted with polynomials, which can then be
 # integrated exactly because these functions are smooth. The phase is the optical path length minus
 # that of the reference wave to the image point of the chief ray (an ideal thin lens contributes
 # equally to both); its slopes are the transverse aberrations: ``dW/d(rho) = -eps / (2 F)`` with the
 # working F-number in that direction. For a real lens these slopes are known, and the phase is their
-# integral (:mod:`.lens_phase`).
+# integral.
 
 # Divided by the nodes: width of softened edges in radii, the largest distance of neighbouring nodes
 EDGE_SOFTNESS = 5.0
@@ -247,10 +252,10 @@ class Wavefront:
             polynomials @ self._square(column) @ polynomials.T
             for column in (PHASE, DENSITY, *self._edges)
         )
-        share = _softened(1 - np.hypot(centres[:, None], centres), cell)
+        open_fraction = _softened(1 - np.hypot(centres[:, None], centres), cell)
         for clearance, slope in zip(edges, self._edge_slopes, strict=True):
-            share *= _softened(clearance, cell * slope)
-        return phase, np.maximum(density, 0.0), share
+            open_fraction *= _softened(clearance, cell * slope)
+        return phase, np.maximum(density, 0.0), open_fraction
 
     @property
     def _edges(self) -> range:
@@ -291,22 +296,24 @@ class Wavefront:
     @cached_property
     def _edge_slopes(self) -> list[float]:
         """Return the change (mm) of the clearance per aperture radius at each edge, near 0."""
-        found = []
+        slopes = []
         for column in self.coefficients.T[EDGES:]:
             by_x, by_y = (rate @ column for rate in basis_slopes())
-            near = np.argsort(np.abs(polynomial_basis(FITTED.points) @ column))[: len(by_x) // 10]
-            found.append(float(np.sqrt(np.mean(by_x[near] ** 2 + by_y[near] ** 2))))
-        return found
+            near_edge = np.argsort(np.abs(polynomial_basis(FITTED.points) @ column))[
+                : len(by_x) // 10
+            ]
+            slopes.append(float(np.sqrt(np.mean(by_x[near_edge] ** 2 + by_y[near_edge] ** 2))))
+        return slopes
 
     @property
-    def is_cut(self) -> bool:
+    def is_vignetted(self) -> bool:
         """Return whether an edge vignettes the aperture."""
         return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:
         """Return the nodes per side for integrals over the disk, according to the phase range."""
         return int(
-            np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_cut else 32, 400)
+            np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_vignetted else 32, 400)
         )
 
     def waves(self, wavelength_mm: float) -> float:
@@ -326,39 +333,40 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     sensor = bundles.focused_at(focus_mm)
     turn = bundles.axes()
     chief = bundles.chief_mm(sensor)
-    strayed = bundles.image_mm(sensor) - chief[:, None]
-    landing = np.einsum("knc,kac->kna", strayed, turn)
+    aberrations = bundles.image_mm(sensor) - chief[:, None]
+    landing = np.einsum("knc,kac->kna", aberrations, turn)
     edges = bundles.clearances()
     lens, cosines, at_stop = sensor.lens, np.empty(0), np.empty(0)
     if isinstance(lens, FieldLens):
         check_wave_is_known(lens)
-        rays = bundles.seen_at - sensor.optical_train.lens_offset, bundles.to_pupils
+        rays = bundles.facing_points - sensor.optical_train.lens_offset, bundles.to_pupils
         cosines, at_stop = lens.image_cosines(*rays), lens.stop_points(*rays)
-        phase, rough = phase_of_real_lens(cosines, strayed)
+        phase, rough = phase_of_real_lens(cosines, aberrations)
     else:
         phase = _phase(bundles, sensor, chief)
         rough = _misfit(phase)
-    found = []
+    waves = []
     for i in range(len(chief)):
         if not rough[i] <= MAX_PHASE_RESIDUAL * 550e-6:
             raise InvalidParameter(
-                f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
-                f"degree {DEGREE} misses it by {rough[i] / 550e-6:.2g} waves; a smaller aperture or a smoother mirror "
-                "is valid"
+                "the wavefront must be smooth for PSF and MTF: at omega = "
+                f"{bundles.omega_deg[i]:.10g} deg, a polynomial of degree {DEGREE} has a "
+                f"residual of {rough[i] / 550e-6:.2g} waves; reduce the aperture or use a "
+                "smoother mirror"
             )
-        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
+        cut = [_bounded(edge[i]) for edge in edges.values() if _vignettes(edge[i])]
         columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
         points = FITTED.points @ turn[i].T
         if isinstance(lens, FieldLens):
             cone = cone_of_light(cosines[i], at_stop[i], turn[i])
             points, f_numbers = cone.points, cone.f_numbers
-            columns[:, DENSITY] *= cone.shares
+            columns[:, DENSITY] *= cone.area_ratios
             if cone.stop is not None:
                 columns = np.column_stack([columns, cone.stop])
         else:
             f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
-        found.append(Wavefront(fit_matrix_at(points) @ columns, f_numbers))
-    return found
+        waves.append(Wavefront(fit_matrix_at(points) @ columns, f_numbers))
+    return waves
 
 
 def _softened(clearance: Array, width: Array | float) -> Array:
@@ -367,10 +375,10 @@ def _softened(clearance: Array, width: Array | float) -> Array:
     return ramp
 
 
-def _cuts(clearance: Array) -> bool:
+def _vignettes(clearance: Array) -> bool:
     """Return whether an edge vignettes the aperture, from the clearance (n,) at fitted points."""
-    known = clearance[np.isfinite(clearance)]
-    return bool(known.size and known.min() < MIN_CLEARANCE * np.ptp(known))
+    is_known = clearance[np.isfinite(clearance)]
+    return bool(is_known.size and is_known.min() < MIN_CLEARANCE * np.ptp(is_known))
 
 
 def _bounded(clearance: Array) -> Array:
@@ -411,14 +419,16 @@ def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
     """Return W (k, n), mm: path to each aperture point minus that of the conjugate point."""
     train = sensor.optical_train
     in_focus = _conjugate(sensor, chief_mm) + train.lens_offset
-    pupil, centre = (
+    pupil, pupil_centre = (
         train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2)))
     )
     if pupil.distant:
-        ideal, middle = (-(in_focus @ e.xyz.T) for e in (pupil, centre))
+        ideal, central = (-(in_focus @ e.xyz.T) for e in (pupil, pupil_centre))
     else:
-        ideal, middle = (np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (pupil, centre))
-    return (bundles.path - bundles.chief_path()[:, None]) - (ideal - middle)
+        ideal, central = (
+            np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (pupil, pupil_centre)
+        )
+    return (bundles.path - bundles.chief_path()[:, None]) - (ideal - central)
 
 
 def _conjugate(sensor: Sensor, image_mm: Array) -> Array:

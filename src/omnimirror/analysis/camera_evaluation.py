@@ -25,10 +25,7 @@ AZIMUTHS = 36  # azimuths of the mean values
 NEAR_AXIS_RAD = 1e-3  # radians; a ring at this angle still has distinct azimuths
 SCAN_STEP_DEG = 0.5
 BISECTIONS = 24  # bisections for the end of the field
-MAPPING_COLUMNS = (
-    *("omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "area_px2", "aspect"),
-    *("viewpoint_z_mm", "direction_sigma_deg"),
-)
+MAPPING_COLUMNS = (*("omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "area_px2", "aspect"), *("viewpoint_z_mm", "direction_sigma_deg"))
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ class CameraMapping:
         Largest field angle at any azimuth.
     rim_radius_px
         Image radius at the largest field angle.
-    varies_percent
+    azimuthal_variation_percent
         Largest relative deviation of the resolution at an azimuth from the azimuthal mean, over the
         rows and the end of the field; 0 for a rotationally symmetric mapping.
     """
@@ -76,26 +73,19 @@ class CameraMapping:
     camera: CameraModel
     field_deg: float
     rim_radius_px: float
-    varies_percent: float = 0.0
+    azimuthal_variation_percent: float = 0.0
 
     def __len__(self) -> int:
         return len(self.omega_deg)
 
     def columns(self) -> dict[str, Array]:
         """Return the columns (n,) of the table; uncertainties are included if known."""
-        known = self.camera.uncertainty is not None
-        return {
-            name: getattr(self, name)
-            for name in MAPPING_COLUMNS
-            if known or name != "direction_sigma_deg"
-        }
+        is_known = self.camera.uncertainty is not None
+        return {name: getattr(self, name) for name in MAPPING_COLUMNS if is_known or name != "direction_sigma_deg"}
 
     def texts(self) -> dict[str, list[str]]:
         """Return the columns as formatted text, one list of cells each."""
-        return {
-            name: [QUANTITIES[name].text(v) for v in values]
-            for name, values in self.columns().items()
-        }
+        return {name: [QUANTITIES[name].text(v) for v in values] for name, values in self.columns().items()}
 
     def summary(self) -> dict[str, Any]:
         """Return the scalar results: model, parameters and field."""
@@ -108,11 +98,8 @@ class CameraMapping:
             "rim_radius_px": self.rim_radius_px,
             "calibrated_field_deg": camera.uncertainty.field_deg if camera.uncertainty else None,
             "is_central": isinstance(camera, RadialModel) and camera.is_central,
-            "varies_percent": self.varies_percent,
-            "parameters": [
-                {"name": p.name, "value": p.value, "sigma": sigmas.get(p.name), "unit": p.unit}
-                for p in camera.parameters
-            ],
+            "azimuthal_variation_percent": self.azimuthal_variation_percent,
+            "parameters": [{"name": p.name, "value": p.value, "sigma": sigmas.get(p.name), "unit": p.unit} for p in camera.parameters],
         }
 
     def to_csv(self, path: str | Path) -> None:
@@ -123,13 +110,8 @@ class CameraMapping:
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; unknown values become null."""
-        columns = {
-            k: [v if np.isfinite(v) else None for v in c.tolist()]
-            for k, c in self.columns().items()
-        }
-        write_text(
-            path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n"
-        )
+        columns = {k: [v if np.isfinite(v) else None for v in c.tolist()] for k, c in self.columns().items()}
+        write_text(path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n")
 
 
 def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> CameraMapping:
@@ -166,108 +148,85 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     >>> found.h_px, found.aspect
     (array([ 82.84271247, 200.        ]), array([1., 1.]))
     """
-    instance("camera", camera, CameraModel, "a calibrated camera, such as om.load_camera gives")
-    end = (
-        float(np.degrees(camera.omega_max))
-        if isinstance(camera, RadialModel)
-        else _field_end_deg(camera)
-    )
-    asked = every_step(end) if omega_deg is None else row("omega_deg", omega_deg)
-    if (outside := ~((asked >= 0) & (asked <= end * (1 + 1e-12)))).any():
-        raise OutsideField(
-            f"omega_deg = {asked[outside][0]:g} is not seen; the camera sees 0 to {end:.6g} deg"
-        )
+    instance("camera", camera, CameraModel, "a calibrated camera (see om.load_camera)")
+    end = float(np.degrees(camera.omega_max)) if isinstance(camera, RadialModel) else _field_end_deg(camera)
+    requested = every_step(end) if omega_deg is None else row("omega_deg", omega_deg)
+    if (outside := ~((requested >= 0) & (requested <= end * (1 + 1e-12)))).any():
+        raise OutsideField(f"omega_deg must be 0 to {end:.6g} deg, the field of the camera; got {requested[outside][0]:g}")
     if not isinstance(camera, RadialModel):
-        return _in_space(camera, asked, end)
-    omega = np.minimum(np.radians(asked), camera.omega_max)
+        return _evaluate_skew(camera, requested, end)
+    omega = np.minimum(np.radians(requested), camera.omega_max)
     radius, rate, height = camera.mapping(omega)
     along = np.radians(rate)
     with np.errstate(divide="ignore", invalid="ignore"):
         across = np.where(np.sin(omega) > 1e-12, radius * np.radians(1.0) / np.sin(omega), along)
-    sigma = (
-        np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
-    )
+    sigma = np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
     columns = (radius, along, across, along * across, across / along, height, sigma)
-    return CameraMapping(asked, *columns, camera, end, camera.field_radius_px)
+    return CameraMapping(requested, *columns, camera, end, camera.field_radius_px)
 
 
-def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
+def _evaluate_skew(camera: CameraModel, omega_deg: Array, end: float) -> CameraMapping:
     """Evaluate a camera without an axis on rings of directions."""
-    omega = np.maximum(np.radians(np.append(asked, end)), NEAR_AXIS_RAD)
-    seen, (directions, outwards, around) = _sees(camera, omega), _rings(camera, omega)
+    omega = np.maximum(np.radians(np.append(omega_deg, end)), NEAR_AXIS_RAD)
+    visible, (directions, outwards, around) = _sees(camera, omega), _rings(camera, omega)
     image = camera.image(directions.reshape(-1, 3), distant=True)
-    pixels = np.where(image.valid[:, None], image.pixels, np.nan).reshape(*seen.shape, 2)
-    rates = np.radians(image.d_points).reshape(*seen.shape, 2, 3)
+    pixels = np.where(image.valid[:, None], image.pixels, np.nan).reshape(*visible.shape, 2)
+    rates = np.radians(image.d_points).reshape(*visible.shape, 2, 3)
     along, across = ((rates @ across[..., None])[..., 0] for across in (outwards, around))
     area = np.abs(along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0])
     sizes = [np.linalg.norm(part, axis=-1) for part in (along, across)]
-    high, wide = (_mean(size, seen) for size in sizes)
-    radius = _mean(np.linalg.norm(pixels - _middle(camera, end), axis=-1), seen)
-    off = [
-        np.abs(size / mean[:, None] - 1)[seen]
-        for size, mean in zip(sizes, (high, wide), strict=True)
-    ]
-    sigma = (
-        np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
-    )
-    heights = _viewpoints(camera, pixels, seen)
-    told = (radius, high, wide, _mean(area, seen), _mean(sizes[1] / sizes[0], seen), heights, sigma)
-    h, dh, dw, ds, aspect, height, error = (column[:-1] for column in told)
-    varies = 100 * float(np.max(np.concatenate(off)))
-    return CameraMapping(
-        asked, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), varies
-    )
+    high, wide = (_mean(size, visible) for size in sizes)
+    radius = _mean(np.linalg.norm(pixels - _image_centre(camera, end), axis=-1), visible)
+    deviations = [np.abs(size / mean[:, None] - 1)[visible] for size, mean in zip(sizes, (high, wide), strict=True)]
+    sigma = np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    heights = _viewpoints(camera, pixels, visible)
+    columns = (radius, high, wide, _mean(area, visible), _mean(sizes[1] / sizes[0], visible), heights, sigma)
+    h, dh, dw, ds, aspect, height, error = (column[:-1] for column in columns)
+    variation = 100 * float(np.max(np.concatenate(deviations)))
+    return CameraMapping(omega_deg, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), variation)
 
 
-def _middle(camera: CameraModel, end: float) -> Array:
+def _image_centre(camera: CameraModel, end: float) -> Array:
     """Return the pixel (2,) at the centre of the smallest completely visible ring."""
     rings = np.append(NEAR_AXIS_RAD, np.radians(np.arange(SCAN_STEP_DEG, end, SCAN_STEP_DEG)))
     image = camera.image(_rings(camera, rings)[0].reshape(-1, 3), distant=True)
-    whole = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
-    if not len(whole):
-        raise OutsideField(
-            "of no field angle the camera sees all azimuths, so that its picture has no middle"
-        )
-    return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[whole[0]].mean(axis=0))
+    complete = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
+    if not len(complete):
+        raise OutsideField("the camera must image at least one field angle at all azimuths, to define the centre of its image")
+    return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[complete[0]].mean(axis=0))
 
 
-def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> Array:
+def _viewpoints(camera: CameraModel, pixels: Array, visible: NDArray[np.bool_]) -> Array:
     """Return the heights (n,) of the points nearest to the rays of each ring, or NaN."""
-    heights = np.full(len(seen), np.nan)
+    heights = np.full(len(visible), np.nan)
     world = camera.mount.rotation()
-    for i in np.flatnonzero(seen.sum(axis=1) > 1):
-        rays = camera.backproject(pixels[i, seen[i]])
-        origins, ways = (
-            rotate_vectors(rays.origins[rays.valid], world),
-            rotate_vectors(rays.directions[rays.valid], world),
-        )
-        if len(ways) > 1:
-            across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
-            heights[i] = np.linalg.lstsq(
-                across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
-            )[0][2]
+    for i in np.flatnonzero(visible.sum(axis=1) > 1):
+        rays = camera.backproject(pixels[i, visible[i]])
+        origins, directions = (rotate_vectors(rays.origins[rays.valid], world), rotate_vectors(rays.directions[rays.valid], world))
+        if len(directions) > 1:
+            # least squares: the point nearest to lines (p, d) satisfies sum(I - d d^T) v = sum(I - d d^T) p
+            across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+            heights[i] = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0][2]
     return heights
 
 
-def _mean(values: Array, seen: NDArray[np.bool_]) -> Array:
+def _mean(values: Array, visible: NDArray[np.bool_]) -> Array:
     """Return means (n,) over the visible azimuths (n, k); NaN without any."""
     with np.errstate(invalid="ignore"):
-        mean: Array = np.where(seen, values, 0.0).sum(axis=1) / seen.sum(axis=1)
+        mean: Array = np.where(visible, values, 0.0).sum(axis=1) / visible.sum(axis=1)
     return mean
 
 
 def _field_end_deg(camera: CameraModel) -> float:
     """Return the largest field angle in degrees at any azimuth."""
-    tried = np.radians(np.arange(SCAN_STEP_DEG, 180.0, SCAN_STEP_DEG))
-    rings = np.flatnonzero(_sees(camera, tried).any(axis=1))
+    angles = np.radians(np.arange(SCAN_STEP_DEG, 180.0, SCAN_STEP_DEG))
+    rings = np.flatnonzero(_sees(camera, angles).any(axis=1))
     if not len(rings):
-        raise OutsideField(
-            "the camera sees nothing of its field; a mirror whose middle it sees has one"
-        )
-    low, high = tried[rings[-1]], tried[rings[-1]] + np.radians(SCAN_STEP_DEG)
+        raise OutsideField("the camera must image a part of its field; use a mirror whose centre is in the image")
+    low, high = angles[rings[-1]], angles[rings[-1]] + np.radians(SCAN_STEP_DEG)
     for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _sees(camera, np.array([middle])).any() else (low, middle)
+        midpoint = (low + high) / 2
+        low, high = (midpoint, high) if _sees(camera, np.array([midpoint])).any() else (low, midpoint)
     return float(np.degrees(low))
 
 
@@ -306,5 +265,5 @@ def mean_sigma_deg(camera: CameraModel, omega: Array) -> Array:
     sigmas = direction_sigma_deg(camera, covariance, directions, camera.uncertainty.field_deg)
     squares = sigmas.reshape(len(omega), AZIMUTHS) ** 2
     pixels = camera.image(directions, distant=True).pixels.reshape(len(omega), AZIMUTHS, 2)
-    seen = np.isfinite(squares) & inside_image(pixels, camera.image_size)
-    return np.sqrt(_mean(squares, seen))
+    visible = np.isfinite(squares) & inside_image(pixels, camera.image_size)
+    return np.sqrt(_mean(squares, visible))

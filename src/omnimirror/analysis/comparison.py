@@ -23,14 +23,14 @@ from ..base.typing import Array
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
-from ._full_field import WholePicture
+from ._full_field import FullFieldEvaluation
 from .evaluation import Evaluation, evaluate
 from .focus import best_focus
 from .viewpoints import best_viewpoint
 
 Better = Literal["high", "low", ""]
 
-MOST = 6  # maximum number of sensors; limited by the colour-blind-safe palette
+MAX_SENSORS = 6  # maximum number of sensors; limited by the colour-blind-safe palette
 FIELD_NODES = 721  # field angles for extreme and mean values
 NEAR_OBJECT_MM = 1000.0  # object distance of the single-viewpoint error
 
@@ -61,8 +61,8 @@ class ComparedQuantity:
         numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
         if not self.better or len({*self.texts} - {"–"}) < 2:
             return [False] * len(self.values)
-        best = self.quantity.text((max if self.better == "high" else min)(numbers))
-        return [text == best for text in self.texts]
+        best_text = self.quantity.text((max if self.better == "high" else min)(numbers))
+        return [text == best_text for text in self.texts]
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,7 @@ class Comparison:
         for row in self.rows:
             if row.name == name:
                 return row
-        raise InvalidParameter(
-            f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}"
-        )
+        raise InvalidParameter(f"the quantity must be one of {', '.join(r.name for r in self.rows)}; got {name!r}")
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table as CSV, a line per quantity and a column per sensor."""
@@ -100,20 +98,12 @@ class Comparison:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["quantity", *map(csv_cell, self.names)])
         for row in self.rows:
-            writer.writerow(
-                [
-                    row.name,
-                    *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values),
-                ]
-            )
+            writer.writerow([row.name, *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values)])
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
         """Write the sensors as JSON objects; non-finite numbers become strings."""
-        sensors = [
-            {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}}
-            for i, name in enumerate(self.names)
-        ]
+        sensors = [{"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)]
         write_text(path, json_text(sensors, indent=1) + "\n")
 
 
@@ -154,14 +144,12 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
     sensors = list(instance("sensors", sensors, Sequence, "a list of sensors"))
     for i, sensor in enumerate(sensors):
         check_sensor(sensor, f"sensors[{i}]")
-    if not 1 <= len(sensors) <= MOST:
-        raise InvalidParameter(
-            f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid"
-        )
-    named = _told_apart(sensors)
+    if not 1 <= len(sensors) <= MAX_SENSORS:
+        raise InvalidParameter(f"the number of sensors must be 1 to {MAX_SENSORS}; got {len(sensors)}")
+    unique = _with_unique_names(sensors)
     distance = float(distances("object_distance_mm", object_distance_mm))
-    studies = [replace(_study(s), object_distance_mm=distance) for s in named]
-    notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if not s.is_axial]
+    studies = [replace(_study(s), object_distance_mm=distance) for s in unique]
+    notes = [_note(study, s) for study, s in zip(studies, unique, strict=True) if not s.is_axial]
     rows = tuple(_compared(name, studies) for name in COMPARED)
     return Comparison(tuple(s.sensor for s in studies), rows, tuple(notes))
 
@@ -170,7 +158,7 @@ def _study(sensor: Sensor) -> Study:
     """Return the data source for the rows of a sensor, three-dimensional if misaligned."""
     if sensor.is_axial:
         return Study(sensor)
-    is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_square
+    is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_perpendicular
     is_traced &= sensor.secondary is None and sensor.housing.shell is None
     return FullFieldStudy(sensor) if is_traced else Study(sensor.aligned())
 
@@ -178,26 +166,20 @@ def _study(sensor: Sensor) -> Study:
 def _note(study: Study, sensor: Sensor) -> str:
     """Return a note on the misalignment of a sensor and the method of comparison."""
     pose, shell, is_in_place = sensor.mirror_pose, sensor.housing.shell, study.sensor != sensor
-    how = "as if it were in place" if is_in_place else "over its whole picture, at all azimuths"
-    differs = {
-        f"its mirror is decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and "
-        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
-        "its mirror has a form error": not sensor.mirror_form.is_empty,
-        "its imager leans or is turned": sensor.imager_pose != ImagerPose(),
-        "its cover is out of place": shell is not None and not shell.is_axial,
+    method = "as an aligned sensor" if is_in_place else "over the full image, at all azimuths"
+    differences = {
+        f"mirror decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
+        "form error of the mirror": not sensor.mirror_form.is_empty,
+        "tilted or rotated imager": sensor.imager_pose != ImagerPose(),
+        "misaligned cover": shell is not None and not shell.is_axial,
     }
-    return f"{sensor.name}: {', '.join(what for what, is_so in differs.items() if is_so)}; it is compared {how}."
+    return f"{sensor.name}: {', '.join(text for text, applies in differences.items() if applies)}; compared {method}."
 
 
-def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
+def _with_unique_names(sensors: Sequence[Sensor]) -> list[Sensor]:
     """Return the sensors with unique names."""
     names = [s.name for s in sensors]
-    return [
-        s
-        if names.count(s.name) == 1
-        else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})")
-        for i, s in enumerate(sensors)
-    ]
+    return [s if names.count(s.name) == 1 else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})") for i, s in enumerate(sensors)]
 
 
 # -- compared quantities ---------------------------------------------------------------------------
@@ -211,7 +193,7 @@ class Study:
     object_distance_mm: float = np.inf
 
     @cached_property
-    def own(self) -> Any:
+    def at_sensor_focus(self) -> Any:
         """Return the columns over the whole field at the focus of the sensor."""
         return self.evaluation
 
@@ -222,23 +204,21 @@ class Study:
         return evaluate(aligned, np.linspace(*aligned.field_deg, FIELD_NODES))
 
     @cached_property
-    def near(self) -> Evaluation:
+    def near_objects(self) -> Evaluation:
         """Return the evaluation of the aligned sensor for objects at the finite distance."""
         omega_deg = self.evaluation.omega_deg
-        return evaluate(
-            self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm
-        )
+        return evaluate(self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm)
 
     def object_size(self, surface: str) -> float:
         """Return the smallest length per pixel, mm, the larger of both directions."""
-        t = getattr(self.near, f"{surface}_t_mm_per_px")
-        return float(np.fmin.reduce(np.maximum(t, self.near.object_s_mm_per_px)))
+        t = getattr(self.near_objects, f"{surface}_t_mm_per_px")
+        return float(np.fmin.reduce(np.maximum(t, self.near_objects.object_s_mm_per_px)))
 
     @cached_property
-    def best(self) -> tuple[float, float]:
+    def best_focus_optimum(self) -> tuple[float, float]:
         """Return the best focus, mm, and its worst floored blur area."""
-        found = best_focus(self.sensor)
-        return found.focus_mm, found.value
+        optimum = best_focus(self.sensor)
+        return optimum.focus_mm, optimum.value
 
     @property
     def field_deg(self) -> tuple[float, float]:
@@ -253,24 +233,25 @@ class Study:
         return self.sensor.rim_radius_px
 
     def viewpoint_spread(self) -> float:
-        heights = self.own.viewpoint_z_mm
+        heights = self.at_sensor_focus.viewpoint_z_mm
         return float(np.ptp(heights[np.isfinite(heights)]))
 
-    def share_of_sphere(self) -> float:
+    def sphere_coverage_percent(self) -> float:
         """Return the visible percentage of all directions."""
         low, high = np.cos(np.radians(self.sensor.field_deg))
+        # solid angle 2 pi (cos(low) - cos(high)) relative to 4 pi
         return float(50 * (low - high))
 
     def nonlinearity(self) -> float:
         """Return the largest deviation from a linear mapping, % of the rim height."""
-        h, omega = self.own.h_px, self.own.omega_deg
+        h, omega = self.at_sensor_focus.h_px, self.at_sensor_focus.omega_deg
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
     def worst_aspect(self) -> float:
         """Return the largest ratio of the longer to the shorter side of the image of a small
         square; inf at a cone tip.
         """
-        ratio = self.own.aspect[np.isfinite(self.own.aspect)]
+        ratio = self.at_sensor_focus.aspect[np.isfinite(self.at_sensor_focus.aspect)]
         with np.errstate(divide="ignore"):
             return float(np.maximum(ratio, 1 / ratio).max())
 
@@ -295,68 +276,59 @@ class FullFieldStudy(Study):
     """Data source for the rows of a misaligned sensor, over all azimuths."""
 
     @cached_property
-    def picture(self) -> WholePicture:
-        return WholePicture(self.sensor)
+    def full_field(self) -> FullFieldEvaluation:
+        return FullFieldEvaluation(self.sensor)
 
     @cached_property
-    def own(self) -> Any:
+    def at_sensor_focus(self) -> Any:
         """Return the columns over the whole image."""
-        blur = self.picture.own
-        return SimpleNamespace(
-            dh_domega_px_per_deg=blur.imaging.height,
-            area_px2=blur.imaging.area,
-            aspect=blur.imaging.aspect,
-            blur_t_px=blur.t_px,
-            blur_s_px=blur.s_px,
-            blur_t_deg=blur.t_deg,
-            blur_s_deg=blur.s_deg,
-            floored_area_deg2=blur.floored_area(),
-        )
+        blur = self.full_field.at_sensor_focus
+        return SimpleNamespace(dh_domega_px_per_deg=blur.imaging.height, area_px2=blur.imaging.area, aspect=blur.imaging.aspect, blur_t_px=blur.t_px, blur_s_px=blur.s_px, blur_t_deg=blur.t_deg, blur_s_deg=blur.s_deg, floored_area_deg2=blur.floored_area())
 
     @cached_property
-    def best(self) -> tuple[float, float]:
-        return self.picture.best_focus()
+    def best_focus_optimum(self) -> tuple[float, float]:
+        return self.full_field.best_focus()
 
     @property
     def field_deg(self) -> tuple[float, float]:
-        return self.picture.field_deg
+        return self.full_field.field_deg
 
     @property
     def hidden(self) -> tuple[float, float]:
-        return self.picture.hidden
+        return self.full_field.hidden
 
     def rim_radius(self) -> float:
-        return self.picture.rim_radius_px()
+        return self.full_field.rim_radius_px()
 
     def viewpoint_spread(self) -> float:
-        return self.picture.viewpoint_spread()
+        return self.full_field.viewpoint_spread()
 
-    def share_of_sphere(self) -> float:
-        return self.picture.share_of_sphere()
+    def sphere_coverage_percent(self) -> float:
+        return self.full_field.sphere_coverage_percent()
 
     def nonlinearity(self) -> float:
-        return self.picture.nonlinearity()
+        return self.full_field.nonlinearity()
 
     def one_viewpoint_error(self) -> float:
-        return self.picture.one_viewpoint_error(NEAR_OBJECT_MM)
+        return self.full_field.one_viewpoint_error(NEAR_OBJECT_MM)
 
 
-def _of(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
+def _reduced(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
     """Return a function for a reduction of an evaluation column, without poles (tip of a cone)."""
 
     def value(study: Study) -> float:
-        values = getattr(study.own, column)
+        values = getattr(study.at_sensor_focus, column)
         return float(reduce(values[np.isfinite(values)]))
 
     return value
 
 
-def _worst(column: str) -> Callable[[Study], float]:
-    return _of(column, lambda values: np.abs(values).max())
+def _max_abs(column: str) -> Callable[[Study], float]:
+    return _reduced(column, lambda values: np.abs(values).max())
 
 
 def _ratio(column: str) -> Callable[[Study], float]:
-    return _of(column, lambda values: values.min() / values.max())
+    return _reduced(column, lambda values: values.min() / values.max())
 
 
 def _secondary(study: Study) -> str:
@@ -382,17 +354,17 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "f_number": ("", _f_number),
     "field_from_deg": ("low", lambda s: s.field_deg[0]),
     "field_to_deg": ("high", lambda s: s.field_deg[1]),
-    "sphere_coverage_percent": ("high", lambda s: s.share_of_sphere()),
+    "sphere_coverage_percent": ("high", lambda s: s.sphere_coverage_percent()),
     "obscured_to_deg": ("low", lambda s: s.hidden[0]),
     "obscured_percent": ("low", lambda s: s.hidden[1]),
     "rim_radius_px": ("", lambda s: s.rim_radius()),
     "nonlinearity_percent": ("low", lambda s: s.nonlinearity()),
-    "min_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),
-    "max_dh_domega_px_per_deg": ("", _of(TANGENTIAL, np.max)),
+    "min_dh_domega_px_per_deg": ("high", _reduced(TANGENTIAL, np.min)),
+    "max_dh_domega_px_per_deg": ("", _reduced(TANGENTIAL, np.max)),
     "dh_domega_ratio": ("high", _ratio(TANGENTIAL)),
     "area_ratio": ("high", _ratio("area_px2")),
-    "min_aspect": ("", _of("aspect", np.min)),
-    "max_aspect": ("", _of("aspect", np.max)),
+    "min_aspect": ("", _reduced("aspect", np.min)),
+    "max_aspect": ("", _reduced("aspect", np.max)),
     "worst_aspect": ("low", lambda s: s.worst_aspect()),
     "min_plane_mm_per_px": ("low", lambda s: s.object_size("plane")),
     "min_cylinder_mm_per_px": ("low", lambda s: s.object_size("cylinder")),
@@ -400,13 +372,13 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "single_viewpoint_error_px": ("low", lambda s: s.one_viewpoint_error()),
     "focus_mm": ("", lambda s: s.evaluation.focus_mm),
     "depth_of_field_mm": ("high", lambda s: s.evaluation.depth_of_field_mm.depth),
-    "worst_blur_t_px": ("low", _worst("blur_t_px")),
-    "worst_blur_s_px": ("low", _worst("blur_s_px")),
-    "worst_blur_t_deg": ("low", _worst("blur_t_deg")),
-    "worst_blur_s_deg": ("low", _worst("blur_s_deg")),
-    "worst_floored_area_deg2": ("low", _worst("floored_area_deg2")),
-    "best_focus_mm": ("", lambda s: s.best[0]),
-    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best[1]),
+    "worst_blur_t_px": ("low", _max_abs("blur_t_px")),
+    "worst_blur_s_px": ("low", _max_abs("blur_s_px")),
+    "worst_blur_t_deg": ("low", _max_abs("blur_t_deg")),
+    "worst_blur_s_deg": ("low", _max_abs("blur_s_deg")),
+    "worst_floored_area_deg2": ("low", _max_abs("floored_area_deg2")),
+    "best_focus_mm": ("", lambda s: s.best_focus_optimum[0]),
+    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best_focus_optimum[1]),
     "airy_px": ("low", lambda s: s.evaluation.airy_px),
     "length_mm": ("low", lambda s: s.length()),
     "mirror_diameter_mm": ("low", lambda s: 2 * s.sensor.mirror.rim_radius_mm),
@@ -417,8 +389,8 @@ COMPARED: dict[str, tuple[Better, Value]] = {
 
 
 def _compared(name: str, studies: Sequence[Study]) -> ComparedQuantity:
-    better, value = COMPARED[name]
-    return ComparedQuantity(QUANTITIES[name], tuple(value(s) for s in studies), better)
+    preference, value = COMPARED[name]
+    return ComparedQuantity(QUANTITIES[name], tuple(value(s) for s in studies), preference)
 
 
 def _word(value: float | str) -> float | str:

@@ -106,18 +106,20 @@ def paths_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]
     """Return the positions (x, z), mm, of chief rays from mirror points (n,) to the lens."""
     second, lens = sensor.secondary, lens_height(sensor)
     first = sensor.meridian.trace(x_mm).first
-    at = first.x
+    heights = first.x
     if isinstance(sensor.lens, GaussianLens):  # to its entrance pupil; reversed by a second mirror
         towards = 1.0 if second is None else -1.0
-        ways = [
-            [(0.0, lens + towards * float(z))] for z in sensor.lens.pupil.place(np.tan(first.theta))
+        paths = [
+            [(0.0, lens + towards * float(z))]
+            for z in sensor.lens.pupil.position(np.tan(first.theta))
         ]
     else:
-        ways = [[(float(end), lens)] for end in at]
+        paths = [[(float(end), lens)] for end in heights]
     if second is None:
-        return ways
+        return paths
     return [
-        [(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)
+        [(float(x), float(z)), *path]
+        for x, z, path in zip(heights, second.height(heights), paths, strict=True)
     ]
 
 
@@ -145,7 +147,7 @@ def _seen(result: Evaluation, distance: Array) -> SectionCurve:
     else:
         with np.errstate(invalid="ignore"):  # an infinite image exactly on the axis
             tangent = np.tan(np.radians(result.theta_deg))
-            x = (distance - result.sensor.lens.pupil.place(tangent)) * tangent
+            x = (distance - result.sensor.lens.pupil.position(tangent)) * tangent
     z = distance + reference_height(result.sensor)
     is_finite = np.isfinite(z)
     return SectionCurve(np.where(is_finite, x, np.nan), np.where(is_finite, z, np.nan))

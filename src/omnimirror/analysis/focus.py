@@ -29,7 +29,7 @@ from .meridional_imaging import (
     virtual_images,
 )
 
-# -- Merits of the best focus, and their dependence on the focus -----------------------------------
+# -- Focus merits ----------------------------------------------------------------------------------
 #
 # On the coordinate v of linear blur (1/L0; for a telecentric lens L0), a field angle with images at
 # v_t and v_s has the blurs ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, where w is the magnification
@@ -98,7 +98,7 @@ class FocusedBlur:
             return np.sqrt(t * s) / self.imaging.area
 
 
-# -- merits as functions of the focus -------------------------------------------------------------
+# -- merits as functions of the focus --------------------------------------------------------------
 
 
 class Sides(NamedTuple):
@@ -113,7 +113,7 @@ class Sides(NamedTuple):
     Dh: Array
     """Radial resolution (n,), px per deg, at the scale g = 1."""
     Dw: Array
-    own2: tuple[Array, Array] | None = None
+    lens_blur2: tuple[Array, Array] | None = None
     """Squared lens blur (n,), (n,), px^2, nearly independent of the focus; None if ideal."""
 
 
@@ -128,7 +128,7 @@ class Scales(NamedTuple):
     """Image scale."""
     floor: Any
     """Sum of the squares of pixel and Airy disk, px^2."""
-    has_own: bool = False
+    has_lens_blur: bool = False
     """True for a lens with a blur of its own."""
 
 
@@ -148,7 +148,7 @@ class FocusMerit:
     def value(self, blur: FocusedBlur) -> float:
         """Return the merit of n field angles."""
         size = self.size(blur)
-        return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
+        return float(size @ solid_angle_weights(blur.omega)) if self.is_mean else float(size.max())
 
 
 def _square(coordinate: Array, weight: Array) -> Array:
@@ -174,13 +174,15 @@ def _product_area(c: Sides) -> Array:
 
 
 def _floored_area(c: Sides) -> Array:
+    # A^2 = (T + F + own_t^2)(S + F + own_s^2)/(Dh Dw)^2 with squared blurs T, S and the floor F of pixel
+    # and Airy disk: products of T, S, F and 1, sorted by their dependence on the focus
     t, s = _square(c.t, c.w_t), _square(c.s, c.w_s)
-    one = np.ones((1, len(c.t)))
-    rest = [t + s, one]
-    if c.own2 is not None:
-        own_t, own_s = c.own2
-        rest += [t * own_s + s * own_t, one * (own_t + own_s), one * own_t * own_s]
-    return np.concatenate([_product_area(c), np.concatenate(rest) / (c.Dh * c.Dw) ** 2])
+    ones = np.ones((1, len(c.t)))
+    terms = [t + s, ones]
+    if c.lens_blur2 is not None:
+        lens_t, lens_s = c.lens_blur2
+        terms += [t * lens_s + s * lens_t, ones * (lens_t + lens_s), ones * lens_t * lens_s]
+    return np.concatenate([_product_area(c), np.concatenate(terms) / (c.Dh * c.Dw) ** 2])
 
 
 def _powers(scale: Any, u: Any, degree: int) -> list[Any]:
@@ -193,8 +195,12 @@ def _powers(scale: Any, u: Any, degree: int) -> list[Any]:
 def _floored_functions(f: Scales) -> list[Any]:
     s, g = f.s * f.s, f.g * f.g
     s, floor = s / g, f.floor / g
-    found = [*_powers(s * s, f.u, 4), *_powers(s * floor, f.u, 2), floor * floor]
-    return [*found, *_powers(s / g, f.u, 2), floor / g, 1 / (g * g)] if f.has_own else found
+    functions = [*_powers(s * s, f.u, 4), *_powers(s * floor, f.u, 2), floor * floor]
+    return (
+        [*functions, *_powers(s / g, f.u, 2), floor / g, 1 / (g * g)]
+        if f.has_lens_blur
+        else functions
+    )
 
 
 def _degrees(f: Scales) -> list[Any]:
@@ -253,8 +259,8 @@ class FocusFunction:
             return self.merit.coefficients(self.sides)
 
     @cached_property
-    def _shares(self) -> Array:
-        return solid_angle_shares(self.omega)
+    def _weights(self) -> Array:
+        return solid_angle_weights(self.omega)
 
     def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
         """Return the merit (squared for a maximum), its derivative and the worst angle; (m,)."""
@@ -265,31 +271,31 @@ class FocusFunction:
             roots = np.sqrt(squares)
             slope = (
                 _matrix_product(
-                    _matrix_product(rates, self.coefficients) / roots, self._shares[:, None]
+                    _matrix_product(rates, self.coefficients) / roots, self._weights[:, None]
                 )[:, 0]
                 / 2
             )
             return (
-                _matrix_product(roots, self._shares[:, None])[:, 0],
+                _matrix_product(roots, self._weights[:, None])[:, 0],
                 slope,
                 np.zeros(len(u), dtype=np.intp),
             )
-        worst = squares.argmax(axis=1)
-        slope = np.einsum("mt,tm->m", rates, self.coefficients[:, worst])
-        return squares[np.arange(len(u)), worst], slope, worst
+        max_index = squares.argmax(axis=1)
+        slope = np.einsum("mt,tm->m", rates, self.coefficients[:, max_index])
+        return squares[np.arange(len(u)), max_index], slope, max_index
 
     def _squares(self, functions: Array) -> Array:
         """Return the squares at all angles, (m, k), in blocks too small for BLAS threads."""
         squares = np.empty((len(functions), self.coefficients.shape[1]))
-        few = max(1, MAX_SINGLE_THREAD_PRODUCTS // self.coefficients.size)
-        for i in range(0, len(functions), few):
-            np.matmul(functions[i : i + few], self.coefficients, out=squares[i : i + few])
+        block = max(1, MAX_SINGLE_THREAD_PRODUCTS // self.coefficients.size)
+        for i in range(0, len(functions), block):
+            np.matmul(functions[i : i + block], self.coefficients, out=squares[i : i + block])
         return squares
 
     def _functions(self, u: NDArray[Any]) -> NDArray[Any]:
         """Return the functions of the coefficients, (terms, m), with scalars for one focus."""
-        at: Any = complex(u[0]) if len(u) == 1 else u
-        functions = [f + 0 * at for f in self.merit.functions(self.scales(at))]
+        focus: Any = complex(u[0]) if len(u) == 1 else u
+        functions = [f + 0 * focus for f in self.merit.functions(self.scales(focus))]
         return np.array(functions).reshape(-1, len(u))
 
 
@@ -299,7 +305,7 @@ def _matrix_product(a: Array, b: Array) -> Array:
     return product
 
 
-def solid_angle_shares(omega: Array) -> Array:
+def solid_angle_weights(omega: Array) -> Array:
     """Return normalised weights (n,) of a mean over the solid angle at field angles (n,).
 
     Linear interpolation in the angle is assumed between neighbours; equal angles share their
@@ -308,30 +314,27 @@ def solid_angle_shares(omega: Array) -> Array:
     >>> omega = np.sort(np.random.default_rng(1).uniform(0, 2, 200))
     >>> omega[[0, -1]] = 0, 2
     >>> exact = (4 * np.sin(2) - 2 * np.cos(2) - 2) / (1 - np.cos(2))  # mean of omega^2
-    >>> bool(abs(solid_angle_shares(omega) @ omega**2 / exact - 1) < 1e-3)
+    >>> bool(abs(solid_angle_weights(omega) @ omega**2 / exact - 1) < 1e-3)
     True
     """
-    angles, which, count = np.unique(omega, return_inverse=True, return_counts=True)
+    angles, inverse, count = np.unique(omega, return_inverse=True, return_counts=True)
     if len(angles) == 1:
         return np.full(len(omega), 1 / len(omega))
     a, b = angles[:-1], angles[1:]
     step = b - a
     # integrals of sin(omega) (omega - a)/step and of sin(omega) (b - omega)/step over each step
-    middle, half = (a + b) / 2, step / 2
-    even = np.sin(middle) * np.sin(half)
-    odd = np.cos(middle) * (np.sin(half) / half - np.cos(half))
-    shares = np.zeros(len(angles))
-    shares[1:] += even + odd
-    shares[:-1] += even - odd
-    shares /= shares.sum()
-    mean: Array = (shares / count)[which]
+    midpoint, half = (a + b) / 2, step / 2
+    even = np.sin(midpoint) * np.sin(half)
+    odd = np.cos(midpoint) * (np.sin(half) / half - np.cos(half))
+    weights = np.zeros(len(angles))
+    weights[1:] += even + odd
+    weights[:-1] += even - odd
+    weights /= weights.sum()
+    mean: Array = (weights / count)[inverse]
     return mean
 
 
-# -- Through-focus blur of the virtual images on the imager, and the best focus --------------------
-#
-# Signed blur diameters are positive for images beyond the focus. In angle they are ``Delta_t / Dh``
-# and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 contains L_t instead of L_s, erratum 7).
+# -- Through-focus blur and best focus -------------------------------------------------------------
 
 POINTED_CENTRE = 0.1  # relative to the image radius
 
@@ -379,12 +382,12 @@ class FocusStudy:
         from the mirror point.
         """
         rays, p = self.rays, self.images.object_distance
-        near = 1 / p
+        inverse_distance = 1 / p
         offset = 0.0 if rays.outside is None else rays.outside.reach - rays.outside.inside
-        further = 1 + near * offset
+        further = 1 + inverse_distance * offset
         with np.errstate(divide="ignore", invalid="ignore"):
-            t = further + near * rays.spread() / rays.domega_dx()
-            s = further + near * rays.start[0] / np.sin(rays.omega)
+            t = further + inverse_distance * rays.spread() / rays.domega_dx()
+            s = further + inverse_distance * rays.start[0] / np.sin(rays.omega)
         return t, np.where(rays.omega == 0.0, t, s)
 
     def ideal_height(self, lens: Lens) -> Array:
@@ -397,7 +400,7 @@ class FocusStudy:
         """
         return lens.blur_stretch(self.ideal_height(lens))
 
-    def own_px(self, lens: Lens) -> tuple[Array, Array]:
+    def lens_blur_px(self, lens: Lens) -> tuple[Array, Array]:
         """Return the blur (n,), (n,) px of the lens alone."""
         pitch = self.sensor.imager.pitch_mm
         t, s = lens.own_blur(self.ideal_height(lens))
@@ -408,23 +411,25 @@ class FocusStudy:
         return lens.image_coordinates(*self.distances, self.ideal_height(lens))
 
     @cached_property
-    def own_coordinates(self) -> Array:
+    def current_coordinates(self) -> Array:
         """Return the focus coordinates (2, n) of the images for the lens at its current focus."""
         return np.stack(self.coordinates(self.sensor.lens))
 
-    def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
+    def scales(self, centre: float, unit: float) -> Callable[[Any], Scales]:
         """Return the focus-dependent quantities as a function of normalised focus coordinates u."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
-        own = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
-        airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / own.f_number) ** 2
+        current = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
+        airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / current.f_number) ** 2
 
-        def at(u: Any) -> Scales:
-            there = lens.through_focus(middle + unit * u, self.mode)
-            scale = there.image_scale / own.image_scale if self.image_radius_px is None else 1.0
-            floor = 1 + airy2 * there.f_number**2
-            return Scales(u, there.blur_rate * (unit / pitch), scale, floor, not lens.IS_THIN)
+        def scales_at(u: Any) -> Scales:
+            focused = lens.through_focus(centre + unit * u, self.mode)
+            scale = (
+                focused.image_scale / current.image_scale if self.image_radius_px is None else 1.0
+            )
+            floor = 1 + airy2 * focused.f_number**2
+            return Scales(u, focused.blur_rate * (unit / pitch), scale, floor, not lens.IS_THIN)
 
-        return at
+        return scales_at
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Return the blur with the lens focused at an object distance in mm."""
@@ -440,7 +445,7 @@ class FocusStudy:
             for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True)
         )
         imaging, airy = self.imaging(sensor), lens.airy_diameter(self.wavelength_nm) / pitch
-        return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.own_px(lens))
+        return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.lens_blur_px(lens))
 
 
 class BestFocus(NamedTuple):
@@ -507,7 +512,7 @@ def best_focus(
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     p = distance_per_angle(object_distance_mm, rays.x)
     study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
-    focus = _lowest(study, FOCUS_MERITS[merit])
+    focus = _best_focus_mm(study, FOCUS_MERITS[merit])
     return BestFocus(focus, FOCUS_MERITS[merit].value(study.at(focus)), merit)
 
 
@@ -516,25 +521,27 @@ def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
     p = distances("object_distance_mm", object_distance_mm)
     if p.shape not in ((), (1,), angles.shape):
         raise InvalidParameter(
-            f"object_distance_mm has {p.size} values for {angles.size} field angles; give one, or as many"
+            f"object_distance_mm must have one value, or one for each of the {angles.size} "
+            f"field angles; got {p.size}"
         )
     return p
 
 
-def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
+def _best_focus_mm(study: FocusStudy, merit: FocusMerit) -> float:
     """Return the focus (mm) of minimum merit."""
     lens = study.sensor.lens
-    low, high = _searched(lens, study.own_coordinates)
-    middle, half = (low + high) / 2, (high - low) / 2 or 1.0
-    function = focus_function(study, merit, middle, half)
+    low, high = _search_range(lens, study.current_coordinates)
+    centre, half = (low + high) / 2, (high - low) / 2 or 1.0
+    function = focus_function(study, merit, centre, half)
     if not np.isfinite(function.coefficients).all():
         bad = int(np.argmin(np.isfinite(function.coefficients).all(axis=0))) % len(study.rays.omega)
         raise InvalidParameter(
-            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
-            "has no size in the picture there, or no image); leave it out"
+            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any "
+            "focus (an object of 1 deg has no extent in the image there, or no image); "
+            "remove this angle"
         )
-    coordinate = middle + half * minimise_with_derivative(
-        function, (low - middle) / half, (high - middle) / half
+    coordinate = centre + half * minimise_with_derivative(
+        function, (low - centre) / half, (high - centre) / half
     )
     limits = lens.PARAMETERS["focus_distance_mm"]
     return float(
@@ -543,29 +550,33 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
 
 
 def focus_function(
-    study: FocusStudy, merit: FocusMerit, middle: float, unit: float
+    study: FocusStudy, merit: FocusMerit, centre: float, unit: float
 ) -> FocusFunction:
     """Return a merit as a function of normalised :meth:`Lens.focus_coordinate` values."""
     sensor = study.sensor
     imaging = study.imaging(sensor)
-    t, s = (study.own_coordinates - middle) / unit
-    own_t, own_s = study.own_px(sensor.lens)
-    own2 = None if sensor.lens.IS_THIN else (own_t**2, own_s**2)
-    sides = Sides(t, s, *study.stretch(sensor.lens), imaging.height, imaging.width, own2)
-    return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
+    t, s = (study.current_coordinates - centre) / unit
+    lens_t, lens_s = study.lens_blur_px(sensor.lens)
+    lens_blur2 = None if sensor.lens.IS_THIN else (lens_t**2, lens_s**2)
+    sides = Sides(t, s, *study.stretch(sensor.lens), imaging.height, imaging.width, lens_blur2)
+    return FocusFunction(merit, sides, study.rays.omega, study.scales(centre, unit))
 
 
-def _searched(lens: Lens, coordinates: Array) -> tuple[float, float]:
+def _search_range(lens: Lens, coordinates: Array) -> tuple[float, float]:
     """Return the search range of focus coordinates: those of all images, with a margin."""
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
-        return _around(coordinates, limits.low, limits.high)
+        return _focusable_interval(coordinates, limits.low, limits.high)
     # vergences keep the range bounded for distant images; converging images are beyond infinity
-    far, near = lens.focus_coordinate([limits.high, max(limits.low, lens.nearest_focus_mm)])
-    return _around(np.maximum(coordinates, 0.0), float(far), float(near))
+    far_coordinate, near_coordinate = lens.focus_coordinate(
+        [limits.high, max(limits.low, lens.nearest_focus_mm)]
+    )
+    return _focusable_interval(
+        np.maximum(coordinates, 0.0), float(far_coordinate), float(near_coordinate)
+    )
 
 
-def _around(coordinates: Array, least: float, most: float) -> tuple[float, float]:
+def _focusable_interval(coordinates: Array, low: float, high: float) -> tuple[float, float]:
     """Return an interval of the focus coordinates of all focusable images, with a margin.
 
     Coordinates above the upper bound are excluded unless there are no others; those below the lower
@@ -573,11 +584,11 @@ def _around(coordinates: Array, least: float, most: float) -> tuple[float, float
     """
     coordinates = coordinates[~np.isnan(coordinates)]
     if not coordinates.size:
-        raise InvalidParameter("there are no virtual images, so there is no best focus")
-    within = coordinates[coordinates < most] if (coordinates < most).any() else coordinates
-    within = np.clip(within, least, most)
+        raise InvalidParameter("best focus requires virtual images; got none")
+    within = coordinates[coordinates < high] if (coordinates < high).any() else coordinates
+    within = np.clip(within, low, high)
     margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))
-    return max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
+    return max(float(within.min()) - margin, low), min(float(within.max()) + margin, high)
 
 
 def _focusable(sensor: Sensor) -> Array:

@@ -11,7 +11,7 @@ from ..base.arguments import row, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
-from ..optics.tracing.shell_transmission import let_out
+from ..optics.tracing.shell_transmission import transmit_rays
 from .evaluation import field_angles
 
 ORIGIN_OFFSET_MM = 1e-6  # offset of a ray start from the surface
@@ -85,47 +85,32 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     (array([-60.,  nan]), array([7.7, 0. ]))
     """
     check_sensor(sensor)
-    sensor.check("ghosts", "one mirror")
-    standing = sensor.obstructions
-    shell = standing.housing.shell
+    sensor.check("ghosts", "single mirror")
+    obstructions = sensor.obstructions
+    shell = obstructions.housing.shell
     if shell is None:
-        raise InvalidParameter(
-            f"{sensor.name!r} has no tube and no dome, so it has no ghosts of their walls"
-        )
+        raise InvalidParameter(f"ghosts require a tube or a dome; {sensor.name!r} has none")
     omega = _clear_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     height = rays.z + sensor.mirror_pose.displacement_mm
-    nothing = np.zeros_like(omega)
-    points = np.stack([rays.x, nothing, height], axis=-1)
-    first = let_out(
-        shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1)
-    )
+    zeros = np.zeros_like(omega)
+    points = np.stack([rays.x, zeros, height], axis=-1)
+    first = transmit_rays(shell, points, np.stack([np.sin(rays.reflected), zeros, -np.cos(rays.reflected)], axis=-1))
 
-    start, way = first.met + ORIGIN_OFFSET_MM * first.thrown_back, first.thrown_back
-    again = sensor.optical_train.posed_mirror.trace(start, way)
+    start, direction = first.met + ORIGIN_OFFSET_MM * first.reflected, first.reflected
+    again = sensor.optical_train.posed_mirror.trace(start, direction)
     by_mirror = again.valid
     start = np.where(by_mirror[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, start)
-    way = np.where(by_mirror[:, None], again.directions, way)
-    ends = np.logical_or.reduce(
-        [
-            *standing.met_by(start, way, way, sensor.mirror_pose).values(),
-            _meets_back(sensor, start, way),
-        ]
-    )
-    second = let_out(shell, start, way)
+    direction = np.where(by_mirror[:, None], again.directions, direction)
+    is_blocked = np.logical_or.reduce([*obstructions.blocks(start, direction, direction, sensor.mirror_pose).values(), _meets_back(sensor, start, direction)])
+    second = transmit_rays(shell, start, direction)
     out = second.directions
-    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(
-        out[:, 0] < 0, -1.0, 1.0
-    )
+    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(out[:, 0] < 0, -1.0, 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = (1 - first.passed) * second.passed / first.passed
-    return Ghosts(
-        omega,
-        100 * first.passed,
-        np.where(ends, np.nan, angle),
-        np.where(ends, 0.0, 100 * share),
-        by_mirror & ~ends,
-    )
+        # reflected at the wall, transmitted by the opposite one, relative to the direct light; absorption
+        # and further reflections are neglected
+        ratio = (1 - first.passed) * second.passed / first.passed
+    return Ghosts(omega, 100 * first.passed, np.where(is_blocked, np.nan, angle), np.where(is_blocked, 0.0, 100 * ratio), by_mirror & ~is_blocked)
 
 
 def _clear_angles(sensor: Sensor) -> Array:

@@ -11,7 +11,7 @@ from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.tracing.meridian import ChiefRays
 
-# -- Image-forming characteristics: the image of an object of 1 deg x 1 deg (Eqs. 9-13) ------------
+# -- Image of an object of 1 deg x 1 deg (Eqs. 9-13) -----------------------------------------------
 
 
 class ImagingCharacteristics(NamedTuple):
@@ -116,10 +116,10 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     p = np.asarray(object_distance, dtype=float)
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
-        raise InvalidParameter(
-            f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf"
-        )
-    images = _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
+        raise InvalidParameter(f"object_distance_mm must be greater than 0, or inf; got {bad:g}")
+    images = _images(
+        rays, *((p, p) if rays.outside is None else rays.outside.apparent_distances(p))
+    )
     return images._replace(object_distance=p)
 
 
@@ -129,8 +129,8 @@ def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, 
     With a second mirror, the images in the first are its objects, at ``q + |P1 P2|`` along the
     chief rays, and the same equations apply again.
     """
-    if rays.seen_in is not None:
-        images = _images(rays.seen_in, images.q_t + rays.path, images.q_s + rays.path)
+    if rays.secondary_rays is not None:
+        images = _images(rays.secondary_rays, images.q_t + rays.path, images.q_s + rays.path)
     lens = 0.0 if np.isinf(rays.first.m) else rays.first.m
     return lens + images.z_t, lens + images.z_s
 

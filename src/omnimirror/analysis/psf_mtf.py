@@ -16,14 +16,14 @@ from ._wavefront import EDGE_SOFTNESS, FITTED, Wavefront, wavefronts
 from .evaluation import TabularResult, field_angles
 from .ray_bundles import Bundles, fibonacci, gaussian, trace_bundles
 
-# -- Point-spread functions: geometric, or with diffraction and aberrations of the wavefront -------
+# -- Point-spread function -------------------------------------------------------------------------
 
 Kind = Literal["diffraction", "geometric"]
 KINDS = ("diffraction", "geometric")
 
 GEOMETRIC_RAYS = 200_000  # of a geometric PSF
 STEPS_PER_AIRY = 6.0  # default samples per Airy diameter
-MOST_SAMPLES = 2001
+MAX_SAMPLES = 2001
 MAX_INTEGRATION_SAMPLES = 2400  # maximum samples per side of the radial integration
 
 
@@ -62,18 +62,16 @@ class Psf:
         """Return the encircled energy (r,) within radii (r,) of the centroid."""
         from scipy.interpolate import RectBivariateSpline
 
-        at = self.offset_px
-        step = self._step / int(np.clip(MAX_INTEGRATION_SAMPLES // len(at), 1, 12))
-        fine = np.arange(at[0] - self._step / 2 + step / 2, at[-1] + self._step / 2, step)
-        light = np.maximum(RectBivariateSpline(at, at, self.density)(fine, fine), 0.0)
+        radii = self.offset_px
+        step = self._step / int(np.clip(MAX_INTEGRATION_SAMPLES // len(radii), 1, 12))
+        fine = np.arange(radii[0] - self._step / 2 + step / 2, radii[-1] + self._step / 2, step)
+        light = np.maximum(RectBivariateSpline(radii, radii, self.density)(fine, fine), 0.0)
         light *= self.light_within / light.sum()
         t0, s0 = (float(light.sum(axis=axis) @ fine) / self.light_within for axis in (0, 1))
         rings = (np.hypot(fine - t0, (fine - s0)[:, None]) / step).astype(int)
         energy = np.concatenate([[0.0], np.cumsum(np.bincount(rings.ravel(), light.ravel()))])
-        shares: Array = np.interp(
-            np.asarray(radius_px, dtype=float), step * np.arange(len(energy)), energy
-        )
-        return shares
+        fractions: Array = np.interp(np.asarray(radius_px, dtype=float), step * np.arange(len(energy)), energy)
+        return fractions
 
     def on_pixels(self) -> Array:
         """Return the density (n, n) averaged over a pixel at each position."""
@@ -89,18 +87,7 @@ class Psf:
         return float(self.offset_px[1] - self.offset_px[0])
 
 
-def psf(
-    sensor: Sensor,
-    omega_deg: float,
-    *,
-    focus_mm: float | None = None,
-    azimuth_deg: float = 0.0,
-    object_distance_mm: float = np.inf,
-    kind: Kind = "diffraction",
-    wavelength_nm: float = 550.0,
-    width_px: float | None = None,
-    step_px: float | None = None,
-) -> Psf:
+def psf(sensor: Sensor, omega_deg: float, *, focus_mm: float | None = None, azimuth_deg: float = 0.0, object_distance_mm: float = np.inf, kind: Kind = "diffraction", wavelength_nm: float = 550.0, width_px: float | None = None, step_px: float | None = None) -> Psf:
     """Compute the point-spread function of one object.
 
     Parameters
@@ -146,75 +133,56 @@ def psf(
     number("wavelength_nm", wavelength_nm, above=0.0, unit="nm")
     omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
     if distances("object_distance_mm", object_distance_mm).ndim:
-        raise InvalidParameter(
-            f"object_distance_mm = {format_value(object_distance_mm)} is not valid; it is one number"
-        )
+        raise InvalidParameter(f"object_distance_mm must be one number; got {format_value(object_distance_mm)}")
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
     if not bundles.passes.any():
-        raise OutsideField(
-            f"omega = {omega_deg:.10g} deg must not be hidden; {sensor.name!r} blocks all of its light"
-        )
+        raise OutsideField(f"omega = {omega_deg:.10g} deg must not be obscured; {sensor.name!r} blocks all of its light")
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     (wave,) = wavefronts(bundles, focus)
     pitch, wavelength_mm = sensor.imager.pitch_mm, wavelength_nm * 1e-6
     airy = bundles.focused_at(focus).lens.airy_diameter(wavelength_nm) / pitch
     offset = _offsets(wave, pitch, airy, width_px, step_px)
     if kind == "geometric":
-        density = _by_rays(wave, offset, pitch)
+        density = _geometric_density(wave, offset, pitch)
     else:
-        density = _by_waves(wave, offset * pitch, wavelength_mm) * pitch**2
+        density = _diffraction_density(wave, offset * pitch, wavelength_mm) * pitch**2
     F_t, F_s = wave.f_numbers
     # Peak of the Airy pattern per area: aperture area / (lambda b)^2 = pi / (4 lambda^2 F_t F_s).
     ideal = np.pi / (4 * wavelength_mm**2 * F_t * F_s) * pitch**2
     return Psf(density, offset, float(omega_deg), float(azimuth_deg), focus, kind, ideal)
 
 
-def _offsets(
-    wave: Wavefront, pitch: float, airy: float, width_px: float | None, step_px: float | None
-) -> Array:
+def _offsets(wave: Wavefront, pitch: float, airy: float, width_px: float | None, step_px: float | None) -> Array:
     """Return sample positions (n,) px along each side, symmetric about 0."""
     _, landing, _ = wave.at(FITTED.points)
     width = 2.6 * float(np.abs(landing).max()) / pitch + 6 * airy
     if width_px is not None:
         width = number("width_px", width_px, above=0.0, unit="px")
-    step = (
-        airy / STEPS_PER_AIRY
-        if step_px is None
-        else number("step_px", step_px, above=0.0, unit="px")
-    )
-    steps = width / step if width < MOST_SAMPLES * step else np.inf
-    half = int(np.ceil(min(steps, MOST_SAMPLES) / 2))
-    if 2 * half + 1 > MOST_SAMPLES:
-        raise InvalidParameter(
-            f"a PSF {width:g} px wide in steps of {step:g} px has more than {MOST_SAMPLES} samples a side; "
-            f"up to {MOST_SAMPLES} are valid, so step_px from {width / (MOST_SAMPLES - 1):.2g}"
-        )
+    step = airy / STEPS_PER_AIRY if step_px is None else number("step_px", step_px, above=0.0, unit="px")
+    steps = width / step if width < MAX_SAMPLES * step else np.inf
+    half = int(np.ceil(min(steps, MAX_SAMPLES) / 2))
+    if 2 * half + 1 > MAX_SAMPLES:
+        raise InvalidParameter(f"step_px must be at least {width / (MAX_SAMPLES - 1):.2g}: a PSF has at most {MAX_SAMPLES} samples a side; got {step:g} px for a width of {width:g} px")
     return step * np.arange(-half, half + 1, dtype=np.float64)
 
 
-def _by_rays(wave: Wavefront, offset: Array, pitch: float) -> Array:
+def _geometric_density(wave: Wavefront, offset: Array, pitch: float) -> Array:
     """Return the density (n, n) per square pixel from rays."""
     _, landing, light = wave.at(fibonacci(GEOMETRIC_RAYS).points)
     step = offset[1] - offset[0]
     edges = np.concatenate([offset - step / 2, offset[-1:] + step / 2])
-    counts, _, _ = np.histogram2d(
-        landing[:, 1] / pitch, landing[:, 0] / pitch, (edges, edges), weights=light
-    )
+    counts, _, _ = np.histogram2d(landing[:, 1] / pitch, landing[:, 0] / pitch, (edges, edges), weights=light)
     density: Array = counts / light.sum() / step**2
     return density
 
 
-def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
+def _diffraction_density(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
     """Return the density (n, n) per mm^2 of the diffracted wave, a Fourier integral by rows."""
     k = 2 * np.pi / wavelength_mm
     F_t, F_s = wave.f_numbers
-    reach = (
-        offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2
-    )  # fringes across the aperture at the corner
-    nodes = int(min(wave.nodes(wavelength_mm) + 2 * reach, 1200))
-    psi = (
-        np.pi * np.arange(1, nodes + 1) / (nodes + 1)
-    )  # Gauss-Chebyshev of the second kind: rows of the disk
+    fringes = offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2  # fringes across the aperture at the corner
+    nodes = int(min(wave.nodes(wavelength_mm) + 2 * fringes, 1200))
+    psi = np.pi * np.arange(1, nodes + 1) / (nodes + 1)  # Gauss-Chebyshev of the second kind: rows of the disk
     x, weight = np.polynomial.legendre.leggauss(nodes)
     y = np.cos(psi)
     t, s = np.sin(psi)[:, None] * x, np.broadcast_to(y[:, None], (nodes, nodes))
@@ -239,7 +207,7 @@ def _powers(rate: Array, offset: Array) -> NDArray[np.complex128]:
     return np.multiply.accumulate(powers, axis=1)
 
 
-# -- Modulation transfer function (MTF), tangential and sagittal -----------------------------------
+# -- Modulation transfer function ------------------------------------------------------------------
 #
 # The diffraction MTF is the autocorrelation of the aperture with its phase, the geometric MTF the
 # Fourier transform of the spot. Both can be multiplied by the MTF of the square pixel.
@@ -294,44 +262,17 @@ class Mtf(TabularResult):
 
     def first(self, count: int) -> Mtf:
         """Return the MTF at the first ``count`` frequencies."""
-        return replace(
-            self,
-            cycles_per_px=self.cycles_per_px[:count],
-            tangential=self.tangential[:, :count],
-            sagittal=self.sagittal[:, :count],
-        )
+        return replace(self, cycles_per_px=self.cycles_per_px[:count], tangential=self.tangential[:, :count], sagittal=self.sagittal[:, :count])
 
     def records(self) -> list[dict[str, float]]:
         """Return one record per field angle and frequency, in all three units of frequency."""
-        columns = {
-            "omega_deg": self.omega_deg[:, None],
-            "azimuth_deg": self.azimuth_deg[:, None],
-            "cycles_per_px": self.cycles_per_px,
-            "lp_per_mm": self.line_pairs_per_mm,
-            "cycles_per_deg_t": self.cycles_per_deg_t,
-            "mtf_t": self.tangential,
-            "cycles_per_deg_s": self.cycles_per_deg_s,
-            "mtf_s": self.sagittal,
-        }
-        rows = zip(
-            *(np.broadcast_to(c, self.tangential.shape).ravel().tolist() for c in columns.values()),
-            strict=True,
-        )
+        columns = {"omega_deg": self.omega_deg[:, None], "azimuth_deg": self.azimuth_deg[:, None], "cycles_per_px": self.cycles_per_px, "lp_per_mm": self.line_pairs_per_mm, "cycles_per_deg_t": self.cycles_per_deg_t, "mtf_t": self.tangential, "cycles_per_deg_s": self.cycles_per_deg_s, "mtf_s": self.sagittal}
+        rows = zip(*(np.broadcast_to(c, self.tangential.shape).ravel().tolist() for c in columns.values()), strict=True)
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def mtf(
-    sensor: Sensor,
-    omega_deg: ArrayLike | None = None,
-    *,
-    cycles_per_px: ArrayLike | None = None,
-    focus_mm: float | None = None,
-    azimuth_deg: ArrayLike = 0.0,
-    object_distance_mm: ArrayLike = np.inf,
-    kind: Kind = "diffraction",
-    wavelength_nm: ArrayLike = 550.0,
-    weights: ArrayLike | None = None,
-    pixel: bool = True,
+    sensor: Sensor, omega_deg: ArrayLike | None = None, *, cycles_per_px: ArrayLike | None = None, focus_mm: float | None = None, azimuth_deg: ArrayLike = 0.0, object_distance_mm: ArrayLike = np.inf, kind: Kind = "diffraction", wavelength_nm: ArrayLike = 550.0, weights: ArrayLike | None = None, pixel: bool = True
 ) -> Mtf:
     """Compute tangential and sagittal MTF over the field.
 
@@ -374,49 +315,29 @@ def mtf(
     """
     check_sensor(sensor)
     choice("kind", kind, KINDS)
-    asked = (
-        np.linspace(0, 1, FREQUENCIES)
-        if cycles_per_px is None
-        else row("cycles_per_px", cycles_per_px)
-    )
-    nu = finite("cycles_per_px", asked, 0.0, MAX_FREQUENCY)
-    waves, shares = _spectrum(wavelength_nm, weights)
+    frequencies = np.linspace(0, 1, FREQUENCIES) if cycles_per_px is None else row("cycles_per_px", cycles_per_px)
+    nu = finite("cycles_per_px", frequencies, 0.0, MAX_FREQUENCY)
+    waves, wave_weights = _spectrum(wavelength_nm, weights)
     angles = field_angles(sensor, 15.0) if omega_deg is None else omega_deg
     bundles = trace_bundles(sensor, angles, FITTED, azimuth_deg, object_distance_mm)
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     per_mm = nu / sensor.imager.pitch_mm
-    found = np.zeros((2, len(bundles.omega_deg), len(nu)))
+    curves = np.zeros((2, len(bundles.omega_deg), len(nu)))
     for i, wave in enumerate(wavefronts(bundles, focus)):
         if not bundles.passes[i].any():
             continue
         for axis in (0, 1):
             if kind == "geometric":
-                found[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
+                curves[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
             else:
-                found[axis, i] = np.abs(
-                    shares @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves]
-                )
+                curves[axis, i] = np.abs(wave_weights @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves])
     if pixel:
-        found *= _pixel_mtf(bundles, nu)
+        curves *= _pixel_mtf(bundles, nu)
     px_t, px_s = bundles.px_per_deg()
-    return Mtf(
-        bundles.omega_deg,
-        bundles.azimuth_deg,
-        focus,
-        nu,
-        found[0],
-        found[1],
-        sensor.imager.pixel_pitch_um,
-        px_t,
-        px_s,
-        kind,
-        pixel,
-    )
+    return Mtf(bundles.omega_deg, bundles.azimuth_deg, focus, nu, curves[0], curves[1], sensor.imager.pixel_pitch_um, px_t, px_s, kind, pixel)
 
 
-def diffraction_otf(
-    wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float
-) -> NDArray[np.complex128]:
+def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
     """Return the optical transfer function (f,) at frequencies (f,), cycles per mm: the
     autocorrelation of the aperture.
 
@@ -425,7 +346,7 @@ def diffraction_otf(
     summed on a grid.
     """
     shift = 2 * wavelength_mm * wave.f_numbers[axis] * per_mm  # in aperture radii
-    if wave.is_cut:
+    if wave.is_vignetted:
         return _grid_otf(wave, shift, axis, wavelength_mm)
     nodes = wave.nodes(wavelength_mm)
     x, weight = np.polynomial.legendre.leggauss(nodes)
@@ -438,17 +359,15 @@ def diffraction_otf(
         area = (np.arccos(shift[i] / 2) * weight * np.cos(psi) * half)[:, None] * weight
         ends = []
         for side in (0.5, -0.5):
-            place = (along + side * shift[i], across)
-            ends.append(wave.phase_and_amplitude(_points(place, axis)))
+            position = (along + side * shift[i], across)
+            ends.append(wave.phase_and_amplitude(_points(position, axis)))
         (W1, A1), (W2, A2) = ends
         otf[i] = (area.ravel() * A1 * A2) @ np.exp(2j * np.pi / wavelength_mm * (W1 - W2))
     otf /= _all_light(wave, nodes)
     return otf
 
 
-def _grid_otf(
-    wave: Wavefront, shift: Array, axis: int, wavelength_mm: float
-) -> NDArray[np.complex128]:
+def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
     """Return the optical transfer function (f,) at shifts (f,), in radii, of a vignetted aperture.
 
     The autocorrelation of a grid is computed by FFT, with spline interpolation between integer
@@ -460,20 +379,18 @@ def _grid_otf(
 
     cells = int(np.clip(CELLS_PER_WAVE * wave.waves(wavelength_mm), *GRID_CELLS))
     centres = (np.arange(cells) + 0.5) * 2 / cells - 1
-    phase, density, share = wave.on_grid(centres)
-    field = np.sqrt(density) * share * np.exp(2j * np.pi / wavelength_mm * phase)
+    phase, density, open_fraction = wave.on_grid(centres)
+    field = np.sqrt(density) * open_fraction * np.exp(2j * np.pi / wavelength_mm * phase)
     if axis == 1:
         field = field.T
     tilt = float(np.angle((field[1:] * field[:-1].conj()).sum())) * cells / 2  # rad per radius
     field = field * np.exp(-1j * tilt * centres)[:, None]
     power = (np.abs(np.fft.fft(field, 2 * cells, axis=0)) ** 2).sum(axis=1)
     autocorrelation = np.fft.ifft(power)[: cells + 1]
-    autocorrelation[0] = (density * share).sum()
+    autocorrelation[0] = (density * open_fraction).sum()
     spline = CubicSpline(np.arange(cells + 1) * 2 / cells, autocorrelation / autocorrelation[0])
     inside_both = np.minimum(shift, 2.0)
-    otf: NDArray[np.complex128] = np.where(
-        shift < 2, spline(inside_both) * np.exp(1j * tilt * inside_both), 0.0
-    )
+    otf: NDArray[np.complex128] = np.where(shift < 2, spline(inside_both) * np.exp(1j * tilt * inside_both), 0.0)
     return otf
 
 
@@ -484,9 +401,7 @@ def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.compl
     pupil = gaussian(int(np.clip(12 + 2 * cycles, 16, 200)))
     _, landing, light = wave.at(pupil.points)
     weights = light * pupil.weights
-    otf: NDArray[np.complex128] = (
-        np.exp(-2j * np.pi * np.outer(per_mm, landing[:, axis])) @ weights / weights.sum()
-    )
+    otf: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(per_mm, landing[:, axis])) @ weights / weights.sum()
     return otf
 
 
@@ -495,14 +410,14 @@ def _all_light(wave: Wavefront, nodes: int) -> float:
     x, weight = np.polynomial.legendre.leggauss(nodes)
     psi = x * np.pi / 2
     along = np.cos(psi)[:, None] * x
-    place = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
+    position = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
     area = (np.pi / 2 * weight * np.cos(psi) ** 2)[:, None] * weight
-    return float(area.ravel() @ wave.light(_points(place, 0)))
+    return float(area.ravel() @ wave.light(_points(position, 0)))
 
 
-def _points(place: tuple[Array, Array], axis: int) -> Array:
+def _points(position: tuple[Array, Array], axis: int) -> Array:
     """Return points (n, 2) of the aperture from coordinates along and perpendicular to an axis."""
-    return np.stack(place if axis == 0 else place[::-1], axis=-1).reshape(-1, 2)
+    return np.stack(position if axis == 0 else position[::-1], axis=-1).reshape(-1, 2)
 
 
 def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
@@ -515,14 +430,12 @@ def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
 def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
     """Return wavelengths and their weights, with sum 1."""
     waves = row("wavelength_nm", wavelength_nm)
-    shares = np.ones(len(waves)) if weights is None else row("weights", weights)
-    if len(shares) != len(waves):
-        raise InvalidParameter(
-            f"there are {len(shares)} weights for {len(waves)} wavelengths; give as many"
-        )
-    seen = (waves >= 100) & (waves <= 20000)
-    if not seen.all():
-        raise InvalidParameter(f"wavelength_nm = {waves[~seen][0]:g} is outside 100 to 20000 nm")
-    if not ((shares >= 0).all() and shares.sum() > 0):
-        raise InvalidParameter("the weights of wavelengths must not be below 0, nor all 0")
-    return waves, shares / shares.sum()
+    spectral_weights = np.ones(len(waves)) if weights is None else row("weights", weights)
+    if len(spectral_weights) != len(waves):
+        raise InvalidParameter(f"weights must have one value for each of the {len(waves)} wavelengths; got {len(spectral_weights)}")
+    valid = (waves >= 100) & (waves <= 20000)
+    if not valid.all():
+        raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {waves[~valid][0]:g}")
+    if not ((spectral_weights >= 0).all() and spectral_weights.sum() > 0):
+        raise InvalidParameter("weights must not be negative, nor all 0")
+    return waves, spectral_weights / spectral_weights.sum()

@@ -12,7 +12,7 @@ from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.materials import Reflectivity, reflectance
 from ..optics.sensor import Sensor, check_sensor
-from ..optics.tracing.shell_transmission import let_out
+from ..optics.tracing.shell_transmission import transmit_rays
 from .evaluation import TabularResult, field_angles
 from .ray_bundles import Pupil, gaussian, trace_bundles
 
@@ -98,23 +98,23 @@ def illumination(
     transmission = number("transmission", transmission)
     if not 0 < transmission <= 1:
         raise InvalidParameter(
-            f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1"
+            f"transmission must be greater than 0, up to 1; got {transmission:g}"
         )
-    sensor.check("illumination", "one mirror")
+    sensor.check("illumination", "single mirror")
     normal = float(reflectance([0.0], reflectivity)[0])
     angles = field_angles(sensor) if omega_deg is None else omega_deg
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
     height = chief.chief_mm(sensor)
     light, reflected, filled = _through(sensor, height, gaussian(RINGS), reflectivity)
     if (
-        cut := filled < 1 - 1e-12
+        is_vignetted := filled < 1 - 1e-12
     ).any():  # vignetted by the edge of the rim, which requires more rays
-        for whole, part in zip(
+        for column, part in zip(
             (light, reflected, filled),
-            _through(sensor, height[cut], gaussian(FINE_RINGS), reflectivity),
+            _through(sensor, height[is_vignetted], gaussian(FINE_RINGS), reflectivity),
             strict=True,
         ):
-            whole[cut] = part
+            column[is_vignetted] = part
     # Area of the aperture over the squared image distance: pi (D/2)^2 / b0^2 = pi / (4 F_w^2).
     open_aperture = np.pi * transmission / (4 * sensor.lens.image_f_number() ** 2)
     pupil = gaussian(RINGS)
@@ -136,13 +136,15 @@ def _through(
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))
     train = sensor.optical_train
     start, towards = train.rays_of_image(image, aperture)
-    found = train.posed_mirror.trace(start, towards)
-    passes = train.passes(start, towards, found)
-    cos_gamma = np.clip(np.einsum("ni,ni->n", found.directions, found.normals), -1, 1)
+    reflections = train.posed_mirror.trace(start, towards)
+    passes = train.passes(start, towards, reflections)
+    cos_gamma = np.clip(np.einsum("ni,ni->n", reflections.directions, reflections.normals), -1, 1)
     gamma = np.where(passes, np.arccos(cos_gamma), 0.0)
     reflected = np.where(passes, reflectance(gamma, reflectivity), 0.0)
     light = reflected * sensor.lens.falloff(image, aperture)
     if (shell := sensor.obstructions.housing.shell) is not None:
         hit = passes
-        light[hit] *= let_out(shell, found.points[hit], found.directions[hit]).passed
+        light[hit] *= transmit_rays(
+            shell, reflections.points[hit], reflections.directions[hit]
+        ).passed
     return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, passes))  # type: ignore[return-value]

@@ -129,22 +129,22 @@ def best_viewpoint(
     if image_radius_px is not None:
         scale = image_radius(image_radius_px) / sensor.rim_radius_px
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
-    in_picture = _linearised(sensor, rays) if linearised else _displacement(sensor, rays)
+    image_error = _linearised(sensor, rays) if linearised else _displacement(sensor, rays)
 
     def error_px(v0: float) -> Array:
-        return scale * in_picture(viewpoint_angle_error(rays, v0, distance))
+        return scale * image_error(viewpoint_angle_error(rays, v0, distance))
 
-    def outwards_less_inwards(v0: float) -> float:
+    def imbalance(v0: float) -> float:
         error = error_px(v0)
         return float(error.max() + error.min())
 
     z = viewpoint_z(rays)
     low, high = float(z.min()), float(z.max())
     v0 = low
-    if outwards_less_inwards(low) < 0 < outwards_less_inwards(high):
+    if imbalance(low) < 0 < imbalance(high):
         from scipy.optimize import brentq
 
-        v0 = float(brentq(outwards_less_inwards, low, high, xtol=1e-12 * (high - low), rtol=1e-14))
+        v0 = float(brentq(imbalance, low, high, xtol=1e-12 * (high - low), rtol=1e-14))
     error, degrees = error_px(v0), np.degrees(viewpoint_angle_error(rays, v0, distance))
     return SingleViewpoint(
         v0, float(np.abs(error).max()), float(np.abs(degrees).max()), omega, error, degrees
@@ -163,20 +163,20 @@ def _displacement(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
     """
     meridian = sensor.meridian
     first, last = meridian.omega_min, meridian.omega_max
-    ends = sensor.image_height_rate_px(
+    end_rates = sensor.image_height_rate_px(
         meridian.trace(meridian.x_from_omega(np.array([first, last])))
     )
-    ends = np.where(
-        np.isfinite(ends), ends, 0.0
+    end_rates = np.where(
+        np.isfinite(end_rates), end_rates, 0.0
     )  # a mapping with a singular start is not extrapolated
     h = sensor.image_height_px(rays)
 
-    def of(angle: Array) -> Array:
+    def image_error(angle: Array) -> Array:
         apparent = rays.omega - angle
         inside = np.clip(apparent, first, last)
         there = sensor.image_height_px(meridian.trace(meridian.x_from_omega(inside)))
-        past = np.where(apparent < first, ends[0], ends[1]) * (apparent - inside)
-        error: Array = h - there - past
+        extrapolated = np.where(apparent < first, end_rates[0], end_rates[1]) * (apparent - inside)
+        error: Array = h - there - extrapolated
         return error
 
-    return of
+    return image_error

@@ -24,12 +24,7 @@ from ..optics.mirrors.conics_and_aspheres import Conic
 from ..optics.mirrors.splines import spline_of_slopes
 from ..optics.sensor import Sensor
 from ..optics.tracing.optical_train import CoveredMirror
-from ..optics.tracing.reflection import (
-    MirrorSurface,
-    RayEndpoints,
-    ReflectionPoints,
-    specular_points,
-)
+from ..optics.tracing.reflection import MirrorSurface, RayEndpoints, ReflectionPoints, specular_points
 from .sensor_parameters import DISTANCE, ParameterLocation
 
 if TYPE_CHECKING:
@@ -124,9 +119,7 @@ def _unchecked(mirror: Mirror, place: ParameterLocation, value: complex) -> Mirr
 # -- Projection from mirror points to pixels, with derivatives by points, lens and imager ----------
 
 
-def lens_image(
-    sensor: Sensor, seen_at: Array, places: tuple[ParameterLocation, ...]
-) -> tuple[Array, Mask, Array, Array]:
+def lens_image(sensor: Sensor, seen_at: Array, places: tuple[ParameterLocation, ...]) -> tuple[Array, Mask, Array, Array]:
     """Return pixels (n, 2) of points (n, 3) mm in the camera frame, validity and derivatives.
 
     Returns
@@ -140,10 +133,7 @@ def lens_image(
         image, valid, by_seen, by_key = _perspective(sensor, sensor.lens, seen_at)
     else:
         image, valid, by_seen, by_key = _parallel(sensor, seen_at)
-    pitch, flip = (
-        sensor.imager.pitch_mm,
-        np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]),
-    )
+    pitch, flip = (sensor.imager.pitch_mm, np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]))
     offsets = image / pitch
     by_key["pixel_pitch_um"] = -image / sensor.imager.pixel_pitch_um
     by_key["centre_px"] = np.full_like(image, pitch)
@@ -157,9 +147,7 @@ def lens_image(
     return start + flip * offsets, valid, by_seen / pitch * flip[:, None], by_place * flip[:, None]
 
 
-def _perspective(
-    sensor: Sensor, lens: Perspective, seen_at: Array
-) -> tuple[Array, Mask, Array, dict[str, Array]]:
+def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Return image points (n, 2) mm, and their derivatives by points and parameters.
 
     Shapes of the derivatives are (n, 2, 3) and (n, 2).
@@ -186,12 +174,7 @@ def _parallel(sensor: Sensor, seen_at: Array) -> tuple[Array, Mask, Array, dict[
     by_seen = np.zeros((len(seen_at), 2, 3))
     by_seen[:, 0, 0] = by_seen[:, 1, 1] = mu
     image = mu * seen_at[:, :2]
-    return (
-        image,
-        np.asarray(np.isfinite(image).all(axis=1)),
-        by_seen,
-        {"magnification": seen_at[:, :2].copy()},
-    )
+    return (image, np.asarray(np.isfinite(image).all(axis=1)), by_seen, {"magnification": seen_at[:, :2].copy()})
 
 
 # -- Projection of points by a mirror sensor, with derivatives by points and all its parameters ----
@@ -231,19 +214,14 @@ class OpticalPath(NamedTuple):
 
     def response(self) -> Array:
         """Return derivatives (n, 2, 2) of the mirror points with respect to the gradient."""
-        second = (
-            self.by_point @ self.tangents.transpose(0, 2, 1)
-            + self.pull[:, 2, None, None] * self.surface.bend
-        )
+        second = self.by_point @ self.tangents.transpose(0, 2, 1) + self.pull[:, 2, None, None] * self.surface.bend
         a, b, c = second[:, 0, 0], second[:, 0, 1], second[:, 1, 1]
         inverse = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=1)
         moved: Array = -inverse / (a * c - b * b)[:, None, None]
         return moved
 
 
-def image_of_points(
-    sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
-) -> PointImages:
+def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]) -> PointImages:
     """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
 
     Parameters
@@ -280,26 +258,16 @@ def image_of_points(
     return PointImages(pixels, valid, by_target, by_place)
 
 
-def _path_endpoints(
-    sensor: Sensor, pose: MirrorPose, points: Array, distant: bool
-) -> tuple[RayEndpoints, RayEndpoints]:
+def _path_endpoints(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tuple[RayEndpoints, RayEndpoints]:
     """Return lens and targets in the mirror frame."""
     if sensor.lens.TELECENTRIC:
         pupils = RayEndpoints(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
         pupils = RayEndpoints(pose.to_mirror(sensor.optical_train.pupil_offset[None]))
-    return pupils, RayEndpoints.of(
-        pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant
-    )
+    return pupils, RayEndpoints.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
 
 
-def _optical_path(
-    sensor: Sensor,
-    pupils: RayEndpoints,
-    targets: RayEndpoints,
-    found: ReflectionPoints,
-    directions: Array | None,
-) -> OpticalPath:
+def _optical_path(sensor: Sensor, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, directions: Array | None) -> OpticalPath:
     """Return the optical paths with the derivatives of their gradients."""
     surface = MirrorSurface(sensor.mirror, found.points[:, :2])
     from_pupil, by_pupil, pupil_on_point = _unit_vectors(pupils, surface.points)
@@ -308,14 +276,7 @@ def _optical_path(
         by_target = by_target / np.linalg.norm(directions, axis=1)[:, None, None]
     along = surface.tangents
     pull = from_pupil + from_target
-    return OpticalPath(
-        surface,
-        along,
-        pull,
-        along @ by_pupil,
-        along @ by_target,
-        along @ (pupil_on_point + target_on_point),
-    )
+    return OpticalPath(surface, along, pull, along @ by_pupil, along @ by_target, along @ (pupil_on_point + target_on_point))
 
 
 def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Array]:
@@ -331,14 +292,7 @@ def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Arra
     return unit, -across, across
 
 
-def _displaced(
-    sensor: Sensor,
-    way: OpticalPath,
-    found: ReflectionPoints,
-    points: Array,
-    distant: bool,
-    place: ParameterLocation,
-) -> tuple[Array, Array]:
+def _displaced(sensor: Sensor, way: OpticalPath, found: ReflectionPoints, points: Array, distant: bool, place: ParameterLocation) -> tuple[Array, Array]:
     """Return the effect of a pose or distance parameter on the optical path.
 
     The results are changes of the gradient and of a fixed mirror point.
@@ -350,27 +304,14 @@ def _displaced(
     if place.name == DISTANCE:
         return way.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
     turn, moved = _pose_derivatives(sensor.mirror_pose, place.key)
-    pupil = (
-        np.array([0.0, 0.0, -1.0])
-        if sensor.lens.TELECENTRIC
-        else sensor.optical_train.pupil_offset - shift
-    )
+    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.optical_train.pupil_offset - shift
     d_pupil = turn.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
-    d_target = rotate_vectors(points if distant else points - shift, turn) - (
-        0.0 if distant else rotation.T @ moved
-    )
+    d_target = rotate_vectors(points if distant else points - shift, turn) - (0.0 if distant else rotation.T @ moved)
     disturbance = way.by_pupil @ d_pupil + np.einsum("nij,nj->ni", way.by_target, d_target)
     return disturbance, rotate_vectors(found.points, turn.T) + moved
 
 
-def _add_shape(
-    sensor: Sensor,
-    way: OpticalPath,
-    by_gradient: Array,
-    by_point: Array,
-    places: tuple[ParameterLocation, ...],
-    by_place: Array,
-) -> None:
+def _add_shape(sensor: Sensor, way: OpticalPath, by_gradient: Array, by_point: Array, places: tuple[ParameterLocation, ...], by_place: Array) -> None:
     """Add the effect of surface height and slope to the derivatives (n, 2, k)."""
     wanted = [k for k, place in enumerate(places) if place.section == "mirror"]
     if not wanted:
@@ -381,16 +322,12 @@ def _add_shape(
     radial = xy / np.where(r > 0, r, 1.0)[:, None]
     by_sag = np.einsum("nij,nj->ni", by_gradient, way.by_point[:, :, 2]) + by_point[:, :, 2]
     by_slope = way.pull[:, 2, None] * np.einsum("nij,nj->ni", by_gradient, radial)
-    by_place[:, :, wanted] += (
-        by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
-    )
+    by_place[:, :, wanted] += by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
 
 
 def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
     """Return derivatives of a pose's rotation (3, 3) per deg and translation (3,) per mm."""
-    (cx, cy), (sx, sy) = (
-        f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin)
-    )
+    (cx, cy), (sx, sy) = (f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin))
     degree = np.pi / 180
     turn, shift = np.zeros((3, 3)), np.zeros(3)
     if key == "tilt_x_deg":
@@ -411,18 +348,13 @@ def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
 # both points for changes of parameters and pixel. The cover maps it to the motion of the outer ray,
 # which must continue to meet the point.
 
-NEAR_POINT, FAR_POINT = (
-    1.0,
-    3.0,
-)  # rim radii from the mirror point: points that define the inner ray
+NEAR_POINT, FAR_POINT = (1.0, 3.0)  # rim radii from the mirror point: points that define the inner ray
 COVER_STEP = 1e-5  # rim radii; central differences with an error quadratic in the step
 
 
-def image_through_cover(
-    sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
-) -> PointImages:
+def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]) -> PointImages:
     """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
-    covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
+    covered, rim = sensor.optical_train.effective_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())
     with np.errstate(all="ignore"):  # non-finite results are marked invalid
@@ -436,9 +368,7 @@ def image_through_cover(
         moving = np.zeros((len(points), 2, len(places)))
         for image, by_place in zip(images, by_held, strict=True):
             d = image.d_points
-            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(
-                d @ d.transpose(0, 2, 1)
-            )  # across the ray
+            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(d @ d.transpose(0, 2, 1))  # across the ray
             turning += by_place @ inverse
             moving += by_place @ inverse @ image.d_parameters
         by_target = -across / np.linalg.norm(points, axis=1)[:, None, None] if distant else -across
@@ -452,9 +382,7 @@ def image_through_cover(
     return PointImages(pixels, valid, d_points, d_parameters)
 
 
-def _misses(
-    covered: CoveredMirror, held: list[Array], targets: Array, distant: bool, step: float
-) -> tuple[Array, list[Array]]:
+def _misses(covered: CoveredMirror, held: list[Array], targets: Array, distant: bool, step: float) -> tuple[Array, list[Array]]:
     """Return directions (n, 2, 3) perpendicular to the outer rays, and derivatives of their misses.
 
     The miss is the offset of the ray from its target along these directions. Its derivatives
@@ -462,9 +390,7 @@ def _misses(
     """
 
     def miss(places: list[Array]) -> tuple[Array, Array]:
-        points, ways = covered.outside_of(
-            places[0] - (places[1] - places[0]) * NEAR_POINT / (FAR_POINT - NEAR_POINT), places[0]
-        )
+        points, ways = covered.outside_of(places[0] - (places[1] - places[0]) * NEAR_POINT / (FAR_POINT - NEAR_POINT), places[0])
         if distant:
             return ways - targets, ways
         way = targets - points
@@ -479,10 +405,7 @@ def _misses(
     for k in (0, 1):
         columns = []
         for axis in np.eye(3):
-            ends = [
-                [p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(held)]
-                for sign in (1, -1)
-            ]
+            ends = [[p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(held)] for sign in (1, -1)]
             (up, _), (down, _) = map(miss, ends)
             columns.append(np.einsum("nai,ni->na", across, up - down) / (2 * step))
         changes.append(np.stack(columns, axis=-1))

@@ -22,27 +22,9 @@ from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
 from ..optics.mirrors.as_built import MirrorPose
 from ..optics.sensor import Sensor, check_sensor
-from ._initial_sensor import (
-    RIM_TO_DISTANCE,
-    fit_to_central_model,
-    radial_projection,
-    unknown_sensor,
-    with_prescribed_projection,
-)
+from ._initial_sensor import RIM_TO_DISTANCE, fit_to_central_model, radial_projection, unknown_sensor, with_prescribed_projection
 from .projection_derivatives import image_of_points, image_through_cover
-from .sensor_parameters import (
-    DEFAULT_GROUPS,
-    ParameterLocation,
-    ParameterPrior,
-    checked_priors,
-    free_names,
-    group_names,
-    guessed_priors,
-    parameter_location,
-    usual_priors,
-    value_of,
-    with_values,
-)
+from .sensor_parameters import DEFAULT_GROUPS, ParameterLocation, ParameterPrior, checked_priors, free_names, group_names, guessed_priors, parameter_location, usual_priors, value_of, with_values
 
 __all__ = ["ParameterPrior", "SensorModel", "mirror_ball_model"]
 
@@ -101,22 +83,14 @@ class SensorModel(CameraModel):
 
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
-        self.sensor.check(
-            "a model with free parameters", "one mirror", "thin lens", "ideal but for poses"
-        )
+        self.sensor.check("a model with free parameters", "single mirror", "thin lens", "ideal except poses")
         if self.sensor.housing.shell is not None:  # constant during an estimation
-            object.__setattr__(
-                self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing)
-            )
+            object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
         known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
         free = asked if asked is not None else DEFAULT_GROUPS if known is None else known.names
         object.__setattr__(self, "free", free_names(self.sensor, free))
         given: tuple[ParameterPrior, ...] | None = self.priors
-        priors = (
-            usual_priors(self.sensor, self.free)
-            if given is None
-            else checked_priors(self.free, given)
-        )
+        priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
         object.__setattr__(self, "priors", priors)
 
     # -- camera model interface ------------------------------------------------------------------
@@ -129,10 +103,7 @@ class SensorModel(CameraModel):
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
-        return tuple(
-            ModelParameter(place.name, value_of(self.sensor, place), unit, scale)
-            for place, unit, scale in zip(self._places, self._units, self._scales, strict=True)
-        )
+        return tuple(ModelParameter(place.name, value_of(self.sensor, place), unit, scale) for place, unit, scale in zip(self._places, self._units, self._scales, strict=True))
 
     def with_parameters(self, values: ArrayLike) -> Self:
         """Return the model with other values of its free parameters.
@@ -154,9 +125,7 @@ class SensorModel(CameraModel):
         """
         wanted = np.asarray(values, dtype=float)
         if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
-            raise InvalidParameter(
-                f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite"
-            )
+            raise InvalidParameter(f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite")
         other = object.__new__(type(self))  # free parameters and priors are already checked
         other.__dict__["sensor"] = with_values(self.sensor, self._places, wanted)
         for kept in ("free", "priors", "_places", "_scales"):  # constant during an estimation
@@ -188,22 +157,10 @@ class SensorModel(CameraModel):
             If the shape of the points is wrong.
         """
         image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
-        return image_of(
-            self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places
-        )
+        return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
 
     @classmethod
-    def start_from(
-        cls,
-        central: CameraModel,
-        sensor: Sensor | None = None,
-        *,
-        free: Iterable[str] | None = None,
-        priors: Iterable[ParameterPrior] | None = None,
-        omega_max_deg: float = 170.0,
-        rim_radius_mm: float = 40.0,
-        distance_mm: float | None = None,
-    ) -> Self:
+    def start_from(cls, central: CameraModel, sensor: Sensor | None = None, *, free: Iterable[str] | None = None, priors: Iterable[ParameterPrior] | None = None, omega_max_deg: float = 170.0, rim_radius_mm: float = 40.0, distance_mm: float | None = None) -> Self:
         """Create an initial sensor model that reproduces a central model for distant points.
 
         Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
@@ -243,13 +200,7 @@ class SensorModel(CameraModel):
         law = radial_projection(central, omega_max_deg)
         distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
         known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
-        words = (
-            tuple(free)
-            if free is not None
-            else DEFAULT_GROUPS
-            if sensor is not None
-            else ("shape", *DEFAULT_GROUPS, "centre")
-        )
+        words = tuple(free) if free is not None else DEFAULT_GROUPS if sensor is not None else ("shape", *DEFAULT_GROUPS, "centre")
         names = free_names(known, words)
         typical = guessed_priors if sensor is None else usual_priors
         tolerances = typical(known, names) if priors is None else tuple(priors)
@@ -282,16 +233,9 @@ class SensorModel(CameraModel):
 
     @property
     def _units(self) -> list[str]:
-        parts: dict[str, Any] = {
-            "mirror": self.sensor.mirror,
-            "lens": self.sensor.lens,
-            "imager": self.sensor.imager,
-        }
+        parts: dict[str, Any] = {"mirror": self.sensor.mirror, "lens": self.sensor.lens, "imager": self.sensor.imager}
         parts["mirror_pose"] = self.sensor.mirror_pose
-        return [
-            "mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit
-            for p in self._places
-        ]
+        return ["mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit for p in self._places]
 
     @cached_property
     def _scales(self) -> tuple[float, ...]:
@@ -383,15 +327,7 @@ PITCH_UM = 5.0  # arbitrary: an image determines only angles
 
 
 @validate_arguments
-def mirror_ball_model(
-    image_size: tuple[int, int],
-    centre_px: tuple[float, float],
-    rim_radius_px: float,
-    *,
-    focal_px: float,
-    ball_radius_mm: float = 40.0,
-    mount: Mount | None = None,
-) -> SensorModel:
+def mirror_ball_model(image_size: tuple[int, int], centre_px: tuple[float, float], rim_radius_px: float, *, focal_px: float, ball_radius_mm: float = 40.0, mount: Mount | None = None) -> SensorModel:
     """Create a sensor model of a ball from its outline in the image.
 
     The outline of a ball of radius A at centre distance D has the angular radius
@@ -441,31 +377,13 @@ def mirror_ball_model(
     if stand.image_flipped:
         across[0] = -across[0]
     off = float(np.hypot(*across))
-    far, near = (
-        np.arctan((off + rim_radius_px) / focal_px),
-        np.arctan((off - rim_radius_px) / focal_px),
-    )
+    far, near = (np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px))
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
-        raise InvalidParameter(
-            f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point"
-        )
+        raise InvalidParameter(f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point")
     towards = np.append(np.sin(delta) * across / (off or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards
     distance, b0 = float(vertex[2]), focal_px * PITCH_UM * 1e-3
-    pose = MirrorPose(
-        decentre_x_mm=float(vertex[0]),
-        decentre_y_mm=float(vertex[1]),
-        tilt_x_deg=float(-np.degrees(np.arcsin(towards[1]))),
-        tilt_y_deg=float(np.degrees(np.arctan2(towards[0], towards[2]))),
-    )
-    sensor = Sensor(
-        Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)),
-        Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance),
-        Imager(int(width), int(height), PITCH_UM),
-        stand,
-        distance,
-        name="mirror ball",
-        mirror_pose=pose,
-    )
+    pose = MirrorPose(decentre_x_mm=float(vertex[0]), decentre_y_mm=float(vertex[1]), tilt_x_deg=float(-np.degrees(np.arcsin(towards[1]))), tilt_y_deg=float(np.degrees(np.arctan2(towards[0], towards[2]))))
+    sensor = Sensor(Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)), Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance), Imager(int(width), int(height), PITCH_UM), stand, distance, name="mirror ball", mirror_pose=pose)
     return SensorModel(sensor, ("distance", "decentre"))

@@ -24,7 +24,7 @@ from ..optics.batch.best_focus import RealAreas
 from ..optics.batch.closed_forms import (
     MIN_FOCUS_DISTANCE,
     LensTables,
-    NodeOptics,
+    MirrorPointOptics,
     PerspectiveCamera,
     RealCamera,
     TelecentricCamera,
@@ -208,7 +208,7 @@ class Focusing:
         return 1 if self.field.has_surfaces else len(distances_mm(self.field))
 
     @cached_property
-    def _nodes(self) -> NodeOptics:
+    def _nodes(self) -> MirrorPointOptics:
         """Return the optics (d, k) of all points for each relevant object."""
         sensor, mirror = self.sensor, self.sensor.mirror
         counted = counted_field(self.field, sensor)
@@ -232,12 +232,12 @@ class Focusing:
             return node_optics(x, z, slope, curvature, over_x, sensor.mirror_distance_mm, near)  # type: ignore[arg-type]
 
     @cached_property
-    def _fields(self) -> dict[tuple[float, float] | None, NodeOptics]:
+    def _fields(self) -> dict[tuple[float, float] | None, MirrorPointOptics]:
         """Return the optics (k,) of each part, concatenated over object distances."""
         shape = (self.distances, self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {
-            part: NodeOptics(*(n[:, where].ravel() for n in nodes))
+            part: MirrorPointOptics(*(n[:, where].ravel() for n in nodes))
             for part, where in self._parts.items()
         }
 
@@ -279,7 +279,7 @@ class Focusing:
         """Return the vergences of zero tangential or sagittal blur, approximate for a real lens."""
         o = self._nodes
         if isinstance(self.camera, RealCamera):
-            rows = NodeOptics(*(np.atleast_2d(column) for column in o))
+            rows = MirrorPointOptics(*(np.atleast_2d(column) for column in o))
             areas = RealAreas.of(rows, self.camera, np.ones_like(rows.omega))
             return np.concatenate([areas.middle_t.ravel(), areas.middle_s.ravel()])
         return np.concatenate([o.vergence_t.ravel(), o.vergence_s.ravel()])

@@ -13,19 +13,9 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.typing import Array
 from ..optics.housing import Housing, Tube
 from ..optics.lenses import Lens
-from ..optics.mirrors import (
-    Cone,
-    Conformal,
-    CylinderMapping,
-    Ellipsoid,
-    Hyperboloid,
-    Mirror,
-    Paraboloid,
-    Sphere,
-    TabulatedMapping,
-)
+from ..optics.mirrors import Cone, Conformal, CylinderMapping, Ellipsoid, Hyperboloid, Mirror, Paraboloid, Sphere, TabulatedMapping
 from ..optics.mirrors.mappings import MAPPINGS, conformal_conic
-from ..optics.mirrors.prescribed_mapping import Mapped
+from ..optics.mirrors.prescribed_mapping import MappingMirror
 from ..optics.tracing.meridian import ChiefRays, Cover, trace_chief_rays
 from ..optics.tracing.obscuration import Obstructions, cover_of
 
@@ -51,14 +41,9 @@ class RimRay:
         if not 0 <= theta < 90:
             raise InvalidParameter(f"theta_max_deg = {theta:g} is outside 0 to 90")
         if not theta < omega < 180 - theta:
-            raise InvalidParameter(
-                f"omega_max_deg = {omega:g} cannot be reached with theta_max_deg = {theta:g}; it is valid between "
-                f"{theta:g} and {180 - theta:g}, where the rim would be seen edge-on"
-            )
+            raise InvalidParameter(f"omega_max_deg = {omega:g} cannot be reached with theta_max_deg = {theta:g}; it is valid between {theta:g} and {180 - theta:g}, where the rim would be seen edge-on")
         if not self.rim_radius_mm > 0:
-            raise InvalidParameter(
-                f"rim_radius_mm = {self.rim_radius_mm:g} is not a radius; it is valid above 0"
-            )
+            raise InvalidParameter(f"rim_radius_mm = {self.rim_radius_mm:g} is not a radius; it is valid above 0")
 
     @property
     def slope_angle_deg(self) -> float:
@@ -78,9 +63,7 @@ class RimRay:
 
     def place(self, mirror: Mirror, notes: tuple[str, ...] = ()) -> MountedMirror:
         """Return the mirror at the distance that gives the rim the viewing angle Theta."""
-        return MountedMirror(
-            mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes
-        )
+        return MountedMirror(mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes)
 
 
 @dataclass(frozen=True)
@@ -122,10 +105,7 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     # gives (R/M)^2 = cot(beta)^2 + 1 + k.
     square = 1 / rim.slope**2 + 1 + conic
     if square <= 0:
-        raise InvalidParameter(
-            f"conic = {conic:g} is never as steep as the rim, {rim.slope_angle_deg:.4g} deg; it is valid above "
-            f"{-1 - 1 / rim.slope**2:.6g}"
-        )
+        raise InvalidParameter(f"conic = {conic:g} is never as steep as the rim, {rim.slope_angle_deg:.4g} deg; it is valid above {-1 - 1 / rim.slope**2:.6g}")
     return rim.rim_radius_mm * float(np.sqrt(square))
 
 
@@ -158,10 +138,7 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     M = rim.rim_radius_mm
     if conic is None:
         if rim.theta_max_deg == 0:
-            raise InvalidParameter(
-                "a hyperboloid has no single viewpoint under an orthographic lens; the paraboloid has, or give a "
-                "conic below -1"
-            )
+            raise InvalidParameter("a hyperboloid has no single viewpoint under an orthographic lens; the paraboloid has, or give a conic below -1")
         mirror = conformal_conic(np.radians(rim.omega_max_deg), np.radians(rim.theta_max_deg), M)
         return rim.place(mirror, (f"conic = {mirror.conic:.6g}, chosen for a single viewpoint",))
     if conic >= -1:
@@ -173,9 +150,7 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
 def ellipsoid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Return the ellipsoid with a given conic constant k > -1: prolate below 0, oblate above 0."""
     if conic is None:
-        raise InvalidParameter(
-            "an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)"
-        )
+        raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
     if conic <= -1:
         raise InvalidParameter(f"conic = {conic:g} is no ellipsoid; it is valid above -1")
     R, ratio = vertex_radius(rim, conic), np.sqrt(1 + conic)  # A/B
@@ -186,30 +161,17 @@ def cone(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Return the cone of constant slope beta, with a field from Omega_max - Theta to Omega_max."""
     _refuse_conic("cone", conic)
     if rim.theta_max_deg == 0:
-        raise InvalidParameter(
-            "a cone under an orthographic lens shows one field angle alone; give theta_max_deg above 0"
-        )
+        raise InvalidParameter("a cone under an orthographic lens shows one field angle alone; give theta_max_deg above 0")
     low = rim.omega_max_deg - rim.theta_max_deg
-    return rim.place(
-        Cone(rim.slope_angle_deg, rim.rim_radius_mm),
-        (f"a cone shows {low:g} to {rim.omega_max_deg:g} deg and no more",),
-    )
+    return rim.place(Cone(rim.slope_angle_deg, rim.rim_radius_mm), (f"a cone shows {low:g} to {rim.omega_max_deg:g} deg and no more",))
 
 
 def _refuse_conic(family: str, conic: float | None) -> None:
     if conic is not None:
-        raise InvalidParameter(
-            f"conic = {conic:g} does not apply to a {family}, which is solved without it"
-        )
+        raise InvalidParameter(f"conic = {conic:g} does not apply to a {family}, which is solved without it")
 
 
-FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {
-    "sphere": sphere,
-    "hyperboloid": hyperboloid,
-    "paraboloid": paraboloid,
-    "ellipsoid": ellipsoid,
-    "cone": cone,
-}
+FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {"sphere": sphere, "hyperboloid": hyperboloid, "paraboloid": paraboloid, "ellipsoid": ellipsoid, "cone": cone}
 """Mirror families by name: functions of the rim and of the conic constant, if it is free."""
 
 
@@ -218,12 +180,7 @@ FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {
 OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
 
 
-def generated_mirror(
-    mapping: str | Callable[[NDArray[np.float64]], ArrayLike],
-    rim: RimRay,
-    omega_min_deg: float = 0.0,
-    **entries: object,
-) -> MountedMirror:
+def generated_mirror(mapping: str | Callable[[NDArray[np.float64]], ArrayLike], rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> MountedMirror:
     """Return the mirror with an exact mapping, and its lens distance.
 
     Parameters
@@ -255,9 +212,7 @@ def generated_mirror(
     4.072351768
     """
     if callable(mapping):
-        made = TabulatedMapping.from_function(
-            mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg
-        )
+        made = TabulatedMapping.from_function(mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg)
         return MountedMirror(made, made.design_distance)
     mirror = mapped_mirror(mapping, rim, omega_min_deg, **entries)
     if isinstance(mirror, Conformal):
@@ -265,30 +220,20 @@ def generated_mirror(
     return MountedMirror(mirror, mirror.design_distance)
 
 
-def mapped_mirror(
-    mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object
-) -> Mapped:
+def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> MappingMirror:
     """Return the mirror of a named mapping, which converts image heights to field angles; arguments
     as :func:`generated_mirror`.
     """
     if mapping not in MAPPINGS:
-        raise InvalidParameter(
-            f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}"
-        )
+        raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
     cls = MAPPINGS[mapping]
     given = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
     if omega_min_deg > 0 and cls is not TabulatedMapping:
         given["omega_min_deg"] = omega_min_deg
     check_entries(mapping, given)
-    mirror: Mapped = cls(**given)
-    if (
-        isinstance(mirror, TabulatedMapping)
-        and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9
-    ):
-        raise InvalidParameter(
-            f"the table ends at {mirror.omega_deg[-1]:g} deg and the field at omega_max_deg = {rim.omega_max_deg:g}; "
-            "they must agree"
-        )
+    mirror: MappingMirror = cls(**given)
+    if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
+        raise InvalidParameter(f"the table ends at {mirror.omega_deg[-1]:g} deg and the field at omega_max_deg = {rim.omega_max_deg:g}; they must agree")
     return mirror
 
 
@@ -301,13 +246,9 @@ def check_entries(mapping: str, given: Collection[str]) -> None:
         Inapplicable or missing entry, with its name.
     """
     cls = MAPPINGS[mapping]
-    taken = (
-        (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS
-    )  # start of its table
+    taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # start of its table
     if wrong := [name for name in given if name not in taken]:
-        raise InvalidParameter(
-            f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}"
-        )
+        raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
     if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
         raise InvalidParameter(f"the {mapping} mapping needs {' and '.join(missing)}")
 
@@ -329,9 +270,7 @@ def _instead(name: str) -> str:
 
 
 @validate_arguments
-def mappings(
-    omega_max_deg: float = 75.0, theta_max_deg: float = 12.0
-) -> dict[str, MountedMirror | OmnimirrorError]:
+def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
     """Compute the mirror of each mapping for a field and a lens, with lengths in rim radii.
 
     Used by ``omnimirror mappings``. The mirrors follow from the law of reflection, dz/dx =
@@ -410,7 +349,7 @@ class LensAndCover:
 
     def mounted(self, made: MountedMirror, theta_max_deg: float) -> MountedMirror:
         """Return a mirror designed for a pinhole, at the lens distance of equal viewing angle."""
-        place = float(self.lens.pupil.place(np.array([np.tan(np.radians(theta_max_deg))]))[0])
+        place = float(self.lens.pupil.position(np.array([np.tan(np.radians(theta_max_deg))]))[0])
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
     def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
@@ -431,7 +370,7 @@ class LensAndCover:
         def trace(x: Array) -> ChiefRays:
             with np.errstate(all="ignore"):
                 rays = trace_chief_rays(made.mirror, made.distance_mm, x, self.lens.pupil)
-                return rays if cover is None else cover.left_by(rays)
+                return rays if cover is None else cover.refracted(rays)
 
         return trace
 
@@ -457,9 +396,7 @@ class LensAndCover:
             inside += missed * float(_inside_rate(rays)[0])
         return found
 
-    def made_for_ends(
-        self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float
-    ) -> MountedMirror:
+    def made_for_ends(self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float) -> MountedMirror:
         """Return the pointed mirror with a field from ``low_deg`` outside the cover.
 
         Parameters
@@ -476,9 +413,7 @@ class LensAndCover:
         shell = self.housing.shell
         index = 1.0 if shell is None else shell.outer_index
         # Snell's law at parallel walls is exact for a tube and the initial value for a dome.
-        cosines = np.clip(
-            index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG))
-        )
+        cosines = np.clip(index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG)))
         inside, before = np.degrees(np.arccos(cosines)), None
         for _ in range(ENDS_STEPS):
             own = RimRay(float(inside[1]), rim.theta_max_deg, rim.rim_radius_mm)
@@ -491,18 +426,10 @@ class LensAndCover:
             # The first point with rays through the wall depends on the angle at the centre; a
             # secant step accounts for this.
             if before is not None and (change := missed[0] - before[1]):
-                step[0] = float(
-                    np.clip(
-                        -missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG
-                    )
-                )
+                step[0] = float(np.clip(-missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG))
             before = inside[0], missed[0]
             inside = inside + step
-            is_settled = (
-                abs(missed[1]) < np.degrees(CLOSE)
-                and before[0] == MIN_CENTRE_DEG
-                and inside[0] <= before[0]
-            )
+            is_settled = abs(missed[1]) < np.degrees(CLOSE) and before[0] == MIN_CENTRE_DEG and inside[0] <= before[0]
             if is_settled:  # the angle cannot be reached
                 break
             inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
@@ -510,18 +437,13 @@ class LensAndCover:
 
     def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
         """Return field angle errors at both ends of the field, deg, and d(inside)/d(outside)."""
-        begin, rim, cover, trace = (
-            0.0,
-            made.mirror.rim_radius_mm,
-            self._cover(made),
-            self._tracer(made),
-        )
+        begin, rim, cover, trace = (0.0, made.mirror.rim_radius_mm, self._cover(made), self._tracer(made))
         if cover is not None:
-            begin = cover.first_seen(trace, 0.0, rim)
+            begin = cover.first_visible_x(trace, 0.0, rim)
         rays = trace(np.array([begin, rim]))
         return wanted_deg - np.degrees(rays.omega), _inside_rate(rays)
 
-    def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:
+    def made_for_mapping(self, exact: MappingMirror, rim: RimRay) -> MountedMirror:
         """Return the mirror that has a given mapping with lens and cover.
 
         Raises
@@ -530,13 +452,11 @@ class LensAndCover:
             Rays blocked by the cover.
         """
         x = rim.rim_radius_mm * np.linspace(0.0, 1.0, NODES)
-        mirror: Mapped = exact
+        mirror: MappingMirror = exact
         inside: Array | None = None
         for _ in range(STEPS):
             made = MountedMirror(mirror, mirror.design_distance)
-            tau = (
-                x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
-            )
+            tau = x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
             tau = tau / tau[-1]
             inside = mirror.mapping(tau)[0]
             found = self.mounted(made, rim.theta_max_deg)
@@ -546,7 +466,7 @@ class LensAndCover:
             if np.abs(missed).max() < CLOSE:
                 break
             wanted = np.degrees(inside + missed * _inside_rate(rays))
-            mirror = TabulatedMapping.sketched(wanted, tau, rim.theta_max_deg, rim.rim_radius_mm)
+            mirror = TabulatedMapping.unchecked(wanted, tau, rim.theta_max_deg, rim.rim_radius_mm)
         if isinstance(found.mirror, TabulatedMapping):
             found.mirror.checked()
         return found
@@ -560,15 +480,10 @@ def _inside_rate(rays: ChiefRays) -> Array:
 def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
     if not np.isfinite(missed):
         kind = "cover" if housing.shell is None else housing.shell.KIND
-        raise InvalidParameter(
-            f"the {kind} does not let out rays of a mirror to omega_max_deg = {rim.omega_max_deg:g}; a smaller "
-            "field, or a wider or thinner wall is valid"
-        )
+        raise InvalidParameter(f"the {kind} does not let out rays of a mirror to omega_max_deg = {rim.omega_max_deg:g}; a smaller field, or a wider or thinner wall is valid")
 
 
-def departure(
-    lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int
-) -> float:
+def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: MappingMirror, angles: int) -> float:
     """Return the largest deviation of the image height from a mapping, in rim heights."""
     x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
     rays = lens_and_cover.rays(made, x)

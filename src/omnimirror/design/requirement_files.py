@@ -21,25 +21,10 @@ from ..optics.mirrors.measured import MAPPING_FILE
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
 from ..optics.thermal import Thermal
-from ..optics.toml_validation import (
-    NoFile,
-    SourceLocator,
-    StandTable,
-    Table,
-    check_entries,
-    table_model,
-    validated,
-)
+from ..optics.toml_validation import MountTable, NullLocator, SourceLocator, Table, check_entries, table_model, validated
 from .catalogue import TYPICAL
 from .limits import LIMITABLE, Limit
-from .requirements import (
-    PAPER_IMAGER,
-    FieldRequirements,
-    LensRequirements,
-    MirrorRequirements,
-    PartsRequirements,
-    Requirements,
-)
+from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, MirrorRequirements, PartsRequirements, Requirements
 
 # -- Requirement files: requirements in TOML format, validated by entry like sensor files ----------
 
@@ -58,23 +43,17 @@ class LimitTable(Table):
     at_most: float | None = None
     at_least: float | None = None
     omega_deg: Angle | Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
-    elevation_deg: (
-        Elevation | Annotated[list[Elevation], Field(min_length=2, max_length=2)] | None
-    ) = None
+    elevation_deg: Elevation | Annotated[list[Elevation], Field(min_length=2, max_length=2)] | None = None
     cycles_per_px: float | None = None
 
 
 class ElevationTable(Table):
     """Lowest and highest elevation in ``[field]``, as an alternative to field angles."""
 
-    elevation_deg: Annotated[
-        list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")
-    ]
+    elevation_deg: Annotated[list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")]
 
 
-def load_requirements(
-    path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()
-) -> Requirements:
+def load_requirements(path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()) -> Requirements:
     """Read a requirement file.
 
     Parameters
@@ -112,19 +91,11 @@ def load_requirements(
     120.0
     """
     path = file_name("path", path)
-    text = read_text(
-        path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}"
-    )
+    text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
     return parse_requirements(text, str(path), path.parent, changes, limits)
 
 
-def parse_requirements(
-    text: str,
-    source: str = "requirements",
-    folder: Path | None = None,
-    changes: dict[str, Any] | None = None,
-    limits: Sequence[dict[str, Any]] = (),
-) -> Requirements:
+def parse_requirements(text: str, source: str = "requirements", folder: Path | None = None, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()) -> Requirements:
     """Parse requirements from text; ``folder`` is the base of relative file names.
 
     >>> requirements = parse_requirements('''
@@ -184,16 +155,12 @@ def format_requirements(requirements: Requirements) -> str:
     return tomli_w.dumps({"format": FORMAT, **requirements.tables()})
 
 
-def requirements_of(
-    data: dict[str, Any], where: SourceLocator | None = None, folder: Path | None = None
-) -> Requirements:
+def requirements_of(data: dict[str, Any], where: SourceLocator | None = None, folder: Path | None = None) -> Requirements:
     """Return requirements from the tables of a file; ``where`` adds locations to errors."""
-    where = where or NoFile()
+    where = where or NullLocator()
     _check_tables(data, where)
-    mirror = where.wrap(
-        ("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder)
-    )
-    mount = Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump())
+    mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
+    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
     parts: dict[str, Any] = {
         "field": FieldRequirements.read(_by_field_angles(data["field"], mount, where), where),
         "mirror": MirrorRequirements.read(mirror, where),
@@ -201,9 +168,7 @@ def requirements_of(
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
         "mount": mount,
         "housing": housing_of(data.get("housing", {}), where),
-        "limits": tuple(
-            limit_of(i, table, mount, where) for i, table in enumerate(data.get("limit", []))
-        ),
+        "limits": tuple(limit_of(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
     }
     if "thermal" in data:
         parts |= _thermal(data["thermal"], where)
@@ -216,42 +181,22 @@ def requirements_of(
 
 
 def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
-    known: dict[str, type] = {
-        "format": int,
-        "name": str,
-        "notes": str,
-        "field": dict,
-        "mirror": dict,
-        "lens": dict,
-        "imager": dict,
-        "mount": dict,
-        "housing": dict,
-        "limit": list,
-        "parts": dict,
-        "thermal": dict,
-    }
+    known: dict[str, type] = {"format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict, "mount": dict, "housing": dict, "limit": list, "parts": dict, "thermal": dict}
     check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
-            raise where.error(
-                (), f"there is no [{key}] table; a requirement file needs [field] and [mirror]"
-            )
+            raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
 
 
 class TemperatureTable(Table):
     """Temperature range of the limits."""
 
-    range_c: (
-        Annotated[list[float], Field(min_length=2, max_length=2, description="[LOW, HIGH], C")]
-        | None
-    ) = None
+    range_c: Annotated[list[float], Field(min_length=2, max_length=2, description="[LOW, HIGH], C")] | None = None
 
 
 def _thermal(table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
     """Return the thermal properties of the sensor, and the temperature range of the limits."""
-    span = validated(
-        TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where
-    ).range_c
+    span = validated(TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where).range_c
     entries = {name: value for name, value in table.items() if name != "range_c"}
     said = validated(table_model(Thermal), "thermal", entries, where).model_dump()
     thermal = where.wrap(("thermal",), lambda: Thermal(**said))
@@ -262,33 +207,21 @@ def _parts(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> 
     """Return the parts requirements, with catalogue paths relative to the file."""
     found = PartsRequirements.read(table, where)
     if folder is None and any(name != TYPICAL for name in found.catalogue):
-        raise where.error(
-            ("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone"
-        )
+        raise where.error(("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone")
     beside = folder or Path()
-    return replace(
-        found, catalogue=tuple(n if n == TYPICAL else str(beside / n) for n in found.catalogue)
-    )
+    return replace(found, catalogue=tuple(n if n == TYPICAL else str(beside / n) for n in found.catalogue))
 
 
-def _with_optics(
-    table: dict[str, Any], where: SourceLocator, folder: Path | None
-) -> dict[str, Any]:
+def _with_optics(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> dict[str, Any]:
     """Return the lens table with a real lens in place of its definition."""
     optics = table.get("optics")
     if not isinstance(optics, dict):
         return table
     if beside := [name for name in ("focal_length_mm", "f_number") if name in table]:
-        raise where.error(
-            ("lens", beside[0]),
-            f"lens.{beside[0]} does not apply beside lens.optics, which have their own",
-        )
+        raise where.error(("lens", beside[0]), f"lens.{beside[0]} does not apply beside lens.optics, which have their own")
     lens = lens_of(optics, where, folder, "lens.optics")
     if lens.IS_THIN:
-        raise where.error(
-            ("lens.optics", "kind"),
-            f"lens.optics.kind = {lens.KIND!r} is an ideal lens; valid are surfaces and table",
-        )
+        raise where.error(("lens.optics", "kind"), f"lens.optics.kind = {lens.KIND!r} is an ideal lens; valid are surfaces and table")
     return {**table, "optics": lens}
 
 
@@ -304,26 +237,17 @@ def _by_field_angles(table: dict[str, Any], mount: Mount, where: SourceLocator) 
     if "elevation_deg" not in table:
         return table
     if beside := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
-        raise where.error(
-            ("field", beside[0]), f"field has both elevation_deg and {beside[0]}; give one of them"
-        )
-    entries = validated(
-        ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where
-    ).elevation_deg
+        raise where.error(("field", beside[0]), f"field has both elevation_deg and {beside[0]}; give one of them")
+    entries = validated(ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where).elevation_deg
     low, high = _field_angles(("field", "elevation_deg"), entries, mount, where)
     rest = {name: value for name, value in table.items() if name != "elevation_deg"}
     return {"omega_min_deg": low, "omega_max_deg": high, "angles": "elevation", **rest}
 
 
-def _field_angles(
-    place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator
-) -> tuple[float, float]:
+def _field_angles(place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator) -> tuple[float, float]:
     low, high = elevation_deg
     if low > high:
-        raise where.error(
-            place,
-            f"{'.'.join(place)} = {elevation_deg} is no part of the field; it needs LOW up to HIGH",
-        )
+        raise where.error(place, f"{'.'.join(place)} = {elevation_deg} is no part of the field; it needs LOW up to HIGH")
     return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
 
 
@@ -335,13 +259,8 @@ def limit_of(index: int, table: dict[str, Any], mount: Mount, where: SourceLocat
     part = _pair(entries.omega_deg)
     if entries.elevation_deg is not None:
         if part is not None:
-            raise where.error(
-                (section, "omega_deg"),
-                "limit has both elevation_deg and omega_deg; give one of them",
-            )
-        part = _field_angles(
-            (section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where
-        )
+            raise where.error((section, "omega_deg"), "limit has both elevation_deg and omega_deg; give one of them")
+        part = _field_angles((section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where)
     elif part is not None and part[0] > part[1]:
         place = (section, "omega_deg")
     numbers = entries.at_most, entries.at_least, part, entries.cycles_per_px
@@ -361,17 +280,10 @@ PIXELS = ("width_px", "height_px", "pixel_pitch_um")
 def tables_like(sensor: Sensor) -> dict[str, Any]:
     """Return the properties of a single-mirror sensor as tables of a requirement file."""
     check_sensor(sensor)
-    sensor.check("designing one like it", "one mirror")
+    sensor.check("designing one like it", "single mirror")
     low, high = sensor.field_deg
     imager = sensor.imager
-    return {
-        "field": {"omega_max_deg": high, "omega_min_deg": low},
-        "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm},
-        "lens": lens_like(sensor),
-        "housing": housing_tables(sensor.housing),
-        "imager": {n: getattr(imager, n) for n in PIXELS}
-        | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {}),
-    }
+    return {"field": {"omega_max_deg": high, "omega_min_deg": low}, "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm}, "lens": lens_like(sensor), "housing": housing_tables(sensor.housing), "imager": {n: getattr(imager, n) for n in PIXELS} | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {})}
 
 
 def lens_like(sensor: Sensor) -> dict[str, Any]:
@@ -386,11 +298,7 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
         return {"kind": lens.KIND, "f_number": lens.stop_number}
     theta = float(np.degrees(sensor.meridian.theta_max))
     if isinstance(lens, Perspective):
-        own = {
-            "kind": lens.KIND,
-            "f_number": lens.stop_number,
-            "focal_length_mm": lens.focal_length_mm,
-        }
+        own = {"kind": lens.KIND, "f_number": lens.stop_number, "focal_length_mm": lens.focal_length_mm}
         return {**own, "theta_max_deg": theta}
     return {"optics": lens_table(lens), "theta_max_deg": theta}
 

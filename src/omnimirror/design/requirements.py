@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, create_model
 from ..base.arguments import finite, instance
 from ..base.errors import InvalidParameter
 from ..cameras.frames import Mount
-from ..optics.batch.families import FreeForm
+from ..optics.batch.families import FreeformFamily
 from ..optics.housing import Housing
 from ..optics.image_sensor import Imager
 from ..optics.lenses import FieldLens
@@ -22,7 +22,7 @@ from ..optics.sensor_files import housing_tables, lens_table
 from ..optics.thermal import Thermal
 from ..optics.toml_validation import (
     EntryError,
-    NoFile,
+    NullLocator,
     SourceLocator,
     Table,
     did_you_mean,
@@ -103,7 +103,7 @@ def _check_forms(mirror: MirrorRequirements) -> None:
     for name in ("fit", "family"):
         text = getattr(mirror, name)
         if text is not None and (name == "fit" or ":" in text):
-            NoFile().wrap(("mirror", name), partial(FitForm.parse, text))
+            NullLocator().wrap(("mirror", name), partial(FitForm.parse, text))
     if mirror.optimise is None:
         if mirror.shape is not None:
             raise EntryError(
@@ -119,7 +119,7 @@ def _check_forms(mirror: MirrorRequirements) -> None:
     if mirror.apex == "pointed":
         raise EntryError(("mirror", "apex"), "an optimised mirror has a smooth apex")
     if mirror.shape is not None:
-        NoFile().wrap(("mirror", "shape"), partial(FreeForm.parse, mirror.shape))
+        NullLocator().wrap(("mirror", "shape"), partial(FreeformFamily.parse, mirror.shape))
 
 
 def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequirements) -> None:
@@ -128,19 +128,19 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
     given = {name: value for name in OF_MAPPINGS if (value := getattr(mirror, name)) is not None}
     names = [*given, "omega_min_deg"] if mirror.is_pointed and field.omega_min_deg > 0 else [*given]
     wrong = next((name for name in given if name not in parameters), "mapping")
-    NoFile().wrap(("mirror", wrong), lambda: check_entries(mapping, names))
+    NullLocator().wrap(("mirror", wrong), lambda: check_entries(mapping, names))
     for name, value in given.items():
-        NoFile().wrap(("mirror", name), partial(parameters[name].check, name, value))
+        NullLocator().wrap(("mirror", name), partial(parameters[name].check, name, value))
     if mirror.omega_deg is not None and mirror.height is not None:
         omega, height = mirror.omega_deg, mirror.height
-        NoFile().wrap(("mirror", "omega_deg"), lambda: check_rows(omega, height))
+        NullLocator().wrap(("mirror", "omega_deg"), lambda: check_rows(omega, height))
         if abs(omega[-1] - field.omega_max_deg) > SAME_DEG:
             raise EntryError(
                 ("field", "omega_max_deg"),
                 f"the table ends at {omega[-1]:g} deg and the field at omega_max_deg = {field.omega_max_deg:g}; "
                 "they must agree",
             )
-    most = getattr(MAPPINGS[mapping], "MOST_OMEGA_DEG", 180.0)
+    most = getattr(MAPPINGS[mapping], "MAX_OMEGA_DEG", 180.0)
     if field.omega_max_deg >= most:
         raise EntryError(
             ("field", "omega_max_deg"),
@@ -368,7 +368,7 @@ class Entries:
 
     def __post_init__(self) -> None:
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        for name, value in _checked(type(self), given, NoFile()).items():
+        for name, value in _checked(type(self), given, NullLocator()).items():
             object.__setattr__(self, name, value)
 
     @classmethod

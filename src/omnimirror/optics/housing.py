@@ -19,10 +19,10 @@ from .materials import MATERIAL_NAMES, MATERIALS, Material, index_of
 
 __all__ = [
     "CLEARANCE_MM",
-    "GAP_SHARE",
-    "LENS_AT_RIMS",
+    "DEFAULT_GAP_RATIO",
     "MATERIALS",
     "SHELLS",
+    "TELECENTRIC_LENS_DISTANCE_RIMS",
     "CameraBody",
     "Dome",
     "Envelope",
@@ -35,11 +35,11 @@ __all__ = [
     "Shell",
     "Tube",
     "index_of",
-    "wall_words",
+    "wall_description",
 ]
 
 
-# -- Base class of housing parts, and the envelope to which they are fitted ------------------------
+# -- Housing parts and envelope --------------------------------------------------------------------
 
 
 class HousingPart:
@@ -69,7 +69,7 @@ class Envelope(NamedTuple):
     has_secondary: bool = False
 
 
-# -- Clear walls between mirror and world: tubes, domes and flat windows, with their media ---------
+# -- Clear walls: tube, dome and window ------------------------------------------------------------
 
 CLEARANCE_MM = 3.0
 """Default clearance between rim and tube or dome."""
@@ -77,17 +77,24 @@ BEYOND_LENS_MM = 5.0
 """Default distance of a window from the lens."""
 WALL = {
     "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
-    "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
-    "refractive_index": Parameter("", 1.0, 4.0, "of the wall"),
-    "material": Parameter("", 0.0, 0.0, "of the wall, instead of its index", MATERIAL_NAMES),
-    "medium": Parameter("", 0.0, 0.0, "what is outside, instead of air", MATERIAL_NAMES),
-    "medium_index": Parameter("", 1.0, 4.0, "refractive index of what is outside"),
-    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "shift to the right in the image"),
-    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "shift down in the image"),
-    "tilt_x_deg": Parameter(
-        "deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"
+    "wall_mm": Parameter("mm", 1e-3, 1e3, "wall thickness"),
+    "refractive_index": Parameter("", 1.0, 4.0, "refractive index of the wall"),
+    "material": Parameter(
+        "", 0.0, 0.0, "material of the wall, instead of its index", MATERIAL_NAMES
     ),
-    "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
+    "medium": Parameter("", 0.0, 0.0, "outer medium, instead of its index", MATERIAL_NAMES),
+    "medium_index": Parameter("", 1.0, 4.0, "refractive index of the outer medium"),
+    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "decentring to the right in the image"),
+    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "decentring downwards in the image"),
+    "tilt_x_deg": Parameter(
+        "deg",
+        -45.0,
+        45.0,
+        "rotation about the X axis of the image, through the vertex; applied first",
+    ),
+    "tilt_y_deg": Parameter(
+        "deg", -45.0, 45.0, "rotation about the Y axis of the image, through the vertex"
+    ),
 }
 WALL_INDEX = 1.49
 """Default refractive index (acrylic)."""
@@ -116,12 +123,13 @@ class ClearWall(HousingPart):
         super().__post_init__()
         if self.material is not None and self.refractive_index != WALL_INDEX:
             raise InvalidParameter(
-                f"refractive_index = {self.refractive_index:g} and material = {self.material!r} were both given; give "
-                "one of them"
+                "refractive_index and material must not both be given; got "
+                f"{self.refractive_index:g} and {self.material!r}"
             )
         if self.medium is not None and self.medium_index != 1.0:
             raise InvalidParameter(
-                f"medium_index = {self.medium_index:g} and medium = {self.medium!r} were both given; give one of them"
+                f"medium_index and medium must not both be given; got {self.medium_index:g} and "
+                f"{self.medium!r}"
             )
         self._check_room()
 
@@ -129,8 +137,8 @@ class ClearWall(HousingPart):
         """Check that the wall leaves space inside."""
         if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
             raise InvalidParameter(
-                f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
-                f"{self.diameter_mm / 2:g} mm"
+                f"wall_mm must be less than {self.diameter_mm / 2:g} mm, the outer radius of "
+                f"the {self.KIND}; got {self.wall_mm:g}"
             )
 
     @property
@@ -157,8 +165,10 @@ class ClearWall(HousingPart):
 
     def centred(self) -> Self:
         """Return the cover in its nominal position."""
-        places = dict.fromkeys(("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0)
-        return replace(self, **places)  # type: ignore[type-var]  # every part is a dataclass
+        pose_parameters = dict.fromkeys(
+            ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0
+        )
+        return replace(self, **pose_parameters)  # type: ignore[type-var]  # every part is a dataclass
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the cover with the indices of its named materials at a wavelength, nm."""
@@ -173,20 +183,20 @@ class ClearWall(HousingPart):
         return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
 
 
-def wall_words(shell: ClearWall) -> str:
+def wall_description(shell: ClearWall) -> str:
     """Return a description of wall material and outer medium, by name if available.
 
-    >>> wall_words(Tube(material="polycarbonate", medium="water"))
+    >>> wall_description(Tube(material="polycarbonate", medium="water"))
     'polycarbonate, n = 1.5855, in water, n = 1.3331'
-    >>> wall_words(Tube())
+    >>> wall_description(Tube())
     'n = 1.49'
     """
-    named = f"{_name(shell.material)}, " if shell.material else ""
-    words = f"{named}n = {shell.index:g}"
+    material = f"{_name(shell.material)}, " if shell.material else ""
+    text = f"{material}n = {shell.index:g}"
     if shell.outer_index == 1.0:
-        return words
+        return text
     medium = f"{_name(shell.medium)}, " if shell.medium else "a medium of "
-    return f"{words}, in {medium}n = {shell.outer_index:g}"
+    return f"{text}, in {medium}n = {shell.outer_index:g}"
 
 
 def _name(material: str) -> str:
@@ -240,19 +250,19 @@ class Tube(ClearWall):
 
     def fitted(self, envelope: Envelope) -> Tube:
         """Return the tube with dimensions fitted to the sensor."""
-        least, usual = self.diameters(envelope.outer_mm)
-        diameter = self.diameter_mm or float(usual)
-        if diameter < least:
+        min_diameter, default_diameter = self.diameters(envelope.outer_mm)
+        diameter = self.diameter_mm or float(default_diameter)
+        if diameter < min_diameter:
             raise InvalidParameter(
-                f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
-                f"diameter is valid from {least:g} mm"
+                f"diameter_mm of the tube must be at least {min_diameter:g} mm, to enclose the mirror "
+                f"with a wall of {self.wall_mm:g} mm; got {diameter:g}"
             )
         return replace(self, diameter_mm=diameter)
 
     def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
         """Return minimum and default outer diameter around mirrors of given radii."""
-        least = 2 * (outer_mm + self.wall_mm)
-        return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
+        min_diameter = 2 * (outer_mm + self.wall_mm)
+        return min_diameter, np.ceil(np.real(min_diameter) + 2 * CLEARANCE_MM)
 
 
 @dataclass(frozen=True)
@@ -303,9 +313,9 @@ class Dome(ClearWall):
 
     KIND: ClassVar[str] = "dome"
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
-        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre over the mirror's vertex"),
+        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre above the mirror vertex"),
         "inner_shift_mm": Parameter(
-            "mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"
+            "mm", -1e3, 1e3, "height of the inner sphere's centre above the outer one's"
         ),
     }
 
@@ -313,7 +323,8 @@ class Dome(ClearWall):
         super().__post_init__()
         if not abs(self.inner_shift_mm) < self.wall_mm:
             raise InvalidParameter(
-                f"inner_shift_mm = {self.inner_shift_mm:g} breaks through a wall of {self.wall_mm:g} mm"
+                f"inner_shift_mm must be smaller in magnitude than wall_mm, {self.wall_mm:g} "
+                f"mm; got {self.inner_shift_mm:g}"
             )
 
     @property
@@ -331,17 +342,19 @@ class Dome(ClearWall):
         """Return the dome with dimensions fitted to the sensor."""
         back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
         centre = float(self.centre_between(lens, back))
-        least, usual = self.diameters(lens, back, rim)
-        diameter = self.diameter_mm or float(usual)
-        if diameter < least:
+        min_diameter, default_diameter = self.diameters(lens, back, rim)
+        diameter = self.diameter_mm or float(default_diameter)
+        if diameter < min_diameter:
             raise InvalidParameter(
-                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
-                f"does not take in the mirror; its diameter is valid from {least:.5g} mm"
+                f"diameter_mm of the dome must be at least {min_diameter:.5g} mm, to enclose the "
+                f"mirror (centre at {centre:.4g} mm, wall of {self.wall_mm:g} mm); got "
+                f"{diameter:g}"
             )
         if diameter / 2 - self.wall_mm <= abs(lens - centre):
             raise InvalidParameter(
-                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm does not reach the plane of the lens, at "
-                f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
+                "diameter_mm of the dome must be greater than "
+                f"{2 * (abs(lens - centre) + self.wall_mm):.5g} mm, to reach the plane of the "
+                f"lens at {lens:.4g} mm (centre at {centre:.4g} mm); got {diameter:g}"
             )
         return replace(self, diameter_mm=diameter, centre_mm=centre)
 
@@ -353,9 +366,9 @@ class Dome(ClearWall):
         """Return minimum and default outer diameter around mirrors, numbers or arrays."""
         lens, back, rim = (np.real(v) for v in (lens_mm, back_mm, outer_mm))
         centre = np.real(self.centre_between(lens, back))
-        farther = np.maximum(np.abs(back - centre), np.abs(lens - centre))
-        least = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
-        return least, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm))
+        max_height = np.maximum(np.abs(back - centre), np.abs(lens - centre))
+        min_diameter = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
+        return min_diameter, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, max_height) + self.wall_mm))
 
 
 @dataclass(frozen=True)
@@ -402,7 +415,7 @@ class FlatWindow(ClearWall):
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
         "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the clear opening"),
         "height_mm": Parameter(
-            "mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"
+            "mm", -1e5, 1e5, "height of the inner surface above the mirror vertex"
         ),
     }
 
@@ -420,8 +433,8 @@ class FlatWindow(ClearWall):
         height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
         if height > envelope.lens_mm:
             raise InvalidParameter(
-                f"height_mm = {height:g} puts the window between lens and mirror, where the lens looks through it too; "
-                f"it is valid up to {envelope.lens_mm:g} mm, in the plane of the lens or beyond"
+                f"height_mm must be at most {envelope.lens_mm:g} mm, the plane of the lens: a "
+                f"window between lens and mirror is in the optical path twice; got {height:g}"
             )
         return replace(self, height_mm=height)
 
@@ -433,15 +446,11 @@ SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {
 """Clear walls by their name in sensor files."""
 
 
-# -- Housing of a mirror: camera body, rod, tube or dome, and the rim of the mirror's body ---------
-#
-# All parts are surfaces of revolution about the lens axis. Heights are in mm above the nominal mirror
-# vertex, away from the lens; parts between mirror and lens have negative heights. Obscuration of the
-# field by these parts is computed in :mod:`omnimirror.optics.tracing.obscuration`.
+# -- Opaque parts and housing ----------------------------------------------------------------------
 
-LENS_AT_RIMS = 2.5
+TELECENTRIC_LENS_DISTANCE_RIMS = 2.5
 """Assumed distance of a telecentric lens from the vertex, in rim radii."""
-GAP_SHARE = 0.25
+DEFAULT_GAP_RATIO = 0.25
 """Default gap between rod and lens, relative to the mirror distance."""
 
 
@@ -468,13 +477,13 @@ class CameraBody(HousingPart):
     lens_diameter_mm: float = 24.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the camera as the mirror shows it"),
+        "diameter_mm": Parameter(
+            "mm", 1e-3, 1e5, "diameter of the camera, as reflected in the mirror"
+        ),
         "height_mm": Parameter(
-            "mm", -1e5, 1e5, "height of the camera's front over the lens, towards the mirror"
+            "mm", -1e5, 1e5, "height of the camera's front above the lens, towards the mirror"
         ),
-        "lens_diameter_mm": Parameter(
-            "mm", 1e-3, 1e5, "diameter of the front ring of the camera's lens"
-        ),
+        "lens_diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the lens's front ring"),
     }
 
 
@@ -505,22 +514,23 @@ class Rod(HousingPart):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the rod at its foot"),
         "end_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the rod at the mirror"),
-        "gap_mm": Parameter("mm", 0.0, 1e5, "from the foot of the rod to the lens"),
+        "gap_mm": Parameter("mm", 0.0, 1e5, "distance from the foot of the rod to the lens"),
     }
 
     def fitted(self, envelope: Envelope) -> Rod:
         """Return the rod with dimensions fitted to the sensor."""
-        gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
+        gap = -envelope.lens_mm * DEFAULT_GAP_RATIO if self.gap_mm is None else self.gap_mm
         if not gap < -envelope.lens_mm:
             raise InvalidParameter(
-                f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm"
+                f"gap_mm must be less than {-envelope.lens_mm:g} mm, the distance from lens to "
+                f"mirror; got {gap:g}"
             )
         end = self.diameter_mm if self.end_diameter_mm is None else self.end_diameter_mm
         if end > 2 * envelope.outer_mm:
             entry = "diameter_mm" if self.end_diameter_mm is None else "end_diameter_mm"
             raise InvalidParameter(
-                f"{entry} = {end:g} makes a rod wider than the mirror that it holds; there it is valid up to "
-                f"{2 * envelope.outer_mm:g} mm"
+                f"{entry} must be at most {2 * envelope.outer_mm:g} mm at the mirror, the "
+                f"diameter of the mirror; got {end:g}"
             )
         return replace(self, end_diameter_mm=end, gap_mm=gap)
 
@@ -549,14 +559,12 @@ class Rim(HousingPart):
     thickness_mm: float = 5.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "width_mm": Parameter(
-            "mm", 0.0, 1e4, "how far the rim's edge or flange stands out over the mirror"
-        ),
+        "width_mm": Parameter("mm", 0.0, 1e4, "radial width of the edge or flange beyond the rim"),
         "setback_mm": Parameter(
-            "mm", 0.0, 1e4, "how far the front of the edge or flange lies behind the rim"
+            "mm", 0.0, 1e4, "axial distance from the rim back to the front of the edge or flange"
         ),
         "thickness_mm": Parameter(
-            "mm", 1e-3, 1e4, "from the mirror's surface to the back of its body"
+            "mm", 1e-3, 1e4, "distance from the mirror surface to the back of its body"
         ),
     }
 
@@ -584,7 +592,7 @@ class Housing:
     >>> from dataclasses import replace
     >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0), Rod(4.0)))
     >>> for ring in sensor.obscurations:
-    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.picture_percent, 2))
+    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.image_percent, 2))
     rod [0.0, 21.04] 4.35
     camera [0.0, 8.43] 0.71
     """
@@ -596,15 +604,15 @@ class Housing:
     secondary_rim: Rim | None = None
 
     def __post_init__(self) -> None:
-        kinds: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
-        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
-        for name, kind in kinds.items():
+        types: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
+        types |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
+        for name, kind in types.items():
             if (part := getattr(self, name)) is not None:
                 instance(
                     name,
                     part,
                     kind,
-                    f"a part such as omnimirror.optics.housing.{_name_of(kind)} makes",
+                    f"an instance of {_name_of(kind)} (omnimirror.optics.housing)",
                 )
 
     @property
@@ -633,16 +641,19 @@ class Housing:
     def _check_beside_secondary(self) -> None:
         if self.rod is not None:
             raise InvalidParameter(
-                "a rod would stand in the view of the secondary; valid supports are tube and none"
+                "housing.rod is not supported with a secondary, whose view it obstructs; use a "
+                "tube or no support"
             )
         if isinstance(self.shell, Dome | FlatWindow):
             raise InvalidParameter(
-                f"a {self.shell.KIND} is for sensors of one mirror; beside a secondary valid are tube and none"
+                f"housing.{self.shell.KIND} is not supported with a secondary; use a tube or no "
+                "support"
             )
         if self.camera is not None:
             raise InvalidParameter(
-                f"a camera of diameter_mm = {self.camera.diameter_mm:g} is for sensors of one mirror; beside a "
-                "secondary the camera's front is its bore_radius_mm"
+                "housing.camera is not supported with a secondary; set bore_radius_mm of the "
+                "secondary to the radius of the camera's front (diameter_mm = "
+                f"{self.camera.diameter_mm:g})"
             )
 
 

@@ -45,10 +45,8 @@ class Imager:
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "width_px": Parameter("px", 1, 100_000, "number of columns"),
         "height_px": Parameter("px", 1, 100_000, "number of rows"),
-        "pixel_pitch_um": Parameter("um", 0.01, 1e4, "distance of neighbouring pixels"),
-        "centre_px": Parameter(
-            "px", -1e6, 1e6, "point (u, v) at which the optical axis meets the array, before a flip"
-        ),
+        "pixel_pitch_um": Parameter("um", 0.01, 1e4, "pixel pitch"),
+        "centre_px": Parameter("px", -1e6, 1e6, "principal point (u, v) on the array, before a flip"),
     }
 
     def __post_init__(self) -> None:
@@ -57,19 +55,13 @@ class Imager:
             if value is not None or f.name != "centre_px":
                 self.PARAMETERS[f.name].check(f.name, value)
         for name in ("width_px", "height_px"):
-            value = numbers(name, getattr(self, name), "a number")
+            value = numbers(name, getattr(self, name), "(one number)")
             if value.ndim or int(value) != value:
-                raise InvalidParameter(
-                    f"{name} = {getattr(self, name)} is not a whole number of pixels"
-                )
+                raise InvalidParameter(f"{name} must be an integer number of pixels; got {getattr(self, name)}")
         if self.centre_px is not None:
             if len(self.centre_px) != 2:
-                raise InvalidParameter(
-                    f"centre_px has {len(self.centre_px)} numbers; it needs two, u and v"
-                )
-            object.__setattr__(
-                self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1]))
-            )
+                raise InvalidParameter(f"centre_px must be a pair (u, v); got {len(self.centre_px)} numbers")
+            object.__setattr__(self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1])))
 
     @property
     def pitch_mm(self) -> float:
@@ -138,11 +130,9 @@ class ImagerPose:
     rotation_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "tilt_x_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's X"),
-        "tilt_y_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's Y"),
-        "rotation_deg": Parameter(
-            "deg", -360.0, 360.0, "the imager is turned in its plane; applied first"
-        ),
+        "tilt_x_deg": Parameter("deg", -20.0, 20.0, "tilt of the imager about the X axis of the image"),
+        "tilt_y_deg": Parameter("deg", -20.0, 20.0, "tilt of the imager about the Y axis of the image"),
+        "rotation_deg": Parameter("deg", -360.0, 360.0, "rotation of the imager in its plane; applied first"),
     }
 
     def __post_init__(self) -> None:
@@ -150,19 +140,15 @@ class ImagerPose:
             self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
 
     @property
-    def is_square(self) -> bool:
+    def is_perpendicular(self) -> bool:
         """True if the imager is perpendicular to the optical axis."""
         return not (self.tilt_x_deg or self.tilt_y_deg)
 
     def _plane(self) -> Array:
         """Return the directions (3, 2) of the imager's right and down axes."""
         x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
-        about_x = np.array(
-            [[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]]
-        )
-        about_y = np.array(
-            [[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]]
-        )
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
+        about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
         within = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)], [0.0, 0.0]])
         plane: Array = about_y @ about_x @ within
         return plane
@@ -173,21 +159,23 @@ class ImagerPose:
         Arguments share one unit. An untilted imager does not depend on the principal distance.
         """
         moved = offsets @ self._plane().T
-        if self.is_square:
+        if self.is_perpendicular:
             return moved[..., :2], np.zeros(moved.shape[:-1])
-        farther = 1 + moved[..., 2] / principal_distance
-        return moved[..., :2] / farther[..., None], moved[..., 2]
+        # central projection from the exit pupil, at the principal distance, to the untilted plane
+        depth = 1 + moved[..., 2] / principal_distance
+        return moved[..., :2] / depth[..., None], moved[..., 2]
 
     def tilted(self, flat: Array, principal_distance: float) -> Array:
         """Return offsets (n, 2) on the tilted imager for points (n, 2) of an untilted one."""
         plane = self._plane()
-        if self.is_square:
-            turned: Array = flat @ plane[:2]
-            return turned
+        if self.is_perpendicular:
+            rotated: Array = flat @ plane[:2]
+            return rotated
+        # inverse: (flat, c) is proportional to plane @ offsets + (0, 0, c), a linear system
         basis = np.concatenate([plane, [[0.0], [0.0], [principal_distance]]], axis=1)
         ahead = np.concatenate([flat, np.full((*flat.shape[:-1], 1), principal_distance)], axis=-1)
-        found = ahead @ np.linalg.inv(basis).T
-        offsets: Array = found[..., :2] / found[..., 2:]
+        points = ahead @ np.linalg.inv(basis).T
+        offsets: Array = points[..., :2] / points[..., 2:]
         return offsets
 
 
@@ -212,10 +200,10 @@ class ImagePlane:
 
     def flat_mm(self, pixels: Array) -> tuple[Array, Array]:
         """Return image points (n, 2) of pixels (n, 2), and pixel depths (n,), mm."""
-        places = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
+        points = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
         if self.pose == ImagerPose():
-            return places, np.zeros(places.shape[:-1])
-        return self.pose.flat(places, self.principal_distance)
+            return points, np.zeros(points.shape[:-1])
+        return self.pose.flat(points, self.principal_distance)
 
     def pixels(self, flat_mm: Array) -> Array:
         """Return pixels (n, 2) of image points (n, 2), also outside the array."""

@@ -20,7 +20,7 @@ from ..base.errors import InvalidParameter, SpecError
 from ..base.files import read_text
 from ..base.typing import Array
 
-# -- Cover materials and surrounding media: refractive indices at 587.6 nm, and dispersion ---------
+# -- Cover materials and surrounding media ---------------------------------------------------------
 
 D_LINE_NM, F_LINE_NM, C_LINE_NM = 587.56, 486.13, 656.27
 
@@ -49,19 +49,15 @@ class Material(NamedTuple):
 
 
 MATERIALS: dict[str, Material] = {
-    "air": Material(1.0, None, "the index that all others are against"),
-    "acrylic": Material(1.4918, 57.4, "PMMA, as lens design programs list it"),
-    "polycarbonate": Material(1.5855, 29.9, "as lens design programs list it"),
+    "air": Material(1.0, None, "reference of all other indices"),
+    "acrylic": Material(1.4918, 57.4, "PMMA, as listed in lens design programs"),
+    "polycarbonate": Material(1.5855, 29.9, "as listed in lens design programs"),
     "bk7": Material(1.5168, 64.17, "Schott N-BK7, data sheet"),
     "fused_silica": Material(1.45846, 67.82, "Malitson, J. Opt. Soc. Am. 55, 1205 (1965)"),
     "sapphire": Material(1.7682, 72.3, "ordinary ray; Malitson, J. Opt. Soc. Am. 52, 1377 (1962)"),
     "water": Material(1.3331, 55.8, "20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"),
-    "sea_water": Material(
-        1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"
-    ),
-    "mineral_oil": Material(
-        1.467, None, "light paraffin oil, 20 C, as suppliers give it; oils differ: measure yours"
-    ),
+    "sea_water": Material(1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"),
+    "mineral_oil": Material(1.467, None, "light paraffin oil, 20 C, typical supplier value; oils differ: measure yours"),
 }
 """Materials by their name in sensor files."""
 
@@ -99,16 +95,12 @@ def index_of(material: str, wavelength_nm: float = D_LINE_NM) -> float:
     return MATERIALS[material].index_at(wavelength_nm)
 
 
-# -- Refractive indices of glasses, from a bundled table or a catalogue file (.agf) ----------------
+# -- Glasses ---------------------------------------------------------------------------------------
 
 GLASS_FILE = Path(__file__).with_name("glasses.csv")
 LINE_D, LINE_F, LINE_C = 0.5875618, 0.4861327, 0.6562725  # micrometres
 SELLMEIER = {2: 3, 6: 4, 11: 5}  # number of terms of the AGF formulas that are sums of poles
-POWERS: dict[int, tuple[float, ...]] = {
-    1: (0, 2, -2, -4, -6, -8),
-    12: (0, 2, -2, -4, -6, -8, 4, 6),
-    13: (0, 2, 4, -2, -4, -6, -8, -10, -12),
-}
+POWERS: dict[int, tuple[float, ...]] = {1: (0, 2, -2, -4, -6, -8), 12: (0, 2, -2, -4, -6, -8, 4, 6), 13: (0, 2, 4, -2, -4, -6, -8, -10, -12)}
 """Exponents of the AGF formulas that are sums of powers: Schott's, and the extended ones."""
 
 
@@ -137,12 +129,9 @@ class Glass:
         """
         low, high = self.from_um, self.to_um
         if not low <= wavelength_um <= high:
-            raise InvalidParameter(
-                f"the index of {self.name} is known from {low * 1e3:g} to {high * 1e3:g} nm, and asked for at "
-                f"{wavelength_um * 1e3:g} nm"
-            )
-        square, (first, *rest) = wavelength_um**2, self.coefficients
-        pairs = list(zip(rest[::2], rest[1::2], strict=True))
+            raise InvalidParameter(f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of the data of {self.name}; got {wavelength_um * 1e3:g} nm")
+        square, (first, *coefficients_after_first) = wavelength_um**2, self.coefficients
+        pairs = list(zip(coefficients_after_first[::2], coefficients_after_first[1::2], strict=True))
         if self.formula == "sellmeier":
             return float(np.sqrt(1 + first + sum(a * square / (square - b) for a, b in pairs)))
         if self.formula == "cauchy":
@@ -157,6 +146,7 @@ def model_glass(index_d: float, abbe: float) -> Glass:
     >>> round((glass.index(LINE_D) - 1) / (glass.index(LINE_F) - glass.index(LINE_C)), 6)
     40.0
     """
+    # (n_d - 1)/V = n_F - n_C = b (1/lambda_F^2 - 1/lambda_C^2), the definition of the Abbe number V
     spread = LINE_F**-2 - LINE_C**-2
     b = (index_d - 1) / abbe / spread if abbe else 0.0
     return Glass("a model glass", "cauchy", (index_d - b / LINE_D**2, b, -2.0))
@@ -173,8 +163,8 @@ class GlassCatalogue(NamedTuple):
         upper = name.upper()
         others = {maker: None for maker, _ in self.glasses}  # in file order
         for maker in (*makers, *others):
-            if (found := self.glasses.get((maker.upper(), upper))) is not None:
-                return found
+            if (glass := self.glasses.get((maker.upper(), upper))) is not None:
+                return glass
         return None
 
 
@@ -185,14 +175,14 @@ def bundled_glasses() -> GlassCatalogue:
     >>> len(bundled_glasses().glasses) > 1000
     True
     """
-    found = {}
+    glasses = {}
     for line in GLASS_FILE.read_text(encoding="utf-8").splitlines():
         if line.startswith(("#", "maker,")):
             continue
         maker, name, formula, low, high, numbers = line.split(",")
         coefficients = tuple(float(v) for v in numbers.split())
-        found[maker, name] = Glass(name, formula, coefficients, float(low), float(high))
-    return GlassCatalogue(found, "the glasses that come with omnimirror")
+        glasses[maker, name] = Glass(name, formula, coefficients, float(low), float(high))
+    return GlassCatalogue(glasses, "the bundled glasses")
 
 
 def read_agf(path: Path) -> GlassCatalogue:
@@ -203,43 +193,33 @@ def read_agf(path: Path) -> GlassCatalogue:
     OmnimirrorError
         If the file cannot be read or contains no glass, or a dispersion formula is not supported.
     """
-    found: dict[tuple[str, str], Glass] = {}
+    glasses: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
     numbers: tuple[float, ...] = ()
-    for line_number, line in enumerate(
-        read_text(path, "glass catalogue", SpecError).splitlines(), start=1
-    ):
+    for line_number, line in enumerate(read_text(path, "glass catalogue", SpecError).splitlines(), start=1):
         words = line.split()
         try:
             if line.startswith("NM "):
                 name, formula = words[1].upper(), int(float(words[2]))
             elif line.startswith("CD ") and name:
                 numbers = tuple(float(v) for v in words[1:])
-                found[maker, name] = _of_agf(name, formula, numbers)
-            elif line.startswith("LD ") and (maker, name) in found:
-                found[maker, name] = _of_agf(
-                    name, formula, numbers, float(words[1]), float(words[2])
-                )
+                glasses[maker, name] = _of_agf(name, formula, numbers)
+            elif line.startswith("LD ") and (maker, name) in glasses:
+                glasses[maker, name] = _of_agf(name, formula, numbers, float(words[1]), float(words[2]))
         except (ValueError, IndexError):
-            raise SpecError(
-                f"{path} line {line_number}: {line.strip()!r} is not a line of a glass catalogue"
-            ) from None
-    if not found:
-        raise SpecError(
-            f"{path} holds no glass; a glass catalogue (.agf) has lines NM and CD for each"
-        )
-    return GlassCatalogue(found, str(path))
+            raise SpecError(f"{path} line {line_number}: cannot parse {line.strip()!r} as a line of a glass catalogue") from None
+    if not glasses:
+        raise SpecError(f"{path} contains no glass; a glass catalogue (.agf) must have lines NM and CD for each glass")
+    return GlassCatalogue(glasses, str(path))
 
 
-def _of_agf(
-    name: str, formula: int, numbers: tuple[float, ...], low: float = 0.0, high: float = np.inf
-) -> Glass:
+def _of_agf(name: str, formula: int, numbers: tuple[float, ...], low: float = 0.0, high: float = np.inf) -> Glass:
     numbers = (*numbers, *[0.0] * 12)
     if formula in SELLMEIER:
         return Glass(name, "sellmeier", (0.0, *numbers[: 2 * SELLMEIER[formula]]), low, high)
     if formula in POWERS:
-        first, *others = zip(numbers, POWERS[formula], strict=False)
-        return Glass(name, "powers", (first[0], *(v for pair in others for v in pair)), low, high)
+        first, *terms = zip(numbers, POWERS[formula], strict=False)
+        return Glass(name, "powers", (first[0], *(v for pair in terms for v in pair)), low, high)
     return Glass(name, f"formula {formula}", (0.0,), low, high)
 
 
@@ -252,23 +232,18 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
         If no catalogue has it, or its dispersion formula is not supported.
     """
     catalogues = [c for c in (catalogue, bundled_glasses()) if c is not None]
-    for each in catalogues:
-        if (found := each.find(name, makers)) is not None:
-            if found.formula.startswith("formula"):
-                raise InvalidParameter(
-                    f"glass {name} has dispersion {found.formula} in {each.source}; valid are "
-                    f"{', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}"
-                )
-            return found
-    known = {n for c in catalogues for _, n in c.glasses}
-    close = difflib.get_close_matches(name.upper(), sorted(known), n=1, cutoff=0.6)
+    for source_catalogue in catalogues:
+        if (glass := source_catalogue.find(name, makers)) is not None:
+            if glass.formula.startswith("formula"):
+                raise InvalidParameter(f"the dispersion formula of glass {name} in {source_catalogue.source} must be one of {', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; got {glass.formula}")
+            return glass
+    known_names = {n for c in catalogues for _, n in c.glasses}
+    close = difflib.get_close_matches(name.upper(), sorted(known_names), n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]}?" if close else ""
-    raise InvalidParameter(
-        f"glass {name} is in none of the catalogues known{hint}; give the one that has it (.agf) as glass_catalogue"
-    )
+    raise InvalidParameter(f"unknown glass {name}{hint}; specify the catalogue that contains it (.agf) as glass_catalogue")
 
 
-# -- Reflectance of a mirror: a constant, or Fresnel's equations for a metal -----------------------
+# -- Reflectance of a mirror -----------------------------------------------------------------------
 
 Reflectivity: TypeAlias = float | complex | str
 """Constant from 0 to 1, complex refractive index ``n + 1j k`` of a metal, or name of a metal."""
@@ -315,19 +290,13 @@ def _metal_index(reflectivity: Reflectivity) -> float | complex:
     """Return a constant as float, or a refractive index as complex."""
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
-            raise InvalidParameter(
-                f"reflectivity = {format_value(reflectivity)} is not known; valid are {', '.join(METALS)}"
-            )
+            raise InvalidParameter(f"reflectivity must be one of {', '.join(METALS)}, or a number; got {shown(reflectivity)}")
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):
         if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):
-            raise InvalidParameter(
-                f"reflectivity = {reflectivity} is not an index n + k j with n > 0 and k >= 0"
-            )
+            raise InvalidParameter(f"reflectivity must be an index n + k j with n > 0 and k >= 0; got {reflectivity}")
         return reflectivity
-    share = number("reflectivity", reflectivity)
-    if not 0 < share <= 1:
-        raise InvalidParameter(
-            f"reflectivity = {share:g} is not a share; it is valid above 0, up to 1"
-        )
-    return share
+    fraction = number("reflectivity", reflectivity)
+    if not 0 < fraction <= 1:
+        raise InvalidParameter(f"reflectivity must be greater than 0, up to 1; got {fraction:g}")
+    return fraction

@@ -33,43 +33,12 @@ from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from .mirrors.as_built import MirrorForm, MirrorPose
 from .sensor import Sensor, check_sensor
 from .thermal import Thermal
-from .toml_validation import (
-    SourceLocator,
-    StandTable,
-    Table,
-    check_entries,
-    class_of,
-    did_you_mean,
-    table_model,
-    validated,
-)
+from .toml_validation import MountTable, SourceLocator, Table, check_entries, class_of, did_you_mean, table_model, validated
 
-__all__ = [
-    "HOUSING_PARTS",
-    "AnyCamera",
-    "bundled_sensors",
-    "format_camera",
-    "format_sensor",
-    "housing_of",
-    "housing_tables",
-    "is_ocam_text",
-    "lens_of",
-    "lens_table",
-    "load_camera",
-    "load_sensor",
-    "parse_camera",
-    "parse_sensor",
-    "save_camera",
-    "save_sensor",
-    "sensor_of",
-    "tables_of",
-]
+__all__ = ["HOUSING_PARTS", "AnyCamera", "bundled_sensors", "format_camera", "format_sensor", "housing_of", "housing_tables", "is_ocam_text", "lens_of", "lens_table", "load_camera", "load_sensor", "parse_camera", "parse_sensor", "save_camera", "save_sensor", "sensor_of", "tables_of"]
 
 
-# -- Sensor files: lossless conversion between TOML and Sensor, with validation --------------------
-#
-# The tables of mirror, lens and imager are derived from the parameter descriptions of their classes;
-# a new mirror needs no code here.
+# -- Sensor files ----------------------------------------------------------------------------------
 
 SENSOR_FOLDER = Path(__file__).with_name("bundled_sensors")
 SENSOR_FILE_FORMAT = 1
@@ -132,11 +101,8 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
     if not path.is_file() and str(name_or_path) in bundled:
         path = SENSOR_FOLDER / f"{name_or_path}.toml"
     hint = did_you_mean(str(name_or_path), bundled)
-    others = f"{hint} Bundled are" if hint else "; bundled are"
-    return (
-        path,
-        f"there is no {kinds} or bundled sensor {str(name_or_path)!r}{others} {', '.join(bundled)}",
-    )
+    others = f"{hint} The bundled sensors are" if hint else "; the bundled sensors are"
+    return (path, f"{kinds} or bundled sensor {str(name_or_path)!r} does not exist{others} {', '.join(bundled)}")
 
 
 @validate_arguments
@@ -175,10 +141,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
     where = SourceLocator(text, source)
     data = parse_toml(text, source)
     if "camera" in data and "mirror" not in data:
-        raise SpecError(
-            f"{source} is a camera file: it says which way pixels look, and neither mirror nor lens, which are needed "
-            "here; omnimirror calibrate --model sensor finds these"
-        )
+        raise SpecError(f"{source} must be a sensor file; got a camera file, which describes directions of pixels without mirror and lens; estimate a sensor with omnimirror calibrate --model sensor")
     return sensor_of(data, where, folder)
 
 
@@ -196,7 +159,7 @@ def sensor_of(data: dict[str, Any], where: SourceLocator, folder: Path | None = 
         parts["mirror_form"] = _build("mirror_form", MirrorForm, data["mirror_form"], where)
     if "secondary" in data:
         parts["secondary"] = _secondary(data, folder, where)
-    mount = validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
+    mount = validated(SensorMountTable, "mount", data.get("mount", {}), where).model_dump()
     distance = mount.pop("mirror_distance_mm")
     make = partial(
         Sensor,
@@ -229,19 +192,10 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     mount = mount_table(sensor.mount)
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
-    data: dict[str, Any] = {
-        "format": SENSOR_FILE_FORMAT,
-        "name": sensor.name,
-        "notes": sensor.notes,
-        "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)},
-    }
+    data: dict[str, Any] = {"format": SENSOR_FILE_FORMAT, "name": sensor.name, "notes": sensor.notes, "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)}}
     if (second := sensor.secondary) is not None:
         data["secondary"] = {"kind": second.mirror.KIND, **_table(second.mirror), **_table(second)}
-    data |= {
-        "lens": lens_table(sensor.lens),
-        "imager": _table(sensor.imager),
-        "mount": mount,
-    }
+    data |= {"lens": lens_table(sensor.lens), "imager": _table(sensor.imager), "mount": mount}
     if sensor.mirror_pose != MirrorPose():
         data["mirror_pose"] = _table(sensor.mirror_pose)
     if sensor.mirror_form != MirrorForm():
@@ -294,58 +248,35 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
     write_text(file_name("path", path), format_sensor(sensor))
 
 
-class MountTable(StandTable):
+class SensorMountTable(MountTable):
     mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
 
 
 def _table(part: Any) -> dict[str, Any]:
     """Return a part's parameters for the file; default zeros and None values are omitted."""
     values = {name: getattr(part, name) for name in part.PARAMETERS}
-    unset = {
-        f.name
-        for f in dataclasses.fields(part)
-        if f.default in (None, 0.0) and values.get(f.name) == f.default
-    }
+    unset = {f.name for f in dataclasses.fields(part) if f.default in (None, 0.0) and values.get(f.name) == f.default}
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
 
 
 def _check_table_names(data: dict[str, Any], where: SourceLocator) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    parts = (
-        "mirror",
-        "secondary",
-        "lens",
-        "imager",
-        "mount",
-        "mirror_pose",
-        "mirror_form",
-        "imager_pose",
-    )
+    parts = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "mirror_form", "imager_pose")
     tables = (*parts, "housing", "uncertainty", "thermal")
     known |= dict.fromkeys(tables, dict)
     check_entries(data, known, SENSOR_FILE_FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
-            raise where.error(
-                (), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]"
-            )
+            raise where.error((), f"the table [{key}] is missing; a sensor file requires [mirror], [lens] and [imager]")
 
 
-def _part(
-    section: str,
-    data: dict[str, Any],
-    registry: Mapping[str, type[T]],
-    folder: Path | None,
-    where: SourceLocator,
-) -> T:
+def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: SourceLocator) -> T:
     """Create the part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
-def lens_of(
-    table: dict[str, Any], where: SourceLocator, folder: Path | None, section: str = "lens"
-) -> Lens:
+def lens_of(table: dict[str, Any], where: SourceLocator, folder: Path | None, section: str = "lens") -> Lens:
     """Create the lens of a table such as ``[lens]`` of a sensor file."""
     return _part(section, {section: table}, LENSES, folder, where)
 
@@ -355,13 +286,7 @@ def lens_table(lens: Lens) -> dict[str, Any]:
     return {"kind": lens.KIND, **_table(lens)}
 
 
-def _class_and_table(
-    section: str,
-    data: dict[str, Any],
-    registry: Mapping[str, type[T]],
-    folder: Path | None,
-    where: SourceLocator,
-) -> tuple[type[T], dict[str, Any]]:
+def _class_and_table(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: SourceLocator) -> tuple[type[T], dict[str, Any]]:
     """Return the class named by a table's kind, and its other entries."""
     cls = class_of(section, data, registry, where)
     table = {k: v for k, v in data[section].items() if k != "kind"}
@@ -375,8 +300,8 @@ def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) 
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
     model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
     values = _values(model, "secondary", table, where)
-    place = {name: values.pop(name) for name in Secondary.PARAMETERS}
-    return where.wrap(("secondary",), lambda: Secondary(cls(**values), **place))
+    position = {name: values.pop(name) for name in Secondary.PARAMETERS}
+    return where.wrap(("secondary",), lambda: Secondary(cls(**values), **position))
 
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: SourceLocator) -> Any:
@@ -400,26 +325,17 @@ def uncertainty_of(table: dict[str, Any], where: SourceLocator) -> Uncertainty:
     return where.wrap(("uncertainty",), partial(Uncertainty, **values))
 
 
-def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
+def uncertainty_table(uncertainty: Uncertainty) -> dict[str, Any]:
     """Return the table ``[uncertainty]`` as plain data."""
-    table: dict[str, Any] = {
-        "names": list(known.names),
-        "covariance": [list(row) for row in known.covariance],
-    }
-    if known.field_deg is not None:
-        table["field_deg"] = known.field_deg
-    if known.marginal_sigmas is not None:
-        table["marginal_sigmas"] = list(known.marginal_sigmas)
+    table: dict[str, Any] = {"names": list(uncertainty.names), "covariance": [list(row) for row in uncertainty.covariance]}
+    if uncertainty.field_deg is not None:
+        table["field_deg"] = uncertainty.field_deg
+    if uncertainty.marginal_sigmas is not None:
+        table["marginal_sigmas"] = list(uncertainty.marginal_sigmas)
     return table
 
 
-HOUSING_PARTS: dict[str, type[Any]] = {
-    "camera": CameraBody,
-    "rod": Rod,
-    **SHELLS,
-    "rim": Rim,
-    "secondary_rim": Rim,
-}
+HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
 """Housing parts by their tables, ``[housing.camera]`` and so on."""
 
 
@@ -427,24 +343,13 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
     """Create a housing from the tables of ``[housing]``, with missing values None."""
     for name, part in table.items():
         if name not in HOUSING_PARTS:
-            valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
-            raise where.error(
-                ("housing", name),
-                f"housing.{name} is not known{did_you_mean(name, HOUSING_PARTS)}; valid are {valid}",
-            )
+            valid = ", ".join(f"housing.{part_name}" for part_name in HOUSING_PARTS)
+            raise where.error(("housing", name), f"unknown entry housing.{name}{did_you_mean(name, HOUSING_PARTS)}; use {valid}")
         if not isinstance(part, dict):
-            raise where.error(
-                ("housing", name),
-                f"housing.{name} = {format_value(part)} is not a table [housing.{name}]",
-            )
+            raise where.error(("housing", name), f"housing.{name} must be a table [housing.{name}]; got {shown(part)}")
     if len(shells := [name for name in SHELLS if name in table]) > 1:
-        raise where.error(
-            ("housing", shells[1]), f"housing has both a {' and a '.join(shells)}; give one of them"
-        )
-    parts = {
-        name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where)
-        for name, part in table.items()
-    }
+        raise where.error(("housing", shells[1]), f"housing must not have both a {' and a '.join(shells)}; remove one")
+    parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}
     shell = next((parts.pop(name) for name in SHELLS if name in parts), None)
     return Housing(shell=shell, **parts)
 
@@ -455,10 +360,7 @@ def _check_fit(sensor: Sensor, tables: dict[str, Any], where: SourceLocator) -> 
     for name in tables:
         field = "shell" if name in SHELLS else name
         alone = dataclasses.replace(body, **{field: getattr(sensor.housing, field)})
-        where.wrap(
-            (f"housing.{name}",),
-            partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"),
-        )
+        where.wrap((f"housing.{name}",), partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"))
 
 
 def housing_tables(housing: Housing) -> dict[str, Any]:
@@ -469,15 +371,13 @@ def housing_tables(housing: Housing) -> dict[str, Any]:
     return {name: _table(part) for name, part in parts.items() if part is not None}
 
 
-def _values(
-    model: type[Table], section: str, table: dict[str, Any], where: SourceLocator
-) -> dict[str, Any]:
+def _values(model: type[Table], section: str, table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
     """Return the validated entries of a table, with lists as tuples."""
     values = validated(model, section, table, where).model_dump()
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
-# -- Camera files: lossless conversion between TOML and camera models; readers for other formats
+# -- Camera files ----------------------------------------------------------------------------------
 
 AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
@@ -563,10 +463,10 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
 def _hint(text: str, source: str) -> str:
     """Return a hint for a file in another format, as the end of a sentence."""
     if CALIBRATION_MARK in text:
-        return "; it holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+        return "; the file contains the results of a calibration; the camera is in the output file of its -o option"
     if Path(source).suffix.lower() in ("", ".toml"):
         return ""
-    return "; of another program's camera file omnimirror convert makes one of ours"
+    return "; convert camera files of other programs with omnimirror convert"
 
 
 def is_ocam_text(text: str) -> bool:
@@ -575,35 +475,28 @@ def is_ocam_text(text: str) -> bool:
     >>> is_ocam_text("#polynomial\\n\\n5 -131.4 0 1e-3"), is_ocam_text("format = 1")
     (True, False)
     """
-    first = next(
-        (words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"]
-    )
+    first = next((words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"])
     return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in first)
 
 
 def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     """Create a camera model from the tables of a camera file; ``where`` locates errors."""
-    check_entries(
-        data,
-        {"format": int, "camera": dict, "mount": dict, "uncertainty": dict},
-        CAMERA_FILE_FORMAT,
-        where,
-    )
+    check_entries(data, {"format": int, "camera": dict, "mount": dict, "uncertainty": dict}, CAMERA_FILE_FORMAT, where)
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
     values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
-    mount = Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump())
+    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
     try:
         camera = cls(**values, mount=mount)
     except OmnimirrorError as e:
-        named = re.match(r"\w+", str(e))
-        entry = ("camera", named[0]) if named and named[0] in table else ("camera",)
+        entry_name = re.match(r"\w+", str(e))
+        entry = ("camera", entry_name[0]) if entry_name and entry_name[0] in table else ("camera",)
         raise where.error(entry, f"camera.{e}" if len(entry) > 1 else str(e)) from None
     if "uncertainty" not in data:
         return camera
-    known = uncertainty_of(data["uncertainty"], where)
-    where.wrap(("uncertainty",), lambda: known.of([p.name for p in camera.parameters]))
-    return dataclasses.replace(camera, uncertainty=known)
+    uncertainty = uncertainty_of(data["uncertainty"], where)
+    where.wrap(("uncertainty",), lambda: uncertainty.of([p.name for p in camera.parameters]))
+    return dataclasses.replace(camera, uncertainty=uncertainty)
 
 
 def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
@@ -633,20 +526,11 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     >>> parse_camera(format_camera(camera, "seen twice")) == camera
     True
     """
-    kinds: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
-    instance(
-        "camera",
-        camera,
-        kinds,
-        f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}",
-    )
+    types: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
+    instance("camera", camera, types, f"a sensor, or a camera of kind {', '.join(CAMERAS)}")
     instance("notes", notes, str, "text")
     comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())
-    return comment + (
-        format_sensor(camera)
-        if isinstance(camera, Sensor)
-        else tomli_w.dumps(camera_tables(camera))
-    )
+    return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
 
 
 def camera_tables(camera: RadialModel) -> dict[str, Any]:
@@ -657,8 +541,8 @@ def camera_tables(camera: RadialModel) -> dict[str, Any]:
         if value is not None and (f.default != 0.0 or value != 0.0):
             table[f.name] = _plain(value)
     tables = {"format": CAMERA_FILE_FORMAT, "camera": table, "mount": mount_table(camera.mount)}
-    if (known := camera.uncertainty) is not None:
-        tables["uncertainty"] = uncertainty_table(known)
+    if (uncertainty := camera.uncertainty) is not None:
+        tables["uncertainty"] = uncertainty_table(uncertainty)
     return tables
 
 

@@ -17,7 +17,7 @@ from .toml_validation import table_model
 __all__ = ["MIRROR_CHECKS", "check_mirror"]
 
 
-# -- Contract of mirror classes: properties of every shape, independent of its formula -------------
+# -- Contract of mirror classes --------------------------------------------------------------------
 
 SHARES = np.array([0.13, 0.31, 0.52, 0.77, 0.93])
 """Positions of derivative checks, relative to the rim radius."""
@@ -54,21 +54,21 @@ def check_mirror(mirror: Mirror) -> None:
         check(mirror)
 
 
-def parts_are_the_profile(mirror: Mirror) -> None:
+def check_profile_components(mirror: Mirror) -> None:
     """Check that ``sag``, ``slope`` and ``curvature`` equal ``profile`` and have the shape of x."""
     for x in (
         np.linspace(0, mirror.rim_radius_mm, 11),
         np.full((2, 3), 0.4 * mirror.rim_radius_mm),
     ):
         for name, part in zip(("sag", "slope", "curvature"), mirror.profile(x), strict=True):
-            own = np.asarray(getattr(mirror, name)(x))
+            value = np.asarray(getattr(mirror, name)(x))
             assert np.shape(part) == x.shape, (
-                f"{name} of x {x.shape} has the shape {np.shape(part)}"
+                f"{name} of x with shape {x.shape} has shape {np.shape(part)}"
             )
-            assert np.array_equal(np.asarray(part), own), f"{name} is not that of the profile"
+            assert np.array_equal(np.asarray(part), value), f"{name} differs from that of profile"
 
 
-def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
+def check_derivatives(mirror: Mirror) -> None:
     """Check that ``slope`` is the derivative of ``sag``, and ``curvature`` that of ``slope``."""
     x, h = SHARES * mirror.rim_radius_mm, STEP * mirror.rim_radius_mm
     for name, function, derivative in (
@@ -80,17 +80,17 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
         ) / (12 * h)
         scale = np.abs(difference).max() + 1 / mirror.rim_radius_mm
         error = np.abs(derivative - difference) / scale
-        worst = int(error.argmax())
-        assert error[worst] < DIFFERENCE, (
-            f"{name} at x = {x[worst]:g} mm is {derivative[worst]:.9g}, but its integral changes by "
-            f"{difference[worst]:.9g}"
+        largest_error = int(error.argmax())
+        assert error[largest_error] < DIFFERENCE, (
+            f"{name} at x = {x[largest_error]:g} mm is {derivative[largest_error]:.9g}, but its integral changes by "
+            f"{difference[largest_error]:.9g}"
         )
 
 
-def vertex_is_the_origin(mirror: Mirror) -> None:
+def check_vertex(mirror: Mirror) -> None:
     """Check that the sag of the vertex is 0, and its slope too for a mirror without an apex."""
     assert abs(float(mirror.sag(0.0))) < 1e-13, (
-        f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
+        f"the vertex must be at z = 0; got {float(mirror.sag(0.0)):g} mm"
     )
     slope = float(mirror.slope(0.0))
     assert mirror.is_pointed == (slope != 0.0), (
@@ -98,7 +98,7 @@ def vertex_is_the_origin(mirror: Mirror) -> None:
     )
 
 
-def radii_are_those_of_the_normals(mirror: Mirror) -> None:
+def check_radii(mirror: Mirror) -> None:
     """Check R_s (Eq. 18) against the normal, and the radii at a smooth apex."""
     x = SHARES * mirror.rim_radius_mm
     slope: Array = mirror.slope(x)
@@ -107,66 +107,76 @@ def radii_are_those_of_the_normals(mirror: Mirror) -> None:
     )
     length = np.abs(np.asarray(mirror.radius_s(x)))
     assert np.allclose(length[slope != 0], normal[slope != 0], rtol=1e-12), (
-        "radius_s is not the normal's length"
+        "radius_s differs from the length of the normal"
     )
     if not mirror.is_pointed:
         apex = float(mirror.radius_s(0.0)), float(mirror.radius_t(0.0))
         assert apex[0] == apex[1] or np.isclose(*apex, rtol=1e-12), (
-            f"at the apex the radii are {apex}"
+            f"the radii at the apex must be equal; got {apex}"
         )
 
 
-def bounds_hold_the_meridian(mirror: Mirror) -> None:
+def check_bounds(mirror: Mirror) -> None:
     """Check that ``bounds`` extend from the vertex to the rim."""
     (x0, x1), (z0, z1) = mirror.bounds
     z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
-    assert (x0, x1) == (0.0, mirror.rim_radius_mm), f"bounds reach from x = {x0:g} mm to {x1:g} mm"
+    assert (x0, x1) == (0.0, mirror.rim_radius_mm), (
+        f"bounds must extend from x = 0 to the rim; got {x0:g} mm to {x1:g} mm"
+    )
     assert abs(z0 - z.min()) < 1e-12, (
-        f"bounds begin at z = {z0:g} mm, but the meridian at {z.min():g} mm"
+        f"bounds must start at z = {z.min():g} mm, as the meridian; got {z0:g} mm"
     )
     assert abs(z1 - z.max()) < 1e-12, (
-        f"bounds end at z = {z1:g} mm, but the meridian at {z.max():g} mm"
+        f"bounds must end at z = {z.max():g} mm, as the meridian; got {z1:g} mm"
     )
 
 
-def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
+def check_serialisation(mirror: Mirror) -> None:
     """Check equality and hash after ``eval(repr(...))`` and after pickling."""
-    words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
-    back = eval(repr(mirror), words)
-    assert back == mirror, f"{back!r} is not {mirror!r}"
-    assert hash(back) == hash(mirror), f"two equal mirrors {mirror!r} have different hashes"
+    classes = {cls.__name__: cls for cls in MIRRORS.values()} | {
+        type(mirror).__name__: type(mirror)
+    }
+    copy = eval(repr(mirror), classes)
+    assert copy == mirror, f"eval(repr(mirror)) must equal the mirror; got {copy!r} from {mirror!r}"
+    assert hash(copy) == hash(mirror), (
+        f"equal mirrors must have equal hashes; those of {mirror!r} differ"
+    )
     unpickled = pickle.loads(pickle.dumps(mirror))
-    assert unpickled == mirror, f"{unpickled!r} from a pickle is not {mirror!r}"
+    assert unpickled == mirror, (
+        f"an unpickled mirror must equal the original; got {unpickled!r} from {mirror!r}"
+    )
 
 
-def describes_every_parameter(mirror: Mirror) -> None:
+def check_parameter_descriptions(mirror: Mirror) -> None:
     """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
     names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
     assert list(mirror.PARAMETERS) == names, (
-        f"{list(mirror.PARAMETERS)} do not describe the fields {names}"
+        f"PARAMETERS must describe the fields {names}; got {list(mirror.PARAMETERS)}"
     )
     for name, p in mirror.PARAMETERS.items():
-        assert p.description, f"{name} has no description"
-        assert p.choices or p.low < p.high, f"{name} has an empty range"
+        assert p.description, f"{name} must have a description"
+        assert p.choices or p.low < p.high, f"{name} must have a non-empty range"
         assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), (
-            f"{name} does not end with its unit"
+            f"{name} must end with its unit"
         )
     entries = set(table_model(type(mirror)).model_fields)
     assert entries == set(names), (
-        f"a sensor file has the entries {sorted(entries)}, and the fields are {names}"
+        f"the entries of a sensor file must be the fields {names}; got {sorted(entries)}"
     )
 
 
-def refuses_what_is_out_of_range(mirror: Mirror) -> None:
+def check_parameter_ranges(mirror: Mirror) -> None:
     """Check that a parameter out of range, or NaN, raises an error that names it."""
     for name, p in mirror.PARAMETERS.items():
         if p.choices or name in ("x_mm", "z_mm"):  # columns of points are rejected as a whole
             continue
         is_many = isinstance(getattr(mirror, name), tuple)
         for number in (p.high * 1.01 + 1, np.nan):
-            said = _refusal(mirror, **{name: (number,) if is_many else number})
-            assert said is not None, f"{name} = {number:g} is not refused"
-            assert name in said, f"{name} = {number:g} is refused without its name: {said}"
+            message = _refusal(mirror, **{name: (number,) if is_many else number})
+            assert message is not None, f"{name} = {number:g} must be rejected"
+            assert name in message, (
+                f"the error for {name} = {number:g} must contain the name; got: {message}"
+            )
 
 
 def _refusal(mirror: Mirror, **change: object) -> str | None:
@@ -179,13 +189,13 @@ def _refusal(mirror: Mirror, **change: object) -> str | None:
 
 
 MIRROR_CHECKS: tuple[Callable[[Mirror], None], ...] = (
-    parts_are_the_profile,
-    slope_and_curvature_are_derivatives,
-    vertex_is_the_origin,
-    radii_are_those_of_the_normals,
-    bounds_hold_the_meridian,
-    comes_back_from_words_and_pickles,
-    describes_every_parameter,
-    refuses_what_is_out_of_range,
+    check_profile_components,
+    check_derivatives,
+    check_vertex,
+    check_radii,
+    check_bounds,
+    check_serialisation,
+    check_parameter_descriptions,
+    check_parameter_ranges,
 )
 """Individual checks of :func:`check_mirror`."""

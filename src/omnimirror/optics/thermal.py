@@ -74,7 +74,7 @@ INDEX_RATES_PER_K: dict[str, float] = {
 """Temperature coefficients of the refractive index relative to air, visible light, 1/K."""
 NAMES = tuple(EXPANSIONS_PPM)
 EXPANSION = Parameter("ppm/K", -100.0, 1000.0, "linear expansion, instead of a material")
-MATERIAL = Parameter("", 0.0, 0.0, "what it is made of", NAMES)
+MATERIAL = Parameter("", 0.0, 0.0, "material of the part", NAMES)
 
 
 @dataclass(frozen=True)
@@ -123,18 +123,16 @@ class Thermal:
     held_at: str = "vertex"
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "reference_c": Parameter(
-            "C", -273.0, 1000.0, "temperature at which the sensor's numbers hold"
-        ),
+        "reference_c": Parameter("C", -273.0, 1000.0, "reference temperature of the sensor's parameters"),
         "mirror_material": MATERIAL,
         "mirror_ppm_per_k": EXPANSION,
         "spacer_material": MATERIAL,
         "spacer_ppm_per_k": EXPANSION,
         "mount_material": MATERIAL,
         "mount_ppm_per_k": EXPANSION,
-        "focal_ppm_per_k": Parameter("ppm/K", -1e4, 1e4, "change of the focal length"),
+        "focal_ppm_per_k": Parameter("ppm/K", -1e4, 1e4, "relative change of the focal length"),
         "imager_ppm_per_k": EXPANSION,
-        "held_at": Parameter("", 0.0, 0.0, "where the spacer holds the mirror", ("vertex", "rim")),
+        "held_at": Parameter("", 0.0, 0.0, "attachment of the mirror to the spacer", ("vertex", "rim")),
     }
 
     def __post_init__(self) -> None:
@@ -143,13 +141,11 @@ class Thermal:
             if (value := getattr(self, name)) is not None:
                 parameter.check(name, value)
         for part in ("mirror", "spacer", "mount"):
-            material, ppm = self._said(part)
+            material, ppm = self._material_and_expansion(part)
             if material is not None and ppm is not None:
-                raise InvalidParameter(
-                    f"{part}_material = {material!r} and {part}_ppm_per_k = {ppm:g} were both given; give one of them"
-                )
+                raise InvalidParameter(f"{part}_material and {part}_ppm_per_k must not both be given; got {material!r} and {ppm:g}")
 
-    def _said(self, part: str) -> tuple[str | None, float | None]:
+    def _material_and_expansion(self, part: str) -> tuple[str | None, float | None]:
         return getattr(self, f"{part}_material"), getattr(self, f"{part}_ppm_per_k")
 
     def expansion_ppm(self, part: str) -> float:
@@ -171,5 +167,5 @@ class Thermal:
             If the part is unknown.
         """
         choice("part", part, ("mirror", "spacer", "mount"))
-        material, ppm = self._said(part)
+        material, ppm = self._material_and_expansion(part)
         return EXPANSIONS_PPM[material] if material is not None else ppm or 0.0

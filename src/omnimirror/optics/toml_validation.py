@@ -35,31 +35,23 @@ class Table(BaseModel):
 M = typing.TypeVar("M", bound=Table)
 
 
-class StandTable(Table):
+class MountTable(Table):
     """Orientation of a sensor: optical axis, pitch and roll."""
 
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
     image_flipped: bool = False
-    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="of forward over the horizon")] = (
-        0.0
-    )
-    roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise about forward")] = 0.0
+    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="elevation of the forward direction")] = 0.0
+    roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")] = 0.0
 
 
 @cache
 def table_model(cls: type[Any]) -> type[Table]:
     """Create the pydantic model of a part from its PARAMETERS."""
     hints = typing.get_type_hints(cls)
-    defaults = {
-        f.name: ... if f.default is dataclasses.MISSING else f.default
-        for f in dataclasses.fields(cls)
-    }
+    defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    entries: dict[str, Any] = {
-        name: (_annotation(hints[name], p), Field(defaults[name], description=p.description))
-        for name, p in parameters.items()
-    }
+    entries: dict[str, Any] = {name: (_annotation(hints[name], p), Field(defaults[name], description=p.description)) for name, p in parameters.items()}
     model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
     return model
 
@@ -76,29 +68,25 @@ def _annotation(hint: Any, p: Parameter) -> Any:
     return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
-# -- validation, each error with its location in the file ------------------------------------------
+# -- validation ------------------------------------------------------------------------------------
 
 
 class EntryError(SpecError):
     """Invalid or inconsistent entry; ``path`` is its position among the tables."""
 
-    def __init__(self, path: tuple[str, ...], sentence: str) -> None:
-        super().__init__(sentence)
+    def __init__(self, path: tuple[str, ...], message: str) -> None:
+        super().__init__(message)
         self.path = path
 
 
 KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 ENTRY = re.compile(rf"\s*(\[\[?)?\s*({KEY}(?:\s*\.\s*{KEY})*)\s*(?(1)\]|=)")
-STRING_OR_COMMENT = re.compile(
-    r"""\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*""", re.S
-)
+STRING_OR_COMMENT = re.compile(r"""\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*""", re.S)
 
 
 def _entries(text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield line numbers of a TOML text's tables and keys, with their names from the outermost."""
-    plain = STRING_OR_COMMENT.sub(
-        lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text
-    )
+    plain = STRING_OR_COMMENT.sub(lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text)
     table: list[str] = []
     counts: Counter[str] = Counter()
     for number, line in enumerate(plain.splitlines(), start=1):
@@ -129,23 +117,13 @@ class SourceLocator:
         with the longest common prefix with the path, the first is that of the entry or the start of
         its table, also for dotted keys.
 
-        >>> Places('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
+        >>> SourceLocator('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
         2
         """
-        wanted = ".".join(path).split(".")
-        shared = [
-            (
-                len(
-                    list(
-                        takewhile(lambda pair: pair[0] == pair[1], zip(wanted, entry, strict=False))
-                    )
-                ),
-                -number,
-            )
-            for number, entry in self.entries
-        ]
-        most, line = max(shared, default=(0, 0))
-        return -line if most else None
+        target = ".".join(path).split(".")
+        shared = [(len(list(takewhile(lambda pair: pair[0] == pair[1], zip(target, entry, strict=False)))), -number) for number, entry in self.entries]
+        prefix_length, line = max(shared, default=(0, 0))
+        return -line if prefix_length else None
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
         line = self.line(path)
@@ -159,7 +137,7 @@ class SourceLocator:
             raise self.error(getattr(e, "path", path), str(e)) from None
 
 
-class NoFile(SourceLocator):
+class NullLocator(SourceLocator):
     """Locator without lines: errors report the path of their entry."""
 
     def __init__(self) -> None:
@@ -169,26 +147,19 @@ class NoFile(SourceLocator):
         return EntryError(path, message)
 
 
-NOUNS = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables"}
+NOUNS = {dict: "a table", str: "a string in quotes", int: "an integer", list: "a list of tables"}
 
 
-def check_entries(
-    data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator
-) -> None:
+def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator) -> None:
     """Check that entries outside tables are known, of the right type and of this file format."""
     for key, value in data.items():
         if key not in known:
             name = format_value(key)[1:-1]
-            raise where.error(
-                (key,),
-                f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}",
-            )
+            raise where.error((key,), f"unknown entry {name}{did_you_mean(key, known)}; use {', '.join(known)}")
         if not isinstance(value, known[key]) or isinstance(value, bool):
-            raise where.error((key,), f"{key} = {format_value(value)} is not {NOUNS[known[key]]}")
-    if (found := data.get("format", file_format)) != file_format:
-        raise where.error(
-            ("format",), f"format = {found} is not known to this version, which reads {file_format}"
-        )
+            raise where.error((key,), f"{key} must be {NOUNS[known[key]]}; got {shown(value)}")
+    if (version := data.get("format", file_format)) != file_format:
+        raise where.error(("format",), f"format must be {file_format} for this version of omnimirror; got {version}")
 
 
 def validated(model: type[M], section: str, table: dict[str, Any], where: SourceLocator) -> M:
@@ -199,10 +170,10 @@ def validated(model: type[M], section: str, table: dict[str, Any], where: Source
         # a misspelt entry is the likely cause of a missing one: report it first
         problem = min(e.errors(), key=lambda p: p["type"] != "extra_forbidden")
         path = (section, *(str(p) for p in problem["loc"]))
-        raise where.error(path[:2], _sentence(model, path, problem)) from None
+        raise where.error(path[:2], _error_message(model, path, problem)) from None
 
 
-def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
+def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
     """Convert a pydantic error to a message with the value and the valid values."""
     name, value = ".".join(path[:2]), problem["input"]
     index = next((f"[{p}]" for p in path[2:] if p.isdigit()), "")
@@ -211,14 +182,13 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
             return f"{name} is missing{_describe(model, path[1])}"
         case "extra_forbidden":
             names = list(model.model_fields)
-            return (
-                f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
-            )
+            return f"unknown entry {name}{did_you_mean(path[1], names)}; use {', '.join(names)}"
         case "literal_error":
-            return f"{name} = {format_value(value)} is not one of {problem['ctx']['expected']}"
+            return f"{name} must be one of {problem['ctx']['expected']}; got {shown(value)}"
         case _:
-            wanted = problem["msg"].replace("Input should be", "it should be")
-            return f"{name}{index} = {format_value(value)}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
+            requirement = re.sub(r"^(Input|List|String|Tuple|it) should", "must", problem["msg"])
+            requirement = re.sub(r" after validation, not \d+$", "", requirement)
+            return f"{name}{index} {requirement}; got {format_value(value)}{_describe(model, path[1]) if path[1:] else ''}"
 
 
 def _describe(model: type[Table], name: str) -> str:
@@ -231,17 +201,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]}?" if close else ""
 
 
-def class_of(
-    section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: SourceLocator
-) -> type[Any]:
+def class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: SourceLocator) -> type[Any]:
     """Return the class named by the entry ``kind`` of a table."""
     kind = data[section].get("kind")
     if kind is None:
-        raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
+        raise where.error((section,), f"{section}.kind is missing; use {', '.join(registry)}")
     if not isinstance(kind, str) or kind not in registry:
         hint = did_you_mean(str(kind), registry)
-        raise where.error(
-            (section, "kind"),
-            f"{section}.kind = {format_value(kind)} is not known{hint}; valid are {', '.join(registry)}",
-        )
+        raise where.error((section, "kind"), f"unknown {section}.kind {format_value(kind)}{hint}; use {', '.join(registry)}")
     return registry[kind]

@@ -36,7 +36,7 @@ def is_for_kernels(sensor: Sensor) -> bool:
     """Return True if the compiled kernels support the sensor: ideal lens, possibly distorted, and
     poses.
     """
-    return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_but_for_pose
+    return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_except_pose
 
 
 class SceneFrame(NamedTuple):
@@ -112,9 +112,7 @@ def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
 
 
 REFLECTANCE_TERMS = 8
-INCIDENCE_MARGIN = np.radians(
-    2.0
-)  # margin of the angle of incidence for rays through the edge of the aperture
+INCIDENCE_MARGIN = np.radians(2.0)  # margin of the angle of incidence for rays through the edge of the aperture
 
 
 def steepest_incidence(sensor: Sensor) -> float:
@@ -134,11 +132,7 @@ def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
     top = 1 - np.cos(gamma_max)
     points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))
     values = radiometry.returned(np.arccos(1 - points))
-    fitted = (
-        np.polynomial.Polynomial.fit(points, values, REFLECTANCE_TERMS - 1, domain=[0, top])
-        .convert()
-        .coef
-    )
+    fitted = np.polynomial.Polynomial.fit(points, values, REFLECTANCE_TERMS - 1, domain=[0, top]).convert().coef
     series: Array = np.zeros(REFLECTANCE_TERMS)
     series[: len(fitted)] = fitted
     return series
@@ -213,15 +207,7 @@ def _placed(scene: Scene) -> _Placed:
     return _Placed(scene, np.eye(3), np.zeros(3), False)
 
 
-def compiled_light(
-    sensor: Sensor,
-    scene: Scene,
-    plan: Samples,
-    radiometry: Radiometry,
-    progress: Progress | None = None,
-    workers: int | None = None,
-    medium: Medium = LIGHT,
-) -> NDArray[Any] | None:
+def compiled_light(sensor: Sensor, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None = None, workers: int | None = None, medium: Medium = LIGHT) -> NDArray[Any] | None:
     """Render the image (rows, columns, 3) of a scene supported by the kernels; None for others.
 
     Parameters
@@ -244,36 +230,22 @@ def compiled_light(
         starts = rotate_vectors(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
         starts = np.where(placed.distant, placed.shift_mm, starts)
         margin = 0.0 if placed.distant else BESIDE * sensor.mirror.rim_radius_mm
-        surroundings = placed.scene.surroundings_from(
-            starts.min(axis=0) - margin, starts.max(axis=0) + margin
-        )
+        surroundings = placed.scene.surroundings_from(starts.min(axis=0) - margin, starts.max(axis=0) + margin)
         if surroundings is not None:
             optics = native_optics(sensor, radiometry, plan.blur, placed.frame())
             light_of = partial(_of_surfaces, optics, surroundings, plan)
-            return render_tiles(
-                light_of, sensor.image_size, len(plan.points), progress, workers, medium
-            )
+            return render_tiles(light_of, sensor.image_size, len(plan.points), progress, workers, medium)
     return None
 
 
-def _of_environment(
-    sensor: Sensor,
-    world: Environment,
-    placed: _Placed,
-    plan: Samples,
-    radiometry: Radiometry,
-    progress: Progress | None,
-    medium: Medium,
-) -> NDArray[Any]:
+def _of_environment(sensor: Sensor, world: Environment, placed: _Placed, plan: Samples, radiometry: Radiometry, progress: Progress | None, medium: Medium) -> NDArray[Any]:
     frame = placed._replace(turn=world.heading() @ placed.turn).frame()
     optics = native_optics(sensor, radiometry, plan.blur, frame)
     width, height = sensor.image_size
     picture = medium.empty((width, height))
     for top in range(0, height, ROWS_AT_ONCE):
         light = np.empty((min(ROWS_AT_ONCE, height - top), width, 3), np.float32)
-        backend.kernels.expose_environment(
-            optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light
-        )
+        backend.kernels.expose_environment(optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light)
         picture[top : top + len(light)] = medium.read(light)
         if progress is not None:
             progress(top + len(light), height)
@@ -287,14 +259,10 @@ def _of_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile
     most = 0 if behind is None else light.size // 3 * len(plan.points)
     pixels, rays = np.empty(most, np.int32), np.empty((most, 7), np.float32)
     surfaces, start = surroundings.surfaces.native, (columns.start, rows.start)
-    count = backend.kernels.expose_surfaces(
-        optics, surfaces, plan.points, plan.blur, plan.seed, *start, light, pixels, rays
-    )
+    count = backend.kernels.expose_surfaces(optics, surfaces, plan.points, plan.blur, plan.seed, *start, light, pixels, rays)
     if behind is not None and count:
         share, origins, directions = np.split(rays[:count].astype(float), (1, 4), axis=1)
-        first = np.flatnonzero(
-            np.diff(pixels[:count], prepend=-1)
-        )  # rays of a pixel are consecutive
+        first = np.flatnonzero(np.diff(pixels[:count], prepend=-1))  # rays of a pixel are consecutive
         sums = np.add.reduceat(share * behind.radiance(origins, directions), first, axis=0)
         light.reshape(-1, 3)[pixels[first]] += sums.astype(np.float32)
     return light

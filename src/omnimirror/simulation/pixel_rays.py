@@ -27,7 +27,7 @@ from .scenes.scene import Measured, Scene
 # pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
 # dimensions only and use a regular grid.
 
-MOST_SAMPLES = 1 << 16
+MAX_SAMPLES = 1 << 16
 PLASTIC_NUMBERS = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
 """Roots of g^(d+1) = g + 1, whose powers are the steps of the recurrence (Roberts, 2018)."""
 
@@ -68,14 +68,10 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     for name, value in (("samples", samples), ("seed", seed)):
         if numbers(name, value, "a number").ndim:
             raise InvalidParameter(f"{name} = {format_value(value)} is not one whole number")
-    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(
-            f"samples = {format_value(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
-        )
+    if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
+        raise InvalidParameter(f"samples = {format_value(samples)} is not a whole number from 1 to {MAX_SAMPLES}")
     if not (0 <= seed < 1 << 32 and int(seed) == seed):
-        raise InvalidParameter(
-            f"seed = {format_value(seed)} is not a whole number from 0 to {2**32 - 1}"
-        )
+        raise InvalidParameter(f"seed = {format_value(seed)} is not a whole number from 0 to {2**32 - 1}")
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:
@@ -139,18 +135,14 @@ ORIGIN_TOLERANCE_MM = 1e-4  # tolerance of a ray origin on a surface: single pre
 ORIGIN_OFFSET_MM = 1e-6  # offset of a ray origin from the surface that it leaves
 
 
-def intersects_lid(
-    shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array
-) -> NDArray[np.bool_]:
+def intersects_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array) -> NDArray[np.bool_]:
     """Return the mask of rays (n, 3), (n, 3) from inside that end at opaque parts of a shell before
     its wall.
 
     Opaque parts are the discs that close it at heights; for a window, all except its opening.
     """
     if isinstance(shell, FlatWindow):
-        return ~_meets_disc(
-            points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2
-        )
+        return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
     meets = np.zeros(len(points), dtype=bool)
     for height in lids_mm:
         meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
@@ -159,15 +151,11 @@ def intersects_lid(
     return meets
 
 
-def _meets_disc(
-    points: Array, directions: Array, height: float, radius: float
-) -> NDArray[np.bool_]:
+def _meets_disc(points: Array, directions: Array, height: float, radius: float) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (height - points[:, 2]) / directions[:, 2]
         across = points[:, :2] + t[:, None] * directions[:, :2]
-        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (
-            np.hypot(*across.T) < radius
-        )
+        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (np.hypot(*across.T) < radius)
     return meets
 
 
@@ -229,9 +217,7 @@ class ThroughShell:
         points, towards, share = points[left], towards[left], np.ones(len(left))
         for _ in range(1 + MAX_GHOST_ORDER):
             left_by = passage(self.shell, points, towards)
-            seen = self.scene.radiance(
-                rotate_vectors(left_by.points, turn.T), rotate_vectors(left_by.directions, turn.T)
-            )
+            seen = self.scene.radiance(rotate_vectors(left_by.points, turn.T), rotate_vectors(left_by.directions, turn.T))
             light[left] += (share * left_by.passed)[:, None] * seen
             ghosts = self._ghosts(left_by)
             left, share = left[ghosts.alive], (share * (1 - left_by.passed))[ghosts.alive]
@@ -241,23 +227,13 @@ class ThroughShell:
     def _ghosts(self, passage: ShellTransit) -> _Ghosts:
         """Return the continuation of reflected rays."""
         mirror = self.sensor.optical_train.posed_mirror
-        points, directions = (
-            passage.met + ORIGIN_OFFSET_MM * passage.thrown_back,
-            passage.thrown_back,
-        )
+        points, directions = (passage.met + ORIGIN_OFFSET_MM * passage.reflected, passage.reflected)
         again = mirror.trace(points, directions)
-        points = np.where(
-            again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points
-        )
+        points = np.where(again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points)
         directions = np.where(again.valid[:, None], again.directions, directions)
         rim = self.sensor.mirror.rim_radius_mm
-        back = (
-            float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
-        )
-        alive = ~(
-            _meets_disc(points, directions, back, rim)
-            | intersects_lid(self.shell, self.lids_mm, points, directions)
-        )
+        back = float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
+        alive = ~(_meets_disc(points, directions, back, rim) | intersects_lid(self.shell, self.lids_mm, points, directions))
         return _Ghosts(points, directions, alive)
 
 
@@ -267,9 +243,7 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
         return scene
     standing = camera.obstructions
     assert standing.housing.shell is not None
-    return ThroughShell(
-        scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids)
-    )
+    return ThroughShell(scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids))
 
 
 # -- Pixel rays and obstructions: reflection at the mirror, past rod, camera and rim, through a wall
@@ -306,10 +280,7 @@ def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) 
     start, towards = sensor.lens_rays(pixels, pupil)
     found = sensor.optical_train.posed_mirror.trace(start, towards)
     hit = found.valid
-    points, directions = (
-        np.where(hit[:, None], found.points, start),
-        np.where(hit[:, None], found.directions, towards),
-    )
+    points, directions = (np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards))
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
@@ -327,21 +298,16 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
     standing = sensor.obstructions
     if standing.camera is None:
         return np.ones(len(points))
-    meets, across = standing.camera.met_by(points, directions)
+    meets, across = standing.camera.blocks(points, directions)
     if standing.rod is not None:
-        meets &= ~(
-            standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens)
-        )
+        meets &= ~(standing.rod.blocks(points, directions) | standing.rod.blocks(points, towards_lens))
     return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
 
 
 def check_housing_is_rendered(sensor: Sensor) -> None:
     """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
     if sensor.secondary is not None and not sensor.housing.is_empty:
-        raise InvalidParameter(
-            f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: "
-            "replace(sensor, housing=Housing())"
-        )
+        raise InvalidParameter(f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: replace(sensor, housing=Housing())")
 
 
 def mirror_net(sensor: Sensor) -> Array:
@@ -372,9 +338,7 @@ def check_clear(sensor: Sensor, scene: Scene) -> None:
     start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
     end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
     if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
-        raise InvalidParameter(
-            "the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh"
-        )
+        raise InvalidParameter("the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh")
 
 
 class PixelRays(NamedTuple):
@@ -432,15 +396,8 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
             hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
             hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
         return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
-    followed, standing = (
-        follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
-        camera.obstructions,
-    )
-    points, directions, hidden = (
-        followed.points,
-        _unit(followed.directions),
-        followed.fate == HIDDEN,
-    )
+    followed, standing = (follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions)
+    points, directions, hidden = (followed.points, _unit(followed.directions), followed.fate == HIDDEN)
     valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
     if (shell := standing.housing.shell) is not None:
         for disc in standing.discs:  # lids and the frame of a window
@@ -450,9 +407,7 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
-    return PixelRays(
-        rotate_vectors(points, rotation), rotate_vectors(directions, rotation), valid, hidden
-    )
+    return PixelRays(rotate_vectors(points, rotation), rotate_vectors(directions, rotation), valid, hidden)
 
 
 def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:

@@ -25,21 +25,7 @@ from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
 from .image_tiles import BYTES, LIGHT, Medium, Progress, Tile, render_tiles
-from .pixel_rays import (
-    DIRECT,
-    HIDDEN,
-    LOST,
-    REFLECTED,
-    Samples,
-    ThroughShell,
-    check_clear,
-    check_housing_is_rendered,
-    follow,
-    front_shade,
-    places,
-    scene_through_shell,
-    spread,
-)
+from .pixel_rays import DIRECT, HIDDEN, LOST, REFLECTED, Samples, ThroughShell, check_clear, check_housing_is_rendered, follow, front_shade, places, scene_through_shell, spread
 from .radiometry import Radiometry
 from .scenes.scene import Distant, Scene
 
@@ -62,19 +48,7 @@ class Bundle(NamedTuple):
 
 
 @validate_arguments
-def expose(
-    camera: Camera,
-    scene: Scene,
-    *,
-    samples: int = 4,
-    blur: bool = False,
-    distant: bool = False,
-    radiometry: Radiometry | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-    workers: int | None = None,
-    wavelengths_nm: tuple[float, float, float] | None = None,
-) -> Light:
+def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> Light:
     """Compute the light (rows, columns, 3), linear RGB, on the pixels of a camera.
 
     Parameters
@@ -128,35 +102,10 @@ def expose(
     >>> light.shape, light.dtype
     ((64, 64, 3), dtype('float32'))
     """
-    return exposed(
-        camera,
-        scene,
-        LIGHT,
-        samples=samples,
-        blur=blur,
-        distant=distant,
-        radiometry=radiometry,
-        seed=seed,
-        progress=progress,
-        workers=workers,
-        wavelengths_nm=wavelengths_nm,
-    )
+    return exposed(camera, scene, LIGHT, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, progress=progress, workers=workers, wavelengths_nm=wavelengths_nm)
 
 
-def exposed(
-    camera: Camera,
-    scene: Scene,
-    medium: Medium,
-    *,
-    samples: int,
-    blur: bool = False,
-    distant: bool = False,
-    radiometry: Radiometry | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-    workers: int | None = None,
-    wavelengths_nm: tuple[float, float, float] | None = None,
-) -> NDArray[Any]:
+def exposed(camera: Camera, scene: Scene, medium: Medium, *, samples: int, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> NDArray[Any]:
     """Return the response of a medium to the light, (rows, columns, 3); parameters as in
     :func:`expose`.
     """
@@ -167,14 +116,9 @@ def exposed(
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
-        raise InvalidParameter(
-            "only a sensor has blur; a calibrated camera says nothing of its aperture"
-        )
+        raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
     if radiometry is not None and not _has_one_mirror(camera):
-        raise InvalidParameter(
-            "only a sensor of one mirror has radiometry; a calibrated camera says nothing of it, and two mirrors dim "
-            "nothing yet"
-        )
+        raise InvalidParameter("only a sensor of one mirror has radiometry; a calibrated camera says nothing of it, and two mirrors dim nothing yet")
     if isinstance(camera, Sensor):
         check_housing_is_rendered(camera)
         camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
@@ -184,17 +128,7 @@ def exposed(
     radiometry = radiometry or Radiometry()
     cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
     if cameras is not None or coloured is not None:
-        plain = partial(
-            exposed,
-            scene=scene,
-            medium=LIGHT if medium.in_order else medium,
-            samples=samples,
-            blur=blur,
-            distant=distant,
-            seed=seed,
-            progress=progress,
-            workers=workers,
-        )
+        plain = partial(exposed, scene=scene, medium=LIGHT if medium.in_order else medium, samples=samples, blur=blur, distant=distant, seed=seed, progress=progress, workers=workers)
         seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
         each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
         shares = [plain(seen, radiometry=light) for seen, light in each]
@@ -208,16 +142,12 @@ def exposed(
     return _of_scene(camera, seen, plan, radiometry, progress, workers, medium)
 
 
-def _of_colours(
-    camera: Camera, wavelengths_nm: tuple[float, float, float] | None
-) -> list[Sensor] | None:
+def _of_colours(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
     """Return the sensor for red, green and blue light; None if all colours are equal."""
     if wavelengths_nm is None:
         return None
     if not isinstance(camera, Sensor):
-        raise InvalidParameter(
-            "only a sensor has colours; a calibrated camera says nothing of its lens"
-        )
+        raise InvalidParameter("only a sensor has colours; a calibrated camera says nothing of its lens")
     three = finite("wavelengths_nm", wavelengths_nm, last=3)
     return [at_wavelength(camera, float(nm)) for nm in three]
 
@@ -225,38 +155,21 @@ def _of_colours(
 def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
     if width * height > MOST_ACROSS**2:
-        raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large to be simulated; valid are up to {MOST_ACROSS} x "
-            f"{MOST_ACROSS} px, or as many in all"
-        )
+        raise InvalidParameter(f"a picture of {width} x {height} px is too large to be simulated; valid are up to {MOST_ACROSS} x {MOST_ACROSS} px, or as many in all")
 
 
 def _distant(scene: Scene) -> Scene:
     """Return the scene at infinity; a tube or a dome is unchanged."""
-    return (
-        replace(scene, scene=_distant(scene.scene))
-        if isinstance(scene, ThroughShell)
-        else Distant(scene)
-    )
+    return replace(scene, scene=_distant(scene.scene)) if isinstance(scene, ThroughShell) else Distant(scene)
 
 
 def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
     return isinstance(camera, Sensor) and camera.secondary is None
 
 
-def _of_scene(
-    camera: Camera,
-    scene: Scene,
-    plan: Samples,
-    radiometry: Radiometry,
-    progress: Progress | None,
-    workers: int | None,
-    medium: Medium,
-) -> NDArray[Any]:
+def _of_scene(camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None, workers: int | None, medium: Medium) -> NDArray[Any]:
     def light_of(tile: Tile) -> Light:
-        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(
-            axis=2
-        )
+        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
         return light
 
     return render_tiles(light_of, camera.image_size, len(plan.points), progress, workers, medium)
@@ -273,52 +186,31 @@ def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     return light
 
 
-def trace(
-    camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
-) -> Bundle:
+def trace(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     """Trace the rays of a tile of the image."""
     if not _has_one_mirror(camera):
         pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
         if isinstance(camera, Sensor) and plan.blur:
-            origins, directions, valid = camera.aperture_rays(
-                flat, pupil.reshape(-1, 2) * plan.blur
-            )
+            origins, directions, valid = camera.aperture_rays(flat, pupil.reshape(-1, 2) * plan.blur)
         else:
             origins, directions, valid = camera.backproject(flat)
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
-        return Bundle(
-            origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate
-        )
+        return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
     trace_sensor = _trace_natively if is_for_kernels(camera) else _trace_sensor
     return trace_sensor(camera, plan, radiometry, rows, columns)
 
 
-def _trace_natively(
-    sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
-) -> Bundle:
+def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
     weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     optics = native_optics(sensor, radiometry, plan.blur)
-    backend.kernels.expose_rays(
-        optics,
-        plan.points,
-        plan.blur,
-        plan.seed,
-        columns.start,
-        rows.start,
-        origins,
-        directions,
-        weight,
-        fate,
-    )
+    backend.kernels.expose_rays(optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate)
     return Bundle(origins, directions, weight, fate)
 
 
-def _trace_sensor(
-    sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
-) -> Bundle:
+def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     """Trace the same rays without the compiled module."""
     pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
@@ -329,19 +221,12 @@ def _trace_sensor(
     image = sensor.image_plane.flat_mm(pixels)[0]
     # Edges of a real lens vignette rays through its aperture; chief rays represent all of them
     clipped = plan.blur and not sensor.lens.IS_THIN
-    weight = 1 - radiometry.vignetting * (
-        1 - sensor.lens.falloff(image, pupil if clipped else None)
-    )
+    weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
     weight[hit] *= front_shade(sensor, points[hit], directions[hit], -towards[hit])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
-    return Bundle(
-        rotate_vectors(points, rotation).reshape(*shape, 3),
-        rotate_vectors(directions, rotation).reshape(*shape, 3),
-        weight.reshape(shape),
-        fate.reshape(shape),
-    )
+    return Bundle(rotate_vectors(points, rotation).reshape(*shape, 3), rotate_vectors(directions, rotation).reshape(*shape, 3), weight.reshape(shape), fate.reshape(shape))
 
 
 # -- Rendering of the image of a scene captured by a camera ----------------------------------------
@@ -349,24 +234,12 @@ def _trace_sensor(
 # Images are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as usual in Python;
 # OpenCV requires BGR, ``picture[..., ::-1]``.
 
-MOST_SAMPLES = 16
+MAX_SAMPLES = 16
 SHOWN_SAMPLES = 16
 """Rays per pixel of images for display."""
 
 
-def take_picture(
-    camera: Camera,
-    scene: Scene,
-    *,
-    samples: int = 4,
-    blur: bool = False,
-    distant: bool = False,
-    radiometry: Radiometry | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-    workers: int | None = None,
-    low_pass: bool = False,
-) -> SrgbImage:
+def take_picture(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, progress: Progress | None = None, workers: int | None = None, low_pass: bool = False) -> SrgbImage:
     """Render the image (rows, columns, 3), uint8 sRGB in RGB order, of a scene captured by a
     camera.
 
@@ -421,30 +294,9 @@ def take_picture(
     """
     if low_pass:
         fine = _finer(camera)
-        light = expose(
-            fine,
-            scene,
-            samples=-(-samples // 4),
-            blur=blur,
-            distant=distant,
-            radiometry=radiometry,
-            seed=seed,
-            progress=progress,
-            workers=workers,
-        )
+        light = expose(fine, scene, samples=-(-samples // 4), blur=blur, distant=distant, radiometry=radiometry, seed=seed, progress=progress, workers=workers)
         return srgb_bytes(_low_passed(light))
-    return exposed(
-        camera,
-        scene,
-        BYTES,
-        samples=samples,
-        blur=blur,
-        distant=distant,
-        radiometry=radiometry,
-        seed=seed,
-        progress=progress,
-        workers=workers,
-    )
+    return exposed(camera, scene, BYTES, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, progress=progress, workers=workers)
 
 
 TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
@@ -454,30 +306,19 @@ TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
 def _finer(camera: Camera) -> Sensor:
     """Return the sensor with pixels of half the width."""
     if not isinstance(camera, Sensor):
-        raise InvalidParameter(
-            "only a sensor has a low-pass filter; a calibrated camera has taken its pictures already"
-        )
+        raise InvalidParameter("only a sensor has a low-pass filter; a calibrated camera has taken its pictures already")
     imager = camera.imager
     u, v = imager.centre
-    finer = Imager(
-        2 * imager.width_px,
-        2 * imager.height_px,
-        imager.pixel_pitch_um / 2,
-        (2 * u + 0.5, 2 * v + 0.5),
-    )
+    finer = Imager(2 * imager.width_px, 2 * imager.height_px, imager.pixel_pitch_um / 2, (2 * u + 0.5, 2 * v + 0.5))
     return replace(camera, imager=finer)
 
 
 def _low_passed(light: Light) -> Light:
     """Filter light (2 n, 2 m, 3) on half-width pixels to pixels (n, m, 3)."""
     for axis in (0, 1):
-        padded = np.moveaxis(
-            np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0
-        )
+        padded = np.moveaxis(np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0)
         count = light.shape[axis] // 2
-        light = np.moveaxis(
-            sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis
-        )
+        light = np.moveaxis(sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis)
     return np.ascontiguousarray(light, np.float32)
 
 
@@ -512,16 +353,8 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Sr
     """
     _check_samples(samples)
     towards = np.asarray(directions, dtype=float)
-    if (
-        towards.ndim != 3
-        or towards.shape[2] != 3
-        or towards.shape[0] % samples
-        or towards.shape[1] % samples
-    ):
-        raise InvalidParameter(
-            f"directions have the shape {towards.shape}; it must be (rows, columns, 3), both a multiple of "
-            f"samples = {samples}"
-        )
+    if towards.ndim != 3 or towards.shape[2] != 3 or towards.shape[0] % samples or towards.shape[1] % samples:
+        raise InvalidParameter(f"directions have the shape {towards.shape}; it must be (rows, columns, 3), both a multiple of samples = {samples}")
     light = np.zeros(towards.shape, dtype=np.float32)
     valid = np.isfinite(towards).all(axis=2)
     light[valid] = scene.radiance(np.zeros((int(valid.sum()), 3)), towards[valid])
@@ -529,15 +362,11 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Sr
 
 
 def _check_samples(samples: int) -> None:
-    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(
-            f"samples = {samples} is not a whole number from 1 to {MOST_SAMPLES}"
-        )
+    if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
+        raise InvalidParameter(f"samples = {samples} is not a whole number from 1 to {MAX_SAMPLES}")
 
 
 def _develop(light: Light, samples: int) -> SrgbImage:
     """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
-    return srgb_bytes(
-        light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3))
-    )
+    return srgb_bytes(light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3)))

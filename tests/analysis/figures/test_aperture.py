@@ -11,7 +11,7 @@ from omnimirror.analysis.figures.aperture import (
     encircled_energy,
     illumination_curves,
     mtf_curves,
-    psf_pictures,
+    psf_images,
     spot_matrix,
 )
 
@@ -26,7 +26,7 @@ def line(figure, gid):
 @pytest.mark.parametrize(
     "focuses", [[212.0], pytest.param([205.0, 212.0, 219.0], marks=pytest.mark.full)]
 )
-def test_spots_are_where_rays_land(focuses):
+def test_spot_figure_matches_rays(focuses):
     found = om.spots(SPH, [0.0, 90.0, 135.0], focus_mm=focuses)
     figure = spot_matrix(found, 1.1)
     assert len(figure.axes) == 3 * len(focuses)
@@ -41,7 +41,7 @@ def test_spots_are_where_rays_land(focuses):
     render(figure)
 
 
-def test_mtf_lines_are_the_mtf():
+def test_mtf_figure_matches_mtf():
     found = om.mtf(SPH, [0.0, 100.0])
     figure = mtf_curves(found)
     for way, values in (("t", found.tangential), ("s", found.sagittal)):
@@ -51,10 +51,10 @@ def test_mtf_lines_are_the_mtf():
     render(figure)
 
 
-def test_psf_pictures_keep_tangential_to_the_right():
+def test_psf_figure_orientation():
     """The spot at 120 deg is taller than wide, and coma of a fast lens extends along one axis only."""
     found = [om.psf(SPH, 120.0, step_px=0.5)]
-    figure = psf_pictures(found)
+    figure = psf_images(found)
     (image,) = figure.axes[0].get_images()
     spread = [
         np.sqrt((found[0].density.sum(axis=a) @ found[0].offset_px ** 2) / found[0].density.sum())
@@ -69,7 +69,7 @@ def test_psf_pictures_keep_tangential_to_the_right():
     np.testing.assert_allclose(energy, found[0].encircled_energy(radius))
 
 
-def test_illumination_lines_are_the_illumination():
+def test_illumination_figure_matches_illumination():
     found = om.illumination(SPH, [0.0, 60.0, 120.0])
     figure = illumination_curves([("SPH", found)])
     np.testing.assert_array_equal(line(figure, "SPH:relative")[1], found.relative)

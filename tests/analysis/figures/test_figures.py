@@ -28,9 +28,9 @@ from omnimirror.analysis.figures.style import (
     axis_label,
     axis_of_both,
     axis_title,
+    displayed_points,
     save_figure,
-    shown_points,
-    spread,
+    separated_positions,
     styled,
 )
 from omnimirror.analysis.figures.subjects import subjects_of
@@ -64,12 +64,12 @@ def texts(figure):
 
 @pytest.mark.parametrize("name", FIGURES)
 @pytest.mark.parametrize("sensor", few(bundled_sensors(), "folded-hyperboloidal"))
-def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
+def test_figures_of_all_bundled_sensors(name, sensor):
     assert draw(name, [om.load_sensor(sensor)]).axes  # the next test also renders them
 
 
 @pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig8", "fig11"))
-def test_every_figure_draws_a_cone_and_six_sensors(name):
+def test_figures_of_cone_and_six_sensors(name):
     """A cone has a pointed apex, a hole in its image and no tangential image of distant objects."""
     render(
         draw(
@@ -106,7 +106,7 @@ def test_every_figure_draws_a_cone_and_six_sensors(name):
         ("fig7", "aspect"),
     ),
 )
-def test_lines_are_the_columns_of_the_evaluation(figure, column):
+def test_lines_match_evaluation_columns(figure, column):
     picture = drawn(figure)
     for sensor in SENSORS:
         omega, y = line(picture, f"{sensor.name}:{column}")
@@ -116,7 +116,7 @@ def test_lines_are_the_columns_of_the_evaluation(figure, column):
         assert omega[-1] == pytest.approx(135, abs=0.01)
 
 
-def test_virtual_images_and_depth_of_field_of_figure_4():
+def test_figure_4_virtual_images_and_depth_of_field():
     figure = drawn("fig4")
     for sensor in SENSORS:
         omega = np.linspace(*sensor.field_deg, 361)
@@ -141,7 +141,7 @@ def test_virtual_images_and_depth_of_field_of_figure_4():
         assert bands[0].get_y() == pytest.approx(near - sensor.mirror_distance_mm)
 
 
-def test_rays_of_figure_4_obey_the_law_of_reflection():
+def test_figure_4_rays_obey_law_of_reflection():
     figure = draw("fig4", SENSORS[:1])
     (xs, x, foot), (zs, z, lens) = line(figure, "SPH:ray:75")
     slope = SENSORS[0].mirror.slope(x)
@@ -153,7 +153,7 @@ def test_rays_of_figure_4_obey_the_law_of_reflection():
     assert lens == -SENSORS[0].mirror_distance_mm
 
 
-def test_rectangles_of_figure_8_are_fifteen_degrees():
+def test_figure_8_rectangle_size():
     figure = drawn("fig8")
     result = om.evaluate(SENSORS[0], [90.0], image_radius_px=500)
     (patch,) = [
@@ -166,7 +166,7 @@ def test_rectangles_of_figure_8_are_fifteen_degrees():
     assert patch.get_x() + patch.get_width() / 2 == pytest.approx(result.h_px[0])
 
 
-def test_spots_of_figure_11_are_ten_times_the_blur():
+def test_figure_11_spot_magnification():
     figure = drawn("fig11")
     result = om.evaluate(SENSORS[0], [90.0], mode="paper", image_radius_px=500)
     (spot,) = [
@@ -177,11 +177,11 @@ def test_spots_of_figure_11_are_ten_times_the_blur():
     assert "(0.212°)²" in texts(figure)
 
 
-def test_tangential_and_sagittal_lines_are_labelled():
+def test_tangential_and_sagittal_line_labels():
     assert {"SPH T", "SPH S", "E-DI T", "E-DI S", "SVP T, S"} <= set(texts(drawn("fig9")))
 
 
-def test_each_sensor_keeps_its_colour():
+def test_sensor_colours_consistent():
     for name in ("fig5", "fig6", "fig9"):
         lines = [a for ax in drawn(name).axes for a in ax.get_lines() if a.get_gid()]
         for i, sensor in enumerate(SENSORS):
@@ -202,14 +202,14 @@ def test_end_labels_do_not_overlap(name):
 
 
 @pytest.mark.parametrize("name", few(["fig3", "fig9"], "fig3"))
-def test_the_same_figure_gives_the_same_file(name):
+def test_figure_files_deterministic(name):
     first, second = (render(draw(name, SENSORS[:1]), "svg") for _ in range(2))
     assert first == second
     assert b"<text" in first  # text is stored as text
     assert not re.search(rb"<dc:date>", first)
 
 
-def test_drawing_leaves_matplotlib_as_it_was():
+def test_drawing_preserves_matplotlib_state():
     import matplotlib as mpl
 
     before = dict(mpl.rcParams)
@@ -217,18 +217,18 @@ def test_drawing_leaves_matplotlib_as_it_was():
     assert dict(mpl.rcParams) == before
 
 
-def test_save_all_writes_what_it_says(tmp_path):
+def test_save_all_writes_returned_files(tmp_path):
     seen = []
-    files = save_all(SENSORS[:1], tmp_path / "new", which=["fig6", "fig5"], progress=seen.append)
+    files = save_all(SENSORS[:1], tmp_path / "new", names=["fig6", "fig5"], on_progress=seen.append)
     assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
     assert seen == ["fig6", "fig5"]
 
 
-def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
-    with pytest.raises(InvalidParameter, match=r"fig99.*valid are fig3"):
-        save_all(SENSORS, tmp_path, which=["fig5", "fig99"])
-    with pytest.raises(InvalidParameter, match=r"'gif'.*valid are svg"):
+def test_save_all_validates_before_writing(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"must be one of fig3.*fig99"):
+        save_all(SENSORS, tmp_path, names=["fig5", "fig99"])
+    with pytest.raises(InvalidParameter, match=r"must be one of svg.*'gif'"):
         save_all(SENSORS, tmp_path, formats=["gif"])
     with pytest.raises(InvalidParameter, match="1 to 6"):
         draw("fig5", [])
@@ -237,22 +237,22 @@ def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_names_may_hold_anything():
+def test_special_characters_in_names():
     render(draw("fig5", [replace(s, name=f"{s.name} $_{{<&") for s in SENSORS[:2]]), "svg")
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_spread_keeps_apart_in_order_and_inside(seed):
+def test_separated_positions_constraints(seed):
     rng = np.random.default_rng(seed)
     wanted = rng.uniform(0, 10, 8)
-    placed = spread(wanted, 0.9, 0.0, 10.0)
+    placed = separated_positions(wanted, 0.9, 0.0, 10.0)
     order = np.argsort(wanted)
     assert (np.diff(placed[order]) >= 0.9 - 1e-9).all()
     assert placed.min() >= 0
     assert placed.max() <= 10
 
 
-def test_spread_is_the_least_squares_solution():
+def test_separated_positions_least_squares():
     """Compared with a general solver of the same problem."""
     rng = np.random.default_rng(3)
     for gap, low, high in ((0.9, 0.0, 10.0), (1.6, -2.0, 7.0), (0.0, 0.0, 10.0)):
@@ -266,7 +266,7 @@ def test_spread_is_the_least_squares_solution():
             method="SLSQP",
             options={"ftol": 1e-12},
         )
-        np.testing.assert_allclose(spread(sought, gap, low, high), found.x, atol=1e-5)
+        np.testing.assert_allclose(separated_positions(sought, gap, low, high), found.x, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -283,12 +283,12 @@ def test_spread_is_the_least_squares_solution():
         ([0.0] * 21, np.linspace(0, 10, 21)),
     ],
 )
-def test_spread_of_few_labels(sought, placed):
+def test_separated_positions_few_labels(sought, placed):
     """Single, in reverse order, at equal positions, at the edge, and more than fit."""
-    np.testing.assert_allclose(spread(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
+    np.testing.assert_allclose(separated_positions(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
 
 
-def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
+def test_end_labels_at_last_visible_point():
     """Without neighbours, a label is level with its point, in the colour of its line, 7 pt from the
     axes."""
     figure = Figure(dpi=144)
@@ -296,12 +296,21 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
     ax.set(xlim=(4.0, 0.0), ylim=(0.0, 10.0))
     x = np.arange(6.0)
     up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
-    assert shown_points(ax, up).tolist() == [True] * 5 + [False]
-    assert not shown_points(ax, outside).any()
+    assert displayed_points(ax, up).tolist() == [True] * 5 + [False]
+    assert not displayed_points(ax, outside).any()
     edges = ax.plot(
         [2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0]
     )[0]
-    assert shown_points(ax, edges).tolist() == [True, False, True, False, True, True, False, False]
+    assert displayed_points(ax, edges).tolist() == [
+        True,
+        False,
+        True,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
     labels = EndLabels(figure)
     labels.of_line(ax, up, "up")
     labels.of_line(ax, outside, "outside")
@@ -332,7 +341,7 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
     assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.01)
 
 
-def test_end_labels_follow_axes_that_the_layout_moves():
+def test_end_labels_follow_layout():
     """A limit or size changed after the placement moves labels with their points."""
     figure = Figure(dpi=72)
     axes = figure.subplots(2, 1)
@@ -366,11 +375,11 @@ def test_end_labels_follow_axes_that_the_layout_moves():
         (axis_of_both("blur_px", "blur_t_px", "blur_s_px"), "Blur Δ$_t$, Δ$_s$ (px)"),
     ],
 )
-def test_labels_of_axes_hold_symbols_and_units(label, text):
+def test_axis_labels_contain_symbols_and_units(label, text):
     assert label == text
 
 
-def test_figures_draw_what_was_evaluated():
+def test_figures_use_evaluation_conditions():
     """Every option that changes numbers changes the lines of the figure accordingly."""
     asked = {
         "object_distance_mm": 50.0,
@@ -395,7 +404,7 @@ def test_figures_draw_what_was_evaluated():
     )
 
 
-def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
+def test_command_figures_match_table(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(
         figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or []
@@ -415,7 +424,7 @@ def obscured():
 
 
 @pytest.mark.parametrize("name", few(["fig5", "fig6", "fig7", "fig9", "fig15"], "fig5"))
-def test_angles_that_are_hidden_are_a_band(name, obscured):
+def test_obscured_angles_drawn_as_band(name, obscured):
     (ring,) = obscured.obscured
     for ax in draw(name, [obscured]).axes:
         (band,) = [p for p in ax.patches if p.get_gid() == f"{obscured.name}:hidden"]
@@ -424,7 +433,7 @@ def test_angles_that_are_hidden_are_a_band(name, obscured):
 
 
 @pytest.mark.parametrize("name", few(["fig3", "fig8", "fig10"], "fig8"))
-def test_what_is_hidden_in_the_picture_is_a_ring(name, obscured):
+def test_obscured_image_region_drawn_as_ring(name, obscured):
     (ring,) = obscured.obscured
     edge = float(om.evaluate(obscured, [ring.omega_deg[1]]).h_px[0])
     (patch,) = [
@@ -439,7 +448,7 @@ def test_what_is_hidden_in_the_picture_is_a_ring(name, obscured):
     )
 
 
-def test_spots_that_are_hidden_say_so(obscured):
+def test_obscured_spots_labelled(obscured):
     assert [t for t in texts(draw("fig11", [obscured])) if "hidden" in t] == [
         "0°, hidden",
         "15°, hidden",
@@ -447,12 +456,12 @@ def test_spots_that_are_hidden_say_so(obscured):
 
 
 @pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig11"))
-def test_nothing_is_drawn_as_hidden_where_nothing_is(name):
+def test_no_obscuration_drawn_without_housing(name):
     assert not [t for t in texts(drawn(name)) if "hidden" in t]
 
 
 @pytest.mark.parametrize("kind", few(FORMATS, "pdf"))
-def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, monkeypatch):
+def test_figure_rendered_once(kind, monkeypatch):
     sensors, saved, drawn = [om.load_sensor("paper-spherical")], BytesIO(), []
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
     with styled():
@@ -475,7 +484,7 @@ def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, mo
 @pytest.mark.parametrize(
     "names", [["paper-hyperboloidal"], ["paper-spherical", "paper-equidistant"]]
 )
-def test_no_word_beside_ray_traces_is_cut_off(names):
+def test_ray_trace_labels_not_clipped(names):
     with styled():
         figure = ray_traces(subjects_of([om.load_sensor(name) for name in names], Conditions()))
         figure.get_layout_engine().execute(figure)

@@ -117,6 +117,6 @@ def test_what_is_hidden_is_said_and_how_far_a_report_is(tmp_path, monkeypatch):
     assert 0.8 < shares[-1] < 1
     assert {what for what, _ in told} == {"Taking the picture", "Drawing the figures"}
     assert (
-        "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>"
+        "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>"
         in page.read_text()
     )

@@ -315,10 +315,10 @@ def test_no_question_makes_the_server_read_a_file(client):
     sensor = om.load_sensor("paper-spherical")
     tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
     (header, _), *_ = ask(client, question(sensor, tables=tables))
-    assert "names another file" in header["trouble"]["sentence"]
+    assert "must not name a file" in header["trouble"]["sentence"]
     mirror = {"mapping": "tabulated-mapping", "mapping_csv": "/etc/passwd", "rim_radius_mm": 40.0}
     (header, _), *_ = ask(client, question(sensor, requirements={**WANTED, "mirror": mirror}))
-    assert "names another file" in header["requirements_trouble"]
+    assert "must not name a file" in header["requirements_trouble"]
 
 
 @pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])

@@ -263,7 +263,7 @@ def test_sensor_files_cannot_name_files_of_the_server(client):
     text = '[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n'
     answer = client.post("/api/sensors", params={"name": "spy.toml"}, content=text)
     assert answer.status_code == 400
-    assert "names another file" in sentence(answer)
+    assert "must not name a file" in sentence(answer)
     assert "root:" not in answer.text
 
 

@@ -108,7 +108,9 @@ def test_blur_matches_finite_rays(sensor):
             built.optical_train.entrance_pupil_points(pupil), ends
         )
         points = (
-            built.lens.image_of(found.seen_at - built.optical_train.lens_offset, found.to_pupils)
+            built.lens.image_of(
+                found.facing_points - built.optical_train.lens_offset, found.to_pupils
+            )
             / built.imager.pitch_mm
         )
         spread = points - points.mean(axis=0)

@@ -55,7 +55,7 @@ def opencv(terms) -> np.ndarray:
 
 
 @LENSES
-def test_it_is_opencvs(terms):
+def test_distortion_matches_opencv(terms):
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
     brown = tuple(terms.get(n, 0.0) for n in ("k1", "k2", "k3", "p1", "p2"))
     theirs = cv2.projectPoints(
@@ -65,7 +65,7 @@ def test_it_is_opencvs(terms):
     np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
 
 
-def test_its_rates_are_differences():
+def test_distortion_rates_match_differences():
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
     brown, step = np.array([-0.3, 0.2, -0.1, 0.01, -0.008]), 1e-6
     there, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
@@ -84,7 +84,7 @@ def test_its_rates_are_differences():
 
 @settings(max_examples=50)
 @given(st.floats(-2, 2), st.floats(-4, 4), st.floats(-4, 4), st.floats(0.01, 0.95))
-def test_there_and_back_up_to_the_fold_and_no_further(k1, k2, k3, share):
+def test_distortion_round_trip_up_to_fold(k1, k2, k3, share):
     brown, last = (k1, k2, k3, 0.0, 0.0), fold((k1, k2, k3))
     point = share * min(last, 0.5) * np.array([[0.6, 0.8]])
     np.testing.assert_allclose(undistorted(distorted(point, brown), brown), point, rtol=1e-8)
@@ -94,7 +94,7 @@ def test_there_and_back_up_to_the_fold_and_no_further(k1, k2, k3, share):
 
 @LENSES
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
-def test_pixels_are_moved_as_opencv_moves_them(terms, pose):
+def test_distorted_pixels_match_opencv(terms, pose):
     """The sensor without distortion, followed by OpenCV's distortPoints."""
     plain, bent = sensor_with(pose=pose), sensor_with(pose=pose, **terms)
     b, pitch = plain.lens.image_distance, plain.imager.pitch_mm
@@ -116,7 +116,7 @@ def test_pixels_are_moved_as_opencv_moves_them(terms, pose):
 
 
 @pytest.mark.full
-def test_characteristics_are_those_of_the_distorted_picture():
+def test_characteristics_include_distortion():
     """Dh against differences of projected directions; blur against rays of real apertures."""
     sensor = sensor_with(**BARREL)
     omega = np.array([30.0, 60.0, 90.0, 120.0])
@@ -125,8 +125,8 @@ def test_characteristics_are_those_of_the_distorted_picture():
     np.testing.assert_allclose(
         result.dh_domega_px_per_deg, np.linalg.norm(ends[1] - ends[0], axis=1) / 0.01, rtol=1e-6
     )
-    assert om.check_blur(sensor, [4.0]).worst("edge_t_px").max() < 0.002
-    assert om.check_blur(sensor, [4.0]).worst("edge_s_px").max() < 0.002
+    assert om.check_blur(sensor, [4.0]).max_abs("edge_t_px").max() < 0.002
+    assert om.check_blur(sensor, [4.0]).max_abs("edge_s_px").max() < 0.002
     bent, plain = (om.mtf(s, omega, pixel=False) for s in (sensor, sensor_with()))
     for i in range(len(omega)):  # object resolution is unchanged, independent of the image scale
         finest = min(m.cycles_per_deg_t[i, -1] for m in (bent, plain))
@@ -145,7 +145,7 @@ def _direction(omega_deg):
 @pytest.mark.parametrize(
     "pose", few([MirrorPose(), MISPLACED], MISPLACED), ids=["aligned", "misplaced"]
 )
-def test_compiled_rays_are_those_of_double_precision(terms, pose):
+def test_compiled_rays_match_double_precision(terms, pose):
     sensor = sensor_with(pixels=100, pose=pose, **terms)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     plan, part = spread(16, blur=True), (slice(0, 100), slice(0, 100))
@@ -169,7 +169,7 @@ def test_compiled_rays_are_those_of_double_precision(terms, pose):
     [pytest.param(BARREL, marks=pytest.mark.full), TANGENTIAL],
     ids=["radial", "tangential"],
 )
-def test_what_distortion_moves_the_dewarper_puts_back(terms):
+def test_dewarper_corrects_distortion(terms):
     """A sensor with distortion, rendered and dewarped with its own file, equals a pinhole view."""
     v, u = np.mgrid[:256, :512] / 40.0
     world = Environment(
@@ -189,7 +189,7 @@ def test_what_distortion_moves_the_dewarper_puts_back(terms):
         assert -10 * np.log10(np.mean(apart**2)) > 60
 
 
-def test_crowded_light_is_conserved():
+def test_distortion_conserves_light():
     """The total light of a uniform world is that of its solid angle, independent of distortion."""
     white = Environment(np.ones((4, 8, 3), np.float32))
     sums = [
@@ -206,13 +206,11 @@ def test_crowded_light_is_conserved():
     np.testing.assert_allclose(sums[1:], sums[0], rtol=2e-3)
 
 
-def test_a_lens_that_folds_the_picture_is_refused():
+def test_folding_distortion_rejected():
     sensor = sensor_with(k1=-10.0)
-    with pytest.raises(
-        InvalidParameter, match=r"fold the picture over at 10\.3. deg .* the mirror reaches 12"
-    ):
+    with pytest.raises(InvalidParameter, match=r"12.* the image folds over at 10\.3. deg"):
         sensor.backproject([[511.5, 511.5]])
-    with pytest.raises(InvalidParameter, match="fold the picture over"):
+    with pytest.raises(InvalidParameter, match="the image folds over"):
         expose(
             replace(sensor, mirror_pose=MISPLACED),
             Environment(np.ones((4, 8, 3), np.float32)),
@@ -220,13 +218,13 @@ def test_a_lens_that_folds_the_picture_is_refused():
         )
 
 
-def test_the_file_holds_it_and_nothing_where_there_is_none():
+def test_distortion_in_sensor_files():
     text = format_sensor(sensor_with(**TANGENTIAL))
     assert parse_sensor(text) == sensor_with(**TANGENTIAL)
     assert "k1" not in format_sensor(sensor_with())
 
 
-def test_radii_beyond_the_fold_have_no_origin():
+def test_radii_beyond_fold_are_nan():
     """r (1 - 0.3 r^2) increases to 0.7027 at r = 1.0541; the smallest positive root of the
     polynomial below."""
     k, radii = (-0.3, 0.0, 0.0), np.array([0.0, 0.1, 0.5, 0.7, 0.71, 5.0])

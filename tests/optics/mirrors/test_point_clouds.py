@@ -55,7 +55,7 @@ def cloud(mirror, scatter_mm, count=3000, above=False, seed=2, rim_mm=40.0):
 
 
 @pytest.mark.parametrize("above", [False, True])
-def test_the_axis_of_a_cloud_is_found(above):
+def test_point_cloud_axis_estimated(above):
     x, z = profile_of(cloud(HYPERBOLOID, 1e-3, above=above))
     mirror = SampledProfile(x, z)
     assert mirror.rim_radius_mm == pytest.approx(40.0, abs=0.05)
@@ -66,19 +66,19 @@ def test_the_axis_of_a_cloud_is_found(above):
 
 
 @pytest.mark.long
-def test_a_cloud_without_scatter_gives_the_mirror():
+def test_exact_cloud_gives_mirror():
     mirror = SampledProfile(*profile_of(cloud(HYPERBOLOID, 0.0)))
     np.testing.assert_allclose(mirror.sag(AT), HYPERBOLOID.sag(AT), atol=2e-5)
     np.testing.assert_allclose(mirror.slope(AT), HYPERBOLOID.slope(AT), atol=2e-5)
 
 
-def test_a_sphere_may_keep_the_axes_of_the_machine():
+def test_sphere_keeps_machine_axes():
     mirror = SampledProfile(*profile_of(cloud(Sphere(50.0, 44.0), 1e-3)))
     at = AT[mirror.rim_radius_mm > AT]
     np.testing.assert_allclose(mirror.slope(at), Sphere(50.0, 44.0).slope(at), atol=1e-3)
 
 
-def test_wrong_points_of_a_cloud_do_not_move_its_axis():
+def test_cloud_axis_robust_to_outliers():
     points = cloud(HYPERBOLOID, 1e-3)
     points[::750, 2] += 0.5
     mirror = SampledProfile(*profile_of(points))
@@ -86,13 +86,13 @@ def test_wrong_points_of_a_cloud_do_not_move_its_axis():
     np.testing.assert_allclose(mirror.slope(AT), HYPERBOLOID.slope(AT), atol=2e-3)
 
 
-def test_a_cone_keeps_its_tip():
+def test_cone_cloud_is_pointed():
     x, z = profile_of(cloud(Cone(40.0, 44.0), 1e-4))
     mirror = SampledProfile(x, z, apex="pointed")
     np.testing.assert_allclose(mirror.slope(AT[5:]), np.tan(np.radians(40.0)), atol=3e-3)
 
 
-def test_a_sensor_file_names_a_cloud_or_a_grid(tmp_path):
+def test_sensor_file_names_cloud_or_grid(tmp_path):
     points = cloud(HYPERBOLOID, 0.0, count=1500)
     rows = "\n".join(f"{x:.9f}, {y:.9f}, {z:.9f}" for x, y, z in points)
     (tmp_path / "cloud.csv").write_text(f"x,y,z\n# mm\n{rows}\n")
@@ -105,9 +105,9 @@ def test_a_sensor_file_names_a_cloud_or_a_grid(tmp_path):
 
 
 @pytest.mark.parametrize("entry", ["cloud_csv", "grid_sag", "profile_csv"])
-def test_text_from_elsewhere_names_no_file(entry):
+def test_untrusted_text_must_not_name_files(entry):
     with pytest.raises(
-        SpecError, match=f"{entry} names another file; put the .* itself in, as x_mm and z_mm"
+        SpecError, match=f"{entry} must not name a file here; enter x_mm and z_mm instead"
     ):
         parse_sensor(SENSOR.format(entry=f'{entry} = "/etc/passwd"'), folder=None)
 
@@ -115,18 +115,26 @@ def test_text_from_elsewhere_names_no_file(entry):
 @pytest.mark.parametrize(
     ("entry", "text", "message"),
     [
-        ("cloud_csv", "1,2,3\n" * 50, "has 50 points; at least 200"),
-        ("cloud_csv", "1,2,3\n1,2\n", "line 2: '1,2' is not x, y, z as in the other rows"),
-        ("cloud_csv", "1,2,3\n1,nan,2\n", "has 1 points; at least 200 are valid"),
-        ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "is flat"),
-        ("cloud_csv", BESIDE, "does not lie all about its axis"),
-        ("grid_sag", "", "is no grid of heights"),
-        ("grid_sag", "3 3 1 1 0 0 0\n1\n", "is no grid of heights"),
-        ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "is no grid of heights"),
-        ("grid_sag", "2 2 1 1 0 0 0\n1\n2\nx\n4\n", "line 3: 'x' is not z"),
+        ("cloud_csv", "1,2,3\n" * 50, "at least 200 points; got 50"),
+        (
+            "cloud_csv",
+            "1,2,3\n1,2\n",
+            "line 2: the row must contain x, y, z, as the other rows; got '1,2'",
+        ),
+        ("cloud_csv", "1,2,3\n1,nan,2\n", "at least 200 points; got 1"),
+        ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "got flat points"),
+        ("cloud_csv", BESIDE, "must surround its axis"),
+        ("grid_sag", "", "must be a grid of heights"),
+        ("grid_sag", "3 3 1 1 0 0 0\n1\n", "must be a grid of heights"),
+        ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "must be a grid of heights"),
+        (
+            "grid_sag",
+            "2 2 1 1 0 0 0\n1\n2\nx\n4\n",
+            "line 3: the line must contain z and further columns; got 'x'",
+        ),
     ],
 )
-def test_what_is_no_cloud_or_grid_is_refused(tmp_path, entry, text, message):
+def test_invalid_clouds_and_grids_rejected(tmp_path, entry, text, message):
     (tmp_path / "f").write_text(text)
     (tmp_path / "s.toml").write_text(SENSOR.format(entry=f'{entry} = "f"'))
     with pytest.raises(OmnimirrorError, match=message):
@@ -144,7 +152,7 @@ def test_what_is_no_cloud_or_grid_is_refused(tmp_path, entry, text, message):
         ("paraboloid-telecentric", 1000, 5e-3),
     ],
 )
-def test_few_points_make_a_mirror_that_errs_as_is_stated(name, count, scatter_mm):
+def test_sparse_cloud_uncertainty(name, count, scatter_mm):
     """Also near the field limits: clouds have few points at the apex, and end at the rim."""
     sensor = load_sensor(name)
     low, high = sensor.field_deg

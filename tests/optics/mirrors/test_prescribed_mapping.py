@@ -24,13 +24,13 @@ from omnimirror.optics.mirrors import (
     TabulatedMapping,
     UnitAspect,
 )
-from omnimirror.optics.mirrors.prescribed_mapping import Mapped, PerspectiveMeridian
+from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror, PerspectiveMeridian
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 
 M = 43.9
 
 
-def sensor_of(mirror: Mapped) -> om.Sensor:
+def sensor_of(mirror: MappingMirror) -> om.Sensor:
     imager = Imager(1024, 1024, 5.2)
     if mirror.theta_max_deg == 0:
         return om.Sensor(mirror, Orthographic(0.0592, 4.0, 22.0), imager)
@@ -40,7 +40,7 @@ def sensor_of(mirror: Mapped) -> om.Sensor:
 
 
 def evaluated(
-    mirror: Mapped, low: float = 1e-3
+    mirror: MappingMirror, low: float = 1e-3
 ) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
     """Return field angles (radians), relative image heights, and mirror points, from om.evaluate."""
     sensor = sensor_of(mirror)
@@ -66,7 +66,7 @@ DISTANCES = [
 
 
 @pytest.mark.parametrize(("cls", "omega", "m"), DISTANCES, ids=lambda v: getattr(v, "KIND", ""))
-def test_the_lens_stands_where_high_precision_puts_it(cls, omega, m):
+def test_lens_distance_matches_high_precision(cls, omega, m):
     assert cls(omega, 12.0, 1.0).design_distance == pytest.approx(m, abs=6e-12)
     assert cls(omega, 12.0, M).design_distance == pytest.approx(m * M, abs=6e-12 * M)
 
@@ -82,7 +82,7 @@ MAPPINGS = {
 
 @pytest.mark.parametrize("theta", [12.0, 35.0, 0.5, 0.0])
 @pytest.mark.parametrize("cls", MAPPINGS, ids=lambda c: c.KIND)
-def test_evaluation_gives_the_mapping_asked_for(cls, theta):
+def test_evaluation_matches_prescribed_mapping(cls, theta):
     omega, tau, _, _ = evaluated(cls(75.0 if cls is Rectifying else 135.0, theta, M))
     height = MAPPINGS[cls]
     np.testing.assert_allclose(tau, height(omega) / height(omega[-1]), rtol=1e-9)
@@ -112,7 +112,7 @@ def test_mappings_of_the_viewing_angle(cls, viewing, theta):
 @pytest.mark.parametrize(
     ("omega_max", "H"), [(70.0, 60.0), (70.0, 600.0), (70.0, 1e6), (89.9, 800.0)]
 )
-def test_a_ground_plane_is_drawn_to_scale(omega_max, H, theta):
+def test_ground_plane_mapping_to_scale(omega_max, H, theta):
     """True intersections of the chief rays with the plane: radii are proportional to image heights."""
     omega, tau, x, z = evaluated(GroundPlane(omega_max, theta, M, plane_distance_mm=H))
     radius = x + (z + H) * np.tan(omega)
@@ -125,7 +125,7 @@ def test_a_ground_plane_is_drawn_to_scale(omega_max, H, theta):
     ("low", "high", "R"),
     [(50.0, 115.0, 60.0), (50.0, 115.0, 800.0), (50.0, 115.0, 1e6), (2.0, 150.0, 800.0)],
 )
-def test_a_cylinder_is_drawn_to_scale(low, high, R, theta):
+def test_cylinder_mapping_to_scale(low, high, R, theta):
     mirror = CylinderMapping(high, theta, M, omega_min_deg=low, cylinder_radius_mm=R)
     omega, tau, x, z = evaluated(mirror)
     height = z - (R - x) / np.tan(omega)
@@ -144,7 +144,7 @@ def test_a_cylinder_is_drawn_to_scale(low, high, R, theta):
     ],
     ids=["ground plane", "far ground plane", "cylinder"],
 )
-def test_much_field_in_little_of_the_image_takes_few_terms(mirror, most):
+def test_concentrated_field_needs_few_terms(mirror, most):
     """A design evaluates hundreds of mirrors: 513 terms, and the equations of 512 nodes, took 1
     minute."""
     size = np.abs(mirror._solution.series.coef)
@@ -153,7 +153,7 @@ def test_much_field_in_little_of_the_image_takes_few_terms(mirror, most):
 
 
 @pytest.mark.parametrize("H", [60.0, 600.0])
-def test_points_of_the_plane_land_where_the_plan_says(H):
+def test_plane_points_project_to_scale(H):
     """Forward projection by the true reflection of each point, independent of mappings."""
     mirror = GroundPlane(70.0, 12.0, M, plane_distance_mm=H)
     sensor = sensor_of(mirror)
@@ -165,7 +165,7 @@ def test_points_of_the_plane_land_where_the_plan_says(H):
     np.testing.assert_allclose(h / radii, h[0] / radii[0], rtol=1e-9)
 
 
-def test_closed_forms_agree_with_the_quadrature():
+def test_closed_forms_match_quadrature():
     for mirror in (
         Equiangular(130.0, 14.0, 1.0),
         Equiangular(130.0, 14.0, 1.0, 20.0),
@@ -178,7 +178,7 @@ def test_closed_forms_agree_with_the_quadrature():
             np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
 
 
-def test_under_an_orthographic_lens_they_are_the_conics_that_are_known():
+def test_orthographic_mappings_are_conics():
     x = np.linspace(0, M, 60)
     half = np.radians(135) / 2
     sphere, paraboloid = Sphere(M / np.sin(half), M), Paraboloid(M / np.tan(half), M)
@@ -199,7 +199,7 @@ def test_under_an_orthographic_lens_they_are_the_conics_that_are_known():
     np.testing.assert_allclose(Rectifying(75.0, 0.0, M).sag(x), slope @ weights * x / 2, rtol=1e-12)
 
 
-def test_the_finite_rows_tend_to_the_distant_ones():
+def test_finite_distances_converge_to_distant():
     x = np.linspace(0, M, 30)
     near, far = GroundPlane(75.0, 12.0, M, 1e7), Rectifying(75.0, 12.0, M)
     np.testing.assert_allclose(near.sag(x), far.sag(x), atol=1e-4)
@@ -208,7 +208,7 @@ def test_the_finite_rows_tend_to_the_distant_ones():
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize("cls", [Equidistant, Equiangular, Equiareal])
-def test_a_field_that_begins_past_the_camera_takes_a_pointed_mirror(cls, theta):
+def test_central_field_gap_gives_pointed_mirror(cls, theta):
     """The field starts at 30 deg, obscured below by the camera: the mapping distributes it over the
     whole image."""
     mirror = cls(135.0, theta, M, omega_min_deg=30.0)
@@ -232,7 +232,7 @@ def test_a_field_that_begins_past_the_camera_takes_a_pointed_mirror(cls, theta):
     theta=st.floats(1, 40),
     cls=st.sampled_from([Equidistant, Equiangular, Conformal, UnitAspect, Equiareal]),
 )
-def test_any_field_and_viewing_angle_that_can_be_had_are_met(omega, theta, cls):
+def test_reachable_fields_are_met(omega, theta, cls):
     if not theta + 2 < omega < 178 - theta:
         return
     mirror = cls(omega, theta, M)
@@ -247,7 +247,7 @@ def test_any_field_and_viewing_angle_that_can_be_had_are_met(omega, theta, cls):
 # -- user-defined mapping --------------------------------------------------------------------------
 
 
-def test_a_function_becomes_a_mirror_with_its_mapping():
+def test_mapping_function_gives_mirror():
     def height(omega):
         return omega - 0.12 * np.sin(omega)
 
@@ -258,7 +258,7 @@ def test_a_function_becomes_a_mirror_with_its_mapping():
         assert parse_sensor(format_sensor(sensor_of(mirror))).mirror == mirror
 
 
-def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
+def test_mapping_file_relative_to_sensor_file(tmp_path):
     omega = np.linspace(20, 120, 51)
     rows = "\n".join(f"{o},{3 * (o - 20)}" for o in omega)
     (tmp_path / "mapping.csv").write_text(f"omega_deg,height\n{rows}\n")
@@ -280,7 +280,7 @@ def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
         mirror.sag(np.linspace(0, M, 9)), wanted.sag(np.linspace(0, M, 9)), rtol=1e-11, atol=1e-12
     )
     (tmp_path / "s.toml").write_text(text.replace("mapping_csv", "height = [0.0]\nmapping_csv"))
-    with pytest.raises(OmnimirrorError, match="both mapping_csv and height"):
+    with pytest.raises(OmnimirrorError, match="mapping_csv must not be combined with height"):
         om.load_sensor(tmp_path / "s.toml")
     (tmp_path / "s.toml").write_text(text.replace("mapping.csv", "mapin.csv"))
     with pytest.raises(OmnimirrorError, match=r"cannot read the mapping .*mapin\.csv"):
@@ -290,18 +290,21 @@ def test_a_table_beside_the_sensor_file_is_followed(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"height": (1.0, 2, 3, 4, 5, 6)}, "height starts at 1"),
-        ({"height": (0.0, 1, 2, 2, 5, 6)}, r"height does not grow after row 3 \(2 then 2\)"),
+        ({"height": (1.0, 2, 3, 4, 5, 6)}, "height must start with 0, at the image centre; got 1"),
+        ({"height": (0.0, 1, 2, 2, 5, 6)}, r"height must increase; got 2 and 2 in rows 3 and 4"),
         (
             {"omega_deg": (0.0, 10, 5, 20, 30, 40)},
-            r"omega_deg does not grow after row 2 \(10 then 5\)",
+            r"omega_deg must increase; got 10 and 5 in rows 2 and 3",
         ),
-        ({"height": (0.0, 1.0)}, "omega_deg has 6 rows and height 2"),
+        ({"height": (0.0, 1.0)}, "equally many values; got 6 and 2"),
         ({"omega_deg": (0.0, 1.0), "height": (0.0, 1.0)}, "at least 6"),
-        ({"theta_max_deg": 50.0}, "omega_max_deg = 40 cannot be reached with theta_max_deg = 50"),
+        (
+            {"theta_max_deg": 50.0},
+            "omega_max_deg must be 50 to 130 deg with theta_max_deg = 50.* got 40",
+        ),
     ],
 )
-def test_a_table_that_is_no_mapping_is_refused(change, message):
+def test_invalid_mapping_tables_rejected(change, message):
     good = {
         "omega_deg": (0.0, 10, 20, 25, 30, 40),
         "height": (0.0, 1, 2, 3, 4, 5),
@@ -311,12 +314,12 @@ def test_a_table_that_is_no_mapping_is_refused(change, message):
         TabulatedMapping(**{**good, **change}, rim_radius_mm=M)
 
 
-def test_a_function_that_is_no_mapping_is_refused():
-    with pytest.raises(InvalidParameter, match="height does not grow"):
+def test_invalid_mapping_functions_rejected():
+    with pytest.raises(InvalidParameter, match="height must increase"):
         TabulatedMapping.from_function(np.sin, 120.0, 12.0, M)
-    with pytest.raises(InvalidParameter, match="not smooth"):
+    with pytest.raises(InvalidParameter, match="must be smooth"):
         TabulatedMapping.from_function(lambda o: o + np.maximum(o - 1, 0), 120.0, 12.0, M)
-    with pytest.raises(InvalidParameter, match="not finite"):
+    with pytest.raises(InvalidParameter, match="must return finite heights"):
         TabulatedMapping.from_function(lambda o: np.where(o > 1, np.nan, o), 120.0, 12.0, M)
 
 
@@ -328,46 +331,46 @@ def test_a_function_that_is_no_mapping_is_refused():
     [
         (
             lambda: Equiareal(170.0, 12.0, M),
-            "omega_max_deg = 170 cannot be reached .* valid between 12 and 168",
+            "omega_max_deg must be 12 to 168 deg .* got 170",
         ),
         (
             lambda: Rectifying(95.0, 12.0, M),
-            "omega_max_deg = 95 cannot be reached by the rectifying .* below 90",
+            "omega_max_deg must be less than 90 deg for the rectifying mapping; got 95",
         ),
         (
             lambda: GroundPlane(90.0, 12.0, M, 500.0),
-            "omega_max_deg = 90 cannot be reached by the ground-plane",
+            "omega_max_deg must be less than .* for the ground-plane mapping; got 90",
         ),
         (
             lambda: Equidistant(60.0, 12.0, M, 70.0),
-            "omega_min_deg = 70 is not below omega_max_deg = 60",
+            "omega_min_deg must be less than omega_max_deg = 60; got 70",
         ),
         (
             lambda: CylinderMapping(110.0, 12.0, M, 50.0, 40.0),
-            "cylinder_radius_mm = 40 does not clear the mirror",
+            "cylinder_radius_mm must be greater than rim_radius_mm = .* got 40",
         ),
     ],
 )
-def test_what_cannot_be_had_is_refused_with_advice(make, message):
+def test_unreachable_fields_rejected(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
 
 
 @pytest.mark.parametrize("mirror", [Equidistant(120.0, 12.0, 44.0), Equiareal(120.0, 12.0, 44.0)])
-def test_a_profile_asks_for_the_course_of_a_smooth_mirror_once(mirror):
+def test_profile_evaluates_mapping_once(mirror):
     """A table yields an initial value, derivatives refine it to rounding: the reference is the
     mapping itself."""
-    asked = []
+    calls = []
     smooth = mirror._meridian
     counted = PerspectiveMeridian(
-        lambda theta: asked.append("place") or smooth.place(theta),
-        lambda theta: asked.append("course") or smooth.course(theta),
+        lambda theta: calls.append("angle_and_height") or smooth.angle_and_height(theta),
+        lambda theta: calls.append("field_and_height") or smooth.field_and_height(theta),
         smooth.theta_max,
     )
     x = np.sort(np.random.default_rng(4).uniform(0, 1, 500))
     counted.profile(x)  # with its table
-    asked.clear()
+    calls.clear()
     z, slope, _ = counted.profile(x)
-    assert asked == ["course"]
+    assert calls == ["field_and_height"]
     theta = np.arctan2(x, counted.distance + z)
-    assert np.abs(np.arctan(slope) - (smooth.place(theta)[0] - theta) / 2).max() < 1e-14
+    assert np.abs(np.arctan(slope) - (smooth.angle_and_height(theta)[0] - theta) / 2).max() < 1e-14

@@ -48,7 +48,7 @@ def let_through(mi, scene, origin, direction):  # noqa: F811
 
 
 @pytest.mark.parametrize("name", SHELLS)
-def test_coordinates_are_those_of_rays_that_mitsuba_lets_through(mi, name):  # noqa: F811
+def test_dewarp_coordinates_match_mitsuba(mi, name):  # noqa: F811
     shell = SHELLS[name]
     sensor = replace(SPH, housing=Housing(shell=shell))
     fitted = sensor.obstructions.housing.shell

@@ -127,7 +127,7 @@ def spherical(mi, sensor):
 
 
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
-def test_on_its_own_sphere(mi, pose, beside):
+def test_reflection_on_mitsuba_sphere(mi, pose, beside):
     sensor = replace(sensor_of("sphere"), mirror_pose=pose)
     worst_deg, _, worst_px = differences(mi, sensor, spherical(mi, sensor), 1500)
     # single precision is all that is left
@@ -152,7 +152,7 @@ def test_on_its_own_sphere(mi, pose, beside):
     ("kind", "pose"),
     [("hyperboloid", MirrorPose()), ("conic-asphere", MISALIGNED)],
 )
-def test_on_a_fine_mesh(mi, kind, pose, beside):
+def test_reflection_on_fine_mesh(mi, kind, pose, beside):
     sensor = replace(sensor_of(kind), mirror_pose=pose)
     worst_deg, _, worst_px = differences(mi, sensor, meshed(mi, sensor, *FINE), 400)
     beside("Mitsuba 3", DIRECTIONS, worst_deg, WITHIN_DEG, "deg")
@@ -162,7 +162,7 @@ def test_on_a_fine_mesh(mi, kind, pose, beside):
 @pytest.mark.full
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_every_mirror_on_meshes_that_grow_finer(mi, kind, pose, beside):
+def test_mesh_refinement_converges(mi, kind, pose, beside):
     """The difference is due to the mesh: it decreases with the squared step down to single
     precision."""
     sensor = replace(sensor_of(kind), mirror_pose=pose)
@@ -182,7 +182,7 @@ def test_every_mirror_on_meshes_that_grow_finer(mi, kind, pose, beside):
 @pytest.mark.full
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("kind", ["sphere", "paraboloid"])
-def test_under_a_telecentric_lens(mi, kind, pose, beside):
+def test_telecentric_reflection_on_mesh(mi, kind, pose, beside):
     sensor = replace(sensor_of(kind, "orthographic"), mirror_pose=pose)
     worst_deg, _, worst_px = differences(mi, sensor, meshed(mi, sensor, *FINEST), 4000)
     beside("Mitsuba 3", DIRECTIONS, worst_deg, WITHIN_DEG, "deg")

@@ -34,7 +34,7 @@ def chief_rays(mirror, m, count=2000):
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_rays_in_space_are_those_of_the_meridian(kind, lens):
+def test_skew_rays_match_meridian(kind, lens):
     mirror, m = MIRRORS[kind]
     if lens == "orthographic" and kind in ("cone", "equidistant"):
         pytest.skip(
@@ -49,7 +49,7 @@ def test_rays_in_space_are_those_of_the_meridian(kind, lens):
 
 
 @pytest.mark.parametrize("kind", ["sphere", "hyperboloid", "paraboloid", "ellipsoid"])
-def test_iteration_and_quadratic_agree(kind, monkeypatch):
+def test_iteration_matches_quadratic(kind, monkeypatch):
     """The same conic, once as a quadric and once as a general surface, from arbitrary points."""
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 4000)
@@ -77,7 +77,7 @@ def rays_from_anywhere(mirror, count, seed=5):
 @pytest.mark.parametrize(
     "kind", few(sorted(MIRRORS), "cone", "conic-asphere", "equidistant", "sampled")
 )
-def test_the_hit_is_the_first_and_from_the_front(kind):
+def test_intersection_is_first_and_from_front(kind):
     """Marching along each ray in steps of 0.01 rim radii finds no earlier and no missed
     intersection."""
     mirror, _ = MIRRORS[kind]
@@ -100,7 +100,7 @@ def test_the_hit_is_the_first_and_from_the_front(kind):
 @pytest.mark.parametrize(
     ("coefficients", "start"), [((2.0, -4.2, 2.6), -1.0), ((-2.0, 3.0), -10.0)]
 )
-def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
+def test_concave_zone_first_intersection(coefficients, start):
     """Rings with rising and falling slope: Newton's tangent would miss the first intersection, the
     parabola does not."""
     ring = EvenPolynomial(coefficients, 10.0, 10.0)
@@ -127,7 +127,7 @@ def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
     assert not (again.valid & ~hits.valid).any()
 
 
-def test_what_misses_is_not_valid_and_nan():
+def test_missing_rays_are_nan():
     sphere = Sphere(50.0, 44.0)
     cases = {
         "past the rim": ([0, 0, -100], [46, 0, 100]),
@@ -162,7 +162,7 @@ def test_what_misses_is_not_valid_and_nan():
     side=st.floats(-12, 12),
     kind=st.sampled_from(["sphere", "hyperboloid", "conic-asphere", "even-polynomial"]),
 )
-def test_a_tilted_and_decentred_reflection_in_30_digits(x, y, tip, side, kind):
+def test_misaligned_reflection_matches_high_precision(x, y, tip, side, kind):
     """Intersection by mpmath's root finder from the textbook sag, normal by its numerical
     derivative."""
     mirror, m = MIRRORS[kind]
@@ -204,7 +204,7 @@ def test_a_tilted_and_decentred_reflection_in_30_digits(x, y, tip, side, kind):
     np.testing.assert_allclose(found.directions[0], [float(v) for v in out], atol=1e-13)
 
 
-def test_the_pose_turns_as_it_says():
+def test_pose_rotation_convention():
     """Right-hand rule about X, then about Y, each through the vertex; then the shift."""
     tip, side = 20.0, 35.0
     (cx, sx), (cy, sy) = ((np.cos(a), np.sin(a)) for a in np.radians([tip, side]))
@@ -217,14 +217,14 @@ def test_the_pose_turns_as_it_says():
     np.testing.assert_allclose(np.linalg.det(both.rotation()), 1.0)
 
 
-def test_the_axis_counts_as_azimuth_0():
+def test_axis_has_azimuth_zero():
     cos, sin = _ray_intersection._unit(
         np.array([0.0, 3.0]), np.array([0.0, -4.0]), np.array([0.0, 5.0])
     )
     np.testing.assert_allclose([cos, sin], [[1.0, 0.6], [0.0, -0.8]], rtol=1e-15)
 
 
-def test_more_rays_than_a_chunk_are_traced_like_one_by_one():
+def test_chunked_rays_match_single_rays():
     mirror = Sphere(50.0, 44.0)
     origins, directions = rays_from_anywhere(mirror, _ray_intersection.CHUNK + 3)
     whole = _ray_intersection.intersect(mirror, origins, directions)
@@ -238,7 +238,7 @@ def test_more_rays_than_a_chunk_are_traced_like_one_by_one():
 @pytest.mark.parametrize(
     "mirror", [Sphere(50.0, 44.0), ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0), Cone(50.0, 44.0)]
 )
-def test_the_distance_is_in_units_of_the_direction(mirror, distance):
+def test_distance_in_units_of_direction(mirror, distance):
     """The hit of rays parallel to the axis is the sag, for any start height and direction length."""
     x = np.array([-43.9, -10.0, 5.0, 30.0])
     origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
@@ -248,7 +248,7 @@ def test_the_distance_is_in_units_of_the_direction(mirror, distance):
         np.testing.assert_allclose(hits.points[:, 2], mirror.sag(abs(x)), atol=1e-9)
 
 
-def test_hollowness_is_a_half_more_than_the_hollowest_curvature():
+def test_hollowness_margin():
     """z = 0.02 r^2 (3 - r^2 / 200) has the curvatures z''= 0.12 - 0.0012 r^2 along and z'/r = 0.12
     - 0.0004 r^2 around."""
     bowl = EvenPolynomial((0.6, -0.1), 20.0, 10.0)

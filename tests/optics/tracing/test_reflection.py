@@ -37,11 +37,11 @@ def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[RayEndpoint
 @pytest.mark.parametrize("telecentric", [False, True])
 @pytest.mark.parametrize("distant", [False, True])
 @pytest.mark.parametrize("kind", few(sorted({*MIRRORS} - {"cone"}), *EVERY_DAY))
-def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monkeypatch):
+def test_solution_independent_of_initial_value(kind, distant, telecentric, monkeypatch):
     mirror = MIRRORS[kind][0]
     pupils, targets = ends_about(kind, distant, telecentric)
     found = specular_points(mirror, pupils, targets)
-    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
+    monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     guessed = specular_points(mirror, pupils, targets)
     assert np.array_equal(found.valid, guessed.valid)
     assert found.valid.sum() > COUNT / 5
@@ -50,7 +50,7 @@ def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monke
     assert np.abs(found.path - guessed.path)[found.valid].max() < 1e-11 * size
 
 
-def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
+def test_sphere_reflection_of_distant_point():
     """A direction observed from far away along the axis is at half of its angle from the axis."""
     towards = np.random.default_rng(5).normal(size=(COUNT, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
@@ -68,32 +68,32 @@ def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
 
 
 @compiled
-def test_the_surface_is_looked_at_half_as_often(monkeypatch):
+def test_surface_evaluation_count(monkeypatch):
     """The measure is work: points of the exact surface over all steps."""
-    looked_at = []
+    evaluated = []
 
     class Counted(MirrorSurface):
         def __init__(self, mirror, xy, form=NO_FORM):
-            looked_at.append(len(xy))
+            evaluated.append(len(xy))
             super().__init__(mirror, xy, form)
 
-    monkeypatch.setattr(reflection, "Surface", Counted)
+    monkeypatch.setattr(reflection, "MirrorSurface", Counted)
     pupils, targets = ends_about("sphere", True, False)
     inside = RayEndpoints(
         targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True
     )
-    looked_at.clear()
+    evaluated.clear()
     specular_points(MIRRORS["sphere"][0], pupils, inside)
-    with_kernels = sum(looked_at)
-    looked_at.clear()
-    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
+    with_kernels = sum(evaluated)
+    evaluated.clear()
+    monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     assert with_kernels <= 3.1 * len(inside.xyz)
-    assert with_kernels < 0.6 * sum(looked_at)
+    assert with_kernels < 0.6 * sum(evaluated)
 
 
 @compiled
-def test_kernels_are_not_asked_where_they_do_not_serve():
+def test_kernels_not_used_outside_their_scope():
     pupils, targets = ends_about("sphere", True, False)
     pupils = pupils.spread(COUNT)
     sphere = Sphere(50.0, 40.0)

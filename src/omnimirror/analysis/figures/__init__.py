@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from ...base.errors import InvalidParameter
 from ...optics.sensor import Sensor
 from . import curves, image_plane, sensor_diagrams
-from .image_plane import three_pictures
-from .sensor_comparison import picture_sheet, side_by_side, table_sheet
+from .image_plane import image_and_views
+from .sensor_comparison import image_sheet, side_by_side, table_sheet
 from .style import FORMATS, render, save_figure, styled
 from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
 
@@ -23,13 +23,13 @@ __all__ = [
     "Conditions",
     "FigureSpec",
     "draw",
-    "picture_sheet",
+    "image_and_views",
+    "image_sheet",
     "render",
     "save_all",
     "save_figure",
     "side_by_side",
     "table_sheet",
-    "three_pictures",
 ]
 
 
@@ -81,7 +81,8 @@ FIGURES: dict[str, FigureSpec] = {
         FigureSpec(
             "fig8",
             "Image-forming characteristics",
-            "Each rectangle is the image of one square degree enlarged 15 times, at its place along the image radius.",
+            "Each rectangle is the image of one square degree enlarged 15 times, at its "
+            "position along the image radius.",
             image_plane.image_forming,
         ),
         FigureSpec(
@@ -109,15 +110,17 @@ FIGURES: dict[str, FigureSpec] = {
         FigureSpec(
             "fig12",
             "Influence of the lens on a spherical mirror",
-            "Image area Δs of spherical mirrors that see the same field in the same image circle, for rim viewing "
-            "angles Θ from 12° down to 0 (orthographic: exactly equiareal).",
+            "Image area Δs of spherical mirrors with the same field in the same image "
+            "circle, for rim viewing angles Θ from 12° down to 0 (orthographic: exactly "
+            "equiareal).",
             curves.viewing_angle,
         ),
         FigureSpec(
             "fig15",
             "Error of assuming one viewpoint",
-            "Image error for objects 7, 10, 20 and 40 rim radii M from the mirror, each with the viewpoint V0 "
-            "whose largest error is least: how far in the image they lie from where they are looked for.",
+            "Image error for objects 7, 10, 20 and 40 rim radii M from the mirror, each "
+            "with the viewpoint V0 of the smallest maximum error: distance in the image "
+            "between the true position and that of the single-viewpoint model.",
             curves.viewpoint_error,
         ),
     )
@@ -150,7 +153,7 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
     'Field angle Ω (deg)'
     """
     if name not in FIGURES:
-        raise InvalidParameter(f"figure {name!r} is not known; valid are {', '.join(FIGURES)}")
+        raise InvalidParameter(f"the figure must be one of {', '.join(FIGURES)}; got {name!r}")
     with styled():
         return FIGURES[name].function(subjects_of(sensors, conditions))
 
@@ -159,17 +162,17 @@ def save_all(
     sensors: Sequence[Sensor],
     out_dir: str | Path,
     formats: Sequence[str] = ("svg", "png"),
-    which: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     conditions: Conditions = EXACT,
-    progress: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Draw figures and write each in every format, as ``out_dir/fig5.svg`` and so on.
 
     Parameters
     ----------
-    which
+    names
         Names of figures; by default all of them.
-    progress
+    on_progress
         Callback with the name of each figure, called before it is drawn.
 
     Returns
@@ -183,16 +186,16 @@ def save_all(
     OmnimirrorError
         File that cannot be written.
     """
-    names = list(FIGURES) if which is None else list(dict.fromkeys(which))
-    for known, asked, noun in ((FIGURES, names, "figure"), (FORMATS, formats, "format")):
-        if unknown := [a for a in asked if a not in known]:
+    selected = list(FIGURES) if names is None else list(dict.fromkeys(names))
+    for valid, requested, noun in ((FIGURES, selected, "figure"), (FORMATS, formats, "format")):
+        if unknown := [a for a in requested if a not in valid]:
             raise InvalidParameter(
-                f"{noun} {unknown[0]!r} is not known; valid are {', '.join(known)}"
+                f"the {noun} must be one of {', '.join(valid)}; got {unknown[0]!r}"
             )
     files = []
-    for name in names:
-        if progress is not None:
-            progress(name)
+    for name in selected:
+        if on_progress is not None:
+            on_progress(name)
         figure = draw(name, sensors, conditions)
         files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
     return files

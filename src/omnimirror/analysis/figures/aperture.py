@@ -40,7 +40,7 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
     cells = [(i, j) for i in range(objects) for j in range(focuses)]
     columns = focuses if focuses > 1 else min(objects, 5)
     rows = -(-len(cells) // columns)
-    half = max(1.15 * _reach(spots), 0.8 * airy_px, 1.0)
+    half = max(1.15 * _half_extent(spots), 0.8 * airy_px, 1.0)
     with styled():
         side = min(1.25, (PAGE - 0.5) / columns)
         figure = new_figure(max(COLUMN, side * columns + 0.5), (side + 0.2) * rows + 0.5)
@@ -64,7 +64,7 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
     return figure
 
 
-def _reach(spots: Spots) -> float:
+def _half_extent(spots: Spots) -> float:
     """Return half the largest width of all spots, px."""
     return float(max(a.max() for a in spots.extent_px())) / 2
 
@@ -75,8 +75,10 @@ def _spot(ax: Axes, spots: Spots, i: int, j: int, airy_px: float) -> None:
     t, s = (a[i, j, passes] for a in (spots.t_px, spots.s_px))
     t, s = (a - (a.max() + a.min()) / 2 for a in (t, s))
     ax.plot(t, s, ".", markersize=1.1, color=PALETTE[0], gid=f"spot:{i}:{j}")
-    ring = np.linspace(0, 2 * np.pi, 90)
-    ax.plot(airy_px / 2 * np.cos(ring), airy_px / 2 * np.sin(ring), color=PALETTE[1], linewidth=0.7)
+    angle = np.linspace(0, 2 * np.pi, 90)
+    ax.plot(
+        airy_px / 2 * np.cos(angle), airy_px / 2 * np.sin(angle), color=PALETTE[1], linewidth=0.7
+    )
 
 
 def _pixel_grid(ax: Axes, half: float) -> None:
@@ -145,11 +147,11 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
     with styled():
         figure = new_figure(COLUMN + 0.5, 2.6)
         ax, labels = figure.subplots(), EndLabels(figure)
-        reach = max(
+        radius_95 = max(
             float(np.interp(0.95, p.encircled_energy(p.offset_px.clip(0)), p.offset_px.clip(0)))
             for p in psfs
         )
-        radius = np.linspace(0, max(1.5 * reach, 1.0), 400)
+        radius = np.linspace(0, max(1.5 * radius_95, 1.0), 400)
         lines = []
         for p, colour in zip(psfs, _shades(len(psfs)), strict=True):
             (line,) = ax.plot(
@@ -163,7 +165,7 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
         return labels.settle()
 
 
-def psf_pictures(psfs: Sequence[Psf]) -> Figure:
+def psf_images(psfs: Sequence[Psf]) -> Figure:
     """Draw PSFs at a common length scale, with logarithmic intensity."""
     columns = min(len(psfs), 5)
     rows = -(-len(psfs) // columns)
@@ -196,16 +198,18 @@ def psf_pictures(psfs: Sequence[Psf]) -> Figure:
     return figure
 
 
-def illumination_curves(named: Sequence[tuple[str, Illumination]]) -> Figure:
+def illumination_curves(results: Sequence[tuple[str, Illumination]]) -> Figure:
     """Draw the relative illumination over the field, one line per sensor."""
     with styled():
         figure = new_figure(COLUMN + 0.5, 2.5)
         ax, labels = figure.subplots(), EndLabels(figure)
         lines = []
-        for (name, found), colour in zip(named, PALETTE, strict=False):
-            (line,) = ax.plot(found.omega_deg, found.relative, color=colour, gid=f"{name}:relative")
+        for (name, result), colour in zip(results, PALETTE, strict=False):
+            (line,) = ax.plot(
+                result.omega_deg, result.relative, color=colour, gid=f"{name}:relative"
+            )
             lines.append((line, name))
-        angle_axis(ax, max(float(found.omega_deg.max()) for _, found in named))
+        angle_axis(ax, max(float(result.omega_deg.max()) for _, result in results))
         ax.set(ylim=(0, 1.05), ylabel=axis_title("relative"))
         for line, text in lines:
             labels.of_line(ax, line, text)

@@ -15,16 +15,10 @@ from ...base.escaping import escape_invisible, plot_text
 from ...base.typing import Array
 from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, styled
 
-__all__ = [
-    "coverage_map",
-    "residual_histograms",
-    "residual_vectors",
-    "residuals_by_picture",
-    "residuals_by_radius",
-]
+__all__ = ["coverage_map", "residual_histograms", "residual_vectors", "residuals_by_image", "residuals_by_radius"]
 
 
-# -- Residuals of a calibration: over the image, against the radius, and per image -----------------
+# -- Calibration residuals -------------------------------------------------------------------------
 
 RELATIVE_ARROW_LENGTH = 0.03  # relative to the image width, for a residual of the median length
 BINS = 12
@@ -49,28 +43,12 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
     lengths = np.hypot(*residuals.T)
     median = float(np.median(lengths)) or 1.0
     factor = RELATIVE_ARROW_LENGTH * width / median
-    axes.quiver(
-        *pixels.T,
-        *(residuals * factor).T,
-        angles="xy",
-        scale_units="xy",
-        scale=1,
-        width=0.0012,
-        color=PALETTE[0],
-        headwidth=4,
-        headlength=4,
-    )
+    axes.quiver(*pixels.T, *(residuals * factor).T, angles="xy", scale_units="xy", scale=1, width=0.0012, color=PALETTE[0], headwidth=4, headlength=4)
     u, v = 0.02 * width, 0.97 * height
     axes.plot([u, u + RELATIVE_ARROW_LENGTH * width], [v, v], color=INK, linewidth=1.5)
     axes.text(u + 1.3 * RELATIVE_ARROW_LENGTH * width, v, f"{median:.2g} px", va="center")
-    axes.set(
-        xlim=(-0.5, width - 0.5),
-        ylim=(height - 0.5, -0.5),
-        aspect="equal",
-        xlabel="u (px)",
-        ylabel="v (px)",
-    )
-    axes.set_title(f"Residuals, {factor:.0f} times enlarged")
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set_title(f"Residuals, enlarged {factor:.0f} times")
     axes.grid(visible=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
@@ -91,12 +69,7 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
     limit = 1.05 * float(np.percentile(np.abs([radial, across]), 99.5))
     edges = np.quantile(radii, np.linspace(0, 1, BINS + 1))
     cell = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, BINS - 1)
-    for axes, values, title in zip(
-        figure.subplots(1, 2, sharey=True),
-        (radial, across),
-        ("Along the radius", "Across the radius"),
-        strict=True,
-    ):
+    for axes, values, title in zip(figure.subplots(1, 2, sharey=True), (radial, across), ("Radial", "Tangential"), strict=True):
         axes.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
         middles, means, spreads = [], [], []
         for i in range(BINS):
@@ -105,16 +78,14 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
                 middles.append(float(radii[cell == i].mean()))
                 means.append(float(inside.mean()))
                 spreads.append(float(inside.std() / np.sqrt(len(inside))))
-        axes.errorbar(
-            middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0]
-        )
+        axes.errorbar(middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0])
         axes.axhline(0.0, color=INK, linewidth=0.5)
         axes.set(xlabel="radius (px)", title=title, ylim=(-limit, limit))
     figure.axes[0].set_ylabel("residual (px)")
     return figure
 
 
-def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
+def residuals_by_image(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
     """Draw the RMS residual of each image, in the fit and in cross-validation.
 
     Parameters
@@ -127,21 +98,13 @@ def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array
     count = len(names)
     figure = new_figure(PAGE, 0.7 * COLUMN)
     axes = figure.subplots()
-    places = np.arange(count)
-    axes.bar(places, np.nan_to_num(fit_px), width=0.7, color=PALE, label="in the fit")
+    positions = np.arange(count)
+    axes.bar(positions, np.nan_to_num(fit_px), width=0.7, color=PALE, label="fit")
     if np.isfinite(held_out_px).any():
-        axes.plot(
-            places, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="left out of it"
-        )
+        axes.plot(positions, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="held out")
     step = max(1, count // MAX_LABELS)
-    axes.set_xticks(
-        places[::step],
-        [_short(n) for n in names][::step],
-        rotation=60,
-        ha="right",
-        rotation_mode="anchor",
-    )
-    axes.set(ylabel="RMS (px)", title="Picture by picture", xlim=(-0.6, count - 0.4))
+    axes.set_xticks(positions[::step], [_short(n) for n in names][::step], rotation=60, ha="right", rotation_mode="anchor")
+    axes.set(ylabel="RMS (px)", title="Residuals by image", xlim=(-0.6, count - 0.4))
     axes.grid(visible=False, axis="x")
     axes.legend(frameon=False, loc="upper left", ncols=2)
     axes.set_ylim(0, 1.25 * max(float(np.nanmax(fit_px)), float(np.nanmax([*held_out_px, 0.0]))))
@@ -159,30 +122,15 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
         Standard deviation of a coordinate.
     """
     figure = new_figure(PAGE, 0.65 * COLUMN)
-    reach = 4.5 * noise_px
-    edges = np.linspace(-reach, reach, 46)
-    x = np.linspace(-reach, reach, 200)
-    normal = (
-        np.exp(-0.5 * (x / noise_px) ** 2)
-        / (noise_px * np.sqrt(2 * np.pi))
-        * len(residuals)
-        * (edges[1] - edges[0])
-    )
-    for axes, values, name in zip(
-        figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True
-    ):
-        axes.hist(np.clip(values, -reach, reach), edges, color=PALE)
+    limit = 4.5 * noise_px
+    edges = np.linspace(-limit, limit, 46)
+    x = np.linspace(-limit, limit, 200)
+    normal = np.exp(-0.5 * (x / noise_px) ** 2) / (noise_px * np.sqrt(2 * np.pi)) * len(residuals) * (edges[1] - edges[0])
+    for axes, values, name in zip(figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True):
+        axes.hist(np.clip(values, -limit, limit), edges, color=PALE)
         axes.plot(x, normal, color=PALETTE[0])
-        axes.set(xlabel=f"residual in {name} (px)", xlim=(-reach, reach))
-        axes.text(
-            0.98,
-            0.95,
-            f"mean {values.mean():+.3f} px",
-            transform=axes.transAxes,
-            ha="right",
-            va="top",
-            color=GREY,
-        )
+        axes.set(xlabel=f"residual in {name} (px)", xlim=(-limit, limit))
+        axes.text(0.98, 0.95, f"mean {values.mean():+.3f} px", transform=axes.transAxes, ha="right", va="top", color=GREY)
     figure.axes[0].set_ylabel("corners")
     return figure
 
@@ -193,16 +141,10 @@ def _short(name: str) -> str:
     return plot_text(stem if len(stem) <= 16 else f"…{stem[-15:]}")
 
 
-# -- Coverage of the image by board corners, with the uncertainty of directions --------------------
+# -- Coverage and direction uncertainty ------------------------------------------------------------
 
 
-def coverage_map(
-    boards: Sequence[Array],
-    image_size: tuple[int, int],
-    centre_px: tuple[float, float],
-    radii_px: Array,
-    sigma_deg: Array | None = None,
-) -> Figure:
+def coverage_map(boards: Sequence[Array], image_size: tuple[int, int], centre_px: tuple[float, float], radii_px: Array, sigma_deg: Array | None = None) -> Figure:
     """Draw the corners of all boards and the counting rings over the direction uncertainty.
 
     Parameters
@@ -222,43 +164,19 @@ def coverage_map(
     figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
     axes = figure.subplots()
     if sigma_deg is not None and np.isfinite(sigma_deg).any():
-        shown = axes.imshow(
-            sigma_deg,
-            extent=(-0.5, width - 0.5, height - 0.5, -0.5),
-            cmap="Greys",
-            vmin=0.0,
-            vmax=float(np.nanpercentile(sigma_deg, 98)),
-            interpolation="bilinear",
-            alpha=0.7,
-        )
-        figure.colorbar(
-            shown, ax=axes, label="error of a direction, 1 sigma (deg)", shrink=0.7, pad=0.01
-        )
+        image = axes.imshow(sigma_deg, extent=(-0.5, width - 0.5, height - 0.5, -0.5), cmap="Greys", vmin=0.0, vmax=float(np.nanpercentile(sigma_deg, 98)), interpolation="bilinear", alpha=0.7)
+        figure.colorbar(image, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01)
     for i, corners in enumerate(boards):
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(*corners.T, ".", markersize=1.5, color=colour)
         if len(corners) > 2:
-            axes.add_patch(
-                Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6)
-            )
+            axes.add_patch(Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6))
     angle = np.linspace(0, 2 * np.pi, 181)
     for radius in radii_px[1:]:
-        axes.plot(
-            centre_px[0] + radius * np.cos(angle),
-            centre_px[1] + radius * np.sin(angle),
-            color=GREY,
-            linewidth=0.5,
-            linestyle=":",
-        )
+        axes.plot(centre_px[0] + radius * np.cos(angle), centre_px[1] + radius * np.sin(angle), color=GREY, linewidth=0.5, linestyle=":")
     axes.plot(*centre_px, "+", color=INK)
-    axes.set(
-        xlim=(-0.5, width - 0.5),
-        ylim=(height - 0.5, -0.5),
-        aspect="equal",
-        xlabel="u (px)",
-        ylabel="v (px)",
-    )
-    axes.set_title("Where corners were seen")
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set_title("Detected corners")
     axes.grid(visible=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
@@ -283,16 +201,16 @@ def _turns_right(a: Array, b: Array, c: Array) -> bool:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) <= 0
 
 
-# -- Figures of mirror-outline detection: the rim, and the image of the camera at its centre -------
+# -- Mirror-outline detection ----------------------------------------------------------------------
 
 MAX_SIDE_PX = 1200  # maximum side length as drawn
 MAX_COLUMNS = 4
 
 
-class DrawnRim(NamedTuple):
+class RimDrawing(NamedTuple):
     """Image with its detected outline."""
 
-    picture: NDArray[Any]
+    image: NDArray[Any]
     """Image (rows, columns[, 3]), RGB."""
     rim_px: NDArray[np.float64]
     """Points (n, 2) of the rim, a closed curve."""
@@ -303,45 +221,32 @@ class DrawnRim(NamedTuple):
     title: str
 
 
-def found_rims(found: Sequence[DrawnRim]) -> Figure:
+def detected_rims(drawings: Sequence[RimDrawing]) -> Figure:
     """Draw each image with its rim, dashed if uncertain, and the image of the camera dotted."""
-    columns = min(len(found), MAX_COLUMNS)
-    rows = -(-len(found) // columns)
-    aspect = max(one.picture.shape[0] / one.picture.shape[1] for one in found)
+    columns = min(len(drawings), MAX_COLUMNS)
+    rows = -(-len(drawings) // columns)
+    aspect = max(drawing.image.shape[0] / drawing.image.shape[1] for drawing in drawings)
     with styled():
         figure = new_figure(PAGE, rows * (PAGE / columns * aspect + 0.2))
-        for ax, one in zip(grid_of_axes(figure, rows, columns, len(found)), found, strict=True):
-            _draw_rim(ax, one)
+        for ax, drawing in zip(grid_of_axes(figure, rows, columns, len(drawings)), drawings, strict=True):
+            _draw_rim(ax, drawing)
     return figure
 
 
-def _draw_rim(ax: Axes, one: DrawnRim) -> None:
-    height, width = one.picture.shape[:2]
+def _draw_rim(ax: Axes, drawing: RimDrawing) -> None:
+    height, width = drawing.image.shape[:2]
     every = max(1, max(height, width) // MAX_SIDE_PX)
-    shown = one.picture[::every, ::every]
+    image = drawing.image[::every, ::every]
     low, high = -0.5, 0.5
-    ax.imshow(
-        shown,
-        extent=(low, width - high, height - high, low),
-        cmap="gray",
-        interpolation="antialiased",
-    )
-    closed = np.concatenate([one.rim_px, one.rim_px[:1]])
+    ax.imshow(image, extent=(low, width - high, height - high, low), cmap="gray", interpolation="antialiased")
+    closed = np.concatenate([drawing.rim_px, drawing.rim_px[:1]])
     for colour, thickness in (("white", 2.2), (PALETTE[1], 1.1)):
-        ax.plot(
-            closed[:, 0],
-            closed[:, 1],
-            "-" if one.is_sure else "--",
-            color=colour,
-            linewidth=thickness,
-        )
-    if one.camera_px is not None:
-        u, v, radius = one.camera_px
-        ax.add_patch(
-            Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":")
-        )
-    ax.plot(*one.centre_px, "+", color=PALETTE[1], markersize=6)
+        ax.plot(closed[:, 0], closed[:, 1], "-" if drawing.is_sure else "--", color=colour, linewidth=thickness)
+    if drawing.camera_px is not None:
+        u, v, radius = drawing.camera_px
+        ax.add_patch(Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":"))
+    ax.plot(*drawing.centre_px, "+", color=PALETTE[1], markersize=6)
     ax.set_xlim(low, width - high)
     ax.set_ylim(height - high, low)
     ax.set_axis_off()
-    ax.set_title(plot_text(one.title))
+    ax.set_title(plot_text(drawing.title))

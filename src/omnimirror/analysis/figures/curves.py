@@ -36,7 +36,7 @@ from .style import (
 )
 from .subjects import Subject, widest
 
-# -- Curves of quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15 ---------------------
+# -- Curves against the field angle ----------------------------------------------------------------
 
 OBJECT_DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
 VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
@@ -73,21 +73,21 @@ def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
         angle_axis(ax, widest(subjects))
         lines = [_line(ax, s, column) for s in subjects]
         _limits(ax, lines)
-        hidden_bands(ax, subjects)
+        obscured_bands(ax, subjects)
         for line, s in zip(lines, subjects, strict=True):
             labels.of_line(ax, line, s.name)
     return labels.settle()
 
 
-def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
+def obscured_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
     """Draw the obscured parts of the field as pale bands in the colour of each sensor."""
-    said = False
+    is_labelled = False
     for s in subjects:
         for low, high in s.hidden_deg:
             ax.axvspan(
                 low, high, color=s.colour, alpha=0.12, linewidth=0, zorder=0, gid=f"{s.name}:hidden"
             )
-            if not said:
+            if not is_labelled:
                 ax.text(
                     low,
                     0.985,
@@ -98,16 +98,16 @@ def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
                     color=GREY,
                     va="top",
                 )
-            said = True
+            is_labelled = True
 
 
 def _line(
-    ax: Axes, subject: Subject, column: str, values: Array | None = None, **look: object
+    ax: Axes, subject: Subject, column: str, values: Array | None = None, **style: object
 ) -> Line2D:
     """Draw a column of the subject's table as a line with the gid "name:column"."""
     y = getattr(subject.curve, column) if values is None else values
-    look = {"color": subject.colour, **look}
-    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **look)  # type: ignore[arg-type]
+    style = {"color": subject.colour, **style}
+    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **style)  # type: ignore[arg-type]
     return line
 
 
@@ -129,7 +129,7 @@ def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> N
     ax.set_ylim(low if low == 0 else low - air, high if high == 0 else high + air)
 
 
-# -- Fig. 9: blur ------------------------------------------------------------------------------
+# -- Fig. 9: blur ----------------------------------------------------------------------------------
 
 
 def blur(subjects: Sequence[Subject]) -> Figure:
@@ -147,7 +147,7 @@ def blur(subjects: Sequence[Subject]) -> Figure:
     ):
         panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
         angle_axis(axes[i], widest(subjects))
-        hidden_bands(axes[i], subjects)
+        obscured_bands(axes[i], subjects)
         axes[i].set_xlabel("" if i < 2 else axes[i].get_xlabel())
     return labels.settle()
 
@@ -155,35 +155,35 @@ def blur(subjects: Sequence[Subject]) -> Figure:
 def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLabels) -> None:
     """Draw tangential blur solid, sagittal dashed."""
     zero_line(ax)
-    drawn = [
+    lines = [
         (
-            _line(ax, s, f"blur_{way}_{unit}", linestyle=style),
-            f"{_prefix(s, subjects)}{way.upper()}",
+            _line(ax, s, f"blur_{direction}_{unit}", linestyle=style),
+            f"{_prefix(s, subjects)}{direction.upper()}",
         )
         for s in subjects
-        for way, style in (("t", "-"), ("s", (0, (4, 2))))
+        for direction, style in (("t", "-"), ("s", (0, (4, 2))))
     ]
-    _limits(ax, [line for line, _ in drawn])
+    _limits(ax, [line for line, _ in lines])
     ax.set_xlim(0, widest(subjects))
     ax.set_ylabel(axis_of_both(f"blur_{unit}", f"blur_t_{unit}", f"blur_s_{unit}"))
     if unit == "px":
-        permitted = subjects[0].conditions.tolerance_px
-        ax.axhspan(-permitted, permitted, color="#F2F2F2", zorder=0)
+        tolerance = subjects[0].conditions.tolerance_px
+        ax.axhspan(-tolerance, tolerance, color="#F2F2F2", zorder=0)
         ax.text(
             0.02,
-            permitted + 0.1,
-            f"±{permitted:g} px",
+            tolerance + 0.1,
+            f"±{tolerance:g} px",
             transform=ax.get_yaxis_transform(),
             size=6,
             color=GREY,
             va="bottom",
         )
-    for (line_t, text), (line_s, other) in zip(drawn[::2], drawn[1::2], strict=True):
+    for (line_t, text), (line_s, text_s) in zip(lines[::2], lines[1::2], strict=True):
         if _coincide(ax, line_t, line_s):  # as for a single viewpoint
             labels.of_line(ax, line_t, f"{text}, S")
         else:
             labels.of_line(ax, line_t, text)
-            labels.of_line(ax, line_s, other)
+            labels.of_line(ax, line_s, text_s)
 
 
 def _prefix(subject: Subject, subjects: Sequence[Subject]) -> str:
@@ -191,34 +191,36 @@ def _prefix(subject: Subject, subjects: Sequence[Subject]) -> str:
     return f"{subject.name} " if len(subjects) > 1 else ""
 
 
-def _coincide(ax: Axes, one: Line2D, other: Line2D) -> bool:
+def _coincide(ax: Axes, first: Line2D, second: Line2D) -> bool:
     """Return whether two lines coincide within a line width."""
     bottom, top = ax.get_ylim()
-    apart = np.abs(np.asarray(one.get_ydata(), float) - np.asarray(other.get_ydata(), float))
-    return bool(np.nanmax(apart) < 0.01 * (top - bottom))
+    difference = np.abs(
+        np.asarray(first.get_ydata(), float) - np.asarray(second.get_ydata(), float)
+    )
+    return bool(np.nanmax(difference) < 0.01 * (top - bottom))
 
 
 def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -> None:
     """Draw the blur area of the paper (solid) and the floored area (dotted), logarithmic."""
     ax.set_yscale("log")
-    drawn = []
+    lines = []
     for s in subjects:
         product = np.abs(s.curve.blur_area_deg2)
         name = _prefix(s, subjects)
-        drawn.append((_line(ax, s, "blur_area_deg2", product), f"{name}T×S"))
+        lines.append((_line(ax, s, "blur_area_deg2", product), f"{name}T×S"))
         floored = _line(ax, s, "floored_area_deg2", linestyle=(0, (1, 1.6)))
-        drawn.append((floored, f"{name}floored"))
-    highest = max(
-        np.nanmax(np.where(np.isfinite(y), y, 0.0)) for y in (line.get_ydata() for line, _ in drawn)
+        lines.append((floored, f"{name}floored"))
+    max_area = max(
+        np.nanmax(np.where(np.isfinite(y), y, 0.0)) for y in (line.get_ydata() for line, _ in lines)
     )
-    ax.set_ylim(1e-3, min(10 * float(np.ceil(highest / 5)) / 2 + 1, 1e3))
+    ax.set_ylim(1e-3, min(10 * float(np.ceil(max_area / 5)) / 2 + 1, 1e3))
     ax.set_xlim(0, widest(subjects))
     ax.set_ylabel(axis_title("blur_area_deg2"))
-    for line, text in drawn:
+    for line, text in lines:
         labels.of_line(ax, line, text)
 
 
-# -- Fig. 12: the lens of a spherical mirror ---------------------------------------------------
+# -- Fig. 12: lens of a spherical mirror -----------------------------------------------------------
 
 
 def viewing_angle(subjects: Sequence[Subject]) -> Figure:
@@ -239,19 +241,21 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
             subject.colour,
             replace(subject.conditions, image_radius_px=subject.radius_px),
         )
-        look = (
+        style = (
             {"alpha": shade, "linewidth": 1.2}
             if theta
             else {"color": INK, "linestyle": (0, (4, 2))}
         )
-        line = _line(ax, member, "area_px2", **look)
-        kept = member.curve.area_px2[-1] / member.curve.area_px2[0]
+        line = _line(ax, member, "area_px2", **style)
+        rim_ratio = member.curve.area_px2[-1] / member.curve.area_px2[0]
         name = f"Θ = {theta:g}°" if theta else "orthographic"
-        lines.append((line, f"{name} ({kept:.0%})"))
+        lines.append((line, f"{name} ({rim_ratio:.0%})"))
     angle_axis(ax, field)
     _limits(ax, [line for line, _ in lines])
     ax.set_ylabel(axis_label("area_px2"))
-    ax.set_title(f"Spheres that see {field:g}°; in brackets: rim / centre", fontweight="normal")
+    ax.set_title(
+        f"Spheres with a field of {field:g}°; in brackets: rim / centre", fontweight="normal"
+    )
     for line, text in lines:
         labels.of_line(ax, line, text)
     return labels.settle()
@@ -285,7 +289,7 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
     )
 
 
-# -- Fig. 15: single viewpoint -----------------------------------------------------------------
+# -- Fig. 15: single viewpoint ---------------------------------------------------------------------
 
 
 def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
@@ -295,14 +299,14 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
     figure = new_figure(COLUMN if columns == 1 else PAGE, 2.5 * rows)
     axes = grid_of_axes(figure, rows, columns, len(subjects), sharey=True)
     labels = EndLabels(figure)
-    worst = max(_viewpoint_panel(ax, s) for ax, s in zip(axes, subjects, strict=True))
+    max_error = max(_viewpoint_panel(ax, s) for ax, s in zip(axes, subjects, strict=True))
     axes[0].set_ylim(
-        -1.1 * max(worst, 0.5), 1.5 * max(worst, 0.5)
+        -1.1 * max(max_error, 0.5), 1.5 * max(max_error, 0.5)
     )  # space for the viewpoint values
     for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
         panel_title(ax, i, s.name, len(subjects))
-        angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
-        hidden_bands(ax, [s])
+        angle_axis(ax, widest(subjects), max_ticks=10 if columns == 1 else 4)
+        obscured_bands(ax, [s])
         if i % columns == 0:
             ax.set_ylabel(axis_title("viewpoint_error_px"))
         for line in ax.get_lines():
@@ -314,38 +318,38 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
 def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
     """Draw the lines of one sensor and return the largest error, px."""
     zero_line(ax)
-    M, worst, places = subject.rim_mm, 0.0, []
+    M, max_error, texts = subject.rim_mm, 0.0, []
     omega = subject.curve.omega_deg
     for shade, n in zip(
         np.linspace(1.0, 0.4, len(OBJECT_DISTANCES)), OBJECT_DISTANCES, strict=True
     ):
         radius = subject.conditions.image_radius_px
-        best = best_viewpoint(subject.sensor, n * M, omega_deg=omega, image_radius_px=radius)
-        look = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
-        if best.worst_px < SINGLE_VIEWPOINT_PX:
-            ax.plot(omega, np.zeros_like(omega), **look)
-            places = [
-                f"V$_0$ = {best.z_mm / M:.4f} M:",
+        viewpoint = best_viewpoint(subject.sensor, n * M, omega_deg=omega, image_radius_px=radius)
+        style = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
+        if viewpoint.worst_px < SINGLE_VIEWPOINT_PX:
+            ax.plot(omega, np.zeros_like(omega), **style)
+            texts = [
+                f"V$_0$ = {viewpoint.z_mm / M:.4f} M:",
                 "single viewpoint,",
                 "no error at any distance",
             ]
             break
-        ax.plot(omega, best.error_px, label=f"{n} M: ±{best.worst_px:.2f} px", **look)
-        worst = max(worst, best.worst_px)
-        places.append(f"V$_0$ = {best.z_mm / M:.4f} M for {n} M")
+        ax.plot(omega, viewpoint.error_px, label=f"{n} M: ±{viewpoint.worst_px:.2f} px", **style)
+        max_error = max(max_error, viewpoint.worst_px)
+        texts.append(f"V$_0$ = {viewpoint.z_mm / M:.4f} M for {n} M")
     ax.text(
         0.04,
         0.98,
-        "\n".join(places),
+        "\n".join(texts),
         transform=ax.transAxes,
         va="top",
         size=6,
         color=subject.colour,
     )
-    return worst
+    return max_error
 
 
-# -- Comparison of mirrors: profiles, and image heights against field angles -----------------------
+# -- Comparison of mirrors -------------------------------------------------------------------------
 
 PROFILE_POINTS = 400
 
@@ -366,7 +370,7 @@ def meridian_curves(mirrors: Mapping[str, Meridian]) -> Figure:
         panel_title(sections, 0, "Sections, the lens far below")
         sections.set_xlim(0, 1)
         sections.set_xlabel("Distance from the axis x/M")
-        sections.set_ylabel("Height over the vertex z/M")
+        sections.set_ylabel("Height above the vertex z/M")
         panel_title(heights, 1, "Image height")
         angle_axis(heights, max(float(np.degrees(m.omega_max)) for m in mirrors.values()))
         heights.set_ylim(0, 1)

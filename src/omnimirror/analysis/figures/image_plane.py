@@ -29,14 +29,14 @@ from .style import (
 )
 from .subjects import Subject, widest
 
-# -- Objects and blur in the image and in object space: Figs. 3, 8, 10 and 11 ----------------------
+# -- Objects and blur in the image and in object space ---------------------------------------------
 
 OBJECT_DEG = 15.0  # side of the drawn objects
 BLUR_MAGNIFICATION = 10.0  # magnification of blur spots relative to the objects
 SPOT = "#B2182B"
 
 
-# -- Fig. 3: the viewing sphere ----------------------------------------------------------------
+# -- Fig. 3: viewing sphere ------------------------------------------------------------------------
 
 
 def viewing_sphere(subjects: Sequence[Subject]) -> Figure:
@@ -78,14 +78,14 @@ def object_outline(
 def _objects(subject: Subject) -> list[tuple[float, float, Array]]:
     """Return (Omega, phi, outline) of all objects completely within the field, at four azimuths."""
     low, high = np.cos(np.radians(subject.sensor.field_deg)) + np.array([1e-9, -1e-9])
-    found = []
+    outlines = []
     for omega in np.arange(0, 181, OBJECT_DEG):
         for phi in (0.0, 90.0, 180.0, 270.0) if omega else (0.0,):
             outline = object_outline(omega, phi)
             cosines = -outline[:, 2]
             if (cosines <= low).all() and (cosines >= high).all():
-                found.append((float(omega), phi, outline))
-    return found
+                outlines.append((float(omega), phi, outline))
+    return outlines
 
 
 def _draw_sphere(ax: Axes, subjects: Sequence[Subject]) -> None:
@@ -200,7 +200,7 @@ def _scale_bar(ax: Axes, x: float, y: float, about: float) -> None:
     ax.text(x + 0.1 * about, y, f"{length:g} px", size=6, va="center")
 
 
-# -- Figs. 8 and 10: along the image radius ----------------------------------------------------
+# -- Figs. 8 and 10: image radius ------------------------------------------------------------------
 
 
 def image_forming(subjects: Sequence[Subject]) -> Figure:
@@ -333,7 +333,7 @@ def _spot(
     return spot
 
 
-# -- Fig. 11: blur in object space -------------------------------------------------------------
+# -- Fig. 11: blur in object space -----------------------------------------------------------------
 
 
 def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
@@ -401,25 +401,25 @@ def _draw_mean_pixel(ax: Axes, side_deg: float, x: float) -> None:
     ax.text(x, -OBJECT_DEG / 2 - 0.9, f"({side_deg:.3f}°)²", size=5.5, ha="center", va="top")
 
 
-# -- Fig. 17, the image of a sensor with its dewarped views, and maps over the image ---------------
+# -- Fig. 17 and error maps ------------------------------------------------------------------------
 
 
-def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[Any]) -> Figure:
+def image_and_views(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[Any]) -> Figure:
     """Draw Fig. 17: circular image, panorama and zoom, each (rows, columns, 3) uint8 in RGB order.
 
     The panorama has the full width, below the other two, which have equal heights.
     """
     inner = PAGE - 0.15
-    shapes = [picture.shape[1] / picture.shape[0] for picture in (circle, zoom)]
+    shapes = [image.shape[1] / image.shape[0] for image in (circle, zoom)]
     above, below = inner / sum(shapes), inner * panorama.shape[0] / panorama.shape[1]
     with styled():
         figure = new_figure(PAGE, above + below + 0.55)
         grid = figure.add_gridspec(2, 2, width_ratios=shapes, height_ratios=[above, below])
-        places = ((grid[0, 0], circle), (grid[1, :], panorama), (grid[0, 1], zoom))
-        titles = ("Circular picture", "Panorama, 360°", "Zoom")
-        for i, ((place, picture), title) in enumerate(zip(places, titles, strict=True)):
-            ax = figure.add_subplot(place)
-            _show(ax, picture)
+        cells = ((grid[0, 0], circle), (grid[1, :], panorama), (grid[0, 1], zoom))
+        titles = ("Circular image", "Panorama, 360°", "Zoom")
+        for i, ((cell, image), title) in enumerate(zip(cells, titles, strict=True)):
+            ax = figure.add_subplot(cell)
+            _show(ax, image)
             panel_title(ax, i, title)
     return figure
 
@@ -428,7 +428,7 @@ def error_map(
     columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], unit: str, title: str
 ) -> Figure:
     """Draw errors (rows, columns), NaN without a value, over an image, with contour lines."""
-    seen = error[np.isfinite(error) & (error > 0)]
+    in_field = error[np.isfinite(error) & (error > 0)]
     with styled():
         figure = new_figure(COLUMN * 1.5, COLUMN * 1.5 * len(rows) / len(columns) + 0.3)
         ax = figure.subplots()
@@ -439,20 +439,20 @@ def error_map(
         ax.set_ylabel("v (px)")
         ax.set_xlim(columns[0], columns[-1])
         ax.set_ylim(rows[-1], rows[0])
-        if seen.size:
+        if in_field.size:
             low, high = np.percentile(
-                seen, [0.5, 95.0]
+                in_field, [0.5, 95.0]
             )  # the errors of a floor diverge towards the horizon
             scale = LogNorm(low, max(high, 1.01 * low))
-            drawn = ax.pcolormesh(
+            contours = ax.pcolormesh(
                 columns, rows, np.ma.masked_invalid(error), norm=scale, cmap="viridis_r"
             )
-            drawn.set_rasterized(True)
+            contours.set_rasterized(True)
             levels = _round_levels(low, high)
             if len(levels):
                 lines = ax.contour(columns, rows, error, levels=levels, colors=INK, linewidths=0.4)
                 ax.clabel(lines, fontsize=6, fmt="%g")
-            bar = figure.colorbar(drawn, ax=ax, shrink=0.7, extend="max")
+            bar = figure.colorbar(contours, ax=ax, shrink=0.7, extend="max")
             bar.set_label(f"standard deviation ({unit})")
             bar.ax.minorticks_off()
             ticks = levels if len(levels) > 1 else np.array([low, high])
@@ -467,6 +467,6 @@ def _round_levels(low: float, high: float) -> NDArray[Any]:
     return levels[(levels > low) & (levels < high)]
 
 
-def _show(ax: Axes, picture: NDArray[Any]) -> None:
+def _show(ax: Axes, image: NDArray[Any]) -> None:
     ax.set_axis_off()
-    ax.imshow(picture, interpolation="antialiased")
+    ax.imshow(image, interpolation="antialiased")

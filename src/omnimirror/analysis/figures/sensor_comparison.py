@@ -18,7 +18,7 @@ from ...base.quantities import QUANTITIES
 from ...base.typing import Array
 from ...optics.sensor import Sensor
 from ..cross_section import lens_height
-from .curves import hidden_bands, value_limits
+from .curves import obscured_bands, value_limits
 from .style import (
     GREY,
     INK,
@@ -29,13 +29,13 @@ from .style import (
     bare,
     new_figure,
     panel_title,
-    spread,
+    separated_positions,
     styled,
     zero_line,
 )
 from .subjects import EXACT, Subject, subjects_of, widest
 
-# -- Figures of a comparison: curves with a common legend, cross-sections at one scale, images -----
+# -- Comparison of sensors -------------------------------------------------------------------------
 
 PANELS = ("h_px", "dh_domega_px_per_deg", "blur_t_deg", "blur_s_deg", "aspect", "viewpoint_z_mm")
 DASHES: tuple[Any, ...] = (
@@ -99,8 +99,8 @@ def _panel(ax: Axes, subjects: Sequence[Subject], column: str) -> None:
             gid=f"{s.name}:{column}",
         )
     value_limits(ax, [getattr(s.curve, column) for s in subjects])
-    angle_axis(ax, widest(subjects), most_ticks=9)
-    hidden_bands(ax, subjects)
+    angle_axis(ax, widest(subjects), max_ticks=9)
+    obscured_bands(ax, subjects)
 
 
 def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
@@ -109,25 +109,25 @@ def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
     for s, dash in _styles(subjects):
         rim, second = s.rim_mm, s.sensor.secondary
         x = np.linspace(-rim, rim, 201)
-        look = {"color": s.colour, "linestyle": dash}
-        ax.plot(x, s.sensor.mirror.sag(np.abs(x)), gid=f"{s.name}:section", **look)
+        style = {"color": s.colour, "linestyle": dash}
+        ax.plot(x, s.sensor.mirror.sag(np.abs(x)), gid=f"{s.name}:section", **style)
         first = s.sensor.meridian.trace(rim).first
-        at = float(first.x)
-        way = [(rim, float(s.sensor.mirror.sag(rim)))]
+        lens_x = float(first.x)
+        path = [(rim, float(s.sensor.mirror.sag(rim)))]
         if second is not None:
             half = second.mirror.rim_radius_mm
             x = np.linspace(-half, half, 101)
-            ax.plot(x, second.height(np.abs(x)), **look)
-            way.append((at, float(second.height(first.x))))
-        lens = (at if s.sensor.lens.TELECENTRIC else 0.0, lens_height(s.sensor))
-        ax.plot(*np.transpose([*way, lens]), color=s.colour, linewidth=0.5)
+            ax.plot(x, second.height(np.abs(x)), **style)
+            path.append((lens_x, float(second.height(first.x))))
+        lens = (lens_x if s.sensor.lens.TELECENTRIC else 0.0, lens_height(s.sensor))
+        ax.plot(*np.transpose([*path, lens]), color=s.colour, linewidth=0.5)
         if not s.sensor.lens.TELECENTRIC:
             ax.plot(*lens, "o", color=s.colour, markersize=3.2, clip_on=False)
     ax.set_xlabel("x (mm)")
     ax.set_ylabel("z (mm)")
 
 
-def picture_sheet(
+def image_sheet(
     names: Sequence[str], circles: Sequence[NDArray[Any]], panoramas: Sequence[NDArray[Any]]
 ) -> Figure:
     """Draw the images of one scene by several sensors, and their panoramas, at one scale.
@@ -148,14 +148,14 @@ def picture_sheet(
     return figure
 
 
-def _show(ax: Axes, picture: NDArray[Any], name: str) -> None:
+def _show(ax: Axes, image: NDArray[Any], name: str) -> None:
     bare(ax)
-    ax.imshow(picture, interpolation="antialiased")
+    ax.imshow(image, interpolation="antialiased")
     ax.set_title(plot_text(name))
 
 
 def table_sheet(
-    header: Sequence[str], lines: Sequence[Sequence[str]], best: Sequence[Sequence[bool]]
+    header: Sequence[str], lines: Sequence[Sequence[str]], is_best: Sequence[Sequence[bool]]
 ) -> Figure:
     """Draw a table: title, unit and one cell for each sensor, with the best of each row in bold.
 
@@ -170,10 +170,10 @@ def table_sheet(
         ax.set_ylim(len(lines) + 0.4, -2.8)
         left, width = 0.28, 0.71 / len(header)
         for j, name in enumerate(header):
-            at = left + (j + 1) * width
+            right_edge = left + (j + 1) * width
             fitting = int(width * PAGE / 0.062)  # characters
             ax.text(
-                at,
+                right_edge,
                 -0.8,
                 fill(label(name), fitting),
                 parse_math=False,
@@ -188,12 +188,14 @@ def table_sheet(
             ax.text(0.01, i, title, va="center")
             ax.text(left, i, unit, va="center", ha="right", color="#777777")
             for j, cell in enumerate(cells):
-                mark: dict[str, Any] = {"weight": "bold", "color": "#006B4A"} if best[i][j] else {}
+                mark: dict[str, Any] = (
+                    {"weight": "bold", "color": "#006B4A"} if is_best[i][j] else {}
+                )
                 ax.text(left + (j + 1) * width, i, cell, ha="right", va="center", **mark)
     return figure
 
 
-# -- Pareto fronts of designs, with reference sensors on the same axes -----------------------------
+# -- Pareto fronts ---------------------------------------------------------------------------------
 
 LABEL_SIZE = 6.5
 LABEL_DISTANCE, LABEL_SEARCH_RANGE = (
@@ -215,47 +217,58 @@ def front(
     points: ArrayLike,
     labels: tuple[str, str],
     marks: Mapping[str, tuple[float, float]],
-    others: Mapping[str, tuple[float, float]],
+    references: Mapping[str, tuple[float, float]],
 ) -> Figure:
     """Draw two merits of the designs (n, 2) of a front, and those of named sensors.
 
     ``marks`` are drawn as coloured diamonds, ``others`` as rings, which keeps coincident marks
     visible. Points above and to the right of the line are dominated by a design on it.
     """
-    at = np.asarray(points, dtype=float)
-    known = np.array([*marks.values(), *others.values()]).reshape(-1, 2)
-    colours = [PALETTE[i % len(PALETTE)] for i in range(len(marks))] + [INK] * len(others)
+    designs = np.asarray(points, dtype=float)
+    sensor_points = np.array([*marks.values(), *references.values()]).reshape(-1, 2)
+    colours = [PALETTE[i % len(PALETTE)] for i in range(len(marks))] + [INK] * len(references)
     figure = new_figure(PAGE * 0.72, 3.2)
     ax = figure.subplots()
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    _scales(ax, np.vstack([at, known]))
+    _scales(ax, np.vstack([designs, sensor_points]))
     ax.plot(
-        *at.T, color=INK, linewidth=1.0, marker="o", markersize=2.2, markeredgewidth=0, zorder=3
+        *designs.T,
+        color=INK,
+        linewidth=1.0,
+        marker="o",
+        markersize=2.2,
+        markeredgewidth=0,
+        zorder=3,
     )
     ax.annotate(
-        "best designs", at[0], xytext=(6, 4), textcoords="offset points", size=LABEL_SIZE, color=INK
+        "best designs",
+        designs[0],
+        xytext=(6, 4),
+        textcoords="offset points",
+        size=LABEL_SIZE,
+        color=INK,
     )
     ax.set_title("better: down and to the left", size=LABEL_SIZE, weight="normal", color=GREY)
-    for i, (colour, place) in enumerate(zip(colours, known, strict=True)):
-        ring = {} if i < len(marks) else {"markerfacecolor": "none", "markersize": 8.0}
+    for i, (colour, point) in enumerate(zip(colours, sensor_points, strict=True)):
+        ring_style = {} if i < len(marks) else {"markerfacecolor": "none", "markersize": 8.0}
         ax.plot(
-            *place,
+            *point,
             color=colour,
-            marker="o" if ring else "D",
+            marker="o" if ring_style else "D",
             linestyle="none",
             zorder=4,
-            **REFERENCE_MARKS | ring,
+            **REFERENCE_MARKS | ring_style,
         )
-    _names(figure, ax, [*marks, *others], known, colours)
+    _draw_names(figure, ax, [*marks, *references], sensor_points, colours)
     return figure
 
 
 def _scales(ax: Axes, values: Array) -> None:
     """Set logarithmic scales with plain numbers and a margin around the values (n, 2)."""
     low, high = values.min(axis=0), values.max(axis=0)
-    room = (high / low) ** 0.07
-    ax.set(xscale="log", yscale="log", xlim=(low[0] / room[0], high[0] * room[0]))
-    ax.set_ylim(low[1] / room[1], high[1] * room[1])
+    margin = (high / low) ** 0.07
+    ax.set(xscale="log", yscale="log", xlim=(low[0] / margin[0], high[0] * margin[0]))
+    ax.set_ylim(low[1] / margin[1], high[1] * margin[1])
     for axis, span in zip((ax.xaxis, ax.yaxis), high / low, strict=True):
         axis.set_major_locator(
             LogLocator(subs=(1, 2, 5) if span > 8 else (1, 1.5, 2, 3, 4, 5, 6, 8))
@@ -265,29 +278,33 @@ def _scales(ax: Axes, values: Array) -> None:
         axis.set_tick_params(which="minor", length=0)
 
 
-def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: list[str]) -> None:
+def _draw_names(
+    figure: Figure, ax: Axes, names: list[str], points: Array, colours: list[str]
+) -> None:
     """Draw a label next to each mark, shifted to avoid other marks and labels."""
     if not names:
         return
     figure.draw_without_rendering()
     point = figure.dpi / 72
-    shown = ax.transData.transform(places) / point
+    positions = ax.transData.transform(points) / point
     box = ax.get_window_extent()
     turn = (box.x0 + LEFT_LABEL_FROM * box.width) / point
-    heights = spread(shown[:, 1], 1.25 * LABEL_SIZE, box.y0 / point, box.y1 / point)
+    heights = separated_positions(
+        positions[:, 1], 1.25 * LABEL_SIZE, box.y0 / point, box.y1 / point
+    )
     texts = [plot_text(name) for name in names]
     for i, y in enumerate(heights):
-        side = 1 if shown[i, 0] <= turn else -1
-        along = side * (shown[:, 0] - shown[i, 0])
-        beside = (
-            (np.abs(shown[:, 1] - y) < LABEL_SIZE) & (along >= 0) & (along < LABEL_SEARCH_RANGE)
+        side = 1 if positions[i, 0] <= turn else -1
+        along = side * (positions[:, 0] - positions[i, 0])
+        is_beside = (
+            (np.abs(positions[:, 1] - y) < LABEL_SIZE) & (along >= 0) & (along < LABEL_SEARCH_RANGE)
         )
-        reach = float(along[beside].max(initial=0.0))
-        is_far = abs(y - shown[i, 1]) > 1.5 * LABEL_SIZE
+        offset = float(along[is_beside].max(initial=0.0))
+        is_far = abs(y - positions[i, 1]) > 1.5 * LABEL_SIZE
         ax.annotate(
             texts[i],
-            places[i],
-            xytext=(side * (reach + LABEL_DISTANCE), y - shown[i, 1]),
+            points[i],
+            xytext=(side * (offset + LABEL_DISTANCE), y - positions[i, 1]),
             textcoords="offset points",
             size=LABEL_SIZE,
             color=colours[i],

@@ -38,14 +38,14 @@ from .style import (
     PALETTE,
     EndLabels,
     bare,
+    displayed_points,
     new_figure,
     panel_title,
-    shown_points,
     styled,
 )
 from .subjects import Subject
 
-# -- Fig. 4: cross-section of the sensor, with chief rays, virtual images and depth of field -------
+# -- Fig. 4: cross-section -------------------------------------------------------------------------
 
 FAR_AWAY = 2.5  # virtual images farther from the vertex, in rim radii, are clipped
 BAND, BAND_INK = "#F3E3B3", "#8A6A00"  # depth of field
@@ -114,10 +114,10 @@ def _lowest(subject: Subject) -> float:
 
 def _highest(subject: Subject) -> float:
     """Return the maximum z (mm) of the overview: mirror, depth of field, or a lens behind it."""
-    shown = [top_height(subject.sensor), lens_height(subject.sensor)]
+    heights = [top_height(subject.sensor), lens_height(subject.sensor)]
     if is_undistorted(subject.sensor):
-        shown.append(min(focus_band(subject.curve).far, FAR_AWAY * subject.rim_mm))
-    return max(shown)
+        heights.append(min(focus_band(subject.curve).far, FAR_AWAY * subject.rim_mm))
+    return max(heights)
 
 
 def _close_up_window(subjects: Sequence[Subject]) -> PanelLimits:
@@ -151,12 +151,12 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     _draw_mirrors(ax, subject)
     _draw_lens(ax, subject)
     marks = subject.marks
-    ways = paths_to_lens(subject.sensor, marks.x_mm)
-    for x, z, omega, to_lens in zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True):
+    paths = paths_to_lens(subject.sensor, marks.x_mm)
+    for x, z, omega, to_lens in zip(marks.x_mm, marks.z_mm, marks.omega_deg, paths, strict=True):
         xs, zs = _incoming(x, z, np.radians(omega), right, bottom, top)
-        way = [(xs, zs), (x, z), *to_lens]
+        path = [(xs, zs), (x, z), *to_lens]
         ax.plot(
-            *np.transpose(way),
+            *np.transpose(path),
             color=subject.colour,
             linewidth=0.6,
             gid=f"{subject.name}:ray:{omega:g}",
@@ -173,9 +173,9 @@ def _incoming(
 ) -> tuple[float, float]:
     """Return the intersection of the ray from the object with the border of the panel."""
     dx, dz = np.sin(omega), -np.cos(omega)
-    reach = [(right - x) / dx] if dx > 0 else []
-    reach += [(bottom - z) / dz] if dz < 0 else [(top - z) / dz] if dz > 0 else []
-    t = min(reach)
+    lengths = [(right - x) / dx] if dx > 0 else []
+    lengths += [(bottom - z) / dz] if dz < 0 else [(top - z) / dz] if dz > 0 else []
+    t = min(lengths)
     return float(x + t * dx), float(z + t * dz)
 
 
@@ -227,7 +227,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
         label = f"{name[0]}$_{{{name[1:]}}}$"
         (line,) = ax.plot(x, z, color=subject.colour, gid=f"{subject.name}:{name}", **look)  # type: ignore[arg-type]
         ax.plot(-x, z, color=subject.colour, **look)  # type: ignore[arg-type]
-        if shown_points(ax, line).any():
+        if displayed_points(ax, line).any():
             labels.of_line(ax, line, label)
         else:
             beyond.append(label)
@@ -243,21 +243,21 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str, object]]]:
     """Return name, positions and style of four image curves, for far and near objects."""
     p = subject.conditions.object_distance_mm
-    asked = "∞" if np.isinf(p) else f"{p:g}mm"
+    distance_text = "∞" if np.isinf(p) else f"{p:g}mm"
     strong: dict[str, object] = {"linewidth": 1.3}
     fine: dict[str, object] = {"linewidth": 0.7}
     dashed: dict[str, object] = {"linestyle": (0, (4, 2))}
     t_far, s_far = image_curves(subject.curve)
     t_near, s_near = image_curves(subject.curve, NEAR_OBJECTS * subject.rim_mm)
     return [
-        (f"T{asked}", t_far, strong),
+        (f"T{distance_text}", t_far, strong),
         (f"T{NEAR_OBJECTS:g}M", t_near, fine),
-        (f"S{asked}", s_far, strong | dashed),
+        (f"S{distance_text}", s_far, strong | dashed),
         (f"S{NEAR_OBJECTS:g}M", s_near, fine | dashed),
     ]
 
 
-# -- Figs. 1, 2, 13, 14, 16 and 18: diagrams of the sensor, drawn to scale from real rays ----------
+# -- Diagrams drawn to scale from traced rays ------------------------------------------------------
 
 Picture = NDArray[Any]
 
@@ -295,7 +295,7 @@ def chief_ray(sensor: Sensor, omega_deg: float) -> Ray:
     )
 
 
-# -- Figs. 1 and 2: the sensor ---------------------------------------------------------------------
+# -- Figs. 1 and 2: sensor -------------------------------------------------------------------------
 
 
 def principle(sensor: Sensor, circle: Picture) -> Figure:
@@ -325,10 +325,10 @@ def principle(sensor: Sensor, circle: Picture) -> Figure:
         left.text(0.25 * M, -sensor.meridian.m, "lens", size=6.5, va="center")
         left.text(0.42 * M, -sensor.meridian.m - 0.55 * M, "image sensor", size=6.5, va="center")
         left.text(0, _top(sensor) + 0.12 * M, "curved mirror", size=6.5, ha="center")
-        panel_title(left, 0, "From all sides, by the mirror, through the lens")
+        panel_title(left, 0, "Mirror sensor: all azimuths in one image")
         right.imshow(circle, interpolation="antialiased")
         right.set_axis_off()
-        panel_title(right, 1, "The circular picture (simulated)")
+        panel_title(right, 1, "Circular image (simulated)")
     return figure
 
 
@@ -394,14 +394,14 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
 # -- Figs. 13 and 14: dewarping --------------------------------------------------------------------
 
 
-def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
+def virtual_screens(sensor: Sensor, images: Sequence[Picture]) -> Figure:
     """Draw Fig. 13: a virtual projector with a cylindrical and a spherical screen."""
     M = sensor.mirror.rim_radius_mm
     with styled():
         figure = new_figure(PAGE, 4.6)
         grid = figure.add_gridspec(2, 2, height_ratios=[1.25, 1])
         names = ("Cylindrical screen", "Spherical screen")
-        flat = ("unrolled: a panorama of 360°", "laid flat: radius proportional to Ω")
+        flat = ("unrolled: a panorama of 360°", "flattened: radius proportional to Ω")
         for i, name in enumerate(names):
             ax = figure.add_subplot(grid[0, i])
             bare(ax)
@@ -409,7 +409,7 @@ def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
             panel_title(ax, i, name)
             below = figure.add_subplot(grid[1, i])
             below.set_axis_off()
-            below.imshow(pictures[i], interpolation="antialiased")
+            below.imshow(images[i], interpolation="antialiased")
             below.set_title(flat[i], fontsize=6.5, fontweight="normal", loc="center")
     return figure
 
@@ -417,17 +417,17 @@ def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
 def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
     """Draw a projector at the mirror, and rays of the whole field to the screen."""
     _mirror(ax, sensor)
-    middle = chief_ray(sensor, 90.0).viewpoint
+    centre = chief_ray(sensor, 90.0).viewpoint
     ends = []
     for omega in np.arange(15.0 if is_sphere else 60.0, 136.0, 15.0 if is_sphere else 12.5):
         ray = chief_ray(sensor, float(omega))
-        end = np.array(ray.at(_reach(ray, middle, radius, is_sphere)))
+        end = np.array(ray.at(_reach(ray, centre, radius, is_sphere)))
         ends.append(end)
         for side in (1, -1):
             ax.plot([side * ray.x, side * end[0]], [ray.z, end[1]], color=RAY, linewidth=0.6)
     if is_sphere:
         omega = np.radians(np.linspace(-135, 135, 201))
-        ax.plot(radius * np.sin(omega), middle - radius * np.cos(omega), color=OTHER, linewidth=1.6)
+        ax.plot(radius * np.sin(omega), centre - radius * np.cos(omega), color=OTHER, linewidth=1.6)
     else:
         low, high = ends[0][1], ends[-1][1]
         for side in (-1, 1):
@@ -441,20 +441,20 @@ def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
                 linewidth=0.6,
             )
     ax.text(0, _top(sensor) + 0.1 * radius, "virtual projector", size=6.5, ha="center")
-    ax.text(1.06 * radius, middle, "virtual\nscreen", size=6.5, color=OTHER, va="center")
+    ax.text(1.06 * radius, centre, "virtual\nscreen", size=6.5, color=OTHER, va="center")
 
 
-def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
+def _reach(ray: Ray, centre: float, radius: float, is_sphere: bool) -> float:
     """Return the ray length from the mirror to a cylinder or a sphere on the axis."""
     d = ray.towards
     if not is_sphere:
         return float((radius - ray.x) / d[0])
-    offset = np.array([ray.x, ray.z - middle])
+    offset = np.array([ray.x, ray.z - centre])
     b = float(offset @ d)
     return -b + float(np.sqrt(b * b - offset @ offset + radius**2))
 
 
-def one_viewpoint(
+def single_viewpoint(
     sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0, distance: float = 3.0
 ) -> Figure:
     """Draw Fig. 14: single-viewpoint error for an object at ``distance`` rim radii (Eq. 23)."""
@@ -478,17 +478,17 @@ def one_viewpoint(
         arrow = {"arrowstyle": "<->", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", (-0.45 * M, V0[1]), (-0.45 * M, V[1]), arrowprops=arrow)
         ax.text(-0.5 * M, (V + V0)[1] / 2, "v", size=7, ha="right", va="center")
-        middle = 0.7 * P + 0.3 * T
-        ax.text(middle[0] + 0.08 * M, middle[1] + 0.1 * M, "n M", size=7, color=RAY)
-        true, taken = (float(np.degrees(np.arctan2(*(o - T)[::-1]))) for o in (V, V0))
-        epsilon = (taken - true + 180) % 360 - 180
-        low, high = sorted((taken, taken - epsilon))
+        centre = 0.7 * P + 0.3 * T
+        ax.text(centre[0] + 0.08 * M, centre[1] + 0.1 * M, "n M", size=7, color=RAY)
+        true, apparent = (float(np.degrees(np.arctan2(*(o - T)[::-1]))) for o in (V, V0))
+        epsilon = (apparent - true + 180) % 360 - 180
+        low, high = sorted((apparent, apparent - epsilon))
         _angle(ax, T, 1.2 * M, low, high, "ε")
         ax.text(T[0] - 0.9 * M, T[1] - 0.05 * M, f"ε = {abs(epsilon):.2f}°", size=7, ha="right")
         _angle(ax, V, 0.5 * M, -90, -90 + omega_deg, "Ω")
         name = plot_text(sensor.name)
-        words = f"{name}: V$_0$ = {viewpoint_z_mm / M:.3f} M, object at {distance:g} M, Ω = {omega_deg:g}°"
-        ax.set_title(words, fontsize=6.5, fontweight="normal")
+        text = f"{name}: V$_0$ = {viewpoint_z_mm / M:.3f} M, object at {distance:g} M, Ω = {omega_deg:g}°"
+        ax.set_title(text, fontsize=6.5, fontweight="normal")
     return figure
 
 
@@ -523,21 +523,21 @@ def blur_geometry(
         ax.text(b0 + 0.08, 0.08, "Δ", size=8, color=RAY)
         ax.text(b0, 0.8, "image sensor", size=6.5, ha="center", va="bottom")
         ax.text(0.0, 0.75, "lens f, D", size=6.5, ha="center", va="bottom")
-        for at, name, z in (
+        for position, name, z in (
             (-focus, "L$_0$", -0.85),
             (-object_at, "L", -1.1),
             (b0, "b$_0$", -1.1),
             (b, "b", -0.85),
         ):
             arrow = {"arrowstyle": "<->", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
-            ax.annotate("", (0, z), (at, z), arrowprops=arrow)
-            ax.text(at / 2, z + 0.02, name, size=7, ha="center", va="bottom")
-            ax.plot([at, at], [0, z - 0.05], color=GREY, linewidth=0.4)
-        for at, name, colour in ((-focus, "in focus", OTHER), (-object_at, "object", RAY)):
-            ax.plot(at, 0, "o", color=colour, markersize=3)
-            ax.text(at, 0.1, name, size=6.5, ha="center", color=colour)
-        words = "1/L$_0$ + 1/b$_0$ = 1/L + 1/b = 1/f     F = f/D     Δ/D = (b$_0$ - b)/b     Δ > 0 beyond the focus"
-        ax.set_title(words, fontsize=6.5, fontweight="normal")
+            ax.annotate("", (0, z), (position, z), arrowprops=arrow)
+            ax.text(position / 2, z + 0.02, name, size=7, ha="center", va="bottom")
+            ax.plot([position, position], [0, z - 0.05], color=GREY, linewidth=0.4)
+        for position, name, colour in ((-focus, "in focus", OTHER), (-object_at, "object", RAY)):
+            ax.plot(position, 0, "o", color=colour, markersize=3)
+            ax.text(position, 0.1, name, size=6.5, ha="center", color=colour)
+        text = "1/L$_0$ + 1/b$_0$ = 1/L + 1/b = 1/f     F = f/D     Δ/D = (b$_0$ - b)/b     Δ > 0 beyond the focus"
+        ax.set_title(text, fontsize=6.5, fontweight="normal")
     return figure
 
 
@@ -553,16 +553,16 @@ class Prototype(NamedTuple):
     housing: Housing
 
 
-def prototypes(shown: Sequence[Prototype]) -> Figure:
+def prototypes(items: Sequence[Prototype]) -> Figure:
     """Draw Fig. 16: each prototype in cross-section, with a simulated image."""
     with styled():
         figure = new_figure(PAGE, 5.3)
-        grid = figure.subplots(2, len(shown), height_ratios=[1.25, 1], squeeze=False)
-        for i, p in enumerate(shown):
+        grid = figure.subplots(2, len(items), height_ratios=[1.25, 1], squeeze=False)
+        for i, p in enumerate(items):
             above, below = grid[0, i], grid[1, i]
             bare(above)
             _draw_prototype(above, p)
-            panel_title(above, i, p.title, len(shown))
+            panel_title(above, i, p.title, len(items))
             below.set_axis_off()
             below.imshow(p.picture, interpolation="antialiased")
             below.set_title("simulated", fontsize=6, fontweight="normal", loc="center", pad=2)
@@ -580,11 +580,11 @@ def _draw_prototype(ax: Axes, p: Prototype) -> None:
     if shell is not None and shell.diameter_mm is not None:
         outer, inner = shell.diameter_mm / 2, shell.diameter_mm / 2 - shell.wall_mm
         if isinstance(shell, Dome):
-            middle = (0.0, shell.centre_mm or 0.0)
+            centre = (0.0, shell.centre_mm or 0.0)
             ax.add_patch(
-                Circle(middle, outer, facecolor=WALL, alpha=0.35, edgecolor=INK, linewidth=0.5)
+                Circle(centre, outer, facecolor=WALL, alpha=0.35, edgecolor=INK, linewidth=0.5)
             )
-            ax.add_patch(Circle(middle, inner, facecolor="white", edgecolor=INK, linewidth=0.5))
+            ax.add_patch(Circle(centre, inner, facecolor="white", edgecolor=INK, linewidth=0.5))
         else:
             wall: dict[str, Any] = {
                 "facecolor": WALL,
@@ -675,25 +675,25 @@ def _dot(ax: Axes, at: Array, name: str, dx: float, dz: float) -> None:
     )
 
 
-def _angle(ax: Axes, at: Array, radius: float, begin: float, end: float, name: str) -> None:
+def _angle(ax: Axes, vertex: Array, radius: float, start: float, end: float, name: str) -> None:
     """Draw an arc between two directions (deg, counter-clockwise from +x), with its label."""
     ax.add_patch(
         Arc(
-            tuple(at),
+            tuple(vertex),
             2 * radius,
             2 * radius,
-            theta1=begin,
+            theta1=start,
             theta2=end,
             color=INK,
             linewidth=0.6,
             zorder=5,
         )
     )
-    middle = np.radians((begin + end) / 2)
-    reach = 1.16 * radius
+    mid_angle = np.radians((start + end) / 2)
+    label_radius = 1.16 * radius
     ax.text(
-        at[0] + reach * np.cos(middle),
-        at[1] + reach * np.sin(middle),
+        vertex[0] + label_radius * np.cos(mid_angle),
+        vertex[1] + label_radius * np.sin(mid_angle),
         name,
         size=7.5,
         ha="center",

@@ -32,7 +32,7 @@ from ...base.files import atomic_output
 from ...base.quantities import QUANTITIES
 from ...base.typing import Array
 
-# -- Axis labels, and line labels at the right edge without overlap --------------------------------
+# -- Axis and line labels --------------------------------------------------------------------------
 
 LABEL_INDENT_PT = 7.0  # distance of line labels from the axes
 
@@ -69,29 +69,29 @@ def axis_of_both(name: str, *parts: str) -> str:
     return f"{QUANTITIES[name].title} {', '.join(symbols)} ({QUANTITIES[name].unit})"
 
 
-def spread(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
+def separated_positions(desired_positions: ArrayLike, gap: float, low: float, high: float) -> Array:
     """Return positions (n,) with a minimum distance ``gap`` between low and high, as near as
     possible to the desired ones.
 
     The order is preserved. Least squares with these constraints are an isotonic regression after
     subtraction of the gaps. If the range is too small, the gap is reduced.
 
-    >>> spread([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
+    >>> separated_positions([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
     array([-1.3..., 0.6..., 2.6..., 9. ])
     """
-    at: Array = np.asarray(sought, dtype=float)
-    if at.size < 2:
-        return np.clip(at, low, high)
-    order = np.argsort(at, kind="stable")
-    gap = min(gap, (high - low) / (at.size - 1))
-    taken = gap * np.arange(at.size)
-    free: Array = isotonic_regression(at[order] - taken).x
-    placed = np.empty_like(at)
-    placed[order] = np.clip(free, low, high - taken[-1]) + taken
-    return placed
+    desired: Array = np.asarray(desired_positions, dtype=float)
+    if desired.size < 2:
+        return np.clip(desired, low, high)
+    order = np.argsort(desired, kind="stable")
+    gap = min(gap, (high - low) / (desired.size - 1))
+    offsets = gap * np.arange(desired.size)
+    free: Array = isotonic_regression(desired[order] - offsets).x
+    positions = np.empty_like(desired)
+    positions[order] = np.clip(free, low, high - offsets[-1]) + offsets
+    return positions
 
 
-def shown_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
+def displayed_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
     """Return the mask of the points of a line within the axis limits."""
     x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
     (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
@@ -108,35 +108,15 @@ class EndLabels:
 
     def of_line(self, ax: Axes, line: Line2D, text: str) -> None:
         """Label the last visible point of a line in its colour."""
-        shown = np.flatnonzero(shown_points(ax, line))
-        if shown.size:
-            x, y = (
-                float(np.asarray(v, float)[shown[-1]]) for v in (line.get_xdata(), line.get_ydata())
-            )
+        visible = np.flatnonzero(displayed_points(ax, line))
+        if visible.size:
+            x, y = (float(np.asarray(v, float)[visible[-1]]) for v in (line.get_xdata(), line.get_ydata()))
             self.at(ax, x, y, text, str(line.get_color()))
 
     def at(self, ax: Axes, x: float, y: float, text: str, colour: str) -> None:
         """Label a point (data coordinates), connected to it by a thin line."""
-        hairline = {
-            "arrowstyle": "-",
-            "color": colour,
-            "linewidth": 0.4,
-            "shrinkA": 0.5,
-            "shrinkB": 1,
-            "relpos": (0, 0.5),
-        }
-        label = ax.annotate(
-            text,
-            (x, y),
-            xytext=(1.0, y),
-            textcoords=ax.get_yaxis_transform()
-            + ScaledTranslation(LABEL_INDENT_PT / 72, 0, self.figure.dpi_scale_trans),
-            color=colour,
-            size=self.size,
-            va="center",
-            annotation_clip=False,
-            arrowprops=hairline,
-        )
+        hairline = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0.5, "shrinkB": 1, "relpos": (0, 0.5)}
+        label = ax.annotate(text, (x, y), xytext=(1.0, y), textcoords=ax.get_yaxis_transform() + ScaledTranslation(LABEL_INDENT_PT / 72, 0, self.figure.dpi_scale_trans), color=colour, size=self.size, va="center", annotation_clip=False, arrowprops=hairline)
         self._labels.setdefault(ax, []).append(label)
 
     def settle(self) -> Figure:
@@ -150,10 +130,10 @@ class EndLabels:
         for ax, labels in self._labels.items():
             ax.apply_aspect()
             box = ax.get_window_extent()
-            sought = [float(ax.transData.transform(label.xy)[1]) for label in labels]
+            desired = [float(ax.transData.transform(label.xy)[1]) for label in labels]
             line_height = 1.18 * self.size * self.figure.dpi / 72
-            placed = spread(sought, line_height, box.y0, box.y1)
-            for label, y in zip(labels, placed, strict=True):
+            positions = separated_positions(desired, line_height, box.y0, box.y1)
+            for label, y in zip(labels, positions, strict=True):
                 inverse = ax.transData.inverted().transform((0.0, float(y)))
                 label.set_position((label.get_position()[0], float(inverse[1])))
 
@@ -171,10 +151,7 @@ class _LayoutWithLabels(ConstrainedLayoutEngine):
         return grids
 
 
-# -- Common style of all figures: sizes, colours, axes and output ----------------------------------
-#
-# Figures are created with :class:`matplotlib.figure.Figure` directly instead of pyplot; therefore no
-# global state is changed, and a server may draw in any thread.
+# -- Sizes, colours, axes and output ---------------------------------------------------------------
 
 COLUMN, PAGE = 3.46, 7.2  # widths in inches of one and of two columns of a journal
 
@@ -246,9 +223,9 @@ def panel_title(ax: Axes, index: int, text: str, of: int = 2) -> None:
     ax.set_title(f"({chr(ord('a') + index)}) {text}" if of > 1 else text)
 
 
-def angle_axis(ax: Axes, high_deg: float, most_ticks: int = 10) -> None:
+def angle_axis(ax: Axes, high_deg: float, max_ticks: int = 10) -> None:
     """Set the horizontal axis to field angles from 0 to the largest one."""
-    step = next((s for s in (1, 5, 15, 30) if high_deg / s <= most_ticks), 45)
+    step = next((s for s in (1, 5, 15, 30) if high_deg / s <= max_ticks), 45)
     ax.set_xlim(0, high_deg)
     ax.set_xticks(step * np.arange(np.floor(high_deg / step + 1e-3) + 1))
     ax.set_xlabel(axis_label("omega_deg", titled=True))
@@ -278,14 +255,8 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
         Unknown format.
     """
     if kind not in FORMATS:
-        raise InvalidParameter(
-            f"figures are written as {', '.join(FORMATS)}, not as {kind or 'nothing'}"
-        )
-    undated: dict[str, dict[str, Any]] = {
-        "svg": {"Date": None},
-        "pdf": {"CreationDate": None},
-        "png": {},
-    }
+        raise InvalidParameter(f"the format of a figure must be one of {', '.join(FORMATS)}; got {kind or 'none'}")
+    undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     data = BytesIO()
     with styled(), _laid_out(figure, kind) as canvas:
         getattr(canvas, f"print_{kind}")(data, metadata=undated[kind])

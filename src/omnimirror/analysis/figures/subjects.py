@@ -114,9 +114,10 @@ class Subject:
     def mean_pixel_deg(self) -> float:
         """Return the side (deg) of the mean square field of view of a pixel (Sec. 3.3)."""
         low, high = np.radians(self.sensor.field_deg)
-        seen = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
+        # solid angle of the field, square degrees, per pixel of the image annulus
+        field_area = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
         inner = float(self.curve.h_px[0])  # a pointed mirror has an annular image
-        return float(np.sqrt(seen / (np.pi * (self.radius_px**2 - inner**2))))
+        return float(np.sqrt(field_area / (np.pi * (self.radius_px**2 - inner**2))))
 
 
 def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subject]:
@@ -129,7 +130,7 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
     """
     if not 1 <= len(sensors) <= len(PALETTE):
         raise InvalidParameter(
-            f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}"
+            f"the number of sensors in a figure must be 1 to {len(PALETTE)}; got {len(sensors)}"
         )
     return [Subject(s, colour, conditions) for s, colour in zip(sensors, PALETTE, strict=False)]
 

@@ -21,7 +21,7 @@ from ...design.optimiser import Progress
 from ...design.ranges import Range
 from ...design.requirement_files import load_requirements, requirements_of, tables_like
 from ...design.requirements import PAPER_IMAGER, WAYS, Requirements
-from ...optics.batch.families import FREE_FORMS
+from ...optics.batch.families import FREEFORM_FAMILIES
 from ...optics.lenses import BlurMode
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
@@ -131,7 +131,7 @@ class RequirementOptions(Options):
     mapping: str | None = option(type=click.Choice([*MAPPINGS]), help="Mapping of the image.")
     family: str | None = option("--mirror", metavar="FAMILY", help=f"Mirror family instead of a mapping: {', '.join(FAMILIES)} or polynomial:N.")
     optimise: str | None = option(type=click.Choice([*DESIGN_MERITS]), help="Merit to minimise with a freeform mirror, instead of a mapping.")
-    shape: str | None = option(metavar="FORM[:N]", help=f"Shape for --optimise: {', '.join(FREE_FORMS)}.  [default: {SHAPE}]")
+    shape: str | None = option(metavar="FORM[:N]", help=f"Shape for --optimise: {', '.join(FREEFORM_FAMILIES)}.  [default: {SHAPE}]")
     fit: str | None = option(metavar="FORM:N", help="Fit a polynomial:N or an asphere:N with minimum deviation from the mapping.")
     like: str | None = option(metavar="SENSOR", help="Use field, rim, lens and imager of a sensor file or a bundled sensor.")
     omega_max_deg: float | None = option(type=NUMBER, help="Field angle at the rim.")

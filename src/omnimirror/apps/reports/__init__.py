@@ -19,7 +19,7 @@ from ...base.quantities import QUANTITIES, describe_quantity
 from ...dewarp import Dewarper, screens, views
 from ...io import write_image
 from ...optics.sensor import Sensor
-from ...optics.tracing.obscuration import hidden_words
+from ...optics.tracing.obscuration import obscuration_summary
 from ...simulation.rendering import SHOWN_SAMPLES, take_picture
 from ...simulation.scenes.room import Room
 
@@ -30,9 +30,7 @@ TEMPLATES = Path(__file__).parent
 
 def page_html(title: str, body: str, **parts: object) -> str:
     """Return a self-contained page from a named body template, filled with HTML fragments."""
-    return _template("page").substitute(
-        title=html_text(title), body=_template(body).substitute(parts)
-    )
+    return _template("page").substitute(title=html_text(title), body=_template(body).substitute(parts))
 
 
 def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
@@ -57,13 +55,7 @@ COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "bl
 
 
 @validate_arguments
-def write_demo(
-    sensor: Sensor,
-    out: str | Path = "omnimirror-demo",
-    *,
-    blur: bool = True,
-    progress: Told | None = None,
-) -> Path:
+def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True, progress: Told | None = None) -> Path:
     """Evaluate a sensor, render its image of the bundled room, dewarp it to two views, and write a
     report.
 
@@ -108,18 +100,8 @@ def write_demo(
     result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
     tell = progress or (lambda what, share: None)
     tell("Taking the picture", 0.0)
-    circle = take_picture(
-        sensor,
-        Room(),
-        samples=SHOWN_SAMPLES,
-        blur=blur and sensor.secondary is None,
-        progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows),
-    )
-    pictures = {
-        "circle": circle,
-        "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),
-        "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle),
-    }
+    circle = take_picture(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur and sensor.secondary is None, progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows))
+    pictures = {"circle": circle, "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle), "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle)}
     for name, picture in pictures.items():
         write_image(folder / f"{name}.png", picture)
     write_text(folder / "report.html", report_html(result, folder, tell))
@@ -130,17 +112,7 @@ def report_html(result: Evaluation, folder: Path, tell: Told) -> str:
     """Return the self-contained page with the images of ``folder``."""
     sensor = result.sensor
     lead = (sensor.notes.strip().splitlines() or [""])[0]
-    return page_html(
-        sensor.name,
-        "sensor",
-        heading=html_text(sensor.name),
-        lead=html_text(lead),
-        numbers=_numbers(result),
-        pictures=_pictures(folder),
-        figures=_figures(sensor, tell),
-        table=_table(result),
-        commands=html_text(_commands(sensor.name)),
-    )
+    return page_html(sensor.name, "sensor", heading=html_text(sensor.name), lead=html_text(lead), numbers=_numbers(result), pictures=_pictures(folder), figures=_figures(sensor, tell), table=_table(result), commands=html_text(_commands(sensor.name)))
 
 
 def _numbers(result: Evaluation) -> str:
@@ -159,22 +131,14 @@ def _numbers(result: Evaluation) -> str:
         "Depth of field": f"{near:.1f} to {far:.1f} mm",
         area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
-        "Hidden": hidden_words(sensor.obscurations, sensor.obscured_percent),
+        "Hidden": obscuration_summary(sensor.obscurations, sensor.obscured_percent),
     }
-    return "".join(
-        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()
-    )
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
 
 
 def _pictures(folder: Path) -> str:
-    panorama = _picture(
-        folder / "panorama.png",
-        "The field as a panorama: 360° around, and all the mirror sees up and down.",
-    )
-    circle = _picture(
-        folder / "circle.png",
-        "The picture on the imager, of a room with signs on its walls: text runs backwards.",
-    )
+    panorama = _picture(folder / "panorama.png", "The field as a panorama: 360° around, and all the mirror sees up and down.")
+    circle = _picture(folder / "circle.png", "The picture on the imager, of a room with signs on its walls: text runs backwards.")
     view = _picture(folder / "view.png", "A perspective view straight ahead, 90° wide.")
     return f'{panorama}<div class="pair">{circle}{view}</div>'
 
@@ -196,15 +160,9 @@ def _figures(sensor: Sensor, tell: Told) -> str:
 
 
 def _table(result: Evaluation) -> str:
-    head = "".join(
-        f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}'
-        f"<small>{html_text(q.unit) or '&nbsp;'}</small></th>"
-        for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
-    )
+    head = "".join(f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}<small>{html_text(q.unit) or "&nbsp;"}</small></th>' for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN))
     cells = result.texts(COLUMNS_SHOWN).values()
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True)
-    )
+    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True))
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
@@ -212,11 +170,4 @@ def _commands(name: str) -> str:
     sensor = shell_word(name)
     dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --black"
     width, height = VIEW.size
-    return "\n".join(
-        [
-            f"omnimirror demo {sensor} --out .",
-            f"omnimirror evaluate {sensor} --csv evaluation.csv",
-            f"{dewarp} --view panorama -o panorama.png",
-            f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png",
-        ]
-    )
+    return "\n".join([f"omnimirror demo {sensor} --out .", f"omnimirror evaluate {sensor} --csv evaluation.csv", f"{dewarp} --view panorama -o panorama.png", f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png"])

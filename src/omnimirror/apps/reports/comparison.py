@@ -13,7 +13,7 @@ from matplotlib import image
 from numpy.typing import NDArray
 
 from ...analysis.comparison import Comparison
-from ...analysis.figures import picture_sheet, render, side_by_side, table_sheet
+from ...analysis.figures import image_sheet, render, side_by_side, table_sheet
 from ...base.arguments import validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.escaping import html_text, shell_command
@@ -77,9 +77,7 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in (".html", ".png"):
-        raise InvalidParameter(
-            f"a comparison is written as .html or .png, and {path.name} is neither"
-        )
+        raise InvalidParameter(f"a comparison is written as .html or .png, and {path.name} is neither")
     pictures = take_pictures(comparison, Room() if scene is None else scene)
     if kind == ".html":
         write_text(path, comparison_html(comparison, pictures))
@@ -110,33 +108,17 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
         heading=html_text(title),
         count=len(comparison.sensors),
         table=_table(comparison),
-        curves=figure_html(
-            render(side_by_side(_in_place(comparison)), "svg"),
-            "svg+xml",
-            "For distant objects, each sensor focused as its file says. Dots are lenses; the thin lines lead from the "
-            "mirror's rim to them.",
-            css="plot",
-        ),
-        circles="".join(
-            _picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)
-        ),
-        panoramas="".join(
-            _picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)
-        ),
-        command=html_text(
-            shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])
-        ),
+        curves=figure_html(render(side_by_side(_in_place(comparison)), "svg"), "svg+xml", "For distant objects, each sensor focused as its file says. Dots are lenses; the thin lines lead from the mirror's rim to them.", css="plot"),
+        circles="".join(_picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)),
+        panoramas="".join(_picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)),
+        command=html_text(shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])),
     )
 
 
 def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.uint8]:
     """Return the comparison as one tall image (rows, columns, 3) in RGB order."""
     lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
-    figures = (
-        table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
-        side_by_side(_in_place(comparison)),
-        picture_sheet(comparison.names, pictures.circles, pictures.panoramas),
-    )
+    figures = (table_sheet(comparison.names, lines, [r.best for r in comparison.rows]), side_by_side(_in_place(comparison)), image_sheet(comparison.names, pictures.circles, pictures.panoramas))
     sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
     return np.round(255 * np.concatenate(sheets)).astype(np.uint8)
 
@@ -151,10 +133,7 @@ def _table(comparison: Comparison) -> str:
     names = "".join(f"<th>{html_text(n)}</th>" for n in comparison.names)
     rows = []
     for row in comparison.rows:
-        cells = "".join(
-            f'<td class="best">{html_text(text)}</td>' if best else f"<td>{html_text(text)}</td>"
-            for text, best in zip(row.texts, row.best, strict=True)
-        )
+        cells = "".join(f'<td class="best">{html_text(text)}</td>' if best else f"<td>{html_text(text)}</td>" for text, best in zip(row.texts, row.best, strict=True))
         q = row.quantity
         head = f'<th title="{html_text(q.meaning)}">{html_text(q.title)} <small>{html_text(q.unit)}</small></th>'
         rows.append(f"<tr>{head}{cells}</tr>")

@@ -12,7 +12,7 @@ from functools import cache
 
 from matplotlib.figure import Figure
 
-from ...analysis.figures import sensor_diagrams, three_pictures
+from ...analysis.figures import image_and_views, sensor_diagrams
 from ...analysis.figures.sensor_diagrams import Picture, Prototype
 from ...analysis.viewpoints import best_viewpoint
 from ...dewarp import Dewarper, views
@@ -57,7 +57,7 @@ def fig13() -> Figure:
 
 def fig14() -> Figure:
     sensor = _sphere()
-    return sensor_diagrams.one_viewpoint(sensor, best_viewpoint(sensor, 3 * M).z_mm)
+    return sensor_diagrams.single_viewpoint(sensor, best_viewpoint(sensor, 3 * M).z_mm)
 
 
 def fig16() -> Figure:
@@ -98,7 +98,7 @@ def fig17() -> Figure:
     sensor = _sphere()
     panorama = Dewarper(sensor, views.panorama(sensor), "cubic")(_circle())
     zoom = Dewarper(sensor, views.perspective((1120, 840), hfov_deg=75.0), "cubic")(_circle())
-    return three_pictures(_circle(), panorama, zoom)
+    return image_and_views(_circle(), panorama, zoom)
 
 
 def fig18() -> Figure:

@@ -20,7 +20,7 @@ from ...optics.housing import Dome, FlatWindow, Housing, Shell
 from ...optics.mirrors.as_built import MirrorPose
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import Obstructions, WindowFrame
-from ...optics.tracing.shell_transmission import let_out, pose_of
+from ...optics.tracing.shell_transmission import pose_of, transmit_rays
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
 from ...simulation.scenes.surfaces import intersect_boxes
@@ -208,12 +208,12 @@ def _ways_out(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, 
     with the next points and an obscuration mask."""
     standing, shell = sensor.obstructions, sensor.obstructions.housing.shell
     points, towards = legs.mirror, legs.after
-    masks = standing.met_by(points, towards, -legs.before, sensor.mirror_pose).values()
+    masks = standing.blocks(points, towards, -legs.before, sensor.mirror_pose).values()
     is_hidden = np.any([np.zeros(len(points), dtype=bool), *masks], axis=0)
     wall = np.full_like(points, np.nan)
     if shell is not None:
         seen = np.isfinite(points[:, 0]) & ~is_hidden
-        left = let_out(shell, points[seen], towards[seen])
+        left = transmit_rays(shell, points[seen], towards[seen])
         wall[seen], towards = left.points, towards.copy()
         towards[seen] = left.directions
     start, direction = (rotate_vectors(np.where(np.isfinite(wall), wall, points), world.T), rotate_vectors(towards, world.T))

@@ -26,37 +26,18 @@ from ...design.limits import LIMITABLE
 from ...design.merits import DESIGN_MERITS
 from ...design.mirror_construction import FAMILIES, MountedMirror, RimRay
 from ...design.mirror_fits import fit_mirror
-from ...optics.batch.families import FREE_FORMS
+from ...optics.batch.families import FREEFORM_FAMILIES
 from ...optics.image_sensor import Imager
 from ...optics.lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
-from ...optics.mirrors import (
-    MIRRORS,
-    SECONDARIES,
-    EvenPolynomial,
-    Mirror,
-    SampledProfile,
-    Secondary,
-    SlopeSpline,
-    TabulatedMapping,
-)
+from ...optics.mirrors import MIRRORS, SECONDARIES, EvenPolynomial, Mirror, SampledProfile, Secondary, SlopeSpline, TabulatedMapping
 from ...optics.mirrors.as_built import MirrorPose
 from ...optics.mirrors.mappings import MAPPINGS
-from ...optics.mirrors.prescribed_mapping import Mapped
+from ...optics.mirrors.prescribed_mapping import MappingMirror
 from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
-from ...optics.toml_validation import EntryError, NoFile
-from .bench_messages import (
-    BenchSensor,
-    BenchStart,
-    Bend,
-    Change,
-    ParameterOf,
-    PartOf,
-    QuantityOf,
-    Trouble,
-    distance_of,
-)
+from ...optics.toml_validation import EntryError, NullLocator
+from .bench_messages import BenchSensor, BenchStart, Bend, Change, ParameterOf, PartOf, QuantityOf, Trouble, distance_of
 
 # -- Slider metadata of the bench, from the parameter descriptions of the parts --------------------
 
@@ -77,11 +58,7 @@ def bench_start() -> BenchStart:
     mirrors = dict(MIRRORS.items())  # without mirrors of other packages that fail to load
     return BenchStart(
         mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
-        secondaries=tuple(
-            part_of(kind, SECONDARIES[kind])
-            for kind in SECONDARIES
-            if kind in mirrors or kind not in MIRRORS
-        ),
+        secondaries=tuple(part_of(kind, SECONDARIES[kind]) for kind in SECONDARIES if kind in mirrors or kind not in MIRRORS),
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
         place=part_of("place", Secondary),
@@ -89,24 +66,15 @@ def bench_start() -> BenchStart:
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.FIELD_QUANTITIES)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
-        of_frequency=tuple(
-            name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None
-        ),
+        of_frequency=tuple(name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
-        shapes=tuple(FREE_FORMS),
+        shapes=tuple(FREEFORM_FAMILIES),
         sensors=tuple(bundled_sensors()),
     )
 
 
 def _quantity(q: Quantity) -> QuantityOf:
-    return QuantityOf(
-        name=q.name,
-        symbol=q.symbol,
-        unit=q.unit,
-        title=q.title,
-        meaning=q.meaning,
-        equation=q.equation,
-    )
+    return QuantityOf(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
 
 
 def part_of(kind: str, cls: type[Any]) -> PartOf:
@@ -114,26 +82,13 @@ def part_of(kind: str, cls: type[Any]) -> PartOf:
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    found = [
-        _parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()
-    ]
+    found = [_parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()]
     return PartOf(kind=kind, parameters=tuple(found))
 
 
 def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterOf:
     inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
-    return ParameterOf(
-        name=name,
-        unit=p.unit,
-        low=p.low,
-        high=p.high,
-        description=p.description,
-        choices=p.choices,
-        is_list=typing.get_origin(inner) is tuple,
-        is_whole=inner is int,
-        is_optional=default is not dataclasses.MISSING,
-        default=float(default) if isinstance(default, int | float) else None,
-    )
+    return ParameterOf(name=name, unit=p.unit, low=p.low, high=p.high, description=p.description, choices=p.choices, is_list=typing.get_origin(inner) is tuple, is_whole=inner is int, is_optional=default is not dataclasses.MISSING, default=float(default) if isinstance(default, int | float) else None)
 
 
 # -- Sensors on the bench: tables of a sensor file, errors by entry, and conversion between kinds of parts
@@ -150,7 +105,7 @@ NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
 """First entry that an error message names."""
 
 
-class Form(NoFile):
+class Form(NullLocator):
     """Locator of the form entry that an error concerns, also for errors that only name it in their
     message."""
 
@@ -178,12 +133,10 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
         return sensor_of(tables, form)
     mount = {**mount, "mirror_distance_mm": 1.0}  # arbitrary value, replaced by that of the mirror
     sensor = sensor_of({**tables, "mount": mount}, form)
-    if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
+    if not isinstance(sensor.mirror, MappingMirror) or sensor.lens.TELECENTRIC:
         return sensor_of(tables, form)
     distance = sensor.mirror.design_distance
-    return form.wrap(
-        ("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance)
-    )
+    return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
 
 
 def in_place(sensor: Sensor) -> Sensor:
@@ -195,21 +148,12 @@ def in_place(sensor: Sensor) -> Sensor:
 def remark_on(sensor: Sensor) -> str | None:
     """Return a remark on properties of a sensor that its plots do not include; None if complete."""
     pose = sensor.mirror_pose
-    if pose.is_axial and sensor.is_ideal_but_for_pose:
+    if pose.is_axial and sensor.is_ideal_except_pose:
         return None
     if pose.is_axial:
-        return (
-            "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; "
-            "cross-section, plots and requirements are those of the sensor without."
-        )
-    shift, tilt = (
-        f"{a:g} and {b:g}"
-        for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
-    )
-    return (
-        f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken "
-        "so; cross-section, plots and requirements are those of the same mirror in its place."
-    )
+        return "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; cross-section, plots and requirements are those of the sensor without."
+    shift, tilt = (f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg)))
+    return f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken so; cross-section, plots and requirements are those of the same mirror in its place."
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
@@ -218,7 +162,7 @@ def why_not_optimised(sensor: Sensor) -> str | None:
         return "Mirrors are optimised one at a time, and this sensor has two."
     if not sensor.mirror_pose.is_axial:
         return "Mirrors are optimised in their place, and this one is decentred or tilted."
-    if not sensor.is_ideal_but_for_pose:
+    if not sensor.is_ideal_except_pose:
         return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
     return None
 
@@ -226,9 +170,7 @@ def why_not_optimised(sensor: Sensor) -> str | None:
 def on_bench(sensor: Sensor) -> BenchSensor:
     """Convert a sensor to its bench representation."""
     mirror = sensor.mirror
-    is_mapped = (
-        isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
-    )
+    is_mapped = isinstance(mirror, MappingMirror) and sensor.secondary is None and not sensor.lens.TELECENTRIC
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
@@ -250,15 +192,9 @@ def changed(change: Change) -> Sensor:
         best = best_focus(sensor, change.to, object_distance_mm=distance)
         made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
     else:
-        changed_part = (
-            _with_lens(sensor, change.to)
-            if change.what == "lens"
-            else _with_mirror(sensor, change.to)
-        )
+        changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
         made = _focused(changed_part, distance)
-    return replace(
-        made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal
-    )
+    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal)
 
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
@@ -266,14 +202,7 @@ def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
         raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
     mounted = recast(sensor, kind)
     distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
-    return replace(
-        sensor,
-        mirror=mounted.mirror,
-        mirror_distance_mm=distance,
-        secondary=None,
-        name=kind,
-        notes="",
-    )
+    return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
 
 
 def recast(sensor: Sensor, kind: str) -> MountedMirror:
@@ -304,23 +233,15 @@ def rim_of(sensor: Sensor) -> RimRay:
     return RimRay(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
 
 
-def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
+def _mapped(cls: type[Any], rim: RimRay) -> MappingMirror:
     """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
-    M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
+    M, most = rim.rim_radius_mm, cls.MAX_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
-    own = {
-        "plane_distance_mm": AROUND * M,
-        "cylinder_radius_mm": AROUND * M,
-        "omega_min_deg": omega / 3,
-    }
-    needed = [
-        name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS
-    ]
+    own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
+    needed = [name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS]
     if "cylinder_radius_mm" in needed:
         needed.append("omega_min_deg")
-    made: Mapped = cls(
-        omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed}
-    )
+    made: MappingMirror = cls(omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed})
     return made
 
 
@@ -333,11 +254,7 @@ def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
 def spline_like(sensor: Sensor) -> SlopeSpline:
     """Convert the mirror to a slope spline; a slope spline is returned unchanged."""
     mirror, rim = sensor.mirror, sensor.mirror.rim_radius_mm
-    return (
-        mirror
-        if isinstance(mirror, SlopeSpline)
-        else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
-    )
+    return mirror if isinstance(mirror, SlopeSpline) else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
 
 
 def mapping_like(sensor: Sensor) -> TabulatedMapping:
@@ -352,11 +269,7 @@ def mapping_like(sensor: Sensor) -> TabulatedMapping:
     return TabulatedMapping(tuple(omega), tuple(height), rim.theta_max_deg, rim.rim_radius_mm)
 
 
-AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
-    SampledProfile: _sampled,
-    SlopeSpline: lambda sensor, rim: spline_like(sensor),
-    TabulatedMapping: lambda sensor, rim: mapping_like(sensor),
-}
+AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {SampledProfile: _sampled, SlopeSpline: lambda sensor, rim: spline_like(sensor), TabulatedMapping: lambda sensor, rim: mapping_like(sensor)}
 """Functions of the freeform kinds that approximate the previous mirror."""
 
 
@@ -365,20 +278,10 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
     lens = sensor.lens
     if not isinstance(lens, GaussianLens):
         raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
-    angles = np.linspace(
-        0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS
-    )
+    angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
     tangent = np.tan(np.radians(angles))
     heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
-    return TabulatedLens(
-        lens.focal_length_mm,
-        lens.f_number,
-        lens.focus_distance_mm,
-        tuple(np.round(angles, 6)),
-        tuple(np.round(heights, 6)),
-        tuple(np.round(lens.pupil.place(tangent), 6)),
-        principal_point_mm=lens.principal_point_mm,
-    )
+    return TabulatedLens(lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(np.round(angles, 6)), tuple(np.round(heights, 6)), tuple(np.round(lens.pupil.position(tangent), 6)), principal_point_mm=lens.principal_point_mm)
 
 
 def _with_lens(sensor: Sensor, kind: str) -> Sensor:
@@ -393,9 +296,7 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     if kind == "table":
         return replace(sensor, lens=_as_table(sensor))
     if kind == "surfaces":
-        raise InvalidParameter(
-            "a lens by its surfaces comes from its .zmx file, named in a sensor file; open that"
-        )
+        raise InvalidParameter("a lens by its surfaces comes from its .zmx file, named in a sensor file; open that")
     if kind != "perspective":
         raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
@@ -409,7 +310,7 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
 def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
     """Solve a prescribed-mapping mirror for another viewing angle; other mirrors are returned
     unchanged."""
-    if isinstance(mirror, Mapped):
+    if isinstance(mirror, MappingMirror):
         return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
     return mirror
 
@@ -459,9 +360,7 @@ def bent(sensor: Sensor, bend: Bend) -> Sensor:
 def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:
     rim = sensor.mirror.rim_radius_mm
     if not CLEAR * rim <= x_mm <= rim * (1 + 1e-9):
-        raise InvalidParameter(
-            f"the profile is held {x_mm:g} mm from the axis; it can be held from {CLEAR * rim:.4g} to {rim:g} mm"
-        )
+        raise InvalidParameter(f"the profile is held {x_mm:g} mm from the axis; it can be held from {CLEAR * rim:.4g} to {rim:g} mm")
     before = spline_like(sensor)
     slopes, held = np.array(before.slopes), min(x_mm / rim, 1.0)
     rod = _rod_slope(np.linspace(0.0, 1.0, len(slopes)), held)
@@ -486,14 +385,10 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
     low, high = sensor.field_deg
     first, last = (low + share * (high - low) for share in (CLEAR, 1 - CLEAR))
     if not first <= omega_deg <= last:
-        raise InvalidParameter(
-            f"the mapping is held at {omega_deg:g} deg; it can be held from {first:.4g} to {last:.4g} deg"
-        )
+        raise InvalidParameter(f"the mapping is held at {omega_deg:g} deg; it can be held from {first:.4g} to {last:.4g} deg")
     rim_px = sensor.rim_radius_px
     if not 0 < height_px < rim_px:
-        raise InvalidParameter(
-            f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px"
-        )
+        raise InvalidParameter(f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px")
     table = mapping_like(sensor)
     omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
     beam = _beam(omega - low, omega_deg - low, high - low)
@@ -518,9 +413,7 @@ def _shares(sensor: Sensor, x_mm: Array) -> Array:
     over the rim value."""
     if sensor.lens.TELECENTRIC:
         return x_mm / sensor.mirror.rim_radius_mm
-    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(
-        np.radians(rim_of(sensor).theta_max_deg)
-    )
+    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(np.radians(rim_of(sensor).theta_max_deg))
     return shares
 
 
@@ -531,7 +424,4 @@ def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> 
     side = np.sign(pulled)
     against = side * beam < 0
     most = float(np.min(steps[against] / np.abs(beam[against])))
-    raise InvalidParameter(
-        f"pulled by {pulled:+.3g} of the rim's image height at {omega_deg:.4g} deg, the mapping would not grow with "
-        f"the field angle; it can be pulled by less than {side * most:+.3g}"
-    )
+    raise InvalidParameter(f"pulled by {pulled:+.3g} of the rim's image height at {omega_deg:.4g} deg, the mapping would not grow with the field angle; it can be pulled by less than {side * most:+.3g}")

@@ -61,9 +61,7 @@ class Bracket:
         return SLACK * self.least_px > self.limit_px
 
 
-def plan_bracket(
-    sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf
-) -> Bracket:
+def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf) -> Bracket:
     """Return the minimum number of focus distances that keep the maximum blur below a limit.
 
     If astigmatism does not permit this with a margin of 25 %, the blur is kept within 25 % of its
@@ -99,7 +97,7 @@ def plan_bracket(
     limit_px = number("limit_px", limit_px)
     if not 0.05 <= limit_px <= 1000:
         raise InvalidParameter(f"limit_px = {limit_px:g} is outside 0.05 to 1000 px")
-    sensor.check("a focus bracket", "one mirror")
+    sensor.check("a focus bracket", "single mirror")
     omega = np.linspace(*sensor.field_deg, ANGLES)
     omega[-1] *= ROUNDED
     study = _study(sensor, np.radians(omega), _distance(object_distance_mm))
@@ -108,18 +106,14 @@ def plan_bracket(
     least = blur.min(axis=0)
     chosen = _stab(blur <= np.maximum(limit_px, SLACK * least))
     if len(chosen) > MAX_BRACKET_IMAGES:
-        raise InvalidParameter(
-            f"limit_px = {limit_px:g} would take {len(chosen)} pictures; up to {MAX_BRACKET_IMAGES} are valid"
-        )
+        raise InvalidParameter(f"limit_px = {limit_px:g} would take {len(chosen)} pictures; up to {MAX_BRACKET_IMAGES} are valid")
     return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), least, limit_px)
 
 
 def _distance(object_distance_mm: float) -> float:
     distance = distances("object_distance_mm", object_distance_mm)
     if distance.ndim:
-        raise InvalidParameter(
-            f"object_distance_mm has shape {distance.shape}; it is valid as one number"
-        )
+        raise InvalidParameter(f"object_distance_mm has shape {distance.shape}; it is valid as one number")
     return float(distance)
 
 
@@ -141,9 +135,7 @@ def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
     if sensor.lens.TELECENTRIC:
         return np.linspace(low, high, FOCUSES)
     if not (np.isfinite(L).all() and low > sensor.lens.PARAMETERS["focus_distance_mm"].low):
-        raise InvalidParameter(
-            f"the virtual images of {sensor.name!r} lie where its lens cannot be focused"
-        )
+        raise InvalidParameter(f"the virtual images of {sensor.name!r} lie where its lens cannot be focused")
     spaced: Array = 1 / np.linspace(1 / low, 1 / high, FOCUSES)
     return spaced
 
@@ -174,13 +166,7 @@ def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
 
 
 @validate_arguments
-def merge_bracket(
-    sensor: Sensor,
-    pictures: Sequence[NDArray[Any]],
-    *,
-    focus_mm: ArrayLike,
-    object_distance_mm: float = np.inf,
-) -> NDArray[Any]:
+def merge_bracket(sensor: Sensor, pictures: Sequence[NDArray[Any]], *, focus_mm: ArrayLike, object_distance_mm: float = np.inf) -> NDArray[Any]:
     """Merge several images into one, using at each radius the sharpest images.
 
     Parameters
@@ -240,9 +226,7 @@ def merge_bracket(
     return result
 
 
-def picture_weights(
-    sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf
-) -> Array:
+def picture_weights(sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf) -> Array:
     """Return weights (k, ...) of images at distances (...) px from the optical axis, with sum 1."""
     h = np.linspace(0, sensor.rim_radius_px * ROUNDED, ANGLES)
     rays = sensor.meridian.trace(sensor.x_from_height_px(h))
@@ -255,17 +239,10 @@ def picture_weights(
 
 def _check(sensor: Sensor, pictures: Sequence[NDArray[Any]], focuses: Array) -> None:
     if not pictures or len(pictures) != len(focuses):
-        raise InvalidParameter(
-            f"there are {len(pictures)} pictures and {len(focuses)} focus distances; give one for each"
-        )
+        raise InvalidParameter(f"there are {len(pictures)} pictures and {len(focuses)} focus distances; give one for each")
     width, height = sensor.image_size
     for picture in pictures:
         if picture.shape[:2] != (height, width):
-            raise InvalidParameter(
-                f"a picture has {picture.shape[1]} x {picture.shape[0]} px, and those of {sensor.name!r} have "
-                f"{width} x {height}"
-            )
+            raise InvalidParameter(f"a picture has {picture.shape[1]} x {picture.shape[0]} px, and those of {sensor.name!r} have {width} x {height}")
         if picture.shape != pictures[0].shape or picture.dtype != pictures[0].dtype:
-            raise InvalidParameter(
-                "the pictures differ in depth or channels; give pictures of one kind"
-            )
+            raise InvalidParameter("the pictures differ in depth or channels; give pictures of one kind")

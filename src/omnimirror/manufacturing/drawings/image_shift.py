@@ -190,7 +190,7 @@ def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
             result,
             path,
         )
-        result = cover.left_by(rays).omega
+        result = cover.refracted(rays).omega
         visible = np.isfinite(result)
         result, height = result[visible], height[visible]
     heights: Array = CubicSpline(result, height)(omega)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...analysis.figures.style import PALETTE
 from ...base.typing import Array
-from ...optics.housing import Dome, FlatWindow, Housing, Rod, Tube, wall_words
+from ...optics.housing import Dome, FlatWindow, Housing, Rod, Tube, wall_description
 from ...optics.lenses import GaussianLens
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import ChiefRays
@@ -202,7 +202,7 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
     rays = sensor.meridian.trace(x)
     heights = sensor.lens.image_height(rays.first.x, rays.first.w)
     tangent = np.tan(rays.first.theta)
-    at_lens = -tangent * sensor.lens.pupil.place(
+    at_lens = -tangent * sensor.lens.pupil.position(
         tangent
     )  # intersections of rays with it on both paths
     labels: list[tuple[float, float, str]] = []
@@ -253,9 +253,9 @@ def _through_wall(rays: ChiefRays, i: int) -> list[tuple[float, float]]:
     without a cover.
     """
     outside = rays.outside
-    if outside is None or not outside.refractions[0].way[i]:
+    if outside is None or not outside.refractions[0].path_mm[i]:
         return []
-    way, angle = float(outside.refractions[0].way[i]), float(rays.reflected[i])
+    way, angle = float(outside.refractions[0].path_mm[i]), float(rays.reflected[i])
     x, z = rays.last
     return [
         (float(z[i]), float(x[i])),
@@ -299,7 +299,7 @@ def _draw_tube(sheet: Sheet, view: View, assembly: Assembly, tube: Tube, region:
     tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5])
     if second is not None:  # rays above it
         tip, bend = view.at(assembly.base, outer - tube.wall_mm / 2), np.array([-12, -8])
-    words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", wall_words(tube)]
+    words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", wall_description(tube)]
     left = region.left + sheet.text_width(words[0]) + 3  # keep the label on the sheet
     sheet.leader(tip, [max(tip[0] + bend[0], left), tip[1] + bend[1]], words, rightwards=False)
 
@@ -338,7 +338,7 @@ def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None
     base = float(radii[0] * np.sin(foot[0]))
     sheet.line(view.at([assembly.lens] * 2, [-base, base]), THIN, DASHED)
     tip = view.at(centres[1] + radii[1] * np.cos(0.9 * foot[1]), -radii[1] * np.sin(0.9 * foot[1]))
-    words = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", wall_words(dome)]
+    words = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", wall_description(dome)]
     sheet.leader(tip, tip + np.array([-14, -6]), words, rightwards=False)
 
 
@@ -351,7 +351,7 @@ def _draw_window(sheet: Sheet, view: View, assembly: Assembly, window: FlatWindo
     sheet.hatch(pane, spacing=1.6)
     sheet.line(pane, THIN)
     size = "" if window.diameter_mm is None else f" Ø{window.diameter_mm:g} ×"
-    words = [f"window{size} {window.wall_mm:g}", wall_words(window)]
+    words = [f"window{size} {window.wall_mm:g}", wall_description(window)]
     tip = view.at(outer, -0.8 * half)
     sheet.leader(tip, tip + np.array([-7, -6]), words, rightwards=False)
 

@@ -235,7 +235,7 @@ def hidden_rows(sensor: Sensor) -> Rows:
         (
             ring.part,
             f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°",
-            f"{ring.picture_percent:.2f} %",
+            f"{ring.image_percent:.2f} %",
         )
         for ring in sensor.obscurations
     ]
@@ -243,7 +243,7 @@ def hidden_rows(sensor: Sensor) -> Rows:
         (
             "total, all azimuths",
             "",
-            f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %",
+            f"{sum(ring.image_percent for ring in sensor.obscured):.2f} %",
         )
     )
     shell = sensor.obstructions.housing.shell

@@ -325,10 +325,10 @@ def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
         and isinstance(sensor.lens, Perspective)
     )
     if WARMER not in values or not is_plain:
-        return is_plain and sensor.is_ideal_but_for_pose
+        return is_plain and sensor.is_ideal_except_pose
     assert sensor.thermal is not None, "no other has this error"
     has_formula = isinstance(sensor.mirror, Conic | ConicAsphere | EvenPolynomial)
-    return sensor.is_ideal_but_for_pose and (
+    return sensor.is_ideal_except_pose and (
         has_formula or not sensor.thermal.expansion_ppm("mirror")
     )
 

@@ -32,7 +32,7 @@ from ...base.optimisation import (
 from ...base.typing import Array
 from .closed_forms import (
     DEGREE,
-    NodeOptics,
+    MirrorPointOptics,
     PerspectiveCamera,
     RealCamera,
     TelecentricCamera,
@@ -139,9 +139,9 @@ class IdealAreas:
         """Ends (n, 1) of the vergences to scan."""
         return _range(self.vergence_t, self.vergence_s, self.model.bounds)
 
-    def worst(self, v: Array) -> WorstValues:
+    def maximum(self, v: Array) -> WorstValues:
         """Return the largest A^2 at vergences (n, 1), its derivative and its angle, (n, 1)."""
-        return _worst(v, self.vergence_t, self.vergence_s, self.density, self.model)
+        return _maximum(v, self.vergence_t, self.vergence_s, self.density, self.model)
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class RealAreas:
     Attributes
     ----------
     t, s, own_t, own_s, dh, dw : (3, n, k)
-        Signed blur and own blur, px, and resolution, px/deg, by powers of q (:mod:`.lens_tables`).
+        Signed blur and own blur, px, and resolution, px/deg, by powers of q (:class:`.closed_forms.LensTables`).
     middle_t, middle_s : (n, k)
         Vergences in focus at which single blurs are approximately 0.
     counts : (n, k)
@@ -170,12 +170,12 @@ class RealAreas:
     camera: RealCamera
 
     @classmethod
-    def of(cls, o: NodeOptics, camera: RealCamera, counts: Array) -> RealAreas:
+    def of(cls, o: MirrorPointOptics, camera: RealCamera, counts: Array) -> RealAreas:
         """Create the areas of mirror points (n, k)."""
         lens = camera.tables
-        found = lens.at(o.ray)
+        lens_columns = lens.at(o.ray)
         _, _, far_t, spread_t, far_s, spread_s, own_t, own_s = (
-            c / camera.pitch_mm for c in found[3:]
+            c / camera.pitch_mm for c in lens_columns[3:]
         )
         wide = lens.focal_length_mm / lens.f_number
         guess = np.clip(
@@ -187,7 +187,7 @@ class RealAreas:
             for far, spread in ((far_t, spread_t), (far_s, spread_s))
         )
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
-        dh, dw = camera.resolution(o, found)
+        dh, dw = camera.resolution(o, lens_columns)
         return cls(
             t,
             s,
@@ -214,7 +214,7 @@ class RealAreas:
         """Ends (n, 1) of the vergences to scan."""
         return _range(self.middle_t, self.middle_s, self.camera.bounds)
 
-    def worst(self, v: Array) -> WorstValues:
+    def maximum(self, v: Array) -> WorstValues:
         """Return the largest A^2, its derivative and its angle; see :meth:`IdealAreas.worst`."""
         q, dq = self.camera.tables.defocus(v), self.camera.tables.defocus_rate(v)
         floor, dfloor = self.camera.floor(q)
@@ -235,6 +235,8 @@ class RealAreas:
         (t, dt), (s, ds), (own_t, down_t), (own_s, down_s), (dh, ddh), (dw, ddw) = (
             (focus_powers(c, q), c[1] + 2 * q * c[2]) for c in there
         )
+        # A^2 = (t^2 + own_t^2 + floor)(s^2 + own_s^2 + floor)/(Dh Dw)^2; its logarithmic derivative by q is
+        # the sum of those of its factors, and dq/dv is applied at the end
         side_t, side_s = t * t + own_t * own_t + floor, s * s + own_s * own_s + floor
         rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (
             2 * (s * ds + own_s * down_s) + dfloor
@@ -248,34 +250,39 @@ def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
     """Return the best vergences (n,) in focus, and their maximum areas (n,), deg^2."""
     low, high = areas.range
     step = (high - low) / (SCAN - 1)
-    places = low + step * np.arange(SCAN)
-    seen = [areas.worst(v[:, None]) for v in places.T]
-    value, rate, angle = (np.hstack(found) for found in zip(*seen, strict=True))
+    samples = low + step * np.arange(SCAN)
+    evaluations = [areas.maximum(v[:, None]) for v in samples.T]
+    value, rate, angle = (np.hstack(parts) for parts in zip(*evaluations, strict=True))
     k = np.clip(value.argmin(axis=1), 1, SCAN - 2)[:, None]
     close = CLOSE * (high - low)
     a, b = low + (k - 1) * step, low + (k + 1) * step
 
-    def worst(v: Array, rows: RowIndices) -> WorstValues:
-        return areas.part(rows).worst(v)
+    def maximum(v: Array, rows: RowIndices) -> WorstValues:
+        return areas.part(rows).maximum(v)
 
-    def ends(v: Array, rows: RowIndices) -> Array:
-        return np.stack([v, *worst(v, rows)])
+    def bracket_end(v: Array, rows: RowIndices) -> Array:
+        return np.stack([v, *maximum(v, rows)])
 
     everywhere = slice(None)
-    v = minimise_brackets(ends(a, everywhere), ends(b, everywhere), close, worst)
-    least = areas.worst(v)[0]
-    design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
+    v = minimise_brackets(bracket_end(a, everywhere), bracket_end(b, everywhere), close, maximum)
+    minimum = areas.maximum(v)[0]
+    design, cell, kink_offset = _other_valleys(value, rate, angle, step, k, minimum)
     if design.size:
-        a, b = places[design, cell][:, None], places[design, cell + 1][:, None]
-        c = ends(a + cut[:, None], design)
+        a, b = samples[design, cell][:, None], samples[design, cell + 1][:, None]
+        c = bracket_end(a + kink_offset[:, None], design)
         rises = c[2] > 0
-        a, b = np.where(rises, ends(a, design), c), np.where(rises, c, ends(b, design))
-        other = minimise_brackets(a, b, close[design], lambda v, rows: worst(v, design[rows]))
-        lower = worst(other, design)[0]
-        for n in np.flatnonzero(lower < least[design]):
-            if lower[n] < least[design[n]]:  # one design may have two
-                v[design[n]], least[design[n]] = other[n], lower[n]
-    return v[:, 0], np.sqrt(least[:, 0])
+        a, b = (
+            np.where(rises, bracket_end(a, design), c),
+            np.where(rises, c, bracket_end(b, design)),
+        )
+        second_minimum = minimise_brackets(
+            a, b, close[design], lambda v, rows: maximum(v, design[rows])
+        )
+        lower = maximum(second_minimum, design)[0]
+        for n in np.flatnonzero(lower < minimum[design]):
+            if lower[n] < minimum[design[n]]:  # one design may have two
+                v[design[n]], minimum[design[n]] = second_minimum[n], lower[n]
+    return v[:, 0], np.sqrt(minimum[:, 0])
 
 
 def _other_valleys(
@@ -284,7 +291,7 @@ def _other_valleys(
     angle: NDArray[np.intp],
     step: Array,
     k: NDArray[np.intp],
-    least: Array,
+    minimum: Array,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Return designs, cells of the scan, and distances to the intersections of their end tangents.
 
@@ -294,14 +301,14 @@ def _other_valleys(
     """
     fa, fb, ga, gb = value[:, :-1], value[:, 1:], rate[:, :-1], rate[:, 1:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        cut = (fb - fa - gb * step) / (ga - gb)
-    kink = (cut > 0) & (cut < step) & (fa + ga * cut < least * (1 + HOPE))
+        offset = (fb - fa - gb * step) / (ga - gb)
+    kink = (offset > 0) & (offset < step) & (fa + ga * offset < minimum * (1 + HOPE))
     between = (ga < 0) & (gb > 0)
     cell = np.arange(SCAN - 1)
-    known = between & ((cell == k - 1) | (cell == k))
+    is_main_valley = between & ((cell == k - 1) | (cell == k))
     hidden = (angle[:, :-1] != angle[:, 1:]) & (ga * gb > 0)
-    design, cell = np.nonzero(kink & (between | hidden) & ~known)
-    return design, cell, cut[design, cell]
+    design, cell = np.nonzero(kink & (between | hidden) & ~is_main_valley)
+    return design, cell, offset[design, cell]
 
 
 def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tuple[Array, Array]:
@@ -312,16 +319,18 @@ def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tup
     return np.clip(low - margin, *bounds), np.clip(high + margin, *bounds)
 
 
-def _worst(
+def _maximum(
     v: Array, vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel
 ) -> tuple[Array, Array, Array]:
     """Return the largest A^2, its derivative by v, and its angle; (n, 1) each."""
     r, dr, D, d_log_D = model.at(v)
     areas = _areas(v, r, vergence_t, vergence_s, density)
     j = areas.argmax(axis=1)
-    at = j + np.arange(len(j)) * areas.shape[1]
-    t, s = v - vergence_t.take(at)[:, None], v - vergence_s.take(at)[:, None]
-    value = D * areas.take(at)[:, None]
+    flat_index = j + np.arange(len(j)) * areas.shape[1]
+    # A^2 = D (t^2 + r)(s^2 + r)/(M_t M_s)^2 with t = v - v_t, s = v - v_s and the floor r(v) of pixel
+    # and Airy disk; its derivative is A^2 times the sum of the logarithmic derivatives
+    t, s = v - vergence_t.take(flat_index)[:, None], v - vergence_s.take(flat_index)[:, None]
+    value = D * areas.take(flat_index)[:, None]
     return (
         value,
         value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)),

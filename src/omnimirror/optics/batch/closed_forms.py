@@ -9,20 +9,28 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..housing import BEYOND_LENS_MM, LENS_AT_RIMS, Dome, FlatWindow, Housing, Rim, Tube
+from ..housing import (
+    BEYOND_LENS_MM,
+    TELECENTRIC_LENS_DISTANCE_RIMS,
+    Dome,
+    FlatWindow,
+    Housing,
+    Rim,
+    Tube,
+)
 from ..lenses import BlurMode
 from ..lenses._field_lens import FieldLens
 from ..tracing.meridian import (
-    Passed,
+    CoverTransit,
     Pencil,
     RefractingSurface,
+    distances_inside_cover,
     refract_through_shell,
     refracting_surfaces,
-    seen_inside,
 )
 from ..tracing.obscuration import Obstructions
 
-# -- Closed-form optics of mirror points, for arrays of any shape and for complex steps ------------
+# -- Pinhole and bare mirror -----------------------------------------------------------------------
 #
 # The equations are those of :mod:`omnimirror.optics.tracing` and :mod:`omnimirror.analysis`,
 # restricted to sums, products, roots and one form of arctangent. This allows exact complex-step
@@ -40,7 +48,7 @@ Array = NDArray[Any]
 DEGREE = np.pi / 180
 
 
-class NodeOptics(NamedTuple):
+class MirrorPointOptics(NamedTuple):
     """Camera-independent optics of mirror points; arrays like x, in mm and radians."""
 
     omega: Array
@@ -64,13 +72,13 @@ class NodeOptics(NamedTuple):
     """dOmega/dx, 1/mm (Eq. 8); positive for a one-to-one mapping."""
     cos_incidence: Array
     """Cosine of the angle of incidence gamma (Eq. 3); positive on the front of the mirror."""
-    seen: Any = True
+    visible: Any = True
     """False for points obscured by the base of a tube in another medium."""
     near: Any = 0.0
     """1/distance of the objects from the mirror points, 1/mm."""
 
 
-class Look(NamedTuple):
+class FocusedImage(NamedTuple):
     """Images of mirror points by a focused camera; arrays (.., k), or (.., 1) if constant."""
 
     t_px: Array
@@ -96,7 +104,7 @@ def node_optics(
     slope_over_x: Array,
     m: Array,
     inverse_distance: Any = 0.0,
-) -> NodeOptics:
+) -> MirrorPointOptics:
     """Compute the optics of mirror points for a perspective lens at distance m from the vertex.
 
     Parameters
@@ -123,7 +131,7 @@ def node_optics(
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near)
     # dOmega/dx = 2 dbeta/dx + dtheta/dx (Eq. 8)
     domega_dx = 2 * curvature / steep + front / to_lens
-    return NodeOptics(
+    return MirrorPointOptics(
         omega=omega,
         ray=x / w,
         # object motion across the ray: p domega_dx + cos(gamma)/cos(beta);
@@ -146,13 +154,15 @@ def telecentric_optics(
     curvature: Array,
     slope_over_x: Array,
     inverse_distance: Any = 0.0,
-) -> NodeOptics:
+) -> MirrorPointOptics:
     """Compute the optics as :func:`node_optics` for a telecentric lens."""
+    # theta = 0: Omega = 2 beta (Eq. 4), and gamma = beta; the equations of node_optics for w -> inf.
+    # 1/q_t = dOmega/dx + 1/p and 1/q_s = sin(Omega)/x + 1/p, both along the axis (cos(theta) = 1)
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
     omega = 2 * np.arctan(slope)
     near = inverse_distance(x, z, omega) if callable(inverse_distance) else inverse_distance
-    return NodeOptics(
+    return MirrorPointOptics(
         omega=omega,
         ray=x + 0 * slope,
         magnification_t=1 / (domega_dx + near),
@@ -177,7 +187,7 @@ class FocusedCamera(Protocol):
         """Compute image heights of ray coordinates, px (Eq. 7)."""
         ...
 
-    def at(self, o: NodeOptics, v: Array) -> Look:
+    def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
         ...
 
@@ -216,9 +226,9 @@ class IdealCamera:
         height: Array = ray * self.px_per_ray(v)
         return height
 
-    def at(self, o: NodeOptics, v: Array) -> Look:
+    def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         ray_px, blur_px, none = self.px_per_ray(v), self.px_per_vergence(v), 0 * v
-        return Look(
+        return FocusedImage(
             blur_px * (v - o.vergence_t),
             blur_px * (v - o.vergence_s),
             o.magnification_t * ray_px * DEGREE,
@@ -332,7 +342,7 @@ def light_of(tangent: Array) -> Array:
     return 1 / (1 + squared) ** 2
 
 
-# -- Tables of real lenses over viewing angle and focus, for batch evaluation ----------------------
+# -- Real lenses: tables over viewing angle and focus ----------------------------------------------
 #
 # The focus parameter is ``q = f v / (1 - (f - e) v)``, with the vergence v in focus at the entrance
 # pupil: the imager is ``f + f q`` behind the principal point, and the principal distance is
@@ -350,7 +360,7 @@ AIM_STEPS = 6  # Newton steps for a moving pupil
 class LensColumns(NamedTuple):
     """Lens properties at viewing angles; first axis (3, ..): powers 0, 1, 2 of q."""
 
-    place: Array
+    pupil_position: Array
     """(..) position of the entrance pupil, mm towards the mirror from the reference point."""
     motion: Array
     """(..) its derivative by the tangent."""
@@ -392,7 +402,7 @@ class LensTables:
         Distance e of the paraxial entrance pupil from the principal point.
     pupil_mm
         Paraxial entrance pupil from the reference point: origin of vergences in focus.
-    most_vergence
+    max_vergence
         Vergence of the nearest focus tabulated.
     imager_mm
         Distance from the reference point to the imager, focused at infinity.
@@ -404,7 +414,7 @@ class LensTables:
     f_number: float
     pupil_from_principal_mm: float
     pupil_mm: float
-    most_vergence: float
+    max_vergence: float
     imager_mm: float
 
     @property
@@ -414,15 +424,15 @@ class LensTables:
     @property
     def bounds(self) -> tuple[float, float]:
         """Vergences of the focus range."""
-        return 1 / (MAX_DISTANCE_MM - self.pupil_mm), self.most_vergence
+        return 1 / (MAX_DISTANCE_MM - self.pupil_mm), self.max_vergence
 
     def at(self, tangent: Array) -> LensColumns:
         """Evaluate the columns (..) at tangents (..), with linear extrapolation."""
         cell = np.clip((tangent.real / self.step).astype(int), 0, CELLS - 1)
         u = (tangent / self.step - cell)[..., None]
         (a, da), (b, db) = (np.moveaxis(self.values[cell + i], -2, 0) for i in (0, 1))
-        found = a + u * (da + u * (3 * (b - a) - 2 * da - db + u * (2 * (a - b) + da + db)))
-        rows = np.moveaxis(found, -1, 0)
+        values = a + u * (da + u * (3 * (b - a) - 2 * da - db + u * (2 * (a - b) + da + db)))
+        rows = np.moveaxis(values, -1, 0)
         powers = [rows[3 + 3 * i : 6 + 3 * i] for i in range(len(FOCUS_COLUMNS))]
         return LensColumns(*rows[:3], *powers)
 
@@ -433,9 +443,9 @@ class LensTables:
         """
         tangent = x / (depth - self.pupil_mm)
         for _ in range(AIM_STEPS):
-            found = self.at(tangent)
-            w = depth - found.place
-            tangent = tangent - (w * tangent - x) / (w - found.motion * tangent)
+            columns = self.at(tangent)
+            w = depth - columns.pupil_position
+            tangent = tangent - (w * tangent - x) / (w - columns.motion * tangent)
         return tangent
 
     def defocus(self, v: Any) -> Any:
@@ -467,28 +477,45 @@ def tables_of(lens: FieldLens) -> LensTables:
     >>> tables.at(np.array([0.25])).height[0].round(3)  # focused at infinity
     array([3.])
     """
-    nearest = max(
+    min_focus_mm = max(
         lens.principal_point_mm + MIN_FOCUS_DISTANCE * lens.focal_length_mm, lens.nearest_focus_mm
     )
-    f, at = lens.focal_length_mm, lens.pupil.at_mm
-    made = LensTables(
-        np.empty(0), 0.0, f, lens.f_number, lens.pupil_from_principal, at, 1 / (nearest - at), 0.0
+    f, pupil_mm = lens.focal_length_mm, lens.pupil.at_mm
+    tables = LensTables(
+        np.empty(0),
+        0.0,
+        f,
+        lens.f_number,
+        lens.pupil_from_principal,
+        pupil_mm,
+        1 / (min_focus_mm - pupil_mm),
+        0.0,
     )
-    vergences = np.array([1 / (MAX_DISTANCE_MM - at), made.most_vergence / 2, made.most_vergence])
-    focused, q = [lens.focused_at(float(1 / v + at)) for v in vergences], made.defocus(vergences)
-    end = min(one.field.end for one in focused)
+    vergences = np.array(
+        [1 / (MAX_DISTANCE_MM - pupil_mm), tables.max_vergence / 2, tables.max_vergence]
+    )
+    focused, q = (
+        [lens.focused_at(float(1 / v + pupil_mm)) for v in vergences],
+        tables.defocus(vergences),
+    )
+    end = min(focused_lens.field.end for focused_lens in focused)
     tangent = np.linspace(0.0, end, CELLS + 1)
-    each = np.stack([_columns(one, tangent) for one in focused])  # (3, 2, rows, nodes)
-    place, motion, light = each[1, :, :3].transpose(1, 0, 2)
-    powers = np.linalg.solve(np.vander(q, increasing=True), each[:, :, 3:].reshape(3, -1)).reshape(
-        3, *each[:, :, 3:].shape[1:]
-    )
+    columns = np.stack(
+        [_columns(focused_lens, tangent) for focused_lens in focused]
+    )  # (3, 2, rows, nodes)
+    position, motion, light = columns[1, :, :3].transpose(1, 0, 2)
+    powers = np.linalg.solve(
+        np.vander(q, increasing=True), columns[:, :, 3:].reshape(3, -1)
+    ).reshape(3, *columns[:, :, 3:].shape[1:])
     rows = np.concatenate(
-        [np.stack([place, motion, light]), powers.transpose(2, 0, 1, 3).reshape(-1, 2, CELLS + 1)]
+        [
+            np.stack([position, motion, light]),
+            powers.transpose(2, 0, 1, 3).reshape(-1, 2, CELLS + 1),
+        ]
     )
     imager = focused[0].imager_mm - f * float(q[0])
     return replace(
-        made, imager_mm=imager, values=np.ascontiguousarray(rows.transpose(2, 1, 0)), end=end
+        tables, imager_mm=imager, values=np.ascontiguousarray(rows.transpose(2, 1, 0)), end=end
     )
 
 
@@ -496,39 +523,39 @@ def _columns(lens: FieldLens, tangent: Array) -> Array:
     """Return all columns of a lens at its focus (2, rows, n): values, and derivatives per cell."""
     field, step = lens.field, tangent[1]
 
-    def both(values: Any) -> Array:
+    def with_derivative(values: Any) -> Array:
         """Return values of a function of tangents, and its spline derivatives."""
         from scipy.interpolate import make_interp_spline
 
         spline = make_interp_spline(tangent, values, k=5)
         return np.stack([values, step * spline.derivative()(tangent)])
 
-    found, (height, rate) = field.at(tangent), field.height(tangent)
-    motion = lens.pupil.aim(tangent * 1.0, 1.0 + found.pupil).drift / (1 + tangent**2)
-    wide_t, wide_s = found.scale_t * found.width_t, found.scale_s * found.width_s
+    values, (height, rate) = field.at(tangent), field.height(tangent)
+    motion = lens.pupil.aim(tangent * 1.0, 1.0 + values.pupil).drift / (1 + tangent**2)
+    wide_t, wide_s = values.scale_t * values.width_t, values.scale_s * values.width_s
     rows = (
-        found.pupil,
+        values.pupil,
         motion,
-        found.illumination,
+        values.illumination,
         height,
         rate,
-        wide_t * found.vergence_t,
+        wide_t * values.vergence_t,
         wide_t,
-        wide_s * found.vergence_s,
+        wide_s * values.vergence_s,
         wide_s,
-        np.maximum(found.own_t, 0.0),
-        np.maximum(found.own_s, 0.0),
+        np.maximum(values.own_t, 0.0),
+        np.maximum(values.own_s, 0.0),
     )
-    return np.stack([both(row) for row in rows], axis=1)
+    return np.stack([with_derivative(row) for row in rows], axis=1)
 
 
-# -- Closed-form optics of as-built designs: a lens with a moving pupil, and a refracting cover ----
+# -- Lens with a moving pupil, and refracting cover ------------------------------------------------
 #
 # The equations are those of :mod:`omnimirror.optics.tracing`, for arrays of designs and for complex
-# steps; :mod:`.optics` has them for a pinhole and a bare mirror.
+# steps; the equations of a pinhole and a bare mirror are above.
 
 
-class Walls(NamedTuple):
+class WallArrays(NamedTuple):
     """Clear walls of b designs, (b, 1) or scalars; heights above the vertices, mm."""
 
     sides: tuple[RefractingSurface, RefractingSurface]
@@ -540,7 +567,7 @@ class Walls(NamedTuple):
     """True if mirror and lens fit inside."""
 
 
-class Aim(NamedTuple):
+class ChiefRayGeometry(NamedTuple):
     """Chief-ray geometry of the lens at mirror points."""
 
     w: Array
@@ -551,7 +578,7 @@ class Aim(NamedTuple):
     """Motion of the pupil, mm per radian."""
 
 
-def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | None:
+def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> WallArrays | None:
     """Fit the wall of a housing to each design.
 
     The lenses are at m (b, 1) from the vertices, infinite for telecentric ones; the rims have
@@ -560,7 +587,7 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
     shell, rim = housing.shell, housing.rim or Rim()
     if shell is None:
         return None
-    lens = np.where(np.isfinite(m), -m, -LENS_AT_RIMS * M)
+    lens = np.where(np.isfinite(m), -m, -TELECENTRIC_LENS_DISTANCE_RIMS * M)
     back, outer = rim_sag + rim.thickness_mm, M + rim.width_mm
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
@@ -569,51 +596,55 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
             RefractingSurface("plane", np.inf, inner),
             RefractingSurface("plane", np.inf, inner - shell.wall_mm),
         )
-        return Walls(sides, indices, None, np.real(inner) <= np.real(lens))
+        return WallArrays(sides, indices, None, np.real(inner) <= np.real(lens))
     if isinstance(shell, Tube):
-        least, usual = shell.diameters(outer)
-        radius = (shell.diameter_mm or usual) / 2 + 0 * lens
+        min_diameter, default_diameter = shell.diameters(outer)
+        radius = (shell.diameter_mm or default_diameter) / 2 + 0 * lens
         sides = (
             RefractingSurface("cylinder", radius - shell.wall_mm, 0.0),
             RefractingSurface("cylinder", radius, 0.0),
         )
-        return Walls(sides, indices, (lens, back), 2 * np.real(radius) >= np.real(least))
+        return WallArrays(
+            sides, indices, (lens, back), 2 * np.real(radius) >= np.real(min_diameter)
+        )
     assert isinstance(shell, Dome)
-    least, usual = shell.diameters(lens, back, outer)
+    min_diameter, default_diameter = shell.diameters(lens, back, outer)
     radius, centre = (
-        (shell.diameter_mm or usual) / 2 + 0 * lens,
+        (shell.diameter_mm or default_diameter) / 2 + 0 * lens,
         shell.centre_between(lens, back) + 0 * lens,
     )
     sides = (
         RefractingSurface("sphere", radius - shell.wall_mm, centre + shell.inner_shift_mm),
         RefractingSurface("sphere", radius, centre),
     )
-    takes_in = (2 * np.real(radius) >= least) & (
+    encloses = (2 * np.real(radius) >= min_diameter) & (
         np.real(radius - shell.wall_mm) > np.abs(np.real(lens - centre))
     )
-    return Walls(sides, indices, None, takes_in)
+    return WallArrays(sides, indices, None, encloses)
 
 
-def walls_around(obstructions: Obstructions) -> Walls | None:
+def walls_around(obstructions: Obstructions) -> WallArrays | None:
     """Return the wall of one sensor, with known size."""
     shell, envelope = obstructions.housing.shell, obstructions.envelope
     if shell is None:
         return None
     ends = (envelope.base_mm, envelope.back_mm) if isinstance(shell, Tube) else None
-    return Walls(refracting_surfaces(shell), (shell.index, shell.outer_index), ends, True)
+    return WallArrays(refracting_surfaces(shell), (shell.index, shell.outer_index), ends, True)
 
 
-def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
+def aim_of(x: Array, depth: Array, tables: LensTables | None) -> ChiefRayGeometry:
     """Return the chief rays of points at x from the axis and a depth from the lens.
 
     The depth is infinite for a telecentric lens; an ideal lens has its pupil in the reference
     point.
     """
     if tables is None:
-        return Aim(depth, x / depth, 0 * x)
+        return ChiefRayGeometry(depth, x / depth, 0 * x)
     tangent = tables.aimed(x, depth)
-    found = tables.at(tangent)
-    return Aim(depth - found.place, tangent, found.motion * (1 + tangent * tangent))
+    columns = tables.at(tangent)
+    return ChiefRayGeometry(
+        depth - columns.pupil_position, tangent, columns.motion * (1 + tangent * tangent)
+    )
 
 
 def built_optics(
@@ -622,11 +653,11 @@ def built_optics(
     slope: Array,
     curvature: Array,
     slope_over_x: Array,
-    aim: Aim,
+    aim: ChiefRayGeometry,
     near: Any,
-    walls: Walls | None,
-) -> NodeOptics:
-    """Compute the optics of mirror points as :func:`.optics.node_optics`.
+    walls: WallArrays | None,
+) -> MirrorPointOptics:
+    """Compute the optics of mirror points as :func:`node_optics`.
 
     For a telecentric lens ``aim.w`` is infinite. If ``near`` is a function of points and field
     angles, it is evaluated at the exit of rays from the wall; distances are measured along the
@@ -643,7 +674,7 @@ def built_optics(
     start = Pencil(
         x, z, 2 * np.arctan(slope) + np.arctan(t), cos_gamma * root, 2 * curvature / steep + dtheta
     )  # spread = cos(gamma)/cos(beta)
-    foot, near, near_t, near_s, inside, seen, passes = _outside(start, near, walls)
+    foot, near, near_t, near_s, inside, visible, passes = _outside(start, near, walls)
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near_t)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near_s)
     ray, dray = (x + 0 * slope, 1.0) if telecentric else (t, dtheta / cosine**2)
@@ -654,7 +685,7 @@ def built_optics(
     around = sine + near * (foot.x - sine * inside)
     magnification_t = dray / across
     axis_z = foot.z + np.where(on_axis, foot.spread / foot.rate, foot.x * np.cos(foot.omega) / sine)
-    return NodeOptics(
+    return MirrorPointOptics(
         omega=foot.omega,
         ray=ray,
         magnification_t=magnification_t,
@@ -664,13 +695,13 @@ def built_optics(
         viewpoint_z=axis_z,
         domega_dx=np.where(passes, foot.rate, -1.0),
         cos_incidence=cos_gamma,
-        seen=seen,
+        visible=visible,
         near=near,
     )
 
 
 def _outside(
-    start: Pencil, near: Any, walls: Walls | None
+    start: Pencil, near: Any, walls: WallArrays | None
 ) -> tuple[Pencil, Any, Any, Any, Any, Any, Any]:
     """Return rays outside the wall, and the vergences of objects.
 
@@ -685,16 +716,16 @@ def _outside(
     passed = refract_through_shell(start, walls.sides, walls.indices)
     near, bare = (_behind_wall(near, passed), near(*start[:3])) if callable(near) else (near, near)
     behind = near / (1 - near * passed.inside)
-    near_t, near_s = seen_inside(passed.refractions, behind)
+    near_t, near_s = distances_inside_cover(passed.refractions, behind)
     inside = passed.inside - passed.reach
-    outside = _let_out(passed) & walls.fits & (np.real(near * passed.inside) < 1)
+    outside = _is_transmitted(passed) & walls.fits & (np.real(near * passed.inside) < 1)
     if walls.ends is None:
         return passed.foot, near, near_t, near_s, inside, True, outside
     height = np.real(start.z - (walls.sides[0].radius - start.x) / np.tan(start.omega))
     base, cap = (np.real(end) for end in walls.ends)
     if walls.indices[1] != 1.0:
-        seen = height > base
-        return passed.foot, near, near_t, near_s, inside, seen, outside | ~seen
+        visible = height > base
+        return passed.foot, near, near_t, near_s, inside, visible, outside | ~visible
     crosses = (height > base) & (height < cap)
     foot = Pencil(
         *(np.where(crosses, new, old) for new, old in zip(passed.foot, start, strict=True))
@@ -703,7 +734,7 @@ def _outside(
     return foot, near, near_t, near_s, np.where(crosses, inside, 0.0), True, outside | ~crosses
 
 
-def _behind_wall(near: Any, passed: Passed) -> Any:
+def _behind_wall(near: Any, passed: CoverTransit) -> Any:
     """Return 1/distance along the optical path from mirror points to objects behind a wall."""
     foot = passed.foot
     onward = near(
@@ -714,19 +745,21 @@ def _behind_wall(near: Any, passed: Passed) -> Any:
     return onward / (1 + onward * passed.inside)
 
 
-def as_rim(o: NodeOptics) -> NodeOptics:
+def as_rim(o: MirrorPointOptics) -> MirrorPointOptics:
     """Replace mirror points (n, k) without outside view by the last one."""
-    if o.seen is True:
+    if o.visible is True:
         return o
     same = ("magnification_t", "magnification_s", "vergence_t", "vergence_s")
-    return o._replace(**{n: np.where(o.seen, getattr(o, n), getattr(o, n)[:, -1:]) for n in same})
+    return o._replace(
+        **{n: np.where(o.visible, getattr(o, n), getattr(o, n)[:, -1:]) for n in same}
+    )
 
 
-def _let_out(passed: Passed) -> Any:
+def _is_transmitted(passed: CoverTransit) -> Any:
     """Check that rays leave the wall, and that neighbours do not cross behind it."""
     foot = passed.foot
-    apart = np.real(foot.spread + passed.reach * foot.rate) > 0
-    return np.isfinite(np.real(foot.omega)) & (np.real(foot.rate) > 0) & apart
+    separated = np.real(foot.spread + passed.reach * foot.rate) > 0
+    return np.isfinite(np.real(foot.omega)) & (np.real(foot.rate) > 0) & separated
 
 
 @dataclass(frozen=True)
@@ -764,12 +797,12 @@ class RealCamera:
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope
 
-    def resolution(self, o: NodeOptics, found: LensColumns) -> tuple[Array, Array]:
+    def resolution(self, o: MirrorPointOptics, columns: LensColumns) -> tuple[Array, Array]:
         """Return Dh and Dw (3, ..), px/deg, by powers of q, at mirror points."""
         centre = np.real(o.ray) == 0
-        over_ray = np.where(centre, found.rate, found.height / np.where(centre, 1.0, o.ray))
+        over_ray = np.where(centre, columns.rate, columns.height / np.where(centre, 1.0, o.ray))
         scale = DEGREE / self.pitch_mm
-        return found.rate * o.magnification_t * scale, over_ray * o.magnification_s * scale
+        return columns.rate * o.magnification_t * scale, over_ray * o.magnification_s * scale
 
     def focus_mm(self, v: float) -> float:
         return 1 / v + self.tables.pupil_mm
@@ -783,13 +816,13 @@ class RealCamera:
         )
         return height
 
-    def at(self, o: NodeOptics, v: Array) -> Look:
+    def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
         """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
-        found, q = self.tables.at(o.ray), self.tables.defocus(v)
+        columns, q = self.tables.at(o.ray), self.tables.defocus(v)
         far_t, spread_t, far_s, spread_s, own_t, own_s = (
-            focus_powers(c, q) / self.pitch_mm for c in found[5:]
+            focus_powers(c, q) / self.pitch_mm for c in columns[5:]
         )
-        dh, dw = (focus_powers(c, q) for c in self.resolution(o, found))
+        dh, dw = (focus_powers(c, q) for c in self.resolution(o, columns))
         wide = self.tables.focal_length_mm / self.tables.f_number  # pupil diameter
         t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
-        return Look(t, s, dh, dw, self.airy_px(v), own_t, own_s, found.light)
+        return FocusedImage(t, s, dh, dw, self.airy_px(v), own_t, own_s, columns.light)

@@ -28,11 +28,11 @@ from .closed_forms import (
     DEGREE,
     FocusedCamera,
     LensTables,
-    NodeOptics,
+    MirrorPointOptics,
     PerspectiveCamera,
     RealCamera,
     TelecentricCamera,
-    Walls,
+    WallArrays,
     aim_of,
     as_rim,
     built_optics,
@@ -82,7 +82,7 @@ class Designs:
         As in :func:`omnimirror.evaluate`.
     object_distance_mm
         Distance from mirror to object; or one distance per field angle.
-    least_omega_deg
+    min_omega_deg
         Field angles below this are excluded from the best focus.
     lens
         Real lens of all designs, from a table or surfaces; distances refer to its reference point.
@@ -105,7 +105,7 @@ class Designs:
     image_radius_px: float | None = None
     wavelength_nm: float = 550.0
     object_distance_mm: float | Array = np.inf
-    least_omega_deg: float = 0.0
+    min_omega_deg: float = 0.0
     lens: FieldLens | None = None
     housing: Housing = field(default_factory=Housing)
 
@@ -114,29 +114,29 @@ class Designs:
         c = kernel_array(np.atleast_2d(np.asarray(self.coefficients, dtype=float)))
         if c.ndim != 2 or c.shape[1] != self.family.terms:
             raise InvalidParameter(
-                f"coefficients have shape {c.shape}; {self.family.name} with {self.family.terms} terms needs "
-                f"(n, {self.family.terms})"
+                f"coefficients must have shape (n, {self.family.terms}) for {self.family.name} "
+                f"with {self.family.terms} terms; got {c.shape}"
             )
         object.__setattr__(self, "coefficients", c)
         for name in _NUMBERS:
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape not in ((), (len(c),)):
                 raise InvalidParameter(
-                    f"{name} has shape {value.shape}; it needs one number, or one per design"
+                    f"{name} must be one number, or one per design; got shape {value.shape}"
                 )
             value = np.ascontiguousarray(np.broadcast_to(value, len(c)))
             if name not in ("vertex_radius_mm", "conic", "magnification") and not (value > 0).all():
                 raise InvalidParameter(
-                    f"{name} = {value[~(value > 0)][0]:g} is not valid; it must be above 0"
+                    f"{name} must be greater than 0; got {value[~(value > 0)][0]:g}"
                 )
             object.__setattr__(self, name, value)
         if (self.magnification > 0).any() and not (self.magnification > 0).all():
             raise InvalidParameter(
-                "magnification is above 0 for some designs only; all lenses are of one kind"
+                "magnification must be 0 for all designs, or greater than 0 for all; got both"
             )
         if not np.all(np.asarray(self.object_distance_mm) > 0):
             raise InvalidParameter(
-                f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0"
+                f"object_distance_mm must be greater than 0; got {self.object_distance_mm}"
             )
 
     def _check_built(self) -> None:
@@ -144,7 +144,8 @@ class Designs:
         shell = self.housing.shell
         if shell is not None and not shell.is_axial:
             raise InvalidParameter(
-                f"the {shell.KIND} is decentred or tilted; designs are evaluated in the meridian of an aligned one"
+                f"the {shell.KIND} must be aligned: designs are evaluated in the meridian; got "
+                "a decentred or tilted one"
             )
         if self.lens is None:
             return
@@ -154,8 +155,9 @@ class Designs:
             or np.any(np.asarray(self.magnification) > 0)
         ):
             raise InvalidParameter(
-                f"mode = {self.mode!r}, image_radius_px = {self.image_radius_px} or a magnification does not apply to "
-                'a lens known by its field; mode = "exact" alone is valid'
+                "a lens given by its field requires mode = 'exact', no image_radius_px and no "
+                f"magnification; got mode = {self.mode!r}, image_radius_px = "
+                f"{self.image_radius_px}"
             )
         object.__setattr__(self, "focal_length_mm", self.lens.focal_length_mm)
         object.__setattr__(self, "f_number", self.lens.f_number)
@@ -170,7 +172,7 @@ class Designs:
         """Tables of the real lens."""
         return None if self.lens is None else tables_of(self.lens)
 
-    def walls(self, rim_sag_mm: Array) -> Walls | None:
+    def walls(self, rim_sag_mm: Array) -> WallArrays | None:
         """Return the walls of designs whose rims have heights (n,), mm."""
         m = np.full(len(self), np.inf) if self.is_telecentric else self.mirror_distance_mm
         return walls_of(self.housing, m[:, None], rim_sag_mm[:, None], self.rim_radius_mm[:, None])
@@ -296,15 +298,15 @@ def evaluate_designs(
     )
     if not (u.size and (u >= 0).all() and (u <= 1).all()):
         raise InvalidParameter(
-            "angles need at least one, at fractions from 0 to 1 of the rim radius"
+            "angles must contain at least one fraction of the rim radius, from 0 to 1"
         )
     if np.shape(designs.object_distance_mm) not in ((), u.shape):
         raise InvalidParameter(
-            f"object_distance_mm needs one number, or one for each of the {u.size} field angles"
+            f"object_distance_mm must be one number, or one for each of the {u.size} field angles"
         )
     if native and not backend.is_compiled:
         raise InvalidParameter(
-            "the compiled evaluator is not here; install omnimirror where a C++20 compiler works"
+            "the compiled evaluator is not available; install omnimirror with a C++20 compiler"
         )
     if backend.is_compiled if native is None else native:
         return _compiled(designs, u)
@@ -334,7 +336,7 @@ def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
     return x, z, slope, curvature, slope_over_x
 
 
-def _optics(d: Designs, u: Array) -> NodeOptics:
+def _optics(d: Designs, u: Array) -> MirrorPointOptics:
     x, z, slope, curvature, slope_over_x = _profiles(d, u)
     near = 1 / np.asarray(d.object_distance_mm, dtype=float)
     if not d.is_bare:
@@ -354,36 +356,36 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
     with np.errstate(all="ignore"):
         o = _optics(d, u)
         camera = d.camera(o.ray[:, -1:])
-        counts = np.broadcast_to(o.seen & (o.omega >= d.least_omega_deg * DEGREE), o.omega.shape)
-        known = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
+        counts = np.broadcast_to(o.visible & (o.omega >= d.min_omega_deg * DEGREE), o.omega.shape)
+        in_field = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
         usable = (o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)
-        valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & known
-        v, worst = best_vergences(_areas(d, o, camera, counts))
-        look, v = camera.at(o, v[:, None]), v[:, None]
-        floor = 1 + look.airy_px**2
-        sides = look.t_px**2 + look.own_t_px**2 + floor, look.s_px**2 + look.own_s_px**2 + floor
-        area = np.sqrt(sides[0] * sides[1]) / (look.dh * look.dw)
-        origin = 0.0 if d.tables is None else d.tables.at(o.ray).place
+        valid: Any = (usable | ~np.broadcast_to(o.visible, usable.shape)).all(axis=1) & in_field
+        v, max_area = best_vergences(_areas(d, o, camera, counts))
+        image, v = camera.at(o, v[:, None]), v[:, None]
+        floor = 1 + image.airy_px**2
+        sides = image.t_px**2 + image.own_t_px**2 + floor, image.s_px**2 + image.own_s_px**2 + floor
+        area = np.sqrt(sides[0] * sides[1]) / (image.dh * image.dw)
+        origin = 0.0 if d.tables is None else d.tables.at(o.ray).pupil_position
         distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
             o.omega / DEGREE,
             camera.height_px(o.ray, v),
-            look.dh,
-            look.dw,
+            image.dh,
+            image.dw,
             o.viewpoint_z,
             distance(o.vergence_t) + origin,
             distance(o.vergence_s) + origin,
-            look.t_px,
-            look.s_px,
+            image.t_px,
+            image.s_px,
             area,
         )
-        table = np.where(o.seen, np.stack(np.broadcast_arrays(*columns)), np.nan)
+        table = np.where(o.visible, np.stack(np.broadcast_arrays(*columns)), np.nan)
         focus = distance(v[:, 0]) + (0.0 if d.tables is None else d.tables.pupil_mm)
-        return BatchEvaluation(table, focus, worst, valid)
+        return BatchEvaluation(table, focus, max_area, valid)
 
 
 def _areas(
-    d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array
+    d: Designs, o: MirrorPointOptics, camera: FocusedCamera, counts: Array
 ) -> IdealAreas | RealAreas:
     """Return the floored areas of designs at any focus."""
     if isinstance(camera, RealCamera):
@@ -412,15 +414,15 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
         d.image_radius_px or 0.0,
         d.wavelength_nm,
         near,
-        d.least_omega_deg * DEGREE,
+        d.min_omega_deg * DEGREE,
         FOCUS_SEARCH,
         *_of_lens(d),
         *_of_walls(d),
         columns,
         results,
     )
-    focus, worst, valid = results
-    return BatchEvaluation(columns, focus, worst, valid > 0)
+    focus, max_area, valid = results
+    return BatchEvaluation(columns, focus, max_area, valid > 0)
 
 
 def _of_lens(d: Designs) -> tuple[Array, tuple[float, ...]]:

@@ -88,11 +88,11 @@ def family(name: str, terms: int) -> Family:
     """
     if name not in _FAMILIES:
         raise InvalidParameter(
-            f"{name!r} is no family of meridians to optimise; valid are {', '.join(_FAMILIES)}"
+            f"the family of meridians must be one of {', '.join(_FAMILIES)}; got {name!r}"
         )
-    few, many, has_conic, basis, mirror = _FAMILIES[name]
-    if not few <= terms <= many:
-        raise InvalidParameter(f"terms = {terms} does not suit {name}, which takes {few} to {many}")
+    min_terms, max_terms, has_conic, basis, mirror = _FAMILIES[name]
+    if not min_terms <= terms <= max_terms:
+        raise InvalidParameter(f"terms must be {min_terms} to {max_terms} for {name}; got {terms}")
     return Family(name, terms, has_conic, basis, mirror)
 
 
@@ -133,7 +133,7 @@ _FAMILIES = {
 }
 
 
-class FreeForm(NamedTuple):
+class FreeformFamily(NamedTuple):
     """``spline:N``, ``polynomial:N`` or ``asphere:N``: freeform family and number of
     coefficients."""
 
@@ -141,28 +141,28 @@ class FreeForm(NamedTuple):
     terms: int
 
     @classmethod
-    def parse(cls, text: str) -> FreeForm:
+    def parse(cls, text: str) -> FreeformFamily:
         """Parse a freeform family, for example ``spline:12``.
 
-        >>> FreeForm.parse("spline:12")
-        FreeForm(name='slope-spline', terms=12)
-        >>> FreeForm.parse("polynomial")
-        FreeForm(name='even-polynomial', terms=8)
+        >>> FreeformFamily.parse("spline:12")
+        FreeformFamily(name='slope-spline', terms=12)
+        >>> FreeformFamily.parse("polynomial")
+        FreeformFamily(name='even-polynomial', terms=8)
         """
         word, colon, count = text.strip().partition(":")
-        if word not in FREE_FORMS or (colon and not (count.isascii() and count.isdigit())):
-            few_to_many = (
-                f"{w}:N with {_FAMILIES[n][0]} to {_FAMILIES[n][1]}"
-                for w, (n, _) in FREE_FORMS.items()
+        if word not in FREEFORM_FAMILIES or (colon and not (count.isascii() and count.isdigit())):
+            term_ranges = (
+                f"{w}:N with N from {_FAMILIES[n][0]} to {_FAMILIES[n][1]}"
+                for w, (n, _) in FREEFORM_FAMILIES.items()
             )
             raise InvalidParameter(
-                f"{text!r} is not a shape to optimise; valid are {', '.join(few_to_many)}"
+                f"the freeform family must be {', '.join(term_ranges)}; got {text!r}"
             )
-        name, usual = FREE_FORMS[word]
-        return cls(name, family(name, int(count) if colon else usual).terms)
+        name, default_terms = FREEFORM_FAMILIES[word]
+        return cls(name, family(name, int(count) if colon else default_terms).terms)
 
 
-FREE_FORMS = {
+FREEFORM_FAMILIES = {
     "spline": (SlopeSpline.KIND, 12),
     "polynomial": (EvenPolynomial.KIND, 8),
     "asphere": (ConicAsphere.KIND, 6),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Field functions of a lens, interpolated from its table or from traced surfaces ----------------
+# -- Field functions of a lens ---------------------------------------------------------------------
 #
 # All are smooth functions of the tangent t of the viewing angle, odd or even about the axis: quintic
 # splines with continuous fourth derivatives. Relative to the entrance pupil at a viewing angle, the
@@ -100,7 +100,7 @@ class MovingPupil(EntrancePupil):
     """Entrance pupil that moves with the viewing angle; ``at_mm`` is its paraxial position."""
 
     tangents: tuple[float, ...] = ()
-    places_mm: tuple[float, ...] = ()
+    positions_mm: tuple[float, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -108,10 +108,10 @@ class MovingPupil(EntrancePupil):
 
     @cached_property
     def _spline(self) -> tuple[BSpline, BSpline]:
-        spline = even_spline(np.array(self.tangents), np.array(self.places_mm)[:, None])
+        spline = even_spline(np.array(self.tangents), np.array(self.positions_mm)[:, None])
         return spline, spline.derivative()
 
-    def place(self, tangent: Array) -> Array:
+    def position(self, tangent: Array) -> Array:
         return np.asarray(self._spline[0](self._inside(tangent))[..., 0])
 
     def _inside(self, tangent: Array) -> Array:
@@ -119,17 +119,17 @@ class MovingPupil(EntrancePupil):
 
     def aim(self, x: Array, depth: Array) -> ChiefAim:
         """Solve ``(depth - z(t)) t = x`` by Newton's method."""
-        place, rate = self._spline
+        position, rate = self._spline
         tangent = x / (depth - self.at_mm)
         for _ in range(INVERSION_STEPS):
             t = self._inside(tangent)
-            w, motion = depth - place(t)[..., 0], rate(t)[..., 0]
+            w, motion = depth - position(t)[..., 0], rate(t)[..., 0]
             step = (w * tangent - x) / (w - motion * tangent)
             tangent = tangent - step
             if not (np.abs(step) > INVERSION_TOLERANCE * (1 + np.abs(tangent))).any():
                 break
         t = self._inside(tangent)
-        return ChiefAim(depth - place(t)[..., 0], rate(t)[..., 0] * (1 + tangent**2))
+        return ChiefAim(depth - position(t)[..., 0], rate(t)[..., 0] * (1 + tangent**2))
 
 
 def even_spline(tangent: Array, values: Array) -> BSpline:
@@ -170,32 +170,34 @@ class LensField:
     def __init__(self, nodes: FieldNodes, name: str, at_fold: str, at_end: str) -> None:
         self.nodes, self.name, self.at_end = nodes, name, at_end
         self.end = float(nodes.tangent[-1])
-        places = tuple(nodes.pupil.tolist())
-        self.entrance_pupil = MovingPupil(places[0], tuple(nodes.tangent.tolist()), places)
+        positions = tuple(nodes.pupil.tolist())
+        self.entrance_pupil = MovingPupil(positions[0], tuple(nodes.tangent.tolist()), positions)
         self._even = even_spline(
             nodes.tangent, np.stack([getattr(nodes, f) for f in LensValues._fields], axis=1)
         )
         self._odd = odd_spline(nodes.tangent, np.stack([getattr(nodes, f) for f in ODD], axis=1))
         self._rate = self._odd.derivative()
-        checked = np.linspace(0.0, self.end, MONOTONICITY_SAMPLES)
-        falls = self._rate(checked)[:, 0] <= 0
+        samples = np.linspace(0.0, self.end, MONOTONICITY_SAMPLES)
+        falls = self._rate(samples)[:, 0] <= 0
         if falls.any():
-            angle = float(np.degrees(np.arctan(checked[int(np.argmax(falls))])))
+            angle = float(np.degrees(np.arctan(samples[int(np.argmax(falls))])))
             raise InvalidParameter(
-                f"{name}: image heights must grow with the viewing angle; they stop growing at {angle:.4g} deg from "
-                f"the axis; {at_fold.format(angle=f'{angle:.4g}')}"
+                f"{name}: image heights must increase with the viewing angle; they stop "
+                f"increasing at {angle:.4g} deg from the axis; "
+                f"{at_fold.format(angle=f'{angle:.4g}')}"
             )
-        self._heights = self._odd(checked)[:, 0]
-        self._tangents = checked
+        self._heights = self._odd(samples)[:, 0]
+        self._tangents = samples
 
     def check(self, tangent: Array) -> None:
         """Check that tangents are within the field, with a rounding tolerance."""
-        past = tangent > self.end * (1 + 1e-12)
-        if past.any():
-            last, asked = (float(np.degrees(np.arctan(v))) for v in (self.end, np.max(tangent)))
+        outside = tangent > self.end * (1 + 1e-12)
+        if outside.any():
+            last, required = (float(np.degrees(np.arctan(v))) for v in (self.end, np.max(tangent)))
             raise InvalidParameter(
-                f"{self.name} ends at {last:.4g} deg from its axis, and the mirror reaches {asked:.4g} deg; use a "
-                f"smaller or more distant mirror, or {self.at_end}"
+                f"{self.name} must extend to {required:.4g} deg from the axis, as the mirror "
+                f"does; it ends at {last:.4g} deg; use a smaller or more distant mirror, or "
+                f"{self.at_end}"
             )
 
     def at(self, tangent: Array) -> LensValues:
@@ -221,9 +223,9 @@ class LensField:
         height = np.asarray(height, dtype=float)
         flat = height.ravel()
         with np.errstate(invalid="ignore"):
-            seen = (flat >= 0) & (flat <= self._heights[-1] * (1 + 1e-12))
-        found = np.full_like(flat, np.nan)
-        h = np.minimum(flat[seen], self._heights[-1])
+            in_field = (flat >= 0) & (flat <= self._heights[-1] * (1 + 1e-12))
+        tangents = np.full_like(flat, np.nan)
+        h = np.minimum(flat[in_field], self._heights[-1])
         cell = np.clip(np.searchsorted(self._heights, h) - 1, 0, MONOTONICITY_SAMPLES - 2)
 
         def difference(t: Array) -> tuple[Array, Array]:
@@ -231,13 +233,13 @@ class LensField:
             return value - h, rate
 
         start = np.interp(h, self._heights, self._tangents)
-        found[seen] = increasing_root(
+        tangents[in_field] = increasing_root(
             difference, self._tangents[cell], self._tangents[cell + 1], start, self.end
         )
-        return found.reshape(height.shape)
+        return tangents.reshape(height.shape)
 
 
-# -- Interpolation over wavelength from values at three wavelengths --------------------------------
+# -- Interpolation over wavelength -----------------------------------------------------------------
 
 FRAUNHOFER_NM = np.array([486.1327, 587.5618, 656.2725])
 """Fraunhofer lines F, d and C."""
@@ -265,18 +267,17 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
     number("wavelength_nm", wavelength_nm, low=300.0, high=1100.0, unit="nm")
     x = np.asarray(known_nm, dtype=float) ** -2.0
     if len(set(x)) < len(x):
-        raise InvalidParameter(
-            "wavelengths_nm are not three different ones; colour is valid of those only"
-        )
-    at = wavelength_nm**-2.0
-    found: Array = values[1]
+        raise InvalidParameter("wavelengths_nm must be three different wavelengths")
+    # Lagrange interpolation about the middle value: n = n_1 + sum_i (n_i - n_1) l_i(lambda^-2)
+    inverse_square = wavelength_nm**-2.0
+    interpolated: Array = values[1]
     for i, j in ((0, 2), (2, 0)):  # equal values at all three stay equal
-        share = (at - x[1]) * (at - x[j]) / ((x[i] - x[1]) * (x[i] - x[j]))
-        found = found + share * (values[i] - values[1])
-    return found
+        weight = (inverse_square - x[1]) * (inverse_square - x[j]) / ((x[i] - x[1]) * (x[i] - x[j]))
+        interpolated = interpolated + weight * (values[i] - values[1])
+    return interpolated
 
 
-# -- Real lenses described by field functions, from a table or from surfaces -----------------------
+# -- Field lens ------------------------------------------------------------------------------------
 
 FIELD_LENS_STEPS = 40
 FIELD_LENS_TOLERANCE = 1e-14
@@ -285,8 +286,8 @@ FIELD_LENS_TOLERANCE = 1e-14
 class FieldLens(GaussianLens):
     """Lens with moving entrance pupil, field curvature, astigmatism and its own blur.
 
-    To first order in the aperture, the rays of an image point pass the entrance pupil with the
-    slopes defined in :mod:`.field`.
+    To first order in the aperture, the rays of an image point pass the entrance pupil at
+    (y_t, y_s) with slopes ``t - y_t v_t`` and ``-y_s v_s``.
     """
 
     IS_THIN: ClassVar[bool] = False
@@ -313,10 +314,10 @@ class FieldLens(GaussianLens):
     def distorted(self, ideal: Array) -> Array:
         tangent = np.hypot(ideal[..., 0], ideal[..., 1]) / self.principal_distance
         height, rate = self.field.height(tangent)
-        seen = tangent <= self.field.end * (1 + 1e-12)
+        in_field = tangent <= self.field.end * (1 + 1e-12)
         return (
             ideal
-            * np.where(seen, ratio(height, tangent, rate), np.nan)[..., None]
+            * np.where(in_field, ratio(height, tangent, rate), np.nan)[..., None]
             / self.principal_distance
         )
 
@@ -336,41 +337,41 @@ class FieldLens(GaussianLens):
         return rate / c, ratio(height, tangent, rate) / c
 
     def blur_stretch(self, ideal: Array) -> tuple[Array, Array]:
-        found, c = self.field.at(ideal / self.principal_distance), self.principal_distance
-        return found.scale_t * found.width_t / c, found.scale_s * found.width_s / c
+        values, c = self.field.at(ideal / self.principal_distance), self.principal_distance
+        return values.scale_t * values.width_t / c, values.scale_s * values.width_s / c
 
     def image_coordinates(self, L_t: Array, L_s: Array, ideal: Array) -> tuple[Array, Array]:
-        found, on_axis = self.field.at(ideal / self.principal_distance), 1 / self.from_pupil
+        values, on_axis = self.field.at(ideal / self.principal_distance), 1 / self.from_pupil
         with np.errstate(divide="ignore"):
-            t, s = (1 / (L - found.pupil) for L in (L_t, L_s))
-        return t - (found.vergence_t - on_axis), s - (found.vergence_s - on_axis)
+            t, s = (1 / (L - values.pupil) for L in (L_t, L_s))
+        return t - (values.vergence_t - on_axis), s - (values.vergence_s - on_axis)
 
     def own_blur(self, ideal: Array) -> tuple[Array, Array]:
-        found = self.field.at(ideal / self.principal_distance)
-        return np.maximum(found.own_t, 0.0), np.maximum(found.own_s, 0.0)
+        values = self.field.at(ideal / self.principal_distance)
+        return np.maximum(values.own_t, 0.0), np.maximum(values.own_s, 0.0)
 
     def falloff(self, image: Array, pupil: Array | None = None) -> Array:
-        found = self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1])))
-        return found.illumination if pupil is None else found.illumination / found.openness
+        values = self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1])))
+        return values.illumination if pupil is None else values.illumination / values.openness
 
-    # -- rays ---------------------------------------------------------------------------------------------
+    # -- rays --------------------------------------------------------------------------------------
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
         slopes = np.zeros((1, 2)) if chief is None else chief
         tangent = np.hypot(slopes[:, 0], slopes[:, 1])
-        found, shift = self.field.at(tangent), self.field.odd(tangent)["stop_shift"]
+        values, shift = self.field.at(tangent), self.field.odd(tangent)["stop_shift"]
         t, s = axes(slopes)
-        along = shift + found.stop_t * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, t))
-        across = found.stop_s * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, s))
-        places = self.aperture_radius * (along[:, None] * t + across[:, None] * s)
-        depth = np.broadcast_to(found.pupil, len(places))
-        return np.concatenate([places, depth[:, None]], axis=1)
+        along = shift + values.stop_t * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, t))
+        across = values.stop_s * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, s))
+        points = self.aperture_radius * (along[:, None] * t + across[:, None] * s)
+        depth = np.broadcast_to(values.pupil, len(points))
+        return np.concatenate([points, depth[:, None]], axis=1)
 
     def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
         slopes = np.zeros((1, 2)) if chief is None else chief
-        found = self.field.at(np.hypot(slopes[:, 0], slopes[:, 1]))
+        values = self.field.at(np.hypot(slopes[:, 0], slopes[:, 1]))
         motion = np.zeros((max(len(slopes), len(pupil)), 2, 3))
-        for axis, width in zip(axes(slopes), (found.stop_t, found.stop_s), strict=True):
+        for axis, width in zip(axes(slopes), (values.stop_t, values.stop_s), strict=True):
             motion[:, :, :2] += (
                 (self.aperture_radius * width[:, None, None]) * axis[:, :, None] * axis[:, None, :]
             )
@@ -379,13 +380,13 @@ class FieldLens(GaussianLens):
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
         chief = self.undistorted(image) / self.principal_distance
         origins = self.entrance_pupil_points(pupil, chief)
-        found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
-        slopes = chief - _focused(origins[:, :2], chief, found)
+        values = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+        slopes = chief - _focused(origins[:, :2], chief, values)
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
     def image_of(self, points: Array, directions: Array) -> Array:
         """Return the image points of rays by the inverse of :meth:`rays`."""
-        chief, _, _ = self._belonging(points, directions)
+        chief, _, _ = self._chief_ray_of(points, directions)
         return self.distorted(self.principal_distance * chief).reshape(directions[..., :2].shape)
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
@@ -396,12 +397,12 @@ class FieldLens(GaussianLens):
         sagittal direction. A change of the slope u through a pupil point y moves the image point by
         dh; a change of y rotates the ray at the imager by dL.
         """
-        chief, places, found = self._belonging(points, directions)
+        chief, pupil_points, values = self._chief_ray_of(points, directions)
         t, s = axes(chief)
         cos = (1 + (chief**2).sum(axis=1)) ** -0.5
-        along, across = (np.einsum("ni,ni->n", places, axis) for axis in (t, s))
-        cosines: Array = (along * cos**3 / found.scale_t)[:, None] * t + (
-            across * cos / found.scale_s
+        along, across = (np.einsum("ni,ni->n", pupil_points, axis) for axis in (t, s))
+        cosines: Array = (along * cos**3 / values.scale_t)[:, None] * t + (
+            across * cos / values.scale_s
         )[:, None] * s
         return cosines.reshape(directions[..., :2].shape)
 
@@ -410,31 +411,31 @@ class FieldLens(GaussianLens):
 
         The inverse of :meth:`entrance_pupil_points`.
         """
-        chief, places, found = self._belonging(points, directions)
+        chief, pupil_points, values = self._chief_ray_of(points, directions)
         shift = self.field.odd(np.hypot(chief[:, 0], chief[:, 1]))["stop_shift"]
         t, s = axes(chief)
         along, across = (
-            np.einsum("ni,ni->n", places, axis) / self.aperture_radius for axis in (t, s)
+            np.einsum("ni,ni->n", pupil_points, axis) / self.aperture_radius for axis in (t, s)
         )
-        crossed: Array = ((along - shift) / found.stop_t)[:, None] * t + (across / found.stop_s)[
+        crossed: Array = ((along - shift) / values.stop_t)[:, None] * t + (across / values.stop_s)[
             :, None
         ] * s
         return crossed.reshape(directions[..., :2].shape)
 
-    def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:
+    def _chief_ray_of(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:
         """Return chief-ray slopes (n, 2), pupil points (n, 2), mm, and field functions."""
         slopes = directions[..., :2] / directions[..., 2:]
         at_reference = (points[..., :2] - points[..., 2:] * slopes).reshape(-1, 2)
         slopes = slopes.reshape(-1, 2)
         chief = slopes
         for _ in range(FIELD_LENS_STEPS):
-            found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
-            places = at_reference + found.pupil[:, None] * slopes
-            better = slopes + _focused(places, chief, found)
-            step, chief = np.abs(better - chief), better
+            values = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+            pupil_points = at_reference + values.pupil[:, None] * slopes
+            refined = slopes + _focused(pupil_points, chief, values)
+            step, chief = np.abs(refined - chief), refined
             if not (step > FIELD_LENS_TOLERANCE).any():
                 break
-        return chief, places, found
+        return chief, pupil_points, values
 
 
 def axes(slopes: Array) -> tuple[Array, Array]:
@@ -445,15 +446,18 @@ def axes(slopes: Array) -> tuple[Array, Array]:
     return t, np.stack([-t[:, 1], t[:, 0]], axis=-1)
 
 
-def _focused(places: Array, chief: Array, found: LensValues) -> Array:
+def _focused(pupil_points: Array, chief: Array, values: LensValues) -> Array:
     """Return slope differences (n, 2) to the chief rays for rays in focus."""
     t, s = axes(chief)
-    along, across = np.einsum("ni,ni->n", places, t), np.einsum("ni,ni->n", places, s)
-    bent: Array = (along * found.vergence_t)[:, None] * t + (across * found.vergence_s)[:, None] * s
-    return bent
+    # rays in focus: tangential slope t - y_t v_t, sagittal slope -y_s v_s
+    along, across = np.einsum("ni,ni->n", pupil_points, t), np.einsum("ni,ni->n", pupil_points, s)
+    differences: Array = (along * values.vergence_t)[:, None] * t + (across * values.vergence_s)[
+        :, None
+    ] * s
+    return differences
 
 
-def ratio(value: Array, by: Array, limit: Array) -> Array:
+def ratio(value: Array, divisor: Array, limit: Array) -> Array:
     """Return quotients (n,), with a limit for division by 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(by == 0.0, limit, value / by)
+        return np.where(divisor == 0.0, limit, value / divisor)

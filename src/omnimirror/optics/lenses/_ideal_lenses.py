@@ -35,7 +35,7 @@ from .lens import (
     crossing,
 )
 
-# -- Gaussian optics of lenses at finite distance, relative to the entrance pupil ------------------
+# -- Gaussian optics relative to the entrance pupil ------------------------------------------------
 #
 # Let e be the distance of the entrance pupil from the principal point towards the mirror. Relative to
 # the pupil, a thick lens is equivalent to a thin one of principal distance
@@ -65,16 +65,16 @@ class GaussianLens(Lens):
 
     def _check_focus(self) -> None:
         if self.focus_distance_mm <= self.principal_point_mm + self.focal_length_mm:
-            place = self.principal_point_mm
-            where = f" in front of the principal point at {place:g}" if place else ""
+            pupil_mm = self.principal_point_mm
+            position_text = f" in front of the principal point at {pupil_mm:g}" if pupil_mm else ""
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is not beyond the focal length; "
-                f"it is valid above focal_length_mm = {self.focal_length_mm:g}{where}"
+                "focus_distance_mm must be greater than focal_length_mm = "
+                f"{self.focal_length_mm:g}{position_text}; got {self.focus_distance_mm:g}"
             )
         if self.focus_distance_mm <= self.pupil.at_mm:
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is not beyond the entrance pupil; "
-                f"it is valid above {self.pupil.at_mm:g}"
+                f"focus_distance_mm must be greater than {self.pupil.at_mm:g} mm, the position "
+                f"of the entrance pupil; got {self.focus_distance_mm:g}"
             )
 
     @property
@@ -117,6 +117,8 @@ class GaussianLens(Lens):
     def ideal_height_rate(
         self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
     ) -> Array:
+        # h = c tan(theta), tan(theta) = x/w: dh/dx = c (w - x z')/w^2 (Eq. 8), with w changing by the
+        # pupil's motion, drift dtheta
         return self.principal_distance * (w - x * slope) / (w * (w - drift * x * w / (x**2 + w**2)))
 
     @property
@@ -153,14 +155,16 @@ class GaussianLens(Lens):
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
-        f, s0, at = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
+        f, s0, pupil_mm = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
+        # blur (f/F) c |1/s0 - 1/s| = tolerance, solved for s, with c = f s0/(s0 - (f - e)); mode "paper"
+        # replaces c by f (Eq. 29)
         dropped = f - self.pupil_from_principal if mode == "exact" else 0.0
         spread = number("tolerance", tolerance, low=0, unit="mm") * self.f_number * (s0 - dropped)
-        far = f**2 * s0 / (f**2 - spread) + at if spread < f**2 else np.inf
-        return DepthOfField(f**2 * s0 / (f**2 + spread) + at, far)
+        far = f**2 * s0 / (f**2 - spread) + pupil_mm if spread < f**2 else np.inf
+        return DepthOfField(f**2 * s0 / (f**2 + spread) + pupil_mm, far)
 
 
-# -- Perspective lens with the distortion model of OpenCV ------------------------------------------
+# -- Perspective lens ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -194,14 +198,17 @@ class Perspective(GaussianLens):
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
         "k1": Parameter(
-            "", -100.0, 100.0, "radial distortion as in OpenCV, none by default: r^2 of the tangent"
+            "", -100.0, 100.0, "radial distortion coefficient of r^2 (OpenCV), 0 by default"
         ),
-        "k2": Parameter("", -1e4, 1e4, "radial distortion, r^4"),
-        "k3": Parameter("", -1e6, 1e6, "radial distortion, r^6"),
-        "p1": Parameter("", -1.0, 1.0, "tangential distortion"),
-        "p2": Parameter("", -1.0, 1.0, "tangential distortion"),
+        "k2": Parameter("", -1e4, 1e4, "radial distortion coefficient of r^4"),
+        "k3": Parameter("", -1e6, 1e6, "radial distortion coefficient of r^6"),
+        "p1": Parameter("", -1.0, 1.0, "tangential distortion coefficient p1"),
+        "p2": Parameter("", -1.0, 1.0, "tangential distortion coefficient p2"),
         "entrance_pupil_mm": Parameter(
-            "mm", -1e4, 1e4, "entrance pupil, from the principal point towards the mirror"
+            "mm",
+            -1e4,
+            1e4,
+            "position of the entrance pupil, from the principal point towards the mirror",
         ),
     }
 
@@ -237,9 +244,10 @@ class Perspective(GaussianLens):
         tangent, last = ideal / c, fold(k)
         if (tangent > last).any():
             raise InvalidParameter(
-                f"k1, k2, k3 = {k[0]:g}, {k[1]:g}, {k[2]:g} fold the picture over at {np.degrees(np.arctan(last)):.4g} "
-                f"deg from the lens's axis, and the mirror reaches {np.degrees(np.arctan(np.max(tangent))):.4g} deg; "
-                "distortion is valid if the picture grows up to there"
+                f"the distortion k1, k2, k3 = {k[0]:g}, {k[1]:g}, {k[2]:g} must be monotonic up "
+                f"to the edge of the mirror, {np.degrees(np.arctan(np.max(tangent))):.4g} deg "
+                "from the axis of the lens; the image folds over at "
+                f"{np.degrees(np.arctan(last)):.4g} deg"
             )
         return c * distorted_radius(tangent, k)[0]
 
@@ -272,7 +280,7 @@ class Perspective(GaussianLens):
         return cos4(tangent) * shrinkage(ideal, self.brown)
 
 
-# -- Telecentric lens: all chief rays are parallel to its axis -------------------------------------
+# -- Telecentric lens ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -293,10 +301,10 @@ class Orthographic(Lens):
     KIND: ClassVar[str] = "orthographic"
     TELECENTRIC: ClassVar[bool] = True
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "magnification": Parameter("", 1e-5, 1e3, "image size over object size (mu)"),
+        "magnification": Parameter("", 1e-5, 1e3, "image size relative to object size (mu)"),
         "working_f_number": F_NUMBER,
         "focus_distance_mm": Parameter(
-            "mm", -1e6, 1e6, "object plane in focus (L0), from the mirror vertex"
+            "mm", -1e6, 1e6, "object distance in focus (L0), from the mirror vertex"
         ),
     }
 
@@ -355,9 +363,11 @@ class Orthographic(Lens):
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
-        reach = (
+        half_depth = (
             number("tolerance", tolerance, low=0, unit="mm")
             * self.working_f_number
             / self.magnification**2
         )
-        return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)
+        return DepthOfField(
+            self.focus_distance_mm - half_depth, self.focus_distance_mm + half_depth
+        )

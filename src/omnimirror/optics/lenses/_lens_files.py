@@ -19,9 +19,7 @@ from ._sequential_tracing import SEARCH_TANGENTS, Sequence, Traced, chief_height
 # -- Files named in lens tables --------------------------------------------------------------------
 
 
-def split_file_entry(
-    table: dict[str, Any], folder: Path | None, entry: str, noun: str
-) -> tuple[dict[str, Any], Path | None]:
+def split_file_entry(table: dict[str, Any], folder: Path | None, entry: str, noun: str) -> tuple[dict[str, Any], Path | None]:
     """Return the table without an entry that names a file, and the file; None if it names none.
 
     Only files named on the user's command line have a ``folder``; with None, the table must not
@@ -34,27 +32,25 @@ def split_file_entry(
 
     Examples
     --------
-    >>> followed({"file": "/etc/passwd"}, None, "file", "the surfaces")
+    >>> split_file_entry({"file": "/etc/passwd"}, None, "file", "the surfaces")
     Traceback (most recent call last):
     ...
-    omnimirror.base.errors.SpecError: lens.file names another file; put the surfaces themselves in
+    omnimirror.base.errors.SpecError: lens.file must not name a file here; enter the surfaces instead
     """
     if entry not in table:
         return dict(table), None
     if folder is None:
-        raise SpecError(f"lens.{entry} names another file; put {noun} themselves in")
+        raise SpecError(f"lens.{entry} must not name a file here; enter {noun} instead")
     name = table[entry]
     if not isinstance(name, str):
-        raise SpecError(f"lens.{entry} = {format_value(name)} is not the name of a file in quotes")
+        raise SpecError(f"lens.{entry} must be a file name in quotes; got {shown(name)}")
     return {k: v for k, v in table.items() if k != entry}, folder / name
 
 
-# -- Lens tables in CSV files: columns with a header, one row per viewing angle --------------------
+# -- Lens tables in CSV files ----------------------------------------------------------------------
 
 
-def read_lens_table(
-    table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]
-) -> dict[str, Any]:
+def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]) -> dict[str, Any]:
     """Return a lens table with the columns of its CSV ``file`` instead of the file name.
 
     Raises
@@ -63,57 +59,37 @@ def read_lens_table(
         If the table must not name a file, or the file is missing, has other columns, or has rows
         that are not numeric.
     """
-    rest, path = split_file_entry(table, folder, "file", "its columns")
+    entries, path = split_file_entry(table, folder, "file", "its columns")
     if path is None:
-        return rest
+        return entries
     text = read_text(path, "lens table", SpecError)
-    lines = [
-        (i, line)
-        for i, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.startswith("#")
-    ]
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
-        raise SpecError(f"{path} holds no line; a lens table begins with the names of its columns")
-    rows = [
-        (number, row)
-        for (number, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)
-    ]
+        raise SpecError(f"{path} is empty; a lens table must start with a row of column names")
+    rows = [(number, row) for (number, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)]
     names = [name.strip() for name in rows[0][1]]
     for name in names:
         if name not in columns:
             valid = ", ".join(columns)
-            raise SpecError(
-                f"{path} line {rows[0][0]}: column {format_value(name)} is not known; valid are {valid}"
-            )
-    found: dict[str, list[float]] = {name: [] for name in names}
+            raise SpecError(f"{path} line {rows[0][0]}: unknown column {format_value(name)}; use {valid}")
+    columns_by_name: dict[str, list[float]] = {name: [] for name in names}
     for number, row in rows[1:]:
         try:
             for name, cell in zip(names, row, strict=True):
-                found[name].append(parse_float(cell))
+                columns_by_name[name].append(parse_float(cell))
         except ValueError:
-            raise SpecError(
-                f"{path} line {number}: {format_value(','.join(row))} is not {len(names)} numbers, one for each column"
-            ) from None
-    return found | rest
+            raise SpecError(f"{path} line {number}: the row must contain {len(names)} numbers, one per column; got {shown(','.join(row))}") from None
+    return columns_by_name | entries
 
 
-# -- Reader for sequential Zemax lens files (.zmx) of conics and even aspheres ---------------------
+# -- Sequential Zemax lens files (.zmx) ------------------------------------------------------------
 
 UNITS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0}
 SHAPES = ("STANDARD", "EVENASPH")
 LINES_UM = (0.4861327, 0.5875618, 0.6562725)  # F, d and C, for files without wavelengths
 MAX_FOCUS_MM = 1e6  # finite substitute for a focus at infinity
 MODEL_GLASS = "___BLANK"
-PER_SURFACE = (
-    "curvature_per_mm",
-    "thickness_mm",
-    "index",
-    "conic",
-    "edge_mm",
-    "clear_mm",
-    "index_short",
-    "index_long",
-)
+PER_SURFACE = ("curvature_per_mm", "thickness_mm", "index", "conic", "edge_mm", "clear_mm", "index_short", "index_long")
 
 
 @dataclass
@@ -147,8 +123,8 @@ class _File:
     field_count: int | None = None
     fields: dict[str, list[float]] = field(default_factory=dict)
 
-    def error(self, sentence: str, line: int | None = None) -> SpecError:
-        return SpecError(f"{self.path}{f' line {line}' if line else ''}: {sentence}")
+    def error(self, message: str, line: int | None = None) -> SpecError:
+        return SpecError(f"{self.path}{f' line {line}' if line else ''}: {message}")
 
 
 def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -162,15 +138,15 @@ def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]
     OmnimirrorError
         If the table must not name a file, or the file is missing or not a supported lens.
     """
-    rest, path = split_file_entry(table, folder, "file", "the surfaces")
+    entries, path = split_file_entry(table, folder, "file", "the surfaces")
     if path is None:
-        return rest
+        return entries
     catalogue = None
-    if "glass_catalogue" in rest:
-        rest, agf = split_file_entry(rest, folder, "glass_catalogue", "the indices")
+    if "glass_catalogue" in entries:
+        entries, agf = split_file_entry(entries, folder, "glass_catalogue", "the indices")
         assert agf is not None
         catalogue = read_agf(agf)
-    return read_zmx(path, catalogue) | rest
+    return read_zmx(path, catalogue) | entries
 
 
 def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, Any]:
@@ -183,20 +159,16 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     OmnimirrorError
         If the file is missing, has several configurations, or has unknown glasses or surface types.
     """
-    found = _parsed(path, _text(path))
-    if len(found.surfaces) < 4:
-        raise found.error(
-            f"{len(found.surfaces)} surfaces are no lens; it is valid with object, image and two or more between (SURF)"
-        )
-    lens = found.surfaces[1:-1]
+    lens_file = _parse(path, _text(path))
+    if len(lens_file.surfaces) < 4:
+        raise lens_file.error(f"the lens must have object, image and at least two surfaces in between (SURF); got {len(lens_file.surfaces)} surfaces")
+    lens = lens_file.surfaces[1:-1]
     stops = [i for i, surface in enumerate(lens, start=1) if surface.is_stop]
     if len(stops) != 1:
-        raise found.error(
-            f"{len(stops)} surfaces are the stop; it is valid with STOP at one of those between the ends"
-        )
-    scale = UNITS[found.unit]
-    short, middle, long = _wavelengths(found)
-    glasses = [_glass(found, surface, catalogue) for surface in lens]
+        raise lens_file.error(f"exactly one surface between object and image must be the stop (STOP); got {len(stops)}")
+    scale = UNITS[lens_file.unit]
+    short, primary, long = _wavelengths(lens_file)
+    glasses = [_glass(lens_file, surface, catalogue) for surface in lens]
     table: dict[str, Any] = {
         "curvature_per_mm": [s.curvature / scale for s in lens],
         "thickness_mm": [s.thickness * scale for s in lens[:-1]] + [0.0],
@@ -204,95 +176,72 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
         "edge_mm": [s.edge * scale for s in lens],
         "clear_mm": [s.clear * scale for s in lens],
         "stop_surface": stops[0],
-        "wavelengths_nm": [1e3 * w for w in (short, middle, long)],
+        "wavelengths_nm": [1e3 * w for w in (short, primary, long)],
     }
     terms = max((k for s in lens if s.is_asphere for k, v in s.terms.items() if v), default=0)
     if terms:
         powers = range(1, terms + 1)
-        table["aspheres"] = [
-            s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0
-            for s in lens
-            for j in powers
-        ]
-    for name, wave in (("index", middle), ("index_short", short), ("index_long", long)):
-        table[name] = [_index(found, s, g, wave) for s, g in zip(lens, glasses, strict=True)]
+        table["aspheres"] = [s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0 for s in lens for j in powers]
+    for name, wave in (("index", primary), ("index_short", short), ("index_long", long)):
+        table[name] = [_index(lens_file, s, g, wave) for s, g in zip(lens, glasses, strict=True)]
     if not all(np.isfinite(table["thickness_mm"])):
-        raise found.error(
-            "a distance between surfaces of the lens is infinite (DISZ); only that to the object may be"
-        )
-    return table | _opening(found, table, scale)
+        raise lens_file.error("distances between lens surfaces must be finite (DISZ); only the object distance may be infinite")
+    return table | _opening(lens_file, table, scale)
 
 
-def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any]:
+def _opening(lens_file: _File, table: dict[str, Any], scale: float) -> dict[str, Any]:
     """Return F-number and focus, from the file's aperture and imager position."""
     count = len(table["index"])
     rows = np.reshape(table.get("aspheres", ()), (count, -1))
-    sequence = Sequence(
-        np.array(table["curvature_per_mm"]),
-        np.array(table["conic"]),
-        rows,
-        np.array(table["thickness_mm"]),
-        np.array([1.0, *table["index"]]),
-        np.full(count, np.inf),
-        np.full(count, np.inf),
-        table["stop_surface"] - 1,
-    )
+    sequence = Sequence(np.array(table["curvature_per_mm"]), np.array(table["conic"]), rows, np.array(table["thickness_mm"]), np.array([1.0, *table["index"]]), np.full(count, np.inf), np.full(count, np.inf), table["stop_surface"] - 1)
     paraxial = sequence.paraxial()
     f = paraxial.focal_length
     a, b, c, d = paraxial.back
-    to_imager = found.surfaces[-2].thickness * scale
+    to_imager = lens_file.surfaces[-2].thickness * scale
     # object distance imaged at the imager: -(a L + b)/(c L + d) = to_imager
     distance = -(b + d * to_imager) / (a + c * to_imager) if a + c * to_imager else np.inf
     if not 0 < distance < MAX_FOCUS_MM:
         distance = MAX_FOCUS_MM  # focused at infinity, or slightly beyond to balance aberrations
-    kind, value = found.aperture or ("", 0.0)
+    kind, value = lens_file.aperture or ("", 0.0)
     if kind == "ENPD":
         diameter = value * scale
     elif kind == "FNUM":
         diameter = f / value
     else:  # limited by the edge of the stop
-        diameter = (
-            2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
-        )
+        diameter = 2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
     if not (np.isfinite(f) and diameter > 0):
-        raise found.error(
-            "there is no opening; it is valid with ENPD, FNUM, or the radius of the stop (DIAM)"
-        )
+        raise lens_file.error("the aperture is missing; define it by ENPD, FNUM, or the radius of the stop (DIAM)")
     opening = {"f_number": abs(f) / diameter, "focus_distance_mm": float(distance)}
-    tangent = _field_tangent(found, sequence, scale, float(distance), to_imager)
+    tangent = _field_tangent(lens_file, sequence, scale, float(distance), to_imager)
     if not tangent > 0:
         return opening
-    widest = 1.05 * float(np.degrees(np.arctan(tangent)))
-    return opening | {"field_max_deg": min(max(widest, 1.0), 80.0)}
+    max_angle_deg = 1.05 * float(np.degrees(np.arctan(tangent)))
+    return opening | {"field_max_deg": min(max(max_angle_deg, 1.0), 80.0)}
 
 
-def _field_tangent(
-    found: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float
-) -> float:
+def _field_tangent(lens_file: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float) -> float:
     """Return the tangent of the largest field of the file (XFLN, YFLN); 0 if it defines none.
 
     Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3).
     The edges of the surfaces (DIAM) do not define the field: they clip rays.
     """
-    columns = [found.fields.get(key, [])[: found.field_count] for key in ("XFLN", "YFLN")]
+    columns = [lens_file.fields.get(key, [])[: lens_file.field_count] for key in ("XFLN", "YFLN")]
     points = np.array(list(zip_longest(*columns, fillvalue=0.0)), dtype=float).reshape(-1, 2)
-    if found.field_type == 0:
+    if lens_file.field_type == 0:
         return float(np.hypot(*np.tan(np.radians(points)).T).max(initial=0.0))
-    widest = scale * float(np.hypot(*points.T).max(initial=0.0))
+    max_height = scale * float(np.hypot(*points.T).max(initial=0.0))
     paraxial = sequence.paraxial()
     pupil, (a, _, c, _) = paraxial.entrance_pupil, paraxial.back
-    if found.field_type == 1:
-        return widest / (focus_mm + pupil)
-    if found.field_type == 2:  # ray of unit slope through the centre of the entrance pupil
+    if lens_file.field_type == 1:
+        return max_height / (focus_mm + pupil)
+    if lens_file.field_type == 2:  # ray of unit slope through the centre of the entrance pupil
         _, b, _, d = paraxial.back
-        return widest / abs((b - a * pupil) + to_imager * (d - c * pupil))
-    traced = Traced(
-        sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm
-    )
+        return max_height / abs((b - a * pupil) + to_imager * (d - c * pupil))
+    traced = Traced(sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm)
     heights = traced.land(SEARCH_TANGENTS, chief_heights(traced, SEARCH_TANGENTS)).image[:, 0]
     grows = np.isfinite(heights) & (np.diff(heights, prepend=0.0) > 0)
     count = len(grows) if grows.all() else int(np.argmin(grows))
-    return float(np.interp(widest, [0.0, *heights[:count]], [0.0, *SEARCH_TANGENTS[:count]]))
+    return float(np.interp(max_height, [0.0, *heights[:count]], [0.0, *SEARCH_TANGENTS[:count]]))
 
 
 def _text(path: Path) -> str:
@@ -300,114 +249,104 @@ def _text(path: Path) -> str:
     try:
         data = read_bytes(path, MAX_TEXT_BYTES)
     except OSError as e:
-        raise SpecError(f"{path} cannot be read: {e.strerror or e}") from None
+        raise SpecError(f"cannot read {path}: {e.strerror or e}") from None
     for code in ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "latin-1"):
         try:
             return data.decode(code)
         except UnicodeDecodeError:
             continue
-    raise SpecError(f"{path} is no text; a lens file is valid in UTF-8 or UTF-16")
+    raise SpecError(f"{path} must be a text file in UTF-8 or UTF-16")
 
 
-def _parsed(path: Path, text: str) -> _File:
-    found = _File(path)
+def _parse(path: Path, text: str) -> _File:
+    lens_file = _File(path)
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
         if not words:
             continue
         try:
-            _take(found, number, words)
+            _parse_line(lens_file, number, words)
         except SpecError:
             raise
         except (ValueError, IndexError):
-            raise found.error(
-                f"{format_value(line.strip())} is not a line of a lens file", number
-            ) from None
-    return found
+            raise lens_file.error(f"cannot parse the line {format_value(line.strip())}", number) from None
+    return lens_file
 
 
-def _take(found: _File, number: int, words: list[str]) -> None:
+def _parse_line(lens_file: _File, number: int, words: list[str]) -> None:
     """Parse one line of the file."""
-    key, rest = words[0], words[1:]
+    key, values = words[0], words[1:]
     if key == "SURF":
-        found.surfaces.append(_Surface(number))
+        lens_file.surfaces.append(_Surface(number))
     elif key == "UNIT":
-        if rest[0].upper() not in UNITS:
-            raise found.error(f"UNIT {rest[0]} is not known; valid are {', '.join(UNITS)}", number)
-        found.unit = rest[0].upper()
-    elif key == "MODE" and rest[0] != "SEQ":
-        raise found.error(f"MODE {rest[0]} is not sequential; a lens is valid as MODE SEQ", number)
+        if values[0].upper() not in UNITS:
+            raise lens_file.error(f"UNIT must be one of {', '.join(UNITS)}; got {values[0]}", number)
+        lens_file.unit = values[0].upper()
+    elif key == "MODE" and values[0] != "SEQ":
+        raise lens_file.error(f"MODE must be SEQ (sequential); got {values[0]}", number)
     elif key == "GCAT":
-        found.makers = tuple(rest)
-    elif key == "ENPD" or (key == "FNUM" and len(rest) > 1 and not int(float(rest[1]))):
-        found.aperture = key, float(rest[0])
-    elif key in ("FNUM", "OBNA", "FLOA") and found.aperture is None:
-        found.aperture = ("FLOA", 0.0) if key == "FLOA" else None
+        lens_file.makers = tuple(values)
+    elif key == "ENPD" or (key == "FNUM" and len(values) > 1 and not int(float(values[1]))):
+        lens_file.aperture = key, float(values[0])
+    elif key in ("FNUM", "OBNA", "FLOA") and lens_file.aperture is None:
+        lens_file.aperture = ("FLOA", 0.0) if key == "FLOA" else None
     elif key == "FTYP":
-        found.field_type = int(rest[0])
-        found.field_count = int(rest[2]) if len(rest) > 2 else None
+        lens_file.field_type = int(values[0])
+        lens_file.field_count = int(values[2]) if len(values) > 2 else None
     elif key in ("XFLN", "YFLN"):
-        found.fields[key] = [float(v) for v in rest]
+        lens_file.fields[key] = [float(v) for v in values]
     elif key == "WAVM":
-        found.waves[int(rest[0])] = float(rest[1])
+        lens_file.waves[int(values[0])] = float(values[1])
     elif key == "PWAV":
-        found.primary = int(rest[0])
-    elif key == "MNUM" and int(rest[0]) > 1:
-        raise found.error(
-            f"MNUM {rest[0]}: there are several configurations; save one of them alone", number
-        )
-    elif found.surfaces:
-        _take_surface(found, found.surfaces[-1], number, key, rest)
+        lens_file.primary = int(values[0])
+    elif key == "MNUM" and int(values[0]) > 1:
+        raise lens_file.error(f"MNUM must be 1; got {values[0]} configurations; save one configuration separately", number)
+    elif lens_file.surfaces:
+        _parse_surface_line(lens_file, lens_file.surfaces[-1], number, key, values)
 
 
-def _take_surface(found: _File, surface: _Surface, number: int, key: str, rest: list[str]) -> None:
+def _parse_surface_line(lens_file: _File, surface: _Surface, number: int, key: str, values: list[str]) -> None:
     """Parse one line of a surface."""
     if key == "TYPE":
-        if rest[0] not in SHAPES:
-            raise found.error(
-                f"TYPE {rest[0]} is not known; valid are {' and '.join(SHAPES)}", number
-            )
-        surface.is_asphere = rest[0] == "EVENASPH"
+        if values[0] not in SHAPES:
+            raise lens_file.error(f"TYPE must be {' or '.join(SHAPES)}; got {values[0]}", number)
+        surface.is_asphere = values[0] == "EVENASPH"
     elif key == "CURV":
-        surface.curvature = float(rest[0])
+        surface.curvature = float(values[0])
     elif key == "DISZ":
-        surface.thickness = np.inf if rest[0].upper().startswith("INF") else float(rest[0])
+        surface.thickness = np.inf if values[0].upper().startswith("INF") else float(values[0])
     elif key == "CONI":
-        surface.conic = float(rest[0])
+        surface.conic = float(values[0])
     elif key == "PARM":
-        surface.terms[int(rest[0])] = float(rest[1])
+        surface.terms[int(values[0])] = float(values[1])
     elif key == "GLAS":
-        if rest[0].upper() == "MIRROR":
-            raise found.error(
-                "GLAS MIRROR: a lens of mirrors is not known; one of glasses alone is valid", number
-            )
-        surface.glass, surface.line = rest, number
+        if values[0].upper() == "MIRROR":
+            raise lens_file.error("GLAS must be a glass: lenses with mirror surfaces are not supported; got MIRROR", number)
+        surface.glass, surface.line = values, number
     elif key == "DIAM":
-        surface.edge = float(rest[0])
-        if len(rest) > 1 and int(float(rest[1])) == 1:  # fixed by the designer
+        surface.edge = float(values[0])
+        if len(values) > 1 and int(float(values[1])) == 1:  # fixed by the designer
             surface.clear = surface.edge
     elif key in ("CLAP", "FLAP"):
-        surface.clear = float(rest[1])
+        surface.clear = float(values[1])
     elif key in ("SQAP", "ELAP", "CLAO", "UDAO"):
-        raise found.error(
-            f"{key} is an aperture that is not round about the axis; valid is CLAP", number
-        )
+        raise lens_file.error(f"apertures must be circular and centred (CLAP); got {key}", number)
     elif key == "STOP":
         surface.is_stop = True
 
 
-def _wavelengths(found: _File) -> tuple[float, float, float]:
+def _wavelengths(lens_file: _File) -> tuple[float, float, float]:
     """Return shortest, primary and longest wavelength, um, without the unused entries of Zemax."""
-    waves = dict(found.waves)
+    waves = dict(lens_file.waves)
     if len(waves) == 24:  # the maximum number
         filled = waves[24]
-        waves = {k: v for k, v in waves.items() if v != filled or k == found.primary}
-    primary = waves.get(found.primary, LINES_UM[1])
-    known = [*waves.values(), primary] if waves else list(LINES_UM)
-    return min(known), primary, max(known)
+        waves = {k: v for k, v in waves.items() if v != filled or k == lens_file.primary}
+    primary = waves.get(lens_file.primary, LINES_UM[1])
+    wavelengths = [*waves.values(), primary] if waves else list(LINES_UM)
+    return min(wavelengths), primary, max(wavelengths)
 
 
-def _glass(found: _File, surface: _Surface, catalogue: GlassCatalogue | None) -> Glass | None:
+def _glass(lens_file: _File, surface: _Surface, catalogue: GlassCatalogue | None) -> Glass | None:
     """Return the glass after a surface; None for air."""
     if not surface.glass:
         return None
@@ -415,15 +354,15 @@ def _glass(found: _File, surface: _Surface, catalogue: GlassCatalogue | None) ->
     if name.upper() == MODEL_GLASS:
         return model_glass(float(numbers[2]), float(numbers[3]))
     try:
-        return glass_named(name, found.makers, catalogue)
+        return glass_named(name, lens_file.makers, catalogue)
     except OmnimirrorError as e:
-        raise found.error(str(e), surface.line) from None
+        raise lens_file.error(str(e), surface.line) from None
 
 
-def _index(found: _File, surface: _Surface, glass: Glass | None, wavelength_um: float) -> float:
+def _index(lens_file: _File, surface: _Surface, glass: Glass | None, wavelength_um: float) -> float:
     if glass is None:
         return 1.0
     try:
         return glass.index(wavelength_um)
     except OmnimirrorError as e:
-        raise found.error(str(e), surface.line) from None
+        raise lens_file.error(str(e), surface.line) from None

@@ -11,7 +11,7 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array, Mask
 from ._field_lens import FieldNodes
 
-# -- Sequential tracing of real rays through surfaces of revolution --------------------------------
+# -- Real rays through surfaces of revolution ------------------------------------------------------
 #
 # Coordinates are those of the lens: x and y across, s along the light from the first surface's
 # vertex.
@@ -89,6 +89,7 @@ class Sequence:
             if i == self.stop:
                 to_stop = matrix.copy()
             before, after = self.index[i], self.index[i + 1]
+            # refraction: n' u' = n u - (n' - n) c y; transfer: y' = y + t u
             matrix = (
                 np.array([[1.0, 0.0], [-(after - before) * c / after, before / after]]) @ matrix
             )
@@ -100,12 +101,12 @@ class Sequence:
             p = to_stop[0, 1] / to_stop[0, 0]
             return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 
-    def trace(self, places: Array, slopes: Array, to_imager: float) -> Landed:
+    def trace(self, points: Array, slopes: Array, to_imager: float) -> Landed:
         """Trace rays from points (n, 2) in the first vertex plane with slopes (n, 2).
 
         NaN if a ray misses a surface or is totally reflected.
         """
-        p = np.concatenate([places, np.zeros((len(places), 1))], axis=1)
+        p = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
         d = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
         d /= np.sqrt(np.einsum("ni,ni->n", d, d))[:, None]
         clear, on_glass, stop = np.ones(len(p), bool), np.ones(len(p), bool), np.empty((len(p), 2))
@@ -130,6 +131,8 @@ class Sequence:
         """Return intersections (n, 3) and normals (n, 3), in the surface's frame."""
         c, k, a = self.curvature[i], self.conic[i], self.aspheres[i]
         p = p - (p[:, 2] / d[:, 2])[:, None] * d
+        # from the vertex plane, the conic c (r^2 + (1 + k) z^2) = 2 z is a quadratic in the distance t;
+        # its smaller root is written without cancellation
         square = c * (p[:, 0] ** 2 + p[:, 1] ** 2)
         along = d[:, 2] - c * (p[:, 0] * d[:, 0] + p[:, 1] * d[:, 1])
         t = square / (along + np.sqrt(along**2 - c * (1 + k * d[:, 2] ** 2) * square))
@@ -138,10 +141,12 @@ class Sequence:
             normal = np.stack([-c * p[:, 0], -c * p[:, 1], 1 - c * (1 + k) * p[:, 2]], axis=-1)
             return p, normal / np.sqrt(np.einsum("ni,ni->n", normal, normal))[:, None]
         for _ in range(INTERSECTION_STEPS):
-            at = p + t[:, None] * d
-            sag, slope = sag_and_slope(at[:, 0] ** 2 + at[:, 1] ** 2, c, k, a)
-            normal = np.stack([-slope * at[:, 0], -slope * at[:, 1], np.ones_like(t)], axis=-1)
-            step = (sag - at[:, 2]) / np.einsum("ni,ni->n", normal, d)
+            points = p + t[:, None] * d
+            sag, slope = sag_and_slope(points[:, 0] ** 2 + points[:, 1] ** 2, c, k, a)
+            normal = np.stack(
+                [-slope * points[:, 0], -slope * points[:, 1], np.ones_like(t)], axis=-1
+            )
+            step = (sag - points[:, 2]) / np.einsum("ni,ni->n", normal, d)
             t = t + step
             if not (np.abs(step) > INTERSECTION_TOLERANCE).any():
                 break
@@ -163,12 +168,13 @@ def sag_and_slope(r2: Array, c: float, k: float, a: Array) -> tuple[Array, Array
 def refracted(d: Array, normal: Array, ratio: float) -> Array:
     """Return unit directions (n, 3) after refraction; NaN for total reflection."""
     cos = np.einsum("ni,ni->n", d, normal)
+    # Snell's law in vectors: the tangential component scales with n/n'
     after = np.sqrt(1 - ratio**2 * (1 - cos**2))
-    bent: Array = ratio * d + (after - ratio * cos)[:, None] * normal
-    return bent
+    outgoing: Array = ratio * d + (after - ratio * cos)[:, None] * normal
+    return outgoing
 
 
-# -- Field functions of a lens prescription by real ray tracing ------------------------------------
+# -- Field functions from traced rays --------------------------------------------------------------
 #
 # Chief rays pass the centre of the stop, found for each viewing angle; T and S focus are those of
 # adjacent rays. The pupil at an angle is the image of the unvignetted stop: its edge is found for 16
@@ -207,8 +213,8 @@ class Traced(NamedTuple):
         The image is upright.
         """
         t, y, x, u = np.broadcast_arrays(tangent, height, across, slope)
-        places, slopes = np.stack([y, x], axis=-1), -np.stack([t, u], axis=-1)
-        return self.sequence.trace(places, slopes, self.to_imager).upright()
+        points, slopes = np.stack([y, x], axis=-1), -np.stack([t, u], axis=-1)
+        return self.sequence.trace(points, slopes, self.to_imager).upright()
 
 
 def stop_radius(traced: Traced) -> float:
@@ -219,8 +225,8 @@ def stop_radius(traced: Traced) -> float:
     ).stop
     if not np.isfinite(edge[0, 0]):
         raise InvalidParameter(
-            f"the opening, {2 * traced.pupil_radius:.4g} mm, is wider than the surfaces of the lens; a larger f_number "
-            "is valid"
+            "the aperture must not exceed the surfaces of the lens; its diameter is "
+            f"{2 * traced.pupil_radius:.4g} mm; increase f_number"
         )
     return abs(float(edge[0, 0]))
 
@@ -230,14 +236,14 @@ def chief_heights(traced: Traced, tangent: Array) -> Array:
     y = -tangent * traced.pupil
     step = 1e-6 * traced.pupil_radius
     for _ in range(CHIEF_RAY_STEPS):
-        at = traced.land(tangent, y).stop[:, 0]
-        rate = (traced.land(tangent, y + step).stop[:, 0] - at) / step
-        move = np.clip(-at / rate, -traced.pupil_radius, traced.pupil_radius)
+        stop_height = traced.land(tangent, y).stop[:, 0]
+        rate = (traced.land(tangent, y + step).stop[:, 0] - stop_height) / step
+        move = np.clip(-stop_height / rate, -traced.pupil_radius, traced.pupil_radius)
         y = y + move
-        if not (np.abs(at) > CHIEF_RAY_TOLERANCE).any():
+        if not (np.abs(stop_height) > CHIEF_RAY_TOLERANCE).any():
             break
     with np.errstate(invalid="ignore"):
-        return np.where(np.abs(at) <= 1e3 * CHIEF_RAY_TOLERANCE, y, np.nan)
+        return np.where(np.abs(stop_height) <= 1e3 * CHIEF_RAY_TOLERANCE, y, np.nan)
 
 
 def field_end(traced: Traced, largest_tangent: float) -> float:
@@ -252,14 +258,14 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
     tangents = np.append(
         tangents[tangents < largest_tangent], min(largest_tangent, SEARCH_TANGENTS[-1])
     )
-    found = traced.land(tangents, chief_heights(traced, tangents))
-    grows = np.diff(found.image[:, 0], prepend=0.0) > 0
-    good = found.on_glass & np.isfinite(found.image[:, 0]) & grows & found.clear
-    count = len(good) if good.all() else int(np.argmin(good))
+    traces = traced.land(tangents, chief_heights(traced, tangents))
+    grows = np.diff(traces.image[:, 0], prepend=0.0) > 0
+    is_transmitted = traces.on_glass & np.isfinite(traces.image[:, 0]) & grows & traces.clear
+    count = len(is_transmitted) if is_transmitted.all() else int(np.argmin(is_transmitted))
     if not count or tangents[count - 1] < np.tan(np.radians(MIN_FIELD_DEG)):
         raise InvalidParameter(
-            "the lens lets no chief ray through to its imager; stop, apertures and distances are valid if light within "
-            f"{MIN_FIELD_DEG:g} deg of the axis passes"
+            f"chief rays within {MIN_FIELD_DEG:g} deg of the axis must reach the imager; "
+            "check stop, apertures and distances of the lens"
         )
     return float(tangents[count - 1])
 
@@ -283,26 +289,28 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     height = traced.land(t, y).image[:, 0]
     height[0] = 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        place = np.where(t == 0.0, traced.pupil, -y / t)
-    fan = _next_to_chief(traced, t, place)
+        pupil_position = np.where(t == 0.0, traced.pupil, -y / t)
+    fan = _adjacent_ray_derivatives(traced, t, pupil_position)
     focus = fan[0] / fan[2], fan[1] / fan[3]
-    whole, edge = _edges(traced, t, place, focus)
-    own = _own_blur(traced, t, place, focus, edge)
+    unvignetted, edge = _edges(traced, t, pupil_position, focus)
+    lens_blur = _own_blur(traced, t, pupil_position, focus, edge)
     area = (edge**2).mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         lateral = np.where(t == 0.0, fan[2], height / t)
+    # flux: open pupil area times cos^4(theta) per area of the tangents; irradiance: divided by the
+    # image area per area of the tangents, dh/dt tangentially times h/t sagittally
     light = area / area[0] * (1 + t**2) ** -2 * fan[2][0] ** 2 / (lateral * fan[2])
     width_t, width_s, shift = _ellipse(edge)
-    stop_t, stop_s, stop_shift = _ellipse(whole)
-    openness = area / (whole**2).mean(axis=1)
+    stop_t, stop_s, stop_shift = _ellipse(unvignetted)
+    openness = area / (unvignetted**2).mean(axis=1)
     colours = [
-        height * 0.0 if index is None else _height_at(traced, index, t, place) - height
+        height * 0.0 if index is None else _height_at(traced, index, t, pupil_position) - height
         for index in (indices or (None, None))
     ]
     nodes = FieldNodes(
         t,
         height,
-        place,
+        pupil_position,
         *focus,
         fan[2],
         fan[3],
@@ -310,7 +318,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
         width_s,
         shift,
         light,
-        *own,
+        *lens_blur,
         colours[0],
         colours[1],
         stop_t,
@@ -322,8 +330,8 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     if not finite.all():
         angle = float(np.degrees(np.arctan(t[np.argmin(finite)])))
         raise InvalidParameter(
-            f"rays through the edge of the pupil must pass all surfaces; some at {angle:.4g} deg miss one. "
-            "Increase f_number or reduce field_max_deg"
+            "rays through the edge of the pupil must pass all surfaces; some at "
+            f"{angle:.4g} deg miss one; increase f_number or reduce field_max_deg"
         )
     return nodes
 
@@ -336,27 +344,31 @@ def _ellipse(edge: Array) -> tuple[Array, Array, Array]:
     return (ahead + behind) / 2, side, shift
 
 
-def _height_at(traced: Traced, index: Array, tangent: Array, place: Array) -> Array:
+def _height_at(traced: Traced, index: Array, tangent: Array, pupil_position: Array) -> Array:
     """Return image heights (n,) of chief rays at another wavelength."""
-    other = traced._replace(sequence=replace(traced.sequence, index=index))
-    point = tangent * (traced.focus_mm - place)
+    recoloured = traced._replace(sequence=replace(traced.sequence, index=index))
+    point = tangent * (traced.focus_mm - pupil_position)
     for _ in range(COLOUR_STEPS):
-        y = chief_heights(other, tangent)
+        y = chief_heights(recoloured, tangent)
         tangent = (point - y) / traced.focus_mm
-    return other.land(tangent, chief_heights(other, tangent)).image[:, 0]
+    return recoloured.land(tangent, chief_heights(recoloured, tangent)).image[:, 0]
 
 
-def _next_to_chief(traced: Traced, t: Array, place: Array) -> tuple[Array, Array, Array, Array]:
+def _adjacent_ray_derivatives(
+    traced: Traced, t: Array, pupil_position: Array
+) -> tuple[Array, Array, Array, Array]:
     """Return derivatives (n,) of the image by pupil position and slope, tangential and sagittal."""
     y = ADJACENT_OFFSET * traced.pupil_radius
     u = y / 100.0
 
-    def image(along: float, across: float, turned: float, lifted: float) -> Array:
-        tangent = t + turned
-        return traced.land(tangent, along - tangent * place, across - lifted * place, lifted).image
+    def image(along: float, across: float, slope_change: float, lifted: float) -> Array:
+        tangent = t + slope_change
+        return traced.land(
+            tangent, along - tangent * pupil_position, across - lifted * pupil_position, lifted
+        ).image
 
-    def rate(axis: int, step: float, *which: float) -> Array:
-        ahead, behind = (image(*(s * step * w for w in which)) for s in (1.0, -1.0))
+    def rate(axis: int, step: float, *directions: float) -> Array:
+        ahead, behind = (image(*(s * step * w for w in directions)) for s in (1.0, -1.0))
         return np.asarray((ahead - behind)[:, axis] / (2 * step))
 
     return (
@@ -368,13 +380,13 @@ def _next_to_chief(traced: Traced, t: Array, place: Array) -> tuple[Array, Array
 
 
 def _through(
-    traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], pupil: Array
+    traced: Traced, t: Array, pupil_position: Array, focus: tuple[Array, Array], pupil: Array
 ) -> Landed:
     """Trace rays (n k,) through pupil points (n, k, 2), mm, aimed at their foci."""
     along, across = pupil[..., 0], pupil[..., 1]
     tangent = t[:, None] - along * focus[0][:, None]
     lifted = -across * focus[1][:, None]
-    z = place[:, None]
+    z = pupil_position[:, None]
     return traced.land(
         tangent.ravel(),
         (along - tangent * z).ravel(),
@@ -384,46 +396,52 @@ def _through(
 
 
 def _edges(
-    traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]
+    traced: Traced, t: Array, pupil_position: Array, focus: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Return the edges (n, 16) of stop and open pupil, relative to the axial radius.
 
     Azimuths are measured from the upper side of the meridian.
     """
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
-    ways = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    directions = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
 
-    def landed(reach: Array) -> Landed:
-        return _through(traced, t, place, focus, traced.pupil_radius * reach[..., None] * ways)
+    def landed(radii: Array) -> Landed:
+        return _through(
+            traced, t, pupil_position, focus, traced.pupil_radius * radii[..., None] * directions
+        )
 
-    reach = np.ones((len(t), AZIMUTHS))
+    radii = np.ones((len(t), AZIMUTHS))
     for _ in range(8):  # the stop radius is almost proportional to the pupil radius
-        stop = landed(reach).stop.reshape(len(t), AZIMUTHS, 2)
+        stop = landed(radii).stop.reshape(len(t), AZIMUTHS, 2)
         with np.errstate(invalid="ignore"):
-            share = np.clip(traced.stop_radius / np.hypot(stop[..., 0], stop[..., 1]), 0.5, 2.0)
-        reach = reach * np.where(np.isfinite(share), share, 0.9)
-    open_ = landed(reach).clear.reshape(reach.shape)
+            factor = np.clip(traced.stop_radius / np.hypot(stop[..., 0], stop[..., 1]), 0.5, 2.0)
+        radii = radii * np.where(np.isfinite(factor), factor, 0.9)
+    open_ = landed(radii).clear.reshape(radii.shape)
     if open_.all():
-        return reach, reach
-    low, high = np.where(open_, reach, 0.0), reach
+        return radii, radii
+    low, high = np.where(open_, radii, 0.0), radii
     for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        passes = landed(middle).clear.reshape(reach.shape)
-        low, high = np.where(passes, middle, low), np.where(passes, high, middle)
-    return reach, np.maximum(low, 1e-6)
+        midpoint = (low + high) / 2
+        passes = landed(midpoint).clear.reshape(radii.shape)
+        low, high = np.where(passes, midpoint, low), np.where(passes, high, midpoint)
+    return radii, np.maximum(low, 1e-6)
 
 
 def _own_blur(
-    traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], edge: Array
+    traced: Traced, t: Array, pupil_position: Array, focus: tuple[Array, Array], edge: Array
 ) -> tuple[Array, Array]:
     """Return four standard deviations (n,), (n,), mm, of all rays in their foci."""
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     radii = np.sqrt((np.arange(RINGS) + 0.5) / RINGS)
-    reach = traced.pupil_radius * radii[None, :, None] * edge[:, None, :]
-    pupil = np.stack([reach * np.cos(turn), reach * np.sin(turn)], axis=-1).reshape(len(t), -1, 2)
-    image = _through(traced, t, place, focus, pupil).image.reshape(*pupil.shape)
+    lengths = traced.pupil_radius * radii[None, :, None] * edge[:, None, :]
+    pupil = np.stack([lengths * np.cos(turn), lengths * np.sin(turn)], axis=-1).reshape(
+        len(t), -1, 2
+    )
+    image = _through(traced, t, pupil_position, focus, pupil).image.reshape(*pupil.shape)
+    # rings of equal area: each ray represents the sector area edge^2; a uniform disk has a standard
+    # deviation of a quarter of its diameter
     weight = np.tile(edge**2, (1, RINGS))
     weight /= weight.sum(axis=1, keepdims=True)
     mean = np.einsum("nk,nka->na", weight, image)
-    spread = np.sqrt(np.einsum("nk,nka->na", weight, (image - mean[:, None]) ** 2))
-    return 4 * spread[:, 0], 4 * spread[:, 1]
+    deviation = np.sqrt(np.einsum("nk,nka->na", weight, (image - mean[:, None]) ** 2))
+    return 4 * deviation[:, 0], 4 * deviation[:, 1]

@@ -30,19 +30,17 @@ AIMING_STEPS = 12
 AIMING_TOLERANCE_MM = 1e-10
 PER_SURFACE = {
     "curvature_per_mm": Parameter(
-        "1/mm", -1e3, 1e3, "curvatures of the surfaces from the front on, 0 for planes"
+        "1/mm", -1e3, 1e3, "curvatures of the surfaces from the front, 0 for planes"
     ),
     "thickness_mm": Parameter(
-        "mm", -1e4, 1e4, "distance of each surface to the next; of the last it is not used"
+        "mm", -1e4, 1e4, "distance from each surface to the next; not used for the last"
     ),
     "index": Parameter("", 1.0, 5.0, "refractive index after each surface; 1 after the last"),
     "conic": Parameter("", -1e4, 1e4, "conic constants"),
-    "edge_mm": Parameter("mm", 0.0, 1e4, "radii of the surfaces, 0 where not known"),
-    "clear_mm": Parameter(
-        "mm", 0.0, 1e4, "radii of apertures that cut bundles off, 0 where there is none"
-    ),
-    "index_short": Parameter("", 1.0, 5.0, "indices in the shortest wavelength"),
-    "index_long": Parameter("", 1.0, 5.0, "indices in the longest wavelength"),
+    "edge_mm": Parameter("mm", 0.0, 1e4, "semi-diameters of the surfaces, 0 if unknown"),
+    "clear_mm": Parameter("mm", 0.0, 1e4, "radii of apertures that vignette, 0 for none"),
+    "index_short": Parameter("", 1.0, 5.0, "refractive indices at the shortest wavelength"),
+    "index_long": Parameter("", 1.0, 5.0, "refractive indices at the longest wavelength"),
 }
 REQUIRED = ("curvature_per_mm", "thickness_mm", "index")
 
@@ -108,10 +106,10 @@ class SurfaceLens(FieldLens):
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
         **PER_SURFACE,
-        "stop_surface": Parameter("", 1, 1000, "which surface is the stop, from 1"),
-        "field_max_deg": Parameter("deg", 1.0, 80.0, "largest viewing angle"),
+        "stop_surface": Parameter("", 1, 1000, "number of the stop surface, starting at 1"),
+        "field_max_deg": Parameter("deg", 1.0, 80.0, "maximum viewing angle"),
         "aspheres": Parameter(
-            "", -1e9, 1e9, "coefficients of r^2, r^4 .. of one surface after the other"
+            "", -1e9, 1e9, "coefficients of r^2, r^4, ... of each surface, in order"
         ),
         "wavelengths_nm": Parameter("nm", 100.0, 2e4, "shortest, middle and longest wavelength"),
     }
@@ -129,30 +127,32 @@ class SurfaceLens(FieldLens):
             column = getattr(self, name)
             if column is not None and len(column) != count:
                 raise InvalidParameter(
-                    f"{name} has {len(column)} values for {count} surfaces; it is valid with one for each"
+                    f"{name} must have one value for each of the {count} surfaces; got {len(column)}"
                 )
         if self.aspheres is not None and len(self.aspheres) % count:
             raise InvalidParameter(
-                f"aspheres has {len(self.aspheres)} values for {count} surfaces; it is valid with as many for each"
+                f"aspheres must have the same number of values for each of the {count} "
+                f"surfaces; got {len(self.aspheres)} in total"
             )
         if int(self.stop_surface) != self.stop_surface or not 1 <= self.stop_surface <= count:
             raise InvalidParameter(
-                f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}"
+                f"stop_surface must be a surface number from 1 to {count}; got "
+                f"{self.stop_surface:g}"
             )
         if self.index[-1] != 1.0:
             raise InvalidParameter(
-                f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager"
+                f"index must end with 1, the air in front of the imager; got {self.index[-1]:g}"
             )
         with np.errstate(all="ignore"):  # overflow is rejected
             focal = self._paraxial.focal_length
             if not (np.isfinite(focal) and focal > 0):
                 raise InvalidParameter(
-                    f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid"
+                    f"the focal length of the surfaces must be greater than 0; got {focal:g} mm"
                 )
             if not np.isfinite(self._paraxial.entrance_pupil):
                 raise InvalidParameter(
-                    f"the entrance pupil must be at a finite distance; surface {self.stop_surface:g}, the stop, is in "
-                    "the focal plane of the surfaces in front of it"
+                    "the entrance pupil must be at a finite distance; the stop, surface "
+                    f"{self.stop_surface:g}, is in the focal plane of the surfaces in front of it"
                 )
             self._check_focus()
             _ = self.field
@@ -184,7 +184,7 @@ class SurfaceLens(FieldLens):
         >>> SurfaceLens.from_file("nothing.zmx")
         Traceback (most recent call last):
         ...
-        omnimirror.base.errors.SpecError: nothing.zmx cannot be read: No such file or directory
+        omnimirror.base.errors.SpecError: cannot read nothing.zmx: No such file or directory
         """
         return cls(**read_lens_file({"file": str(path), **entries}, Path()))
 
@@ -219,11 +219,11 @@ class SurfaceLens(FieldLens):
         return _field_of(self)
 
     def _check_focus(self) -> None:
-        nearest = self.principal_point_mm + self.focal_length_mm
-        if self.focus_distance_mm <= nearest:
+        min_focus_mm = self.principal_point_mm + self.focal_length_mm
+        if self.focus_distance_mm <= min_focus_mm:
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is nearer than the front focus; it is valid above "
-                f"{nearest:g}, from the first surface"
+                f"focus_distance_mm must be greater than {min_focus_mm:g} mm, the front focus from "
+                f"the first surface; got {self.focus_distance_mm:g}"
             )
 
     def at_wavelength(self, wavelength_nm: float) -> SurfaceLens:
@@ -234,33 +234,33 @@ class SurfaceLens(FieldLens):
         InvalidParameter
             If no other wavelengths are given, or such light has no image before the imager.
         """
-        known = (self.wavelengths_nm, self.index_short, self.index_long)
-        if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(
+        wavelengths = (self.wavelengths_nm, self.index_short, self.index_long)
+        if any(column is None for column in wavelengths) or len(self.wavelengths_nm or ()) != len(
             FRAUNHOFER_NM
         ):
             raise InvalidParameter(
-                f"the indices of this lens at {wavelength_nm:g} nm are not known; it is valid with wavelengths_nm, "
-                "index_short and index_long, which a .zmx file brings"
+                f"the indices at {wavelength_nm:g} nm are unknown; specify wavelengths_nm, "
+                "index_short and index_long, or read the lens from a .zmx file"
             )
         rows = np.array([self.index_short, self.index, self.index_long])
         index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
-        other = replace(
+        changed = replace(
             self,
             index=tuple(index.tolist()),
             index_short=None,
             index_long=None,
             wavelengths_nm=None,
         )
-        a, b, c, d = other._paraxial.back
+        a, b, c, d = changed._paraxial.back
         to_imager = _traced_of(self).to_imager
-        focal = other._paraxial.focal_length
+        focal = changed._paraxial.focal_length
         return replace(
-            other,
+            changed,
             focus_distance_mm=float(-(b + d * to_imager) / (a + c * to_imager)),
             f_number=self.f_number * float(focal / self.focal_length_mm),
         )
 
-    # -- real rays -----------------------------------------------------------------------------------------
+    # -- real rays ---------------------------------------------------------------------------------
 
     def image_of(self, points: Array, directions: Array) -> Array:
         """Trace the rays through every surface; NaN for blocked rays."""
@@ -280,8 +280,8 @@ class SurfaceLens(FieldLens):
 
     def stop_points(self, points: Array, directions: Array) -> Array:
         """Trace the rays to the stop surface; NaN for blocked rays."""
-        places = self._landed_from(points, directions).stop / self._stop_scale
-        return places.reshape(directions[..., :2].shape)
+        stop_points = self._landed_from(points, directions).stop / self._stop_scale
+        return stop_points.reshape(directions[..., :2].shape)
 
     @cached_property
     def _stop_scale(self) -> float:
@@ -293,14 +293,14 @@ class SurfaceLens(FieldLens):
         origins, directions = super().rays(image, pupil)
         slopes = directions[:, :2] / directions[:, 2:]
         chief = self.undistorted(image) / self.principal_distance
-        found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+        values = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
         t, s = axes(chief)
         for _ in range(AIMING_STEPS):
-            missed = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
-            along, across = (np.einsum("ni,ni->n", missed, axis) for axis in (t, s))
-            step = (along / found.scale_t)[:, None] * t + (across / found.scale_s)[:, None] * s
+            miss = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
+            along, across = (np.einsum("ni,ni->n", miss, axis) for axis in (t, s))
+            step = (along / values.scale_t)[:, None] * t + (across / values.scale_s)[:, None] * s
             slopes = slopes + step
-            if not (np.abs(missed) > AIMING_TOLERANCE_MM).any():
+            if not (np.abs(miss) > AIMING_TOLERANCE_MM).any():
                 break
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
@@ -311,10 +311,10 @@ class SurfaceLens(FieldLens):
             points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes
         )
 
-    def _landed(self, places: Array, slopes: Array) -> Landed:
+    def _landed(self, points: Array, slopes: Array) -> Landed:
         """Trace rays from points (n, 2) in the first vertex plane, given slopes."""
         traced = _traced_of(self)
-        return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
+        return traced.sequence.trace(points, -slopes, traced.to_imager).upright()
 
 
 @lru_cache(maxsize=64)
@@ -341,7 +341,10 @@ def _field_of(lens: SurfaceLens) -> LensField:
         traced_field(traced, end, outer),
         "the lens's field",
         at_fold="set field_max_deg below {angle}",
-        at_end=f"a larger field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits light there",
+        at_end=(
+            f"increase field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits "
+            "light there"
+        ),
     )
 
 
@@ -349,8 +352,12 @@ def _sequence_of(lens: SurfaceLens) -> Sequence:
     count = len(lens.curvature_per_mm)
 
     def column(values: tuple[float, ...] | None, missing: float) -> Array:
-        found = np.zeros(count) if values is None else np.array(values)
-        return np.where(found == 0.0, missing, found) if missing else found
+        values_or_zeros = np.zeros(count) if values is None else np.array(values)
+        return (
+            np.where(values_or_zeros == 0.0, missing, values_or_zeros)
+            if missing
+            else values_or_zeros
+        )
 
     return Sequence(
         np.array(lens.curvature_per_mm),

@@ -28,30 +28,35 @@ from ._lens_files import read_lens_table
 from .lens import F_NUMBER, FOCUS
 
 COLUMNS = {
-    "field_deg": Parameter("deg", 0.0, 89.0, "viewing angles from the axis, growing from 0"),
+    "field_deg": Parameter("deg", 0.0, 89.0, "viewing angles from the axis, increasing from 0"),
     "image_height_mm": Parameter("mm", 0.0, 1e4, "image heights at these angles"),
     "entrance_pupil_mm": Parameter(
-        "mm", -1e4, 1e4, "entrance pupil, from the reference point towards the mirror"
+        "mm",
+        -1e4,
+        1e4,
+        "position of the entrance pupil, from the reference point towards the mirror",
     ),
     "relative_illumination": Parameter(
-        "", 0.0, 2.0, "illumination of the imager, over that on the axis"
+        "", 0.0, 2.0, "relative illumination of the imager, 1 on the axis"
     ),
     "chief_ray_deg": Parameter("deg", -89.0, 89.0, "angle of the chief ray at the imager"),
     "field_curvature_t_mm": Parameter(
-        "mm", -100.0, 100.0, "tangential focus, from the imager away from the lens"
+        "mm", -100.0, 100.0, "tangential focus shift, from the imager away from the lens"
     ),
     "field_curvature_s_mm": Parameter(
-        "mm", -100.0, 100.0, "sagittal focus, from the imager away from the lens"
+        "mm", -100.0, 100.0, "sagittal focus shift, from the imager away from the lens"
     ),
     "own_blur_t_mm": Parameter(
-        "mm", 0.0, 10.0, "tangential blur of the lens alone: four standard deviations"
+        "mm", 0.0, 10.0, "tangential blur of the lens itself: four standard deviations"
     ),
-    "own_blur_s_mm": Parameter("mm", 0.0, 10.0, "sagittal blur of the lens alone"),
+    "own_blur_s_mm": Parameter(
+        "mm", 0.0, 10.0, "sagittal blur of the lens itself: four standard deviations"
+    ),
     "lateral_colour_short_mm": Parameter(
-        "mm", -10.0, 10.0, "image heights in blue, less those of the table"
+        "mm", -10.0, 10.0, "image heights in blue light, minus those of the table"
     ),
     "lateral_colour_long_mm": Parameter(
-        "mm", -10.0, 10.0, "image heights in red, less those of the table"
+        "mm", -10.0, 10.0, "image heights in red light, minus those of the table"
     ),
 }
 
@@ -134,21 +139,27 @@ class TabulatedLens(FieldLens):
         "focus_distance_mm": FOCUS,
         **COLUMNS,
         "principal_point_mm": Parameter(
-            "mm", -1e4, 1e4, "from the reference point towards the mirror"
+            "mm",
+            -1e4,
+            1e4,
+            "position of the principal point, from the reference point towards the mirror",
         ),
         "table_focus_mm": Parameter(
-            "mm", 1e-3, 1e7, "focus that the table holds at, its own by default"
+            "mm", 1e-3, 1e7, "focus distance of the table; equal to that of the lens by default"
         ),
         "barrel_diameter_mm": Parameter(
             "mm", 1e-3, 1e4, "clear diameter of a barrel or hood, none by default"
         ),
         "barrel_mm": Parameter(
-            "mm", -1e4, 1e4, "its front, from the reference point towards the mirror"
+            "mm",
+            -1e4,
+            1e4,
+            "position of the barrel's front, from the reference point towards the mirror",
         ),
         "window_mm": Parameter(
             "mm", 0.0, 1e3, "thickness of a flat pane between lens and mirror, none by default"
         ),
-        "window_index": Parameter("", 1.0, 5.0, "refractive index of that pane"),
+        "window_index": Parameter("", 1.0, 5.0, "refractive index of the pane"),
     }
 
     def __post_init__(self) -> None:
@@ -164,27 +175,23 @@ class TabulatedLens(FieldLens):
             column = getattr(self, name)
             if column is not None and len(column) != count:
                 raise InvalidParameter(
-                    f"{name} has {len(column)} values, field_deg {count}; they need as many"
+                    f"{name} must have as many values as field_deg, {count}; got {len(column)}"
                 )
         if count < MIN_NODES:
-            raise InvalidParameter(
-                f"field_deg has {count} values; a lens table needs {MIN_NODES} or more"
-            )
+            raise InvalidParameter(f"field_deg must have at least {MIN_NODES} values; got {count}")
         if self.field_deg[0] != 0.0 or not (np.diff(self.field_deg) > 0).all():
-            raise InvalidParameter(
-                "field_deg is valid if it begins with 0 and grows; put the rows in that order"
-            )
+            raise InvalidParameter("field_deg must increase from 0; sort the rows")
         if self.image_height_mm[0] != 0.0:
             raise InvalidParameter(
-                f"image_height_mm = {self.image_height_mm[0]:g} on the axis; it is valid as 0 there"
+                f"image_height_mm must be 0 on the axis; got {self.image_height_mm[0]:g}"
             )
         if self.table_focus_mm is None:
             object.__setattr__(self, "table_focus_mm", self.focus_distance_mm)
         self._check_focus()
-        if (nearest := max(self.entrance_pupil_mm)) >= self.focus_distance_mm:
+        if (min_focus_mm := max(self.entrance_pupil_mm)) >= self.focus_distance_mm:
             raise InvalidParameter(
-                f"focus_distance_mm = {self.focus_distance_mm:g} is not beyond the entrance pupil; it is valid above "
-                f"{nearest:g}"
+                f"focus_distance_mm must be greater than {min_focus_mm:g} mm, the position of the "
+                f"entrance pupil; got {self.focus_distance_mm:g}"
             )
         _ = self.field
 
@@ -208,12 +215,12 @@ class TabulatedLens(FieldLens):
         """
         if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
             return self
-        nothing = (0.0,) * len(self.field_deg)
+        zeros = (0.0,) * len(self.field_deg)
         shifts = np.array(
             [
-                self.lateral_colour_short_mm or nothing,
-                nothing,
-                self.lateral_colour_long_mm or nothing,
+                self.lateral_colour_short_mm or zeros,
+                zeros,
+                self.lateral_colour_long_mm or zeros,
             ]
         )
         moved = through_three(wavelength_nm, FRAUNHOFER_NM, shifts)
@@ -234,8 +241,8 @@ class TabulatedLens(FieldLens):
         slopes = directions[..., :2] / directions[..., 2:]
         square = (slopes**2).sum(axis=-1)
         n = self.window_index
-        nearer = self.window_mm * (1 - 1 / np.sqrt(n**2 + (n**2 - 1) * square))
-        depth = self.barrel_mm + nearer - points[..., 2]
+        is_nearer = self.window_mm * (1 - 1 / np.sqrt(n**2 + (n**2 - 1) * square))
+        depth = self.barrel_mm + is_nearer - points[..., 2]
         radius = self.barrel_diameter_mm / 2
         across = points[..., :2] + depth[..., None] * slopes
         return {"barrel": (radius**2 - (across**2).sum(axis=-1)) / (2 * radius)}
@@ -260,9 +267,9 @@ def _field_of(lens: TabulatedLens) -> LensField:
         else np.tan(np.radians(lens.chief_ray_deg))
     )
     height = np.array(lens.image_height_mm) + lens._at_table() * behind
-    nothing = np.zeros_like(tangent)
+    zeros = np.zeros_like(tangent)
     column = {
-        name: nothing if getattr(lens, name) is None else np.array(getattr(lens, name))
+        name: zeros if getattr(lens, name) is None else np.array(getattr(lens, name))
         for name in COLUMNS
         if name not in ("relative_illumination", "chief_ray_deg")
     }
@@ -272,8 +279,8 @@ def _field_of(lens: TabulatedLens) -> LensField:
     bend_t, bend_s = _of_defocus(tangent, behind, scale_t, scale_s)
     vergence_t = vergence - column["field_curvature_t_mm"] * bend_t
     vergence_s = vergence - column["field_curvature_s_mm"] * bend_s
-    left = _left_by_barrel(lens, tangent, pupil, vergence)
-    light = (1 + tangent**2) ** -2 * left.area
+    opening = _opening_of_barrel(lens, tangent, pupil, vergence)
+    light = (1 + tangent**2) ** -2 * opening.area
     if lens.relative_illumination is not None:
         light = np.array(lens.relative_illumination)
     nodes = FieldNodes(
@@ -284,9 +291,9 @@ def _field_of(lens: TabulatedLens) -> LensField:
         vergence_s,
         scale_t,
         scale_s,
-        left.width_t,
-        left.width_s,
-        left.shift_t,
+        opening.width_t,
+        opening.width_s,
+        opening.shift_t,
         light,
         column["own_blur_t_mm"],
         column["own_blur_s_mm"],
@@ -294,15 +301,15 @@ def _field_of(lens: TabulatedLens) -> LensField:
         column["lateral_colour_long_mm"],
         np.ones_like(tangent),
         np.ones_like(tangent),
-        nothing,
-        left.area,
+        zeros,
+        opening.area,
     )
     nodes = _through_window(nodes, lens.window_mm, lens.window_index)
     return LensField(
         nodes,
         "the lens's table",
-        at_fold="correct image_height_mm, or omit the rows from {angle} deg on",
-        at_end="add rows of larger field_deg",
+        at_fold="correct image_height_mm, or remove the rows from {angle} deg",
+        at_end="add rows with larger field_deg",
     )
 
 
@@ -338,7 +345,9 @@ class _Opening(NamedTuple):
     area: Array
 
 
-def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence: Array) -> _Opening:
+def _opening_of_barrel(
+    lens: TabulatedLens, tangent: Array, pupil: Array, vergence: Array
+) -> _Opening:
     """Return the part of the pupil transmitted by the barrel: the intersection of two circles.
 
     A ray of slope ``t - y v`` through a pupil point y crosses the barrel's front, a before the
@@ -349,27 +358,29 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     InvalidParameter
         If the barrel is narrower than the pupil seen through it, or vignettes an angle completely.
     """
-    one = np.ones_like(tangent)
+    ones = np.ones_like(tangent)
     if lens.barrel_diameter_mm is None:
-        return _Opening(one, one, 0 * one, one)
+        return _Opening(ones, ones, 0 * ones, ones)
     ahead = lens.barrel_mm - pupil
     narrowing = 1 - ahead * vergence
     radius = lens.barrel_diameter_mm / 2 / narrowing / lens.aperture_radius
     centre = -ahead * tangent / narrowing / lens.aperture_radius
     if not (narrowing > 0).all() or radius[0] < 1:
         raise InvalidParameter(
-            f"barrel_diameter_mm = {lens.barrel_diameter_mm:g} at barrel_mm = {lens.barrel_mm:g} cuts the bundle on "
-            "the axis, which f_number says; a wider barrel, or one before what is in focus, is valid"
+            "barrel_diameter_mm must not vignette the bundle on the axis, which f_number "
+            f"defines; got {lens.barrel_diameter_mm:g} at barrel_mm = {lens.barrel_mm:g}; "
+            "use a wider barrel, or one in front of the object in focus"
         )
     low, high = np.maximum(-1.0, centre - radius), np.minimum(1.0, centre + radius)
     if (high <= low).any():
         angle = lens.field_deg[int(np.argmax(high <= low))]
         raise InvalidParameter(
-            f"the barrel lets no light through at {angle:g} deg; the table is valid up to less"
+            "the barrel must transmit light over the whole table; it blocks all light at "
+            f"{angle:g} deg; remove these rows or use a wider barrel"
         )
     distance = np.abs(centre)
-    whole = distance <= radius - 1
-    d = np.where(whole, 1.0, distance)
+    unvignetted = distance <= radius - 1
+    d = np.where(unvignetted, 1.0, distance)
     ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
     theirs = np.clip((d - ours) / radius, -1.0, 1.0)
     chord = np.sqrt(1 - ours**2)
@@ -382,9 +393,9 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
     return _Opening(
         (high - low) / 2,
-        np.where(whole, 1.0, across),
+        np.where(unvignetted, 1.0, across),
         (high + low) / 2,
-        np.where(whole, 1.0, common / np.pi),
+        np.where(unvignetted, 1.0, common / np.pi),
     )
 
 

@@ -66,6 +66,7 @@ def undistorted(image: Array, brown: Coefficients) -> Array:
         moved, (xx, xy, yy) = _brown(ideal[..., 0], ideal[..., 1], brown)
         ex, ey = np.moveaxis(moved - image, -1, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
+            # Newton's method with the inverse of the symmetric 2 x 2 Jacobian
             step = (
                 np.stack([yy * ex - xy * ey, xx * ey - xy * ex], axis=-1)
                 / (xx * yy - xy * xy)[..., None]
@@ -74,8 +75,8 @@ def undistorted(image: Array, brown: Coefficients) -> Array:
         if not (np.abs(step) > CLOSE).any():
             break
     with np.errstate(invalid="ignore"):
-        found = np.abs(distorted(ideal, brown) - image).max(axis=-1) < 1e-9
-    return np.where(found[..., None], ideal, np.nan)
+        solution = np.abs(distorted(ideal, brown) - image).max(axis=-1) < 1e-9
+    return np.where(solution[..., None], ideal, np.nan)
 
 
 def distorted_radius(r: Array, k: tuple[float, ...]) -> tuple[Array, Array]:
@@ -106,8 +107,8 @@ def undistorted_radius(radius: Array, k: tuple[float, ...]) -> Array:
             last, r = r, np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
             if not (np.abs(r - last) > CLOSE * np.abs(r)).any():
                 break
-        found = np.abs(distorted_radius(r, k)[0] - radius) <= 1e-9 * radius
-    return np.where(found, r, np.nan)
+        solution = np.abs(distorted_radius(r, k)[0] - radius) <= 1e-9 * radius
+    return np.where(solution, r, np.nan)
 
 
 @lru_cache(maxsize=64)
@@ -117,6 +118,8 @@ def fold(k: tuple[float, ...]) -> float:
     >>> round(fold((-0.1, 0.0, 0.0)), 6)  # 1/sqrt(3 * 0.1)
     1.825742
     """
+    # d/dr of r (1 + k1 r^2 + k2 r^4 + k3 r^6) = 0, as a polynomial in 1/r^2; the largest root is the
+    # first extremum
     inverse_squares = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[2]])  # without divisions
     real = inverse_squares[np.abs(inverse_squares.imag) <= 1e-9 * np.abs(inverse_squares)].real
     return float(1 / np.sqrt(real.max())) if (real > TINY).any() else np.inf

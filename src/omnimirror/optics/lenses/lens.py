@@ -22,7 +22,7 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
 
-# -- Entrance pupil of a lens: its axial position, which may depend on the viewing angle -----------
+# -- Entrance pupil --------------------------------------------------------------------------------
 
 
 class ChiefAim(NamedTuple):
@@ -49,7 +49,7 @@ class EntrancePupil:
         """True if its position depends on the viewing angle."""
         return False
 
-    def place(self, tangent: Array) -> Array:
+    def position(self, tangent: Array) -> Array:
         """Return the positions (n,), mm, at viewing angles given by their tangents."""
         return np.full_like(tangent, self.at_mm)
 
@@ -64,21 +64,19 @@ class EntrancePupil:
 IN_REFERENCE_POINT = EntrancePupil()
 
 
-# -- Lens interface: image height and blur of the virtual image behind the mirror ------------------
+# -- Lens interface --------------------------------------------------------------------------------
 #
-# A lens is described in object space: chief rays pass through its entrance pupil (:mod:`.pupil`), a
-# flat disk; blur then needs no obliquity factor. Focusing changes only the image distance b0
-# (internal focusing, as in the paper); principal point and pupil are fixed.
-#
-# Object distances ``L`` are measured along the axis from the lens's reference point: the principal
-# point of a perspective lens (Eqs. 34, 35), the mirror vertex for an orthographic one.
+# A lens is described in object space: chief rays pass through its entrance pupil,
+# a flat disk; blur then needs no obliquity factor.
 
 BlurMode = Literal["exact", "paper"]
 """``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which neglects f against L0 (5.5-6.1 % less)."""
 
 BLUR_MODES: tuple[BlurMode, ...] = ("exact", "paper")
 
-FOCUS = Parameter("mm", 1e-3, 1e7, "object distance in focus (L0), from the lens's reference point")
+FOCUS = Parameter(
+    "mm", 1e-3, 1e7, "object distance in focus (L0), from the reference point of the lens"
+)
 F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
 
 
@@ -271,7 +269,7 @@ class Lens(ABC):
     def airy_diameter(self, wavelength_nm: float = 550.0) -> float:
         """Compute the diameter of the Airy disk on the imager, mm: 2.44 lambda F_w."""
         if not 100.0 <= number("wavelength_nm", wavelength_nm) <= 20000.0:
-            raise InvalidParameter(f"wavelength_nm = {wavelength_nm:g} is outside 100 to 20000 nm")
+            raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {wavelength_nm:g}")
         return 2.44 * wavelength_nm * 1e-6 * self.image_f_number()
 
     @classmethod
@@ -297,5 +295,5 @@ def cos4(tangent: Array) -> Array:
 def crossing(points: Array, directions: Array, z: float) -> Array:
     """Return the intersections (x, y) (n, 2) of rays (n, 3), (n, 3) with the plane at z."""
     steps = (z - points[..., 2]) / directions[..., 2]
-    met: Array = points[..., :2] + steps[..., None] * directions[..., :2]
-    return met
+    points_in_plane: Array = points[..., :2] + steps[..., None] * directions[..., :2]
+    return points_in_plane

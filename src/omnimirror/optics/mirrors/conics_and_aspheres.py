@@ -19,11 +19,9 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from .mirror import RIM_RADIUS, Mirror
 
-# -- Conic mirrors: sphere, hyperboloid, paraboloid, ellipsoid -------------------------------------
+# -- Conics ----------------------------------------------------------------------------------------
 #
-# All conics share one formula in the vertex radius ``R`` and the conic constant ``k``
-# (``k = -e**2``): sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0,
-# oblate > 0. Each class has its customary parameters and uses the same three kernels.
+# Each class has its customary parameters and uses the same three kernels.
 
 
 def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, Array, Array]:
@@ -83,7 +81,7 @@ class _OfSemiAxes(Conic):
     rim_radius_mm: float
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
+        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis perpendicular to the mirror axis (A)"),
         "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
         "rim_radius_mm": RIM_RADIUS,
     }
@@ -193,7 +191,7 @@ class Ellipsoid(_OfSemiAxes):
         return (self.a_mm / self.b_mm) ** 2 - 1
 
 
-# -- Conical mirror: a straight meridian with an apex on the axis ----------------------------------
+# -- Cone ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -214,7 +212,7 @@ class Cone(Mirror):
     KIND: ClassVar[str] = "cone"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "slope_deg": Parameter(
-            "deg", 0.1, 89.9, "angle of the surface from the plane across the axis (beta)"
+            "deg", 0.1, 89.9, "angle of the surface from the plane perpendicular to the axis (beta)"
         ),
         "rim_radius_mm": RIM_RADIUS,
     }
@@ -237,11 +235,14 @@ class Cone(Mirror):
         >>> round(radius, 9), round(z, 9)
         (100.0, 0.0)
         """
-        m, twice = number("mirror_distance_mm", mirror_distance_mm), 2 * np.radians(self.slope_deg)
-        return m * float(np.sin(twice)), m * float(np.cos(twice))
+        m, double_angle = (
+            number("mirror_distance_mm", mirror_distance_mm),
+            2 * np.radians(self.slope_deg),
+        )
+        return m * float(np.sin(double_angle)), m * float(np.cos(double_angle))
 
 
-# -- Flat mirror: it displaces the image without changing its shape --------------------------------
+# -- Flat mirror -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -265,7 +266,7 @@ class Flat(Mirror):
         return zero, zero, zero
 
 
-# -- Polynomial mirrors: the even polynomial of the paper's E-DI, and the even asphere -------------
+# -- Polynomial mirrors ----------------------------------------------------------------------------
 #
 # Coefficients refer to powers of ``x / normalization_radius_mm`` and are in units of the
 # normalisation radius: the paper's numbers can be entered as printed, and parameters are well scaled
@@ -310,7 +311,7 @@ class EvenPolynomial(Mirror):
     KIND: ClassVar[str] = "even-polynomial"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "coefficients": Parameter(
-            "", -1e9, 1e9, "coefficients of (x/N)^2, (x/N)^4, .. in units of N"
+            "", -1e9, 1e9, "coefficients of (x/N)^2, (x/N)^4, ... in units of N"
         ),
         "rim_radius_mm": RIM_RADIUS,
         "normalization_radius_mm": NORMALIZATION,
@@ -350,7 +351,7 @@ class ConicAsphere(Mirror):
         "conic": Parameter("", -1e3, 1e3, "conic constant k = -e^2"),
         "rim_radius_mm": RIM_RADIUS,
         "coefficients": Parameter(
-            "", -1e9, 1e9, "coefficients of (x/N)^4, (x/N)^6, .. in units of N"
+            "", -1e9, 1e9, "coefficients of (x/N)^4, (x/N)^6, ... in units of N"
         ),
         "normalization_radius_mm": NORMALIZATION,
     }

@@ -24,44 +24,22 @@ from ...base.typing import Array
 from .conics_and_aspheres import Hyperboloid, Paraboloid, conic_profile
 from .measured import MAPPING_FILE
 from .mirror import APEX, RIM_RADIUS, near_apex
-from .prescribed_mapping import (
-    OMEGA_MIN,
-    THETA_MAX,
-    Curve,
-    Generated,
-    GeneratedMeridian,
-    Mapped,
-    OrthographicMeridian,
-    PerspectiveMeridian,
-)
+from .prescribed_mapping import OMEGA_MIN, THETA_MAX, Curve, MappingMirror, OrthographicMeridian, PerspectiveMeridian, PrescribedMapping, PrescribedMeridian
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-__all__ = [
-    "MAPPINGS",
-    "Conformal",
-    "CylinderMapping",
-    "Equiangular",
-    "Equiareal",
-    "Equidistant",
-    "Generated",
-    "GroundPlane",
-    "Mapped",
-    "Rectifying",
-    "TabulatedMapping",
-    "UnitAspect",
-]
+__all__ = ["MAPPINGS", "Conformal", "CylinderMapping", "Equiangular", "Equiareal", "Equidistant", "GroundPlane", "MappingMirror", "PrescribedMapping", "Rectifying", "TabulatedMapping", "UnitAspect"]
 
 
-# -- Mappings of directions, for distant objects ---------------------------------------------------
+# -- Mappings for distant objects ------------------------------------------------------------------
 #
 # ``tau`` is the image height normalised by that of the rim. Each class defines Omega(tau), which
-# determines the surface (see :mod:`.meridian`).
+# determines the surface (see :mod:`.prescribed_mapping`).
 
 
 @dataclass(frozen=True)
-class Equidistant(Generated):
+class Equidistant(PrescribedMapping):
     """Equidistant mirror: image height exactly proportional to the field angle.
 
     ``Omega = Omega_min + k tan(theta)`` for a perspective lens at :attr:`design_distance` from the
@@ -76,24 +54,21 @@ class Equidistant(Generated):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equidistant"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
-        "omega_min_deg": OMEGA_MIN,
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": OMEGA_MIN}
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
         return low + (self._omega_max - low) * tau, np.full_like(tau, self._omega_max - low)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg > 0:
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         return _straight_line(np.radians(self.omega_min_deg), self._omega_max)
 
 
 @dataclass(frozen=True)
-class Equiangular(Generated):
+class Equiangular(PrescribedMapping):
     """Equiangular mirror: field angle ``Omega = Omega_min + alpha theta``.
 
     The mirror of Chahl and Srinivasan: ``rho ~ cos((Omega + theta)/2)^(-2/(alpha + 1))``. For an
@@ -106,10 +81,7 @@ class Equiangular(Generated):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equiangular"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
-        "omega_min_deg": OMEGA_MIN,
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": OMEGA_MIN}
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
@@ -117,22 +89,15 @@ class Equiangular(Generated):
         if Theta == 0:
             return low + span * tau, np.full_like(tau, span)
         tangent = tau * np.tan(Theta)
-        return low + span / Theta * np.arctan(tangent), span / Theta * np.tan(Theta) / (
-            1 + tangent**2
-        )
+        return low + span / Theta * np.arctan(tangent), span / Theta * np.tan(Theta) / (1 + tangent**2)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         low, Theta = float(np.radians(self.omega_min_deg)), self._theta_max
         if Theta == 0:
             return _straight_line(low, self._omega_max)
         alpha = (self._omega_max - low) / Theta
-        return PerspectiveMeridian.of(
-            lambda theta: low + alpha * theta,
-            lambda theta: np.full_like(theta, alpha),
-            lambda theta: -2 / (alpha + 1) * _log_cosine_ratio(low / 2, (alpha + 1) / 2 * theta),
-            Theta,
-        )
+        return PerspectiveMeridian.of(lambda theta: low + alpha * theta, lambda theta: np.full_like(theta, alpha), lambda theta: -2 / (alpha + 1) * _log_cosine_ratio(low / 2, (alpha + 1) / 2 * theta), Theta)
 
 
 def _both(mapping: Callable[[Array], tuple[Array, Array]]) -> tuple[Curve, Curve]:
@@ -143,11 +108,7 @@ def _both(mapping: Callable[[Array], tuple[Array, Array]]) -> tuple[Curve, Curve
 def _straight_line(low: float, high: float) -> OrthographicMeridian:
     """Return the meridian for Omega linear in x from low to high, in closed form."""
     k = high - low
-    return OrthographicMeridian(
-        lambda x: low + k * x,
-        lambda x: np.full_like(x, k),
-        lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x),
-    )
+    return OrthographicMeridian(lambda x: low + k * x, lambda x: np.full_like(x, k), lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x))
 
 
 def _log_cosine_ratio(a: float, t: Array) -> Array:
@@ -157,7 +118,7 @@ def _log_cosine_ratio(a: float, t: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Conformal(Generated):
+class Conformal(PrescribedMapping):
     """Conformal mapping of the viewing sphere: ``tan(Omega/2) = K tan(theta/2)``.
 
     This is the hyperboloid with the lens at its outer focus, or the paraboloid with an orthographic
@@ -178,9 +139,7 @@ class Conformal(Generated):
     @property
     def design_distance(self) -> float:
         surface = self.surface
-        return (
-            surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
-        )
+        return surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, Theta, high = coordinates("tau", tau), self._theta_max, np.tan(self._omega_max / 2)
@@ -217,7 +176,7 @@ def conformal_conic(omega_max: float, theta_max: float, rim: float) -> Hyperbolo
 
 
 @dataclass(frozen=True)
-class UnitAspect(Generated):
+class UnitAspect(PrescribedMapping):
     """Unit aspect ratio of small squares at every field angle: ``tan(theta) = s tan(Omega/2)``.
 
     With ``v = tan(theta/2)^2`` and ``c = 1 + 2/s`` the integral is elementary:
@@ -234,7 +193,7 @@ class UnitAspect(Generated):
         return 2 * np.arctan(high * tau), 2 * high / (1 + (high * tau) ** 2)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         high = float(np.tan(self._omega_max / 2))
         if self.theta_max_deg == 0:
             return OrthographicMeridian(*_both(self.mapping), lambda x: high * x**2 / 2)
@@ -249,7 +208,7 @@ class UnitAspect(Generated):
 
 
 @dataclass(frozen=True)
-class Equiareal(Generated):
+class Equiareal(PrescribedMapping):
     """Equal-area mapping of solid angles: ``sin(Omega/2)^2`` is linear in ``tan(theta)^2``.
 
     The field angle on the axis is Omega_min; if it is positive, the mapping has square-root
@@ -263,10 +222,7 @@ class Equiareal(Generated):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equiareal"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
-        "omega_min_deg": OMEGA_MIN,
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": OMEGA_MIN}
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau = coordinates("tau", tau)
@@ -278,19 +234,17 @@ class Equiareal(Generated):
         return 2 * np.arcsin(sine), 2 * span * tau / (sine * np.sqrt(1 - sine**2))
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg > 0:
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         if self.omega_min_deg > 0:
             return OrthographicMeridian.solve(*_both(self.mapping))
         A = 1 / np.sin(self._omega_max / 2)
-        return OrthographicMeridian(
-            *_both(self.mapping), lambda x: x**2 / (A + np.sqrt(A**2 - x**2))
-        )
+        return OrthographicMeridian(*_both(self.mapping), lambda x: x**2 / (A + np.sqrt(A**2 - x**2)))
 
 
 @dataclass(frozen=True)
-class Rectifying(Generated):
+class Rectifying(PrescribedMapping):
     """Perspective image of a distant plane: ``tan(Omega) = kappa tan(theta)``.
 
     >>> round(Rectifying(75.0, 12.0, 1.0).design_distance, 11)
@@ -298,14 +252,14 @@ class Rectifying(Generated):
     """
 
     KIND: ClassVar[str] = "rectifying"
-    MOST_OMEGA_DEG: ClassVar[float] = 90.0
+    MAX_OMEGA_DEG: ClassVar[float] = 90.0
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, high = coordinates("tau", tau), np.tan(self._omega_max)
         return np.arctan(high * tau), high / (1 + (high * tau) ** 2)
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg > 0:
             return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
         kappa = float(np.tan(self._omega_max))
@@ -318,14 +272,14 @@ class Rectifying(Generated):
         return OrthographicMeridian(*_both(self.mapping), sag)
 
 
-# -- Mappings of points at finite distance: ground plane and cylinder, drawn to scale in the image
+# -- Mappings for finite distances: ground plane and cylinder --------------------------------------
 #
-# The field angle of a chief ray then depends on its mirror point, and the law of :mod:`.meridian`
+# The field angle of a chief ray then depends on its mirror point, and the law of :mod:`.prescribed_mapping`
 # becomes a differential equation with an unknown scale. It is solved by collocation: Newton's method
 # solves the integral equation at Chebyshev nodes together with the condition at the rim, equivalent
 # to shooting for m at spectral order. Derivatives are complex steps without cancellation. If much of
 # the field is concentrated in little of the image, as for a plane observed up to 89.9 deg, a change
-# of variable (:class:`Crowding`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
+# of variable (:class:`NodeConcentration`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
 
 MAX_NODES = 512
 NEWTON_STEPS = 40
@@ -333,45 +287,45 @@ STEP = 1e-30  # complex-step size: its square is negligible
 
 
 @dataclass(frozen=True)
-class Crowding:
+class NodeConcentration:
     """Change of variable from s to t, denser at fast changes of the field angle.
 
-    Omega is an arc tangent of the image height with complex poles at ``middle +- i width``,
-    relative to the image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles
+    Omega is an arc tangent of the image height with complex poles at ``centre +- i width``,
+    relative to the image height of the rim; ``t = end (centre + width sinh(...))`` moves the poles
     away from the image.
 
-    >>> places = Crowding(middle=0.0, width=0.001, end=0.2)
-    >>> t = places.t(np.array([0.0, 0.5, 1.0]))
-    >>> t.round(5), places.s(t).round(12)
+    >>> nodes = NodeConcentration(centre=0.0, width=0.001, end=0.2)
+    >>> t = nodes.t(np.array([0.0, 0.5, 1.0]))
+    >>> t.round(5), nodes.s(t).round(12)
     (array([0.     , 0.00447, 0.2    ]), array([0. , 0.5, 1. ]))
     """
 
-    middle: float
+    centre: float
     width: float
     end: float
 
     @cached_property
-    def _reach(self) -> tuple[float, float]:
+    def _sinh_range(self) -> tuple[float, float]:
         """Argument of sinh at s = 0, and its increase up to s = 1."""
-        low, high = (math.asinh((share - self.middle) / self.width) for share in (0.0, 1.0))
+        low, high = (math.asinh((fraction - self.centre) / self.width) for fraction in (0.0, 1.0))
         return low, high - low
 
     def t(self, s: Array) -> Array:
         """Compute the viewing angle, or the distance from the axis."""
-        low, span = self._reach
-        t: Array = self.end * (self.middle + self.width * np.sinh(low + span * s))
+        low, span = self._sinh_range
+        t: Array = self.end * (self.centre + self.width * np.sinh(low + span * s))
         return t
 
     def rate(self, s: Array) -> Array:
         """Compute dt/ds."""
-        low, span = self._reach
+        low, span = self._sinh_range
         rate: Array = self.end * self.width * span * np.cosh(low + span * s)
         return rate
 
     def s(self, t: Array) -> Array:
         """Compute the inverse of :meth:`t`."""
-        low, span = self._reach
-        s: Array = (np.arcsinh((t / self.end - self.middle) / self.width) - low) / span
+        low, span = self._sinh_range
+        s: Array = (np.arcsinh((t / self.end - self.centre) / self.width) - low) / span
         return s
 
 
@@ -379,17 +333,17 @@ class Crowding:
 class Solution:
     """Height along the meridian as a series in s, and height of the rim, for rim radius 1."""
 
-    places: Crowding
+    concentration: NodeConcentration
     series: Chebyshev
     rim_z: float
 
     def y(self, t: Array) -> Array:
         """Compute the height at t: ln(rho/m), or z."""
-        return np.asarray(self.series(self.places.s(t)), float)
+        return np.asarray(self.series(self.concentration.s(t)), float)
 
 
 @dataclass(frozen=True)
-class FiniteMapping(Generated):
+class FiniteMapping(PrescribedMapping):
     """Mirror with an image height linear along a line of object points, fixed to the mirror.
 
     Internally, ``t`` is theta (perspective) or x (orthographic) and ``y`` is ``ln(rho/m)`` or z.
@@ -413,9 +367,9 @@ class FiniteMapping(Generated):
 
     def _field(self, t: Array) -> tuple[Array, Array]:
         """Compute the field angle and dOmega/dt, including the dependence on the meridian."""
-        return self._course(t)[:2]
+        return self._field_and_height(t)[:2]
 
-    def _course(self, t: Array) -> tuple[Array, Array, Array]:
+    def _field_and_height(self, t: Array) -> tuple[Array, Array, Array]:
         """Compute the field angle, dOmega/dt and the height y."""
         y, rim_z = self._solution.y(t), self._solution.rim_z
         law = self._law(t, y, rim_z)
@@ -423,20 +377,18 @@ class FiniteMapping(Generated):
         omega = np.arctan2(dx.real, dz.real)
         return omega, (dx.imag * dz.real - dz.imag * dx.real) / (dx.real**2 + dz.real**2) / STEP, y
 
-    def _place(self, t: Array) -> tuple[Array, Array]:
+    def _angle_and_height(self, t: Array) -> tuple[Array, Array]:
         """Compute the field angle and the height y."""
         y = self._solution.y(t)
         return np.arctan2(*self._ray(t, y, self._solution.rim_z)), y
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg == 0:
-            return OrthographicMeridian(
-                lambda x: self._place(x)[0], lambda x: self._field(x)[1], self._solution.y
-            )
-        return PerspectiveMeridian(self._place, self._course, self._theta_max)
+            return OrthographicMeridian(lambda x: self._angle_and_height(x)[0], lambda x: self._field(x)[1], self._solution.y)
+        return PerspectiveMeridian(self._angle_and_height, self._field_and_height, self._theta_max)
 
-    # -- the differential equation -----------------------------------------------------------------
+    # -- differential equation ---------------------------------------------------------------------
 
     def _ray(self, t: Any, y: Any, rim_z: Any) -> tuple[Any, Any]:
         """Return the vector ``(dx, -dz)`` from mirror point to object point."""
@@ -462,9 +414,7 @@ class FiniteMapping(Generated):
         """Return the residual at the rim, which must be at x = 1 and height rim_z."""
         if self.theta_max_deg == 0:
             return y - rim_z
-        return y - float(
-            np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max))
-        )
+        return y - float(np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max)))
 
     @cached_property
     def _solution(self) -> Solution:
@@ -476,23 +426,18 @@ class FiniteMapping(Generated):
                 if size[-4:].max() <= 1e-15 * size.max() or nodes >= MAX_NODES:
                     return solution
             elif nodes >= MAX_NODES:
-                raise InvalidParameter(
-                    f"no {self.KIND} mirror with these distances reaches omega_max_deg = {self.omega_max_deg:g} at "
-                    f"theta_max_deg = {self.theta_max_deg:g}; it is valid for smaller angles or farther objects"
-                )
+                raise InvalidParameter(f"no {self.KIND} mirror at these distances reaches omega_max_deg = {self.omega_max_deg:g} at theta_max_deg = {self.theta_max_deg:g}; reduce the angles or increase the object distance")
             nodes *= 2
 
     def _collocate(self, count: int) -> Solution | None:
         """Solve the equations on ``count`` nodes by Newton's method; None without convergence."""
-        places = Crowding(*self._poles(), end=self._theta_max or 1.0)
+        concentration = NodeConcentration(*self._poles(), end=self._theta_max or 1.0)
         nodes, integral, last = _integration(count)
         s = (nodes + 1) / 2
-        t, weights = places.t(s), places.rate(s) / 2
+        t, weights = concentration.t(s), concentration.rate(s) / 2
         integral, last = integral * weights, last * weights
         rim_z = float(np.tan((self._omega_max - self._theta_max) / 2)) / 2  # of a paraboloid
-        y = integral @ np.tan(
-            (self._omega_max * t / places.end + (t if self.theta_max_deg else 0.0)) / 2
-        )
+        y = integral @ np.tan((self._omega_max * t / concentration.end + (t if self.theta_max_deg else 0.0)) / 2)
         for _ in range(NEWTON_STEPS):
             with np.errstate(all="ignore"):
                 law = self._law(t, y, rim_z)
@@ -518,10 +463,8 @@ class FiniteMapping(Generated):
                 break
         else:
             return None
-        coefficients = np.linalg.solve(
-            chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2
-        )
-        return Solution(places, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z)
+        coefficients = np.linalg.solve(chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2)
+        return Solution(concentration, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z)
 
 
 @lru_cache(maxsize=8)
@@ -554,13 +497,8 @@ class GroundPlane(FiniteMapping):
     plane_distance_mm: float
 
     KIND: ClassVar[str] = "ground-plane"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
-        "plane_distance_mm": Parameter(
-            "mm", *DISTANCE, "mirror vertex to the plane, towards the lens and beyond (H)"
-        ),
-    }
-    MOST_OMEGA_DEG: ClassVar[float] = 90.0
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "plane_distance_mm": Parameter("mm", *DISTANCE, "distance from the mirror vertex to the plane beyond the lens (H)")}
+    MAX_OMEGA_DEG: ClassVar[float] = 90.0
 
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
         H = self.plane_distance_mm / self.rim_radius_mm
@@ -585,23 +523,12 @@ class CylinderMapping(FiniteMapping):
     cylinder_radius_mm: float
 
     KIND: ClassVar[str] = "cylinder"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        **Generated.PARAMETERS,
-        "omega_min_deg": Parameter(
-            "deg", 1.0, OMEGA_MIN.high, "field angle at the image centre; the mirror is pointed"
-        ),
-        "cylinder_radius_mm": Parameter(
-            "mm", *DISTANCE, "radius of the cylinder, beyond that of the rim"
-        ),
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": Parameter("deg", 1.0, OMEGA_MIN.high, "field angle at the image centre; greater than 0 for a pointed mirror"), "cylinder_radius_mm": Parameter("mm", *DISTANCE, "radius of the cylinder, greater than that of the rim")}
 
     def __post_init__(self) -> None:
         check_fields(self)
         if self.cylinder_radius_mm <= self.rim_radius_mm:
-            raise InvalidParameter(
-                f"cylinder_radius_mm = {self.cylinder_radius_mm:g} does not clear the mirror; it is valid above "
-                f"rim_radius_mm = {self.rim_radius_mm:g}"
-            )
+            raise InvalidParameter(f"cylinder_radius_mm must be greater than rim_radius_mm = {self.rim_radius_mm:g}; got {self.cylinder_radius_mm:g}")
         super().__post_init__()
 
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
@@ -611,13 +538,11 @@ class CylinderMapping(FiniteMapping):
         return R, low + (high - low) * tau
 
     def _poles(self) -> tuple[float, float]:
-        begin, end = (
-            1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max)
-        )
-        return begin / (begin - end), 1 / (begin - end)
+        start, end = (1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max))
+        return start / (start - end), 1 / (start - end)
 
 
-# -- Custom mappings: a table of field angles and image heights, or a sampled function -------------
+# -- Custom mappings -------------------------------------------------------------------------------
 
 DEGREE = 5  # quintic in tau, for a smooth curvature of the mirror
 MAX_ROWS = 4096
@@ -633,27 +558,19 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
         centre.
     """
     if len(omega_deg) != len(height):
-        raise InvalidParameter(
-            f"omega_deg has {len(omega_deg)} rows and height {len(height)}; they need the same number"
-        )
+        raise InvalidParameter(f"omega_deg and height must have equally many values; got {len(omega_deg)} and {len(height)}")
     if len(omega_deg) <= DEGREE:
-        raise InvalidParameter(
-            f"omega_deg has {len(omega_deg)} rows; a table needs at least {DEGREE + 1}"
-        )
+        raise InvalidParameter(f"omega_deg must have at least {DEGREE + 1} values; got {len(omega_deg)}")
     if height[0] != 0.0:
-        raise InvalidParameter(
-            f"height starts at {height[0]:g}; it must start at the image centre, at 0"
-        )
+        raise InvalidParameter(f"height must start with 0, at the image centre; got {height[0]:g}")
     for name, column in (("omega_deg", omega_deg), ("height", height)):
         if not np.all(np.diff(column) > 0):
             i = int(np.argmin(np.diff(column) > 0))
-            raise InvalidParameter(
-                f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})"
-            )
+            raise InvalidParameter(f"{name} must increase; got {column[i]:g} and {column[i + 1]:g} in rows {i + 1} and {i + 2}")
 
 
 @dataclass(frozen=True)
-class TabulatedMapping(Mapped):
+class TabulatedMapping(MappingMirror):
     """Mirror with a tabulated mapping: image heights, in any unit, of increasing field angles.
 
     A quintic spline interpolates Omega as a function of height. The first height is 0, the image
@@ -682,14 +599,7 @@ class TabulatedMapping(Mapped):
 
     KIND: ClassVar[str] = "tabulated-mapping"
     FILES = (MAPPING_FILE,)
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "omega_deg": Parameter(
-            "deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"
-        ),
-        "height": Parameter("", 0.0, 1e9, "their image heights in any unit, growing from 0"),
-        "theta_max_deg": THETA_MAX,
-        "rim_radius_mm": RIM_RADIUS,
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {"omega_deg": Parameter("deg", 0.0, 179.0, "field angles, increasing from the image centre to the rim"), "height": Parameter("", 0.0, 1e9, "image heights at these angles in any unit, increasing from 0"), "theta_max_deg": THETA_MAX, "rim_radius_mm": RIM_RADIUS}
 
     def __post_init__(self) -> None:
         self._take_columns(self.omega_deg, self.height)
@@ -703,9 +613,7 @@ class TabulatedMapping(Mapped):
         object.__setattr__(self, "height", floats("height", height))
 
     @classmethod
-    def sketched(
-        cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float
-    ) -> TabulatedMapping:
+    def unchecked(cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float) -> TabulatedMapping:
         """Create a mirror without the costly check of its surface, for iterations."""
         mirror = object.__new__(cls)
         mirror._take_columns(omega_deg, height)
@@ -721,15 +629,7 @@ class TabulatedMapping(Mapped):
         return self
 
     @classmethod
-    def from_function(
-        cls,
-        height: Callable[[Array], ArrayLike],
-        omega_max_deg: float,
-        theta_max_deg: float,
-        rim_radius_mm: float,
-        omega_min_deg: float = 0.0,
-        tolerance: float = 1e-11,
-    ) -> TabulatedMapping:
+    def from_function(cls, height: Callable[[Array], ArrayLike], omega_max_deg: float, theta_max_deg: float, rim_radius_mm: float, omega_min_deg: float = 0.0, tolerance: float = 1e-11) -> TabulatedMapping:
         """Create the mirror of a function from field angles (n,) to image heights.
 
         Rows are added until the spline agrees with the function halfway between rows, within
@@ -748,38 +648,28 @@ class TabulatedMapping(Mapped):
         4.072351768
         """
         if not callable(height):
-            raise InvalidType(
-                f"height = {format_value(height)} is no function of field angles (n,) in radians"
-            )
+            raise InvalidType(f"height must be a function of field angles (n,) in radians; got {shown(height)}")
         low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
         tolerance = number("tolerance", tolerance, above=0.0)
         rows = 64
         while True:
             # sinusoidal spacing: denser at the rim, with steeper mappings
-            share = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
-            omega = np.radians(low + (high - low) * share)
+            fractions = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
+            omega = np.radians(low + (high - low) * fractions)
             between = (omega[1:] + omega[:-1]) / 2
-            h, wanted = (coordinates("height(omega)", height(a)) for a in (omega, between))
-            if (h.shape, wanted.shape) != (omega.shape, between.shape):
-                raise InvalidParameter(
-                    f"the mapping function gives heights of shape {h.shape} for {len(omega)} field angles; "
-                    f"it is valid with one for each, ({len(omega)},)"
-                )
-            if not (np.isfinite(h).all() and np.isfinite(wanted).all()):
-                raise InvalidParameter(
-                    "the mapping function gives heights that are not finite in the field"
-                )
+            h, heights_between = (coordinates("height(omega)", height(a)) for a in (omega, between))
+            if (h.shape, heights_between.shape) != (omega.shape, between.shape):
+                raise InvalidParameter(f"the mapping function must return one height per field angle, shape ({len(omega)},); got {h.shape}")
+            if not (np.isfinite(h).all() and np.isfinite(heights_between).all()):
+                raise InvalidParameter("the mapping function must return finite heights over the field")
             mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
-            found, rate = mirror.mapping(wanted / h[-1])
-            error = float(np.abs((found - between) / rate).max())
+            angles, rate = mirror.mapping(heights_between / h[-1])
+            error = float(np.abs((angles - between) / rate).max())
             if error <= tolerance:
                 return mirror
             rows *= 2
             if rows > MAX_ROWS:
-                raise InvalidParameter(
-                    f"the mapping function is not smooth: {MAX_ROWS} rows still miss it by {error:.2g} of the rim's "
-                    f"height; give it as a table, or a larger tolerance than {tolerance:g}"
-                )
+                raise InvalidParameter(f"the mapping function must be smooth: the error with {MAX_ROWS} rows is {error:.2g} of the rim's height; use a table, or a tolerance above {tolerance:g}")
 
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline]:
@@ -806,20 +696,7 @@ class TabulatedMapping(Mapped):
         return np.asarray(self._splines[1](coordinates("tau", tau)))
 
 
-# -- Mirrors with a prescribed mapping from field angle to image height: one class per mapping -----
+# -- Registry of mappings --------------------------------------------------------------------------
 
-MAPPINGS: dict[str, type[Mapped]] = {
-    cls.KIND: cls
-    for cls in (
-        Equidistant,
-        Equiangular,
-        Conformal,
-        UnitAspect,
-        Equiareal,
-        Rectifying,
-        GroundPlane,
-        CylinderMapping,
-        TabulatedMapping,
-    )
-}
+MAPPINGS: dict[str, type[MappingMirror]] = {cls.KIND: cls for cls in (Equidistant, Equiangular, Conformal, UnitAspect, Equiareal, Rectifying, GroundPlane, CylinderMapping, TabulatedMapping)}
 """Mappings by name, which is also the kind of the mirror."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Smoothing of measured meridians: noise estimation, outlier rejection and spline fit -----------
+# -- Smoothing of measured meridians ---------------------------------------------------------------
 #
 # The noise of a point is its residual from polynomials through 6, 8 or 10 neighbours on both sides,
 # provided that residuals alternate in sign as noise does; those of a smooth curve do not. The curve
@@ -106,23 +106,17 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
     if uncertainty_mm is None and (not scatter.is_noise or noise <= ROUNDING * float(np.ptp(z))):
         return _interpolated(x, z, smooth_apex, used)
     for _ in range(MAX_ROUNDS):
-        fit, residuals, left = _smoothed(x, z, smooth_apex, used, noise)
+        fit, residuals, residual = _smooth(x, z, smooth_apex, used, noise)
         size = np.where(used, np.abs(residuals), 0.0)
         typical = MAD_TO_SIGMA * float(np.median(size[used]))
-        far = size > max(
-            MAX_DEVIATION * max(noise, typical), size.max() / 2
-        )  # the worst may bend the others
-        if not far.any() or used.sum() - far.sum() < (1 - MAX_OUTLIER_FRACTION) * len(x):
+        outliers = size > max(MAX_DEVIATION * max(noise, typical), size.max() / 2)  # the worst may bend the others
+        if not outliers.any() or used.sum() - outliers.sum() < (1 - MAX_OUTLIER_FRACTION) * len(x):
             break
-        used = used & ~far
-    if uncertainty_mm is None and left > TOO_ROUGH * noise:  # points too sparse for fewer pieces
+        used = used & ~outliers
+    if uncertainty_mm is None and residual > TOO_ROUGH * noise:  # points too sparse for fewer pieces
         return _interpolated(x, z, smooth_apex, used)
-    if uncertainty_mm is not None and left > TOO_ROUGH * uncertainty_mm:
-        raise InvalidParameter(
-            f"the points of the profile scatter by {left * 1e3:.3g} um about the smoothest curve that they allow, and "
-            f"uncertainty_um = {uncertainty_mm * 1e3:g} is stated; it is valid from {left * 1e3 / TOO_ROUGH:.2g}, or "
-            "left out to be estimated"
-        )
+    if uncertainty_mm is not None and residual > TOO_ROUGH * uncertainty_mm:
+        raise InvalidParameter(f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points of the profile scatter by {residual * 1e3:.3g} um about the smoothest admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated")
     return fit
 
 
@@ -143,7 +137,7 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
     """
     used = np.ones(len(x), dtype=bool)
     noise = max(_scatter(x, z).sigma, ROUNDING * float(np.ptp(z)))
-    fit, residuals, _ = _smoothed(x, z, smooth_apex, used, noise)
+    fit, residuals, _ = _smooth(x, z, smooth_apex, used, noise)
     level = z[-1] - residuals[-1] - fit.spline(x[-1])  # of the apex
     return np.asarray(fit.spline(at) + level)
 
@@ -153,104 +147,96 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
 
 def _scatter(x: Array, z: Array) -> Scatter:
     """Return the smallest noise estimate over several polynomial degrees."""
-    found = [_unforetold(x, z, order) for order in ORDERS if len(x) > order + 1]
-    if not found:
+    residuals_by_order = [_prediction_residuals(x, z, order) for order in ORDERS if len(x) > order + 1]
+    if not residuals_by_order:
         return Scatter(np.zeros(len(x)), False)
-    sizes = [float(np.median(np.abs(r))) for r in found]
-    least = found[int(np.argmin(sizes))]
-    inner = least[ORDERS[-1] // 2 : -ORDERS[-1] // 2]
+    sizes = [float(np.median(np.abs(r))) for r in residuals_by_order]
+    residuals = residuals_by_order[int(np.argmin(sizes))]
+    inner = residuals[ORDERS[-1] // 2 : -ORDERS[-1] // 2]
     changes = np.signbit(inner[1:]) != np.signbit(inner[:-1])
-    is_noise = (
-        len(inner) >= MIN_NOISE_POINTS
-        and changes.mean() > ALTERNATING
-        and max(sizes) < ALIKE * min(sizes)
-    )
-    return Scatter(least, bool(is_noise))
+    is_noise = len(inner) >= MIN_NOISE_POINTS and changes.mean() > ALTERNATING and max(sizes) < ALIKE * min(sizes)
+    return Scatter(residuals, bool(is_noise))
 
 
-def _unforetold(x: Array, z: Array, order: int) -> Array:
+def _prediction_residuals(x: Array, z: Array, order: int) -> Array:
     """Return prediction residuals (n,) from the ``order`` nearest neighbours."""
     n, half = len(x), order // 2
     first = np.clip(np.arange(n) - half, 0, n - order - 1)
     window = first[:, None] + np.arange(order + 1)
-    others = window[window != np.arange(n)[:, None]].reshape(n, order)
-    at = x[others]
-    gaps = at[:, :, None] - at[:, None, :] + np.eye(order)
-    steps = x[:, None] - at
+    neighbours = window[window != np.arange(n)[:, None]].reshape(n, order)
+    neighbour_x = x[neighbours]
+    # Lagrange weights of the neighbours at x; independent noise of equal variance has the residual
+    # variance sigma^2 (1 + sum of the squared weights)
+    gaps = neighbour_x[:, :, None] - neighbour_x[:, None, :] + np.eye(order)
+    steps = x[:, None] - neighbour_x
     ratio = steps[:, None, :] / gaps
     ratio[:, np.arange(order), np.arange(order)] = 1.0
     weights = ratio.prod(axis=2)
-    residual: Array = (z - np.einsum("no,no->n", weights, z[others])) / np.sqrt(
-        1 + (weights**2).sum(axis=1)
-    )
+    residual: Array = (z - np.einsum("no,no->n", weights, z[neighbours])) / np.sqrt(1 + (weights**2).sum(axis=1))
     return residual
 
 
 def _local_outliers(x: Array, z: Array) -> Mask:
     """Return isolated outliers (n,): far from their neighbours, which agree without them."""
-    wrong = np.zeros(len(x), dtype=bool)
-    tried = np.zeros(len(x), dtype=bool)
+    outliers = np.zeros(len(x), dtype=bool)
+    tested = np.zeros(len(x), dtype=bool)
     for _ in range(max(int(MAX_OUTLIER_FRACTION * len(x)), 1)):
-        kept = np.flatnonzero(~wrong)
-        if len(kept) <= 2 * ORDERS[0] + 2:
+        inliers = np.flatnonzero(~outliers)
+        if len(inliers) <= 2 * ORDERS[0] + 2:
             break
-        off, about = _off(x[kept], z[kept], float(np.ptp(z)))
-        off[tried[kept]] = 0.0
-        worst = int(np.argmax(off))
-        if off[worst] <= OUTLIER_THRESHOLD:
+        deviation, scatter = _relative_residuals(x[inliers], z[inliers], float(np.ptp(z)))
+        deviation[tested[inliers]] = 0.0
+        candidate = int(np.argmax(deviation))
+        if deviation[candidate] <= OUTLIER_THRESHOLD:
             break
-        without = np.delete(kept, worst)
-        again, _ = _off(x[without], z[without], float(np.ptp(z)), about[worst])
-        beside = again[max(worst - ORDERS[0] // 2, 0) : worst + ORDERS[0] // 2]
-        tried[kept[worst]] = True
-        wrong[kept[worst]] = bool((beside < max(OUTLIER_THRESHOLD, off[worst] / 8)).all())
-    return wrong
+        without = np.delete(inliers, candidate)
+        again, _ = _relative_residuals(x[without], z[without], float(np.ptp(z)), scatter[candidate])
+        neighbours = again[max(candidate - ORDERS[0] // 2, 0) : candidate + ORDERS[0] // 2]
+        tested[inliers[candidate]] = True
+        outliers[inliers[candidate]] = bool((neighbours < max(OUTLIER_THRESHOLD, deviation[candidate] / 8)).all())
+    return outliers
 
 
-def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple[Array, Array]:
+def _relative_residuals(x: Array, z: Array, height: float, given_scatter: float | None = None) -> tuple[Array, Array]:
     """Return residuals (n,) in local (or given) standard deviations, and the latter, mm."""
-    size = np.abs(_unforetold(x, z, ORDERS[0]))
+    size = np.abs(_prediction_residuals(x, z, ORDERS[0]))
     padded = np.pad(size, WINDOW, constant_values=np.nan)
     views = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1).copy()
     views[:, WINDOW - ORDERS[0] // 2 : WINDOW + ORDERS[0] // 2 + 1] = np.nan  # the outlier's own
-    everywhere = _scatter(x, z)
-    least = max(ROUNDING * height, 0.7 * everywhere.sigma if everywhere.is_noise else 0.0)
-    scatter = np.maximum(MAD_TO_SIGMA * np.nanmedian(views, axis=1), least)
-    return size / (scatter if about is None else about), scatter
+    overall = _scatter(x, z)
+    min_scatter = max(ROUNDING * height, 0.7 * overall.sigma if overall.is_noise else 0.0)
+    scatter = np.maximum(MAD_TO_SIGMA * np.nanmedian(views, axis=1), min_scatter)
+    return size / (scatter if given_scatter is None else given_scatter), scatter
 
 
-# -- the smooth curve ------------------------------------------------------------------------------
+# -- smooth curve ----------------------------------------------------------------------------------
 
 
-def _smoothed(
-    x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float
-) -> tuple[Fit, Array, float]:
+def _smooth(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -> tuple[Fit, Array, float]:
     """Return the fit of the points used, all residuals (n,), mm, and their sigma."""
     curves: list[_Curve] = []
-    prices: list[float] = []
+    criteria: list[float] = []
     for pieces in PIECE_COUNTS:
         if curves and pieces + SMOOTHING_DEGREE > used.sum() / 2:
             break
         curves.append(_least_squares(x, z, smooth_apex, used, pieces))
         count = curves[-1].basis.shape[1]
-        missed = np.abs(curves[-1].residuals[used] / noise)
-        missed = np.where(
-            missed > MAX_DEVIATION, MAX_DEVIATION * (2 * missed - MAX_DEVIATION), missed**2
-        )  # Huber loss
-        prices.append(float(missed.sum() + np.log(used.sum()) * count))
-        if len(curves) - int(np.argmin(prices)) > max(PATIENCE, EXTRA_REFINEMENTS):
+        loss = np.abs(curves[-1].residuals[used] / noise)
+        loss = np.where(loss > MAX_DEVIATION, MAX_DEVIATION * (2 * loss - MAX_DEVIATION), loss**2)  # Huber loss
+        criteria.append(float(loss.sum() + np.log(used.sum()) * count))
+        if len(curves) - int(np.argmin(criteria)) > max(PATIENCE, EXTRA_REFINEMENTS):
             break
-    curve = curves[min(int(np.argmin(prices)) + EXTRA_REFINEMENTS, len(curves) - 1)]
-    left = float(np.sqrt(curve.left / max(used.sum() - curve.basis.shape[1], 1)))
-    spread = max(noise, left) * curve.roots @ curve.expand.T
-    return Fit(curve.spline, max(noise, left), used, spread), curve.residuals, left
+    curve = curves[min(int(np.argmin(criteria)) + EXTRA_REFINEMENTS, len(curves) - 1)]
+    sigma = float(np.sqrt(curve.square_sum / max(used.sum() - curve.basis.shape[1], 1)))
+    deviations = max(noise, sigma) * curve.roots @ curve.expand.T
+    return Fit(curve.spline, max(noise, sigma), used, deviations), curve.residuals, sigma
 
 
 class _Curve(NamedTuple):
     spline: BSpline
     basis: Array
     residuals: Array
-    left: float
+    square_sum: float
     """Sum of squared residuals of the points used."""
     roots: Array
     """(j, j): its transpose times itself is the inverse of the normal equations."""
@@ -264,9 +250,7 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     breaks = _breaks(x[used], x[-1], pieces)
     if smooth_apex:
         breaks = np.concatenate([-breaks[:0:-1], breaks])
-    knots = np.concatenate(
-        [[breaks[0]] * SMOOTHING_DEGREE, breaks, [breaks[-1]] * SMOOTHING_DEGREE]
-    )
+    knots = np.concatenate([[breaks[0]] * SMOOTHING_DEGREE, breaks, [breaks[-1]] * SMOOTHING_DEGREE])
     count = len(knots) - SMOOTHING_DEGREE - 1
     half = (count + 1) // 2
     expand = np.eye(count)
@@ -279,9 +263,7 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     residuals = z - basis @ c
     spline = BSpline(knots, expand @ c, SMOOTHING_DEGREE)
     spline = BSpline(knots, spline.c - spline(0.0), SMOOTHING_DEGREE)
-    return _Curve(
-        spline, basis, residuals, float((residuals[used] ** 2).sum()), np.linalg.inv(R).T, expand
-    )
+    return _Curve(spline, basis, residuals, float((residuals[used] ** 2).sum()), np.linalg.inv(R).T, expand)
 
 
 def _breaks(x: Array, end: float, pieces: int) -> Array:
@@ -290,16 +272,16 @@ def _breaks(x: Array, end: float, pieces: int) -> Array:
     Pieces of equal point count are unsuitable: clouds are sparse at the apex, with high curvature.
     """
     breaks = [0.0]
-    held = 0
+    counted = 0
     for ahead in np.linspace(0.0, end, pieces + 1)[1:-1]:
         before = int(np.searchsorted(x, ahead))
-        if before - held >= MIN_POINTS_PER_PIECE and len(x) - before >= MIN_POINTS_PER_PIECE:
+        if before - counted >= MIN_POINTS_PER_PIECE and len(x) - before >= MIN_POINTS_PER_PIECE:
             breaks.append(float(ahead))
-            held = before
+            counted = before
     return np.array([*breaks, end])
 
 
-# -- Parser for point rows of measuring machines: headers, row numbers, labels and decimal signs
+# -- Point files of measuring machines -------------------------------------------------------------
 #
 # Separator and decimal sign apply to the whole file and are inferred from all rows; columns of labels
 # and of row numbers are dropped; a header naming x, y and z selects the columns.
@@ -315,17 +297,7 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 COMMA_NUMBER = NUMBER.replace(r"\.", ",")
 UNMEASURED = {"nan", "inf", "-inf", "+inf", "none", "null", "---", "****", "bad"}
 PREFIXED = re.compile(r"[xyzXYZ]\s*[=:]?\s*(?=[+-]?[\d.,])")
-UNIT_WORDS = {
-    "mm": "mm",
-    "um": "um",
-    "µm": "um",
-    "μm": "um",
-    "micron": "um",
-    "microns": "um",
-    "m": "m",
-    "in": "inch",
-    "inch": "inch",
-}
+UNIT_WORDS = {"mm": "mm", "um": "um", "µm": "um", "μm": "um", "micron": "um", "microns": "um", "m": "m", "in": "inch", "inch": "inch"}
 AXES = ("x", "y", "z")
 
 
@@ -355,22 +327,18 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1)]
     lines = [(i, line) for i, line in lines if line and not line.startswith(COMMENTS)]
     style = _Style.of([line for _, line in lines[:STYLE_LINES]], path)
-    header, kinds, table = _plain_table(lines, style) or _labelled_table(lines, style, path)
+    header, is_numeric, table = _plain_table(lines, style) or _labelled_table(lines, style, path)
     _check_unit(header, unit, path)
-    names = _named_columns(header, len(kinds))
-    has_decimals = any(
-        sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,"
-    )
+    names = _named_columns(header, len(is_numeric))
+    has_decimals = any(sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,")
     table = table[np.isfinite(table).all(axis=1)]
-    if names is not None and all(kinds[column] for column in names.values()):
-        columns = [sum(kinds[: names[axis]]) for axis in AXES if axis in names]
+    if names is not None and all(is_numeric[column] for column in names.values()):
+        columns = [sum(is_numeric[: names[axis]]) for axis in AXES if axis in names]
         return np.asarray(table[:, columns])
     if table.shape[1] >= 3 and not has_decimals and _are_row_numbers(table[:, 0]):
         table = table[:, 1:]
     if table.shape[1] < 2:
-        raise OmnimirrorError(
-            f"{path} holds one column of numbers; valid are rows of x, y, z, or of x, z of a profile"
-        )
+        raise OmnimirrorError(f"{path} must contain rows of x, y, z, or of x, z for a profile; got one column")
     return np.asarray(table[:, :3])
 
 
@@ -379,14 +347,8 @@ def _plain_table(lines: list[Line], style: _Style) -> Table | None:
     if style.has_decimal_comma:
         return None
     rows = [line.replace(",", " ").replace(";", " ").split() for _, line in lines]
-    first = next(
-        (k for k, row in enumerate(rows) if len(row) > 1 and all(map(style.is_number, row))), None
-    )
-    if (
-        first is None
-        or len({len(row) for row in rows[first:]}) > 1
-        or any("_" in line for _, line in lines[first:])
-    ):
+    first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(style.is_number, row))), None)
+    if first is None or len({len(row) for row in rows[first:]}) > 1 or any("_" in line for _, line in lines[first:]):
         return None
     try:
         table = np.array(rows[first:], dtype=float)
@@ -407,29 +369,19 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
     widths = [len(words) if sum(map(style.is_number, words)) >= 2 else 0 for words in rows]
     counts = Counter(width for width in widths if width)
     if not counts:
-        raise OmnimirrorError(
-            f"{path} holds no rows of numbers; valid are rows of x, y, z, or of x, z of a profile"
-        )
-    usual, count = counts.most_common(1)[0]
-    first = next(
-        k
-        for k, width in enumerate(widths)
-        if width and (width == usual or 2 * count <= counts.total())
-    )
+        raise OmnimirrorError(f"{path} must contain rows of x, y, z, or of x, z for a profile; got no numbers")
+    common_width, count = counts.most_common(1)[0]
+    first = next(k for k, width in enumerate(widths) if width and (width == common_width or 2 * count <= counts.total()))
     width = widths[first]
-    kinds = [style.is_number(word) for word in rows[first]]
+    is_numeric = [style.is_number(word) for word in rows[first]]
     values: list[list[float]] = []
     for (number, line), words in zip(lines[first:], rows[first:], strict=True):
-        found = [
-            style.value(word) for word, is_number in zip(words, kinds, strict=False) if is_number
-        ]
-        if len(words) < width or None in found:
-            names = "x, y, z" if sum(kinds) > 2 else "x, z"
-            raise OmnimirrorError(
-                f"{path} line {number}: {format_value(line)} is not {names} as in the other rows"
-            )
-        values.append([value for value in found if value is not None])
-    return [line for _, line in lines[:first]], kinds, np.array(values)
+        row_values = [style.value(word) for word, is_number in zip(words, is_numeric, strict=False) if is_number]
+        if len(words) < width or None in row_values:
+            names = "x, y, z" if sum(is_numeric) > 2 else "x, z"
+            raise OmnimirrorError(f"{path} line {number}: the row must contain {names}, as the other rows; got {shown(line)}")
+        values.append([value for value in row_values if value is not None])
+    return [line for _, line in lines[:first]], is_numeric, np.array(values)
 
 
 class _Style:
@@ -460,20 +412,8 @@ class _Style:
             return cls(r",?\s+", has_decimal_comma=True)  # such as "1,5 2,0 3,1"
         rows = [line.split(",") for line in digits]
         counts = Counter(map(len, rows))
-        if (
-            counts
-            and counts.most_common(1)[0][0] in (4, 6)
-            and all(
-                re.fullmatch(r"\d+", row[k].strip())
-                for row in rows
-                if len(row) in (4, 6)
-                for k in range(1, len(row), 2)
-            )
-        ):
-            raise OmnimirrorError(
-                f"{path} separates columns and decimals by commas; write it with semicolons or tabs between columns, "
-                "or with decimal points"
-            )
+        if counts and counts.most_common(1)[0][0] in (4, 6) and all(re.fullmatch(r"\d+", row[k].strip()) for row in rows if len(row) in (4, 6) for k in range(1, len(row), 2)):
+            raise OmnimirrorError(f"{path} must not use commas for both columns and decimals; use semicolons or tabs between columns, or decimal points")
         return cls(r"\s*,\s*", has_decimal_comma=False)
 
     def words(self, line: str) -> list[str]:
@@ -496,30 +436,21 @@ class _Style:
 def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
     """Return the columns of x, (y) and z from the last header line that names them."""
     for line in reversed(header):
-        words = [
-            re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower())
-            for word in re.split(r"[;,\t]|\s+", line)
-        ]
+        words = [re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower()) for word in re.split(r"[;,\t]|\s+", line)]
         words = [word for word in words if word]
-        found = {axis: words.index(axis) for axis in AXES if words.count(axis) == 1}
-        if len(words) == width and {"x", "z"} <= set(found):
-            return found
+        columns = {axis: words.index(axis) for axis in AXES if words.count(axis) == 1}
+        if len(words) == width and {"x", "z"} <= set(columns):
+            return columns
     return None
 
 
 def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
     """Check that the header does not name another unit than that assumed by the caller."""
-    words = [
-        word
-        for line in header
-        for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)
-    ]
-    named = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
-    if unit is not None and len(named) == 1 and unit not in named:
-        (found,) = named
-        raise OmnimirrorError(
-            f"{path} gives its points in {found}, and the unit is {unit}; give unit {found} (--unit {found})"
-        )
+    words = [word for line in header for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)]
+    header_units = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
+    if unit is not None and len(header_units) == 1 and unit not in header_units:
+        (header_unit,) = header_units
+        raise OmnimirrorError(f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit {header_unit} (--unit {header_unit})")
 
 
 def _are_row_numbers(first: Array) -> bool:
@@ -527,12 +458,10 @@ def _are_row_numbers(first: Array) -> bool:
     if len(first) < 2 or np.any(first != np.round(first)):
         return False
     steps = np.diff(first)
-    return bool(
-        np.all(steps > 0) and np.median(steps) == 1 and steps.max() <= max(10.0, 0.05 * len(first))
-    )
+    return bool(np.all(steps > 0) and np.median(steps) == 1 and steps.max() <= max(10.0, 0.05 * len(first)))
 
 
-# -- Meridian of a mirror from measured point clouds and grids -------------------------------------
+# -- Meridian from point clouds and grids ----------------------------------------------------------
 #
 # The axes of the measuring machine differ from those of the mirror: centre and tilt are fitted
 # together with the meridian by robust least squares. (The axis of a sphere is undetermined; the
@@ -559,7 +488,7 @@ def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") ->
 
 
 def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
-    """Return the points (n, 3) of a text file, one per line; see :func:`.point_rows.parsed_points`.
+    """Return the points (n, 3) of a text file, one per line; see :func:`parsed_points`.
 
     Raises
     ------
@@ -568,7 +497,7 @@ def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm")
     """
     points = parsed_points(read_text(path, noun), path)
     if points.shape[1] != 3:
-        raise OmnimirrorError(f"{path} holds two columns of numbers; {noun} need {names}")
+        raise OmnimirrorError(f"{path} must contain {names} for {noun}; got two columns")
     return points
 
 
@@ -584,11 +513,7 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
     starting at the corner -x, +y; a non-zero fifth number marks missing data.
     """
     text = read_text(path, noun)
-    lines = [
-        line
-        for line in text.splitlines()
-        if line.strip() and not line.lstrip().startswith(("!", "#"))
-    ]
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("!", "#"))]
     try:
         head = [parse_float(word) for word in lines[0].split()]
         nx, ny, (dx, dy), unit = int(head[0]), int(head[1]), head[2:4], UNITS_MM[int(head[4])]
@@ -596,10 +521,7 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
         if nx < 2 or ny < 2 or nx * ny != len(lines) - 1 or not (dx > 0 and dy > 0):
             raise ValueError
     except (ValueError, IndexError):
-        raise OmnimirrorError(
-            f"{path} is no grid of heights: its first line must be 'nx ny dx dy unit xdec ydec', and nx * ny lines "
-            "must follow"
-        ) from None
+        raise OmnimirrorError(f"{path} must be a grid of heights: first line 'nx ny dx dy unit xdec ydec', followed by nx * ny lines") from None
     rows = _cloud_rows(path, "\n".join(lines[1:]), names)
     j, i = np.divmod(np.arange(nx * ny), nx)
     x, y = (i - (nx - 1) / 2) * dx + offset[0], ((ny - 1) / 2 - j) * dy + offset[1]
@@ -612,24 +534,16 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
 
 def _cloud_rows(path: Path, text: str, names: str) -> Array:
     """Return the numbers (n, columns) of a grid's text, separated by commas or blanks."""
-    found: list[list[float]] = []
+    rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
-            numbers = [
-                parse_float(word) for word in line.replace(",", " ").replace(";", " ").split()
-            ]
-            if (
-                not numbers
-                or not np.isfinite(numbers).all()
-                or len(numbers) < len(found[0] if found else [])
-            ):
+            numbers = [parse_float(word) for word in line.replace(",", " ").replace(";", " ").split()]
+            if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(rows[0] if rows else []):
                 raise ValueError
         except ValueError:
-            raise OmnimirrorError(
-                f"{path} line {number}: {format_value(line)} is not {names}"
-            ) from None
-        found.append(numbers[: len(found[0])] if found else numbers)
-    return np.array(found).reshape(-1, len(found[0]) if found else 1)
+            raise OmnimirrorError(f"{path} line {number}: the line must contain {names}; got {shown(line)}") from None
+        rows.append(numbers[: len(rows[0])] if rows else numbers)
+    return np.array(rows).reshape(-1, len(rows[0]) if rows else 1)
 
 
 def profile_of(points: Array, source: str = "the cloud") -> Columns:
@@ -649,20 +563,19 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     """
     check_spread(points, source)
     points = points - points.mean(axis=0)
+    # initial axis: the apex of the best-fit paraboloid z = a + b x + c y + d (x^2 + y^2)
     a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
     bowl = np.linalg.lstsq(a, points[:, 2], rcond=None)[0]
     if bowl[3] < 0:  # measured from above: rotate about x
         points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
     if not bowl[3] > 0:
-        raise OmnimirrorError(f"{source} is flat; a mirror bends away from the lens")
+        raise OmnimirrorError(f"{source} must be convex or concave; got flat points")
     r, z = _about_axis(points, -bowl[1:3] / (2 * bowl[3]), source)
     order = np.argsort(r, kind="stable")
     r, z = r[order], z[order]
     pieces = min(MERIDIAN_PIECES[1], len(r) // (2 * POINTS_PER_RING))
-    smooth, pointed = (
-        _least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False)
-    )
-    curve = pointed if pointed.left < TIP * smooth.left else smooth
+    smooth, pointed = (_least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False))
+    curve = pointed if pointed.square_sum < TIP * smooth.square_sum else smooth
     rings = np.array_split(np.arange(len(r)), min(MAX_RINGS, len(r) // POINTS_PER_RING))
     x = np.array([r[ring].mean() for ring in rings])
     heights = curve.spline(x) + np.array([curve.residuals[ring].mean() for ring in rings])
@@ -670,22 +583,15 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     x, heights = x[growing], heights[growing]
     rim = [r[-1]] if r[-1] > x[-1] * (1 + 1e-9) else []
     ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
-    x, heights = (
-        np.concatenate([[0.0], x, rim]),
-        np.concatenate([ends[:1], heights, ends[1:]]) - ends[0],
-    )
+    x, heights = (np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0])
     return tuple(map(float, x)), tuple(map(float, heights))
 
 
 def check_distance(points: Array, source: str) -> None:
     """Check that no point (n, 3), mm, is farther than 10 km from the origin."""
-    farthest = float(np.abs(points).max(initial=0.0))
-    if farthest > MAX_COORDINATE_MM:
-        raise OmnimirrorError(
-            f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's "
-            f"origin; got {farthest:.4g} mm; check the "
-            "unit and remove wrong points"
-        )
+    max_coordinate = float(np.abs(points).max(initial=0.0))
+    if max_coordinate > MAX_COORDINATE_MM:
+        raise OmnimirrorError(f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; got {max_coordinate:.4g} mm; check the unit and remove wrong points")
 
 
 def check_spread(points: Array, source: str) -> None:
@@ -698,18 +604,11 @@ def check_spread(points: Array, source: str) -> None:
         projected along z.
     """
     if len(points) < MIN_CLOUD_POINTS:
-        raise OmnimirrorError(
-            f"{source} has {len(points)} points; at least {MIN_CLOUD_POINTS} are valid"
-        )
+        raise OmnimirrorError(f"{source} must have at least {MIN_CLOUD_POINTS} points; got {len(points)}")
     check_distance(points, source)
-    length, width = np.linalg.svd(
-        points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False
-    ) / np.sqrt(len(points))
+    length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     if width < max(MIN_WIDTH_MM, MIN_RELATIVE_WIDTH * length):
-        raise OmnimirrorError(
-            f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points "
-            "all over the mirror"
-        )
+        raise OmnimirrorError(f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points all over the mirror")
 
 
 def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]:
@@ -717,43 +616,35 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     from scipy.optimize import least_squares
 
     size = float(np.ptp(points[:, :2])) / 2
-    some = points[:: max(len(points) // MAX_AXIS_POINTS, 1)]
-    place = _placed(some, size)
+    subset = points[:: max(len(points) // MAX_AXIS_POINTS, 1)]
+    profile = _profile_function(subset, size)
 
-    def misses(pose: Array) -> Array:
-        r, z = place(pose)
+    def residuals(pose: Array) -> Array:
+        r, z = profile(pose)
         order = np.argsort(r)
-        curve = _least_squares(
-            r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0]
-        )
-        missed = np.empty_like(r)
-        missed[order] = curve.residuals / scale
-        return missed
+        curve = _least_squares(r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0])
+        ordered_residuals = np.empty_like(r)
+        ordered_residuals[order] = curve.residuals / scale
+        return ordered_residuals
 
     scale, pose = 1.0, np.array([*(start / size), 0.0, 0.0])
-    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
+    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residuals(pose)))), 1e-12 * size)
     for _ in range(2):
-        pose = least_squares(
-            misses, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25
-        ).x
-        scale = max(scale * MAD_TO_SIGMA * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
-    r, z = _placed(points, size)(pose)
-    turned = points[:, :2] - pose[:2] * size
-    if len({(bool(x > 0), bool(y > 0)) for x, y in turned}) < 4:
-        raise OmnimirrorError(
-            f"{source} does not lie all about its axis; points on all sides of it are needed"
-        )
+        pose = least_squares(residuals, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25).x
+        scale = max(scale * MAD_TO_SIGMA * float(np.median(np.abs(residuals(pose)))), 1e-12 * size)
+    r, z = _profile_function(points, size)(pose)
+    centred = points[:, :2] - pose[:2] * size
+    if len({(bool(x > 0), bool(y > 0)) for x, y in centred}) < 4:
+        raise OmnimirrorError(f"{source} must surround its axis; measure points on all sides of it")
     return r, z
 
 
-def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
+def _profile_function(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
     """Return a function from centre and tilts to distances and heights of points."""
 
     def at(pose: Array) -> tuple[Array, Array]:
         cx, cy, a, b = pose
-        axis = np.array(
-            [np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))]
-        )
+        axis = np.array([np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))])
         p = points - [cx * size, cy * size, 0.0]
         z = p @ axis
         return np.sqrt(np.maximum((p**2).sum(axis=1) - z**2, 0.0)), z
@@ -761,7 +652,7 @@ def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]
     return at
 
 
-# -- Files of two numeric columns, and mirror-table entries that name them -------------------------
+# -- Column files ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -791,32 +682,24 @@ class ColumnFile:
         >>> PROFILE_FILE.followed({"profile_csv": "/etc/passwd"}, None)
         Traceback (most recent call last):
         ...
-        omnimirror.base.errors.SpecError: profile_csv names another file; put the profile itself in, as x_mm and z_mm
+        omnimirror.base.errors.SpecError: profile_csv must not name a file here; enter x_mm and z_mm instead
         """
         if self.entry not in table:
             return dict(table)
         if folder is None:
-            columns = " and ".join(self.columns)
-            raise SpecError(
-                f"{self.entry} names another file; put the {self.noun} itself in, as {columns}"
-            )
+            names = " and ".join(self.columns)
+            raise SpecError(f"{self.entry} must not name a file here; enter {names} instead")
         if clash := set(self.columns) & set(table):
-            raise SpecError(
-                f"mirror has both {self.entry} and {' and '.join(sorted(clash))}; give one or the other"
-            )
+            raise SpecError(f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one")
         name = table[self.entry]
         if not isinstance(name, str):
-            raise SpecError(
-                f"{self.entry} = {format_value(name)} is not the name of a file in quotes"
-            )
-        found = self.read(folder / name, self.noun)
-        rest = {k: v for k, v in table.items() if k != self.entry}
-        return rest | dict(zip(self.columns, map(list, found), strict=True))
+            raise SpecError(f"{self.entry} must be a file name in quotes; got {shown(name)}")
+        columns = self.read(folder / name, self.noun)
+        entries = {k: v for k, v in table.items() if k != self.entry}
+        return entries | dict(zip(self.columns, map(list, columns), strict=True))
 
 
-def read_columns(
-    path: Path, noun: str = "profile", names: str = "x_mm, z_mm"
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def read_columns(path: Path, noun: str = "profile", names: str = "x_mm, z_mm") -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Read two numeric columns of a CSV file; header and comment lines are skipped.
 
     Raises
@@ -830,13 +713,11 @@ def read_columns(
             first, second = parse_float(row[0]), parse_float(row[1])
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
-                raise OmnimirrorError(
-                    f"{path} line {number}: {format_value(','.join(row))} is not two numbers {names}"
-                ) from None
+                raise OmnimirrorError(f"{path} line {number}: the line must contain two numbers {names}; got {format_value(','.join(row))}") from None
             continue
         points.append((first, second))
     if not points:
-        raise OmnimirrorError(f"{path} holds no line of two numbers {names}")
+        raise OmnimirrorError(f"{path} must contain lines of two numbers {names}; got none")
     firsts, seconds = zip(*points, strict=True)
     return firsts, seconds
 
@@ -845,15 +726,10 @@ def _csv_rows(text: str, path: Path) -> list[list[str]]:
     try:
         return list(csv.reader(text.splitlines()))
     except csv.Error as e:  # an entry of more than 128 kB
-        raise OmnimirrorError(f"{path} is not a table of two columns: {e}") from None
+        raise OmnimirrorError(f"{path} must be a table of two columns: {e}") from None
 
 
 PROFILE_FILE = ColumnFile("profile_csv", ("x_mm", "z_mm"), "profile", read_columns)
 CLOUD_FILE = ColumnFile("cloud_csv", ("x_mm", "z_mm"), "cloud", read_cloud)
 GRID_FILE = ColumnFile("grid_sag", ("x_mm", "z_mm"), "grid", read_grid)
-MAPPING_FILE = ColumnFile(
-    "mapping_csv",
-    ("omega_deg", "height"),
-    "mapping",
-    lambda path, noun: read_columns(path, noun, "omega_deg, height"),
-)
+MAPPING_FILE = ColumnFile("mapping_csv", ("omega_deg", "height"), "mapping", lambda path, noun: read_columns(path, noun, "omega_deg, height"))

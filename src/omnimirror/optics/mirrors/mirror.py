@@ -22,12 +22,7 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from .measured import ColumnFile
 
-# -- Mirror interface: sag, slope and curvature of a meridian by the distance from the axis --------
-#
-# The vertex is at the origin and z points from the lens to the mirror; a mirror convex towards the
-# lens has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses with parameters, described in
-# ``PARAMETERS``, and their kernels; sensor files, sliders, optimisers and tolerances use this
-# description and need no code per mirror.
+# -- Mirror interface ------------------------------------------------------------------------------
 
 APEX = 1e-6  # of the rim radius: odd functions are linear to 1e-12 within
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")
@@ -82,7 +77,7 @@ class Mirror(ABC):
         """Return the mirror scaled uniformly: all lengths are multiplied by a factor."""
         factor = number("factor", factor, above=0.0)
 
-        def grown(name: str) -> Any:
+        def scaled_value(name: str) -> Any:
             value, unit = getattr(self, name), self.PARAMETERS[name].unit
             power = {"mm": 1, "um": 1, "nm": 1, "1/mm": -1}.get(unit, 0)
             if value is None or not power:
@@ -93,7 +88,7 @@ class Mirror(ABC):
                 else value * factor**power
             )
 
-        return replace(self, **{name: grown(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
+        return replace(self, **{name: scaled_value(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -134,10 +129,10 @@ class Mirror(ABC):
             z, slope, curvature = self.profile(x)
         missing = ~(np.isfinite(z) & np.isfinite(slope) & np.isfinite(curvature))
         if missing.any():
-            reach = self._reach(x[int(np.argmax(missing))])
+            extent = self._reach(x[int(np.argmax(missing))])
             raise OutsideMirror(
-                f"the {self.KIND} ends {reach:.6g} mm from the axis and does not reach its rim: "
-                f"rim_radius_mm = {self.rim_radius_mm:g} is valid below {reach:.6g}"
+                f"rim_radius_mm must be less than {extent:.6g} mm, where the {self.KIND} ends; "
+                f"got {self.rim_radius_mm:g}"
             )
 
     def _reach(self, first_missing_mm: float) -> float:
@@ -175,7 +170,7 @@ def sagittal_radius(x: Array, slope: Array, curvature: Array) -> Array:
         return np.where(slope == 0.0, 1 / curvature, x * np.sqrt(1 + slope**2) / slope)
 
 
-# -- Secondary mirror between primary mirror and lens: shape and position --------------------------
+# -- Secondary mirror ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -213,7 +208,7 @@ class Secondary:
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "distance_mm": Parameter(
-            "mm", 1e-3, 1e7, "from the primary's vertex to the secondary's (s)"
+            "mm", 1e-3, 1e7, "distance from the vertex of the primary to that of the secondary (s)"
         ),
         "bore_radius_mm": Parameter(
             "mm", 0.0, 1e5, "radius of the bore in the primary, or of the camera's front"
@@ -236,13 +231,13 @@ class Secondary:
         """Check that the secondary is between lens and primary without contact to the primary."""
         if not self.distance_mm < mirror_distance_mm:
             raise InvalidParameter(
-                f"distance_mm = {self.distance_mm:g} puts the secondary behind the lens; it is valid below "
-                f"mirror_distance_mm = {mirror_distance_mm:g}, the way from lens to primary by way of the secondary"
+                f"distance_mm must be less than mirror_distance_mm = {mirror_distance_mm:g}, "
+                f"the path from lens to primary over the secondary; got {self.distance_mm:g}"
             )
         x = np.linspace(0.0, min(primary.rim_radius_mm, self.mirror.rim_radius_mm), 513)
         gap = primary.sag(x) - self.height(x)
         if not (gap > 0).all():
             raise InvalidParameter(
-                f"distance_mm = {self.distance_mm:g} lets both mirrors touch; it is valid above "
-                f"{self.distance_mm - gap.min():.6g}"
+                f"distance_mm must be greater than {self.distance_mm - gap.min():.6g} mm, where "
+                f"the mirrors touch; got {self.distance_mm:g}"
             )

@@ -27,7 +27,7 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from .mirror import RIM_RADIUS, Mirror
 
-# -- Meridian with a prescribed mapping, for a perspective or an orthographic lens -----------------
+# -- Meridian with a prescribed mapping ------------------------------------------------------------
 #
 # In polar coordinates about the lens, ``P = rho (sin theta, cos theta)``, a mirror that reflects the
 # chief ray of viewing angle theta to field angle ``Omega(theta)`` satisfies
@@ -54,7 +54,7 @@ NEGLIGIBLE = 1e-14  # last terms of a series, relative to the largest
 MIN_PIECES, MAX_BISECTIONS = 4, 12
 
 
-class GeneratedMeridian(Protocol):
+class PrescribedMeridian(Protocol):
     """Meridian of a generated mirror; lengths in units of the rim radius."""
 
     @property
@@ -126,16 +126,16 @@ class PerspectiveMeridian:
 
     Attributes
     ----------
-    place : callable
+    angle_and_height : callable
         Field angle, and ln(rho/m), which is 0 on the axis, for viewing angles, all in radians.
-    course : callable
+    field_and_height : callable
         Field angle, its derivative and ln(rho/m) together, because they share most of the
         computation.
     theta_max : radians
     """
 
-    place: Callable[[Array], tuple[Array, Array]]
-    course: Callable[[Array], tuple[Array, Array, Array]]
+    angle_and_height: Callable[[Array], tuple[Array, Array]]
+    field_and_height: Callable[[Array], tuple[Array, Array, Array]]
     theta_max: float
 
     @classmethod
@@ -157,29 +157,30 @@ class PerspectiveMeridian:
     def distance(self) -> float:
         """Distance from lens to vertex; it scales the rim radius to 1."""
         end = np.array(self.theta_max)
-        return float(np.exp(-self.place(end)[1]) / np.sin(end))
+        return float(np.exp(-self.angle_and_height(end)[1]) / np.sin(end))
 
     def x(self, theta: Array) -> tuple[Array, Array]:
         """Compute the distance from the axis and its derivative dx/dtheta."""
-        return self._x(theta, *self.place(theta))
+        return self._x(theta, *self.angle_and_height(theta))
 
     def _x(self, theta: Array, omega: Array, log_rho: Array) -> tuple[Array, Array]:
         rho = self.distance * np.exp(log_rho)
+        # x = rho sin(theta); dx/dtheta with d ln(rho)/dtheta = tan((Omega + theta)/2)
         sin, cos = np.sin(theta), np.cos(theta)
         return rho * sin, rho * (cos + np.tan((omega + theta) / 2) * sin)
 
     @cached_property
     def _table(self) -> Array:
         """Cubic pieces (4, CELLS) of theta(x), refined by a Newton step."""
-        x, few = (
+        x, coarse = (
             np.linspace(0.0, 1.0, CELLS + 1),
             self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1)),
         )
-        theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
-        found, rate = self.x(theta)
-        theta = theta - (found - x) / rate
-        found, rate = self.x(theta)
-        if not np.abs(found - x).max() <= CLOSE:
+        theta = _between(_pieces(coarse, 1 / self.x(coarse)[1]), x)
+        x_at_theta, rate = self.x(theta)
+        theta = theta - (x_at_theta - x) / rate
+        x_at_theta, rate = self.x(theta)
+        if not np.abs(x_at_theta - x).max() <= CLOSE:
             theta = self._bracketed(x)
             rate = self.x(theta)[1]
         theta[0] = 0.0
@@ -190,8 +191,8 @@ class PerspectiveMeridian:
         low, high = np.zeros_like(x), np.full_like(x, self.theta_max)
         theta = x * self.theta_max
         for _ in range(60):  # bisection alone would converge; Newton's method takes over early
-            found, rate = self.x(theta)
-            error = found - x
+            x_at_theta, rate = self.x(theta)
+            error = x_at_theta - x
             low, high = np.where(error <= 0, theta, low), np.where(error >= 0, theta, high)
             step = theta - error / rate
             new = np.where((step >= low) & (step <= high), step, (low + high) / 2)
@@ -206,19 +207,20 @@ class PerspectiveMeridian:
         beta = (omega - theta) / 2
         # rho cos(theta) - m, without cancellation near the axis
         z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
+        # z' = tan(beta), beta = (Omega - theta)/2 (Eq. 4); z'' = dbeta/dtheta / cos^2(beta) / (dx/dtheta)
         rate = self._x(theta, omega, log_rho)[1]
         return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
 
     def _at(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Compute viewing angles at x, exactly 0 on the axis, and the course of the mapping there.
+        """Compute viewing angles at x, exactly 0 on the axis, and the mapping there.
 
         The table gives an estimate; first-order steps complete it.
         """
         theta = _between(self._table, x)
         for _ in range(2):
-            omega, domega, log_rho = self.course(theta)
-            found, rate = self._x(theta, omega, log_rho)
-            step = (x - found) / rate
+            omega, domega, log_rho = self.field_and_height(theta)
+            x_at_theta, rate = self._x(theta, omega, log_rho)
+            step = (x - x_at_theta) / rate
             log_rho = log_rho + np.tan((omega + theta) / 2) * step
             theta, omega = theta + step, omega + domega * step
             if not (np.abs(step) > CLOSE).any():
@@ -235,9 +237,9 @@ def _pieces(values: Array, rates: Array) -> Array:
 
 def _between(pieces: Array, x: Array) -> Array:
     """Evaluate cubic pieces at x."""
-    place = x * pieces.shape[1]
-    cell = np.fmax(np.fmin(place, pieces.shape[1] - 1), 0.0).astype(int)
-    t, (a, b, c, d) = place - cell, pieces[:, cell]
+    cell_coordinate = x * pieces.shape[1]
+    cell = np.fmax(np.fmin(cell_coordinate, pieces.shape[1] - 1), 0.0).astype(int)
+    t, (a, b, c, d) = cell_coordinate - cell, pieces[:, cell]
     return np.asarray(a + t * (b + t * (c + t * d)))
 
 
@@ -265,7 +267,7 @@ class OrthographicMeridian:
 
 OMEGA_MAX = Parameter("deg", 1.0, 179.0, "field angle at the rim")
 OMEGA_MIN = Parameter(
-    "deg", 0.0, 170.0, "field angle at the image centre; above 0 the mirror is pointed"
+    "deg", 0.0, 170.0, "field angle at the image centre; greater than 0 for a pointed mirror"
 )
 MIN_THETA_DEG = 1e-3  # smaller viewing angles lose precision; use an orthographic lens
 THETA_MAX = Parameter(
@@ -273,7 +275,7 @@ THETA_MAX = Parameter(
 )
 
 
-class Mapped(Mirror):
+class MappingMirror(Mirror):
     """Mirror with a prescribed exact mapping for a lens at :attr:`design_distance` from its vertex.
 
     The image height is normalised by that of the rim: ``tau = tan(theta)/tan(Theta)`` for a
@@ -313,7 +315,7 @@ class Mapped(Mirror):
         return float(np.radians(self.theta_max_deg))
 
     @cached_property
-    def _meridian(self) -> GeneratedMeridian:
+    def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg == 0:
             return OrthographicMeridian.solve(self.angles, self.rates)
         return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
@@ -333,19 +335,20 @@ class Mapped(Mirror):
         theta = self.theta_max_deg
         if 0 < theta < MIN_THETA_DEG:
             raise InvalidParameter(
-                f"theta_max_deg = {theta:g} is too small for a lens at a distance; it is valid from "
-                f"{MIN_THETA_DEG:g}, or 0 for an orthographic lens"
+                f"theta_max_deg must be at least {MIN_THETA_DEG:g} deg, or 0 for an "
+                f"orthographic lens; got {theta:g}"
             )
         if not theta < omega_max_deg < 180 - theta:
             raise InvalidParameter(
-                f"omega_max_deg = {omega_max_deg:g} cannot be reached with theta_max_deg = {theta:g}; it is valid "
-                f"between {theta:g} and {180 - theta:g}, where the rim would be seen edge-on"
+                f"omega_max_deg must be {theta:g} to {180 - theta:g} deg with theta_max_deg = "
+                f"{theta:g}: at the upper limit the lens views the rim edge-on; got "
+                f"{omega_max_deg:g}"
             )
 
 
 @dataclass(frozen=True)
-class Generated(Mapped):
-    """:class:`Mapped` mirror specified by its field angle at the rim."""
+class PrescribedMapping(MappingMirror):
+    """:class:`MappingMirror` mirror specified by its field angle at the rim."""
 
     omega_max_deg: float
     theta_max_deg: float
@@ -356,21 +359,22 @@ class Generated(Mapped):
         "theta_max_deg": THETA_MAX,
         "rim_radius_mm": RIM_RADIUS,
     }
-    MOST_OMEGA_DEG: ClassVar[float] = 180.0
+    MAX_OMEGA_DEG: ClassVar[float] = 180.0
     """Upper bound of the field angle of the mapping, for any lens."""
 
     def __post_init__(self) -> None:
         self._check_parameters()
         self._check_reach(self.omega_max_deg)
-        if self.omega_max_deg >= self.MOST_OMEGA_DEG:
+        if self.omega_max_deg >= self.MAX_OMEGA_DEG:
             raise InvalidParameter(
-                f"omega_max_deg = {self.omega_max_deg:g} cannot be reached by the {self.KIND} mapping; it is valid "
-                f"below {self.MOST_OMEGA_DEG:g}"
+                f"omega_max_deg must be less than {self.MAX_OMEGA_DEG:g} deg for the "
+                f"{self.KIND} mapping; got {self.omega_max_deg:g}"
             )
         omega_min: float = getattr(self, "omega_min_deg", 0.0)
         if omega_min >= self.omega_max_deg:
             raise InvalidParameter(
-                f"omega_min_deg = {omega_min:g} is not below omega_max_deg = {self.omega_max_deg:g}, as it must be"
+                f"omega_min_deg must be less than omega_max_deg = {self.omega_max_deg:g}; got "
+                f"{omega_min:g}"
             )
         self._check_surface()
 

@@ -14,7 +14,7 @@ from ..mirrors import Mirror
 from ..mirrors.conics_and_aspheres import Conic
 from .meridian import ROUNDING
 
-# -- Clearance of rays at the edges of apertures and obstructions, the measure of transmission -----
+# -- Clearance of rays at edges --------------------------------------------------------------------
 #
 # A clearance is a smooth function of the ray, in mm: 0 at the edge, positive for transmitted and
 # negative for blocked rays. :meth:`omnimirror.optics.tracing.optical_train.OpticalTrain.clearances`
@@ -27,7 +27,7 @@ def circle_clearance(across: Array, radius: float) -> Array:
     The difference of squares ``(r^2 - a^2)/(2 a)`` has the sign of ``r - a`` and its slope at the
     edge, and is smooth for rays through the axis; it can be interpolated over an aperture.
 
-    >>> past_circle(np.array([[3.0, 0.0], [0.0, 5.0]]), 4.0).round(3)
+    >>> circle_clearance(np.array([[3.0, 0.0], [0.0, 5.0]]), 4.0).round(3)
     array([-0.875,  1.125])
     """
     if radius <= 0:
@@ -36,7 +36,7 @@ def circle_clearance(across: Array, radius: float) -> Array:
     return clearance
 
 
-# -- Skew rays: first intersection with the front of a mirror, and reflection ----------------------
+# -- First intersection with a mirror, and reflection ----------------------------------------------
 #
 # All coordinates are in the mirror frame: vertex at the origin, z from the lens to the mirror. Rays
 # that miss the mirror, or meet its back or its plane beyond the rim, are invalid and NaN.
@@ -173,9 +173,9 @@ def hollowness(mirror: Mirror) -> float:
     """
     x = np.linspace(0.0, mirror.rim_radius_mm, 1025)
     _, slope, curvature = mirror.profile(x)
-    lowest = float(min(curvature.min(), (slope[1:] / x[1:]).min()))
+    min_curvature = float(min(curvature.min(), (slope[1:] / x[1:]).min()))
     rounding = 1e-9 * float(np.abs(curvature).max())
-    return CURVATURE_MARGIN * -lowest if lowest < -rounding else 0.0
+    return CURVATURE_MARGIN * -min_curvature if min_curvature < -rounding else 0.0
 
 
 # -- pure conics -----------------------------------------------------------------------------------
@@ -208,31 +208,31 @@ def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
     rim, sink = mirror.rim_radius_mm, hollowness(mirror)
     t, end = _over_the_mirror(mirror, o, d)
     bend = sink * (d[0] ** 2 + d[1] ** 2)
-    found = np.full(t.shape, np.nan)
-    on_way = np.flatnonzero(t <= end)
+    hit = np.full(t.shape, np.nan)
+    active = np.flatnonzero(t <= end)
     close = NEWTON_TOLERANCE * rim
     for step in range(MAX_STEPS):
-        if not on_way.size:
+        if not active.size:
             break
-        s = t[on_way]
-        g, rate = _height(mirror, o[:, on_way], d[:, on_way], s)
+        s = t[active]
+        g, rate = _height(mirror, o[:, active], d[:, active], s)
         if step == 0:
             inside = g > ROUNDING * rim  # enters behind the rim, or starts inside the body
             g = np.where(inside, np.nan, np.minimum(g, 0.0))
-        forward = -2 * g / (rate + np.sqrt(rate * rate - 2 * bend[on_way] * g))
+        forward = -2 * g / (rate + np.sqrt(rate * rate - 2 * bend[active] * g))
         forward = np.where(g >= 0, 0.0, forward)  # past the surface by rounding: converged
         s = s + forward
-        t[on_way] = s
-        arrived = (forward <= close) & (rate > 0) & (s <= end[on_way] + close)
-        found[on_way[arrived]] = s[arrived]
-        on_way = on_way[(forward > close) & (s <= end[on_way])]  # NaN and infinity drop out
-    return found
+        t[active] = s
+        arrived = (forward <= close) & (rate > 0) & (s <= end[active] + close)
+        hit[active[arrived]] = s[arrived]
+        active = active[(forward > close) & (s <= end[active])]  # NaN and infinity drop out
+    return hit
 
 
 def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     """Return the interval (n,), (n,) of rays (3, n) within the mirror's cylinder."""
-    rim, ((_, _), (lowest, _)) = mirror.rim_radius_mm * (1 + ROUNDING), mirror.bounds
-    lowest -= SAMPLING_MARGIN * rim
+    rim, ((_, _), (min_sag, _)) = mirror.rim_radius_mm * (1 + ROUNDING), mirror.bounds
+    min_sag -= SAMPLING_MARGIN * rim
     a = d[0] ** 2 + d[1] ** 2
     b = o[0] * d[0] + o[1] * d[1]
     c = o[0] ** 2 + o[1] ** 2 - rim * rim
@@ -242,7 +242,7 @@ def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     along = a == 0
     enter = np.where(along, np.where(c <= 0, -np.inf, np.nan), enter)
     leave = np.where(along, np.inf, leave)
-    slab = np.where((d[2] > 0) & (o[2] < lowest), (lowest - o[2]) / d[2], 0.0)
+    slab = np.where((d[2] > 0) & (o[2] < min_sag), (min_sag - o[2]) / d[2], 0.0)
     return np.maximum(np.maximum(enter, slab), 0.0), leave
 
 

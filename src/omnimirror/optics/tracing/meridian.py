@@ -32,7 +32,7 @@ from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror
 from ..mirrors.mirror import sagittal_radius, tangential_radius
 
-# -- Proof that the field angle of a polynomial mirror increases everywhere, also between nodes ----
+# -- Monotonicity of the field angle between nodes -------------------------------------------------
 #
 # With w = m + z, the sign of dOmega/dx (Eq. 8) is that of
 # ``2 z'' (w^2 + x^2) + (w - x z')(1 + z'^2)``, or of z'' for an orthographic lens: a polynomial on
@@ -51,10 +51,10 @@ def first_non_increasing_x(mirror: Mirror, m: float) -> float | None:
 
     >>> from omnimirror.optics.mirrors import SampledProfile
     >>> x = np.linspace(0, 10, 11)
-    >>> stops_growing(SampledProfile(tuple(x), tuple(0.01 * x**2)), np.inf) is None
+    >>> first_non_increasing_x(SampledProfile(tuple(x), tuple(0.01 * x**2)), np.inf) is None
     True
     >>> wavy = SampledProfile(tuple(x), tuple(0.01 * x**2 + 1e-2 * np.cos(3 * x)), uncertainty_um=0)
-    >>> stops_growing(wavy, np.inf) < 10
+    >>> first_non_increasing_x(wavy, np.inf) < 10
     True
     """
     breaks = mirror.breaks
@@ -101,17 +101,17 @@ def _derivative(a: Array) -> Array:
 
 
 def _product(a: Array, b: Array) -> Array:
-    found = np.zeros((len(a) + len(b) - 1, a.shape[1]))
+    product = np.zeros((len(a) + len(b) - 1, a.shape[1]))
     for i, row in enumerate(a):
-        found[i : i + len(b)] += row * b
-    return found
+        product[i : i + len(b)] += row * b
+    return product
 
 
 def _sum(a: Array, b: Array) -> Array:
-    found = np.zeros((max(len(a), len(b)), a.shape[1]))
-    found[: len(a)] += a
-    found[: len(b)] += b
-    return found
+    total = np.zeros((max(len(a), len(b)), a.shape[1]))
+    total[: len(a)] += a
+    total[: len(b)] += b
+    return total
 
 
 def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float | None:
@@ -124,8 +124,8 @@ def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float 
     for _ in range(MAX_BISECTIONS):
         failed = (b[0] < -slack) | (b[-1] < -slack)
         if failed.any():
-            at = np.where(b[0] < -slack, start, start + step)
-            return float(at[failed].min())
+            position = np.where(b[0] < -slack, start, start + step)
+            return float(position[failed].min())
         open_ = (b < -slack).any(axis=0)
         if not open_.any():
             return None
@@ -136,7 +136,7 @@ def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float 
     return None  # within rounding of 0
 
 
-# -- Meridional chief rays through a clear cover: Snell's law and astigmatic wavefront curvature
+# -- Chief rays through a clear cover --------------------------------------------------------------
 #
 # Two quantities of a chief-ray pencil are traced in addition to position and direction, both per mm
 # of mirror: the transverse separation of neighbouring rays (``spread``) and their angular separation
@@ -152,7 +152,7 @@ RAY_TOLERANCE = 1e-7  # relative distance within which a point is on a ray
 class Refraction(NamedTuple):
     """Refraction of wavefronts: ``after vergence' = before vergence + power``, (n,)."""
 
-    way: Any
+    path_mm: Any
     """Distance from the previous surface, mm."""
     before_t: Any
     after_t: Any
@@ -163,7 +163,7 @@ class Refraction(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outside:
+class OutsideRays:
     """Chief rays (n,) outside a cover; lengths in mm, angles in radians.
 
     ``x``, ``z`` is the point on each ray's line closest to its mirror point; ``spread`` and
@@ -184,7 +184,7 @@ class Outside:
         """Convert optical distances from the mirror to distances from ``x``, ``z``."""
         return object_distance - self.inside + self.reach
 
-    def seen_at(self, object_distance: Array) -> tuple[Array, Array]:
+    def apparent_distances(self, object_distance: Array) -> tuple[Array, Array]:
         """Return apparent distances (n,), (n,), mm, of tangential and sagittal foci.
 
         Converging pencils have negative distances.
@@ -199,20 +199,23 @@ class Outside:
             i = int(np.argmin(np.broadcast_to(behind, self.inside.shape)))
             p = float(np.broadcast_to(object_distance, self.inside.shape)[i])
             raise InvalidParameter(
-                f"object_distance_mm = {p:g} ends inside the cover; it is valid above {self.inside[i]:.5g} mm there"
+                f"object_distance_mm must be greater than {self.inside[i]:.5g} mm, outside the "
+                f"cover; got {p:g}"
             )
         with np.errstate(divide="ignore"):
-            t, s = (1 / near for near in seen_inside(self.refractions, 1 / behind))
+            t, s = (1 / inverse for inverse in distances_inside_cover(self.refractions, 1 / behind))
         return t, s
 
 
-def seen_inside(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
+def distances_inside_cover(
+    refractions: tuple[Refraction, ...], inverse_distance: Any
+) -> tuple[Any, Any]:
     """Convert 1/distance from the outer surface to that from the mirror, T and S."""
-    vergence_t = vergence_s = -near
+    vergence_t = vergence_s = -inverse_distance
     for r in reversed(refractions):
         vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
         vergence_s = (r.after_s * vergence_s - r.power_s) / r.before_s
-        vergence_t, vergence_s = (v / (1 - r.way * v) for v in (vergence_t, vergence_s))
+        vergence_t, vergence_s = (v / (1 - r.path_mm * v) for v in (vergence_t, vergence_s))
     return -vergence_t, -vergence_s
 
 
@@ -235,7 +238,7 @@ class RefractingSurface(NamedTuple):
     height: Any
     """Height above the mirror vertex of a plane or a sphere's centre; not used for a cylinder."""
 
-    def met_by(self, ray: Pencil) -> tuple[Any, Any]:
+    def intersection(self, ray: Pencil) -> tuple[Any, Any]:
         """Return distances along rays from inside, and the angle of the normal."""
         sin, cos = np.sin(ray.omega), np.cos(ray.omega)
         if self.kind == "plane":
@@ -244,8 +247,8 @@ class RefractingSurface(NamedTuple):
             return (self.radius - ray.x) / sin, np.pi / 2 + 0 * ray.x
         dz = ray.z - self.height
         b, c = ray.x * sin - dz * cos, ray.x**2 + dz**2 - self.radius**2
-        way = -b + np.sqrt(b * b - c)
-        return way, _angle_of(ray.x + way * sin, way * cos - dz)
+        distance = -b + np.sqrt(b * b - c)
+        return distance, _angle_of(ray.x + distance * sin, distance * cos - dz)
 
     @property
     def curvatures(self) -> tuple[Any, Any]:
@@ -279,7 +282,7 @@ def refracting_surfaces(shell: Shell) -> tuple[RefractingSurface, RefractingSurf
 
 def refract_through_shell(
     ray: Pencil, sides: tuple[RefractingSurface, RefractingSurface], indices: tuple[float, float]
-) -> Passed:
+) -> CoverTransit:
     """Refract rays through both surfaces of a wall; ``indices`` are those of wall and outer medium.
 
     Rays that miss a surface or are totally reflected are non-finite. Imaginary parts of complex
@@ -295,10 +298,10 @@ def refract_through_shell(
     foot = Pencil(
         ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate
     )
-    return Passed(foot, reach, through[0].way + through[1].way, tuple(through))
+    return CoverTransit(foot, reach, through[0].path_mm + through[1].path_mm, tuple(through))
 
 
-class Passed(NamedTuple):
+class CoverTransit(NamedTuple):
     """Rays outside a wall, measured from the point of each line closest to its mirror point."""
 
     foot: Pencil
@@ -317,7 +320,7 @@ class Cover:
     >>> from omnimirror.optics.mirrors import Sphere
     >>> from omnimirror.optics.tracing.meridian import trace_chief_rays
     >>> cover = Cover(Tube(120.0, 3.0, 1.49, medium_index=1.333), -180.0, 20.0)
-    >>> rays = cover.left_by(trace_chief_rays(Sphere(50.0, 44.0), 180.0, [20.0, 40.0]))
+    >>> rays = cover.refracted(trace_chief_rays(Sphere(50.0, 44.0), 180.0, [20.0, 40.0]))
     >>> (np.cos(rays.reflected) / np.cos(rays.omega)).round(12)  # Snell's law at parallel walls
     array([1.333, 1.333])
     """
@@ -340,24 +343,26 @@ class Cover:
         """True if the media inside and outside have the same refractive index."""
         return self.shell.outer_index == 1.0
 
-    def left_by(self, rays: ChiefRays) -> ChiefRays:
+    def refracted(self, rays: ChiefRays) -> ChiefRays:
         """Return chief rays outside the cover."""
         start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
         with np.errstate(all="ignore"):  # misses and total reflection: see below
-            passed = refract_through_shell(
+            transit = refract_through_shell(
                 start, refracting_surfaces(self.shell), (self.shell.index, self.shell.outer_index)
             )
-        foot, through = passed.foot, passed.refractions
-        found: tuple[Array, ...] = (*foot, passed.reach, passed.inside)
+        foot, through = transit.foot, transit.refractions
+        values: tuple[Array, ...] = (*foot, transit.reach, transit.inside)
         if not crosses.all():
-            nothing = np.zeros_like(start.x)
-            bare = (*start, nothing, nothing)
-            found = tuple(np.where(crosses, new, old) for new, old in zip(found, bare, strict=True))
-            through = tuple(_only_where(crosses, r) for r in through)
-        x, z, omega, spread, rate, reach, inside = found
+            zeros = np.zeros_like(start.x)
+            bare = (*start, zeros, zeros)
+            values = tuple(
+                np.where(crosses, new, old) for new, old in zip(values, bare, strict=True)
+            )
+            through = tuple(_identity_unless(crosses, r) for r in through)
+        x, z, omega, spread, rate, reach, inside = values
         return replace(
-            rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through)
+            rays, omega=omega, outside=OutsideRays(x, z, rate, spread, reach, inside, through)
         )
 
     def crosses(self, rays: ChiefRays) -> Mask:
@@ -372,7 +377,9 @@ class Cover:
             height: Array = rays.z - (self.shell.radii_mm[0] - rays.x) / np.tan(rays.reflected)
         return height
 
-    def first_seen(self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float) -> float:
+    def first_visible_x(
+        self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float
+    ) -> float:
         """Return the distance from the axis of the first mirror point with outside view.
 
         Rays from smaller distances end at the base. In air, the inner rays are used.
@@ -389,7 +396,8 @@ class Cover:
         (passing,) = np.nonzero(height > 0)
         if not passing.size:
             raise SelfObstruction(
-                "no ray from the mirror passes the tube's wall: all of them end at its base"
+                "at least one ray from the mirror must pass the wall of the tube; all of them "
+                "end at its base"
             )
         if passing[0] == 0:
             return start
@@ -420,25 +428,28 @@ class Cover:
         """
         outside = rays.outside
         assert outside is not None
-        caught = ~np.isfinite(rays.omega)
-        if caught.any() and isinstance(self.shell, FlatWindow):
-            i = int(np.argmax(caught))
+        is_blocked = ~np.isfinite(rays.omega)
+        if is_blocked.any() and isinstance(self.shell, FlatWindow):
+            i = int(np.argmax(is_blocked))
             raise SelfObstruction(
-                f"the window is passed only by rays that lead back past the lens, and those from x = {rays.x[i]:.5g} mm"
-                f" leave the mirror at {np.degrees(rays.reflected[i]):.5g} deg; a smaller rim_radius_mm is valid, or a "
-                "tube or a dome"
+                "rays from the mirror must be directed back past the lens to pass the window; "
+                f"those from x = {rays.x[i]:.5g} mm leave at "
+                f"{np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a tube "
+                "or dome"
             )
-        if caught.any():
+        if is_blocked.any():
             raise SelfObstruction(
-                f"the {self.shell.KIND} keeps in rays from x = {rays.x[np.argmax(caught)]:.5g} mm on: they meet its "
-                "outer side so askew that they are reflected; a wider one lets them out"
+                f"rays from the mirror must pass the {self.shell.KIND}; those from x = "
+                f"{rays.x[np.argmax(is_blocked)]:.5g} mm are totally reflected at its outer "
+                "surface; use a larger diameter"
             )
         crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
         crossing[0] &= rays.slope[0] == 0  # as without a cover: at the apex of a pointed mirror
         if crossing.any():
             raise SelfObstruction(
-                f"behind the {self.shell.KIND} neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm "
-                "on, so that the mapping is not one to one; a wider or thinner one keeps them apart"
+                f"the mapping behind the {self.shell.KIND} must be one-to-one; neighbouring "
+                f"rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm; use a larger "
+                "diameter or a thinner wall"
             )
 
 
@@ -447,7 +458,7 @@ def _refracted(
 ) -> tuple[Pencil, Refraction]:
     """Return rays behind a surface, and its effect on wavefronts."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-    way, normal = side.met_by(ray)
+    distance, normal = side.intersection(ray)
     curvature_t, curvature_s = side.curvatures
     i = ray.omega - normal
     cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
@@ -456,34 +467,31 @@ def _refracted(
     behind = np.arcsin(sin_behind)
     cos_behind = np.cos(behind)
     gain = after * cos_behind - before * cos_i
-    along = (ray.spread + way * ray.rate) / cos_i  # separation of neighbours along the surface
+    along = (ray.spread + distance * ray.rate) / cos_i  # separation of neighbours along the surface
     turn = curvature_t * along
     rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind)
-    left = Pencil(ray.x + way * sin, ray.z - way * cos, normal + behind, cos_behind * along, rate)
-    one = np.ones_like(gain)
-    return left, Refraction(
-        way,
+    outgoing = Pencil(
+        ray.x + distance * sin, ray.z - distance * cos, normal + behind, cos_behind * along, rate
+    )
+    ones = np.ones_like(gain)
+    return outgoing, Refraction(
+        distance,
         before * cos_i**2,
         after * cos_behind**2,
         gain * curvature_t,
-        before * one,
-        after * one,
+        before * ones,
+        after * ones,
         gain * curvature_s,
     )
 
 
-def _only_where(crosses: Mask, r: Refraction) -> Refraction:
+def _identity_unless(crosses: Mask, r: Refraction) -> Refraction:
     """Return the refraction, set to the identity for rays that do not cross."""
-    nothing = (0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0)
-    return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, nothing, strict=True)))
+    identity = (0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0)
+    return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, identity, strict=True)))
 
 
-# -- Chief rays in the meridional plane, and their inversion from angles and points to the mirror
-#
-# The mirror coordinate x is the parameter: all other quantities follow from it without a singularity
-# at 90 deg and without ray aiming. Angles are in radians; ``m`` is the distance from the lens's
-# reference point to the mirror vertex, infinite for an orthographic lens. Chief rays pass through the
-# entrance pupil, which may be displaced from the reference point.
+# -- Chief rays and their inversion ----------------------------------------------------------------
 
 BETWEEN = 8  # points per polynomial piece at which the mapping is checked
 NODES = 1025  # of the table used for initial values and for the proof of monotonicity
@@ -498,7 +506,7 @@ class ChiefRays:
     viewing side (for a lens, its viewing angle), ``gamma`` the angle of incidence and reflection,
     ``omega`` the field angle from -z (Eqs. 1-5) and ``w`` the axial distance from entrance pupil to
     mirror point (m + z if the pupil is in the reference point). ``path`` is the distance to the
-    pupil; ``seen_in`` are the chief rays of a second mirror in which the lens sees the first
+    pupil; ``secondary_rays`` are the chief rays of a second mirror in which the lens sees the first
     (:mod:`.two_mirrors`); ``drift`` is the pupil's motion, mm per radian of theta. Behind a cover,
     ``omega`` is the angle ``outside`` it.
     """
@@ -514,21 +522,21 @@ class ChiefRays:
     gamma: Array
     omega: Array
     path: Array
-    seen_in: ChiefRays | None = None
+    secondary_rays: ChiefRays | None = None
     drift: Array | float = 0.0
-    outside: Outside | None = None
+    outside: OutsideRays | None = None
 
     @property
     def first(self) -> ChiefRays:
         """Chief rays at the mirror facing the lens: these, or those at a second mirror."""
-        return self if self.seen_in is None else self.seen_in
+        return self if self.secondary_rays is None else self.secondary_rays
 
     def dfirst_dx(self) -> Array:
         """Compute the derivative, by x, of the coordinate on the mirror facing the lens."""
         return (
             np.ones_like(self.x)
-            if self.seen_in is None
-            else self._dtheta_dx() / self.seen_in.domega_dx()
+            if self.secondary_rays is None
+            else self._dtheta_dx() / self.secondary_rays.domega_dx()
         )
 
     def pupil_distance(self) -> Array:
@@ -538,9 +546,9 @@ class ChiefRays:
         caustic of the chief rays if it moves with their angle, or its tangential image in a second
         mirror.
         """
-        if self.seen_in is None:
+        if self.secondary_rays is None:
             return self.path - self.drift * np.sin(self.theta)
-        second = self.seen_in
+        second = self.secondary_rays
         return self.path + np.cos(second.gamma) / (np.cos(second.beta) * second.domega_dx())
 
     def domega_dx(self) -> Array:
@@ -673,22 +681,22 @@ class Meridian:
         return self._first_outside(0.0)
 
     @property
-    def middle_hidden_by(self) -> str:
+    def centre_obscured_by(self) -> str:
         """Part that blocks the rays below :attr:`x_min`."""
-        assert self.cover is not None, "without a cover a single mirror is seen from its axis on"
+        assert self.cover is not None, "without a cover, a single mirror is visible from its axis"
         return f"{self.cover.shell.KIND}'s base"
 
     def _first_outside(self, start: float) -> float:
         """Return the first mirror point of the field that sees outside, from ``start``."""
         if self.cover is None:
             return start
-        return self.cover.first_seen(self._rays, start, self.mirror.rim_radius_mm)
+        return self.cover.first_visible_x(self._rays, start, self.mirror.rim_radius_mm)
 
     def _rays(self, x: Array) -> ChiefRays:
         return self._through_cover(trace_chief_rays(self.mirror, self.m, x, self.pupil))
 
     def _through_cover(self, rays: ChiefRays) -> ChiefRays:
-        return rays if self.cover is None else self.cover.left_by(rays)
+        return rays if self.cover is None else self.cover.refracted(rays)
 
     @property
     def omega_min(self) -> float:
@@ -713,7 +721,8 @@ class Meridian:
         inside = (x >= start * (1 - ROUNDING)) & (x <= rim * (1 + ROUNDING))
         if not inside.all():
             raise OutsideMirror(
-                f"x = {_first(x, ~inside):g} mm is not on the mirror, which is seen from {start:g} to {rim:g} mm"
+                f"x must be {start:g} to {rim:g} mm, the visible part of the mirror; got "
+                f"{_first(x, ~inside):g}"
             )
         return self._rays(np.clip(x, start, rim))
 
@@ -723,8 +732,9 @@ class Meridian:
         inside = self.sees(omega)
         if not inside.all():
             raise OutsideField(
-                f"omega = {np.degrees(_first(omega, ~inside)):.10g} deg is outside the field; it is valid from "
-                f"{np.degrees(self.omega_min):.6g} to {np.degrees(self.omega_max):.6g} deg"
+                f"omega must be {np.degrees(self.omega_min):.6g} to "
+                f"{np.degrees(self.omega_max):.6g} deg, the field; got "
+                f"{np.degrees(_first(omega, ~inside)):.10g}"
             )
         return self._invert_omega(omega)
 
@@ -753,8 +763,10 @@ class Meridian:
         t = (omega - low) / width
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = width / table.domega_dx()[np.stack([cell, cell + 1])]
-            bent = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
-        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # finite rates
+            interpolated = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
+        x: Array = (
+            a + t * step + np.where(np.isfinite(interpolated), interpolated, 0.0)
+        )  # finite rates
         return x
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
@@ -768,12 +780,12 @@ class Meridian:
         inside = (tangent >= 0) & (tangent <= tangents[-1] * (1 + ROUNDING))
         if not inside.all():
             raise OutsideField(
-                f"theta = {np.degrees(np.arctan(_first(tangent, ~inside))):.10g} deg looks past the mirror, "
-                f"whose rim stands at {np.degrees(self.theta_max):.6g} deg"
+                f"theta must be at most {np.degrees(self.theta_max):.6g} deg, the rim of the "
+                f"mirror; got {np.degrees(np.arctan(_first(tangent, ~inside))):.10g}"
             )
         cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
 
-        depth = self.m - self.pupil.place(tangent)
+        depth = self.m - self.pupil.position(tangent)
 
         def difference(x: Array) -> tuple[Array, Array]:
             z, slope, _ = self.mirror.profile(x)
@@ -806,30 +818,30 @@ class Meridian:
         start, edge = np.full_like(x_t, self.x_min), np.full_like(x_t, rim)
         surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
         with np.errstate(invalid="ignore"):  # non-finite points are not imaged
-            seen = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
-            seen &= (difference(start, x_t, z_t)[0] <= 0) & (
+            in_field = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
+            in_field &= (difference(start, x_t, z_t)[0] <= 0) & (
                 difference(edge, x_t, z_t)[0] >= -ROUNDING
             )
         x = np.full_like(x_t, np.nan)
-        if seen.any():
-            xt, zt = x_t[seen], z_t[seen]
-            x[seen] = increasing_root(
+        if in_field.any():
+            xt, zt = x_t[in_field], z_t[in_field]
+            x[in_field] = increasing_root(
                 lambda x: difference(x, xt, zt),
-                start[seen],
-                edge[seen],
+                start[in_field],
+                edge[in_field],
                 self.first_guess(xt, zt),
                 rim,
             )
             if self.cover is not None:
-                x[seen] = np.where(
-                    self.cover.leads_to(self._rays(x[seen]), xt, zt), x[seen], np.nan
+                x[in_field] = np.where(
+                    self.cover.leads_to(self._rays(x[in_field]), xt, zt), x[in_field], np.nan
                 )
         return x
 
     def first_guess(self, x_t: Array, z_t: Array) -> Array:
         """Return single-viewpoint estimates of the mirror points (n,), mm."""
-        middle = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
-        omega, _ = _direction(x_t, z_t - middle)
+        midpoint = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
+        omega, _ = _direction(x_t, z_t - midpoint)
         return np.interp(omega, self._table.omega, self._table.x)
 
 
@@ -839,11 +851,11 @@ def _direction(dx: Array, dz: Array) -> tuple[Array, Array]:
     return np.where(phi < -np.pi / 2, phi + 2 * np.pi, phi), np.hypot(dx, dz)
 
 
-def _first(values: Array, where: NDArray[np.bool_]) -> float:
-    return float(np.atleast_1d(values)[np.atleast_1d(where)][0])
+def _first(values: Array, mask: NDArray[np.bool_]) -> float:
+    return float(np.atleast_1d(values)[np.atleast_1d(mask)][0])
 
 
-# -- validity checks ----------------------------------------------------------------------------- #
+# -- validity checks -------------------------------------------------------------------------------
 # A second reflection of a reflected ray needs no separate check: it requires a surface farther out
 # that is flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta' > Omega' -
 # Omega + 90 deg exceeds 90 deg for increasing Omega: the lens would not see that surface.
@@ -858,19 +870,19 @@ def checked(rays: ChiefRays) -> ChiefRays:
 
 def _check_front_side(rays: ChiefRays) -> None:
     if not rays.m > 0:
-        raise InvalidParameter(
-            f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0"
-        )
+        raise InvalidParameter(f"mirror_distance_mm must be greater than 0; got {rays.m:g}")
     if rays.w[0] <= 0:
         raise InvalidParameter(
-            f"the lens's entrance pupil lies {rays.m - rays.w[0] + rays.z[0]:g} mm towards the mirror from where "
-            f"mirror_distance_mm = {rays.m:g} begins: behind the mirror; the distance is valid above that"
+            f"mirror_distance_mm must be greater than {rays.m - rays.w[0] + rays.z[0]:g} "
+            "mm, the position of the lens's entrance pupil: it would be behind the mirror; "
+            f"got {rays.m:g}"
         )
     hidden = (rays.w <= 0) | (np.cos(rays.theta) - rays.slope * np.sin(rays.theta) <= 0)
     if hidden.any():
         raise SelfObstruction(
-            f"the mirror hides itself from the lens beyond x = {_first(rays.x, hidden):.6g} mm, where the lens "
-            f"sees it edge-on; rim_radius_mm = {rays.x[-1]:g} is valid below that"
+            f"rim_radius_mm must be less than {_first(rays.x, hidden):.6g} mm, where the "
+            "lens views the mirror edge-on and its outer part is obscured; got "
+            f"{rays.x[-1]:g}"
         )
 
 
@@ -882,14 +894,15 @@ def _check_one_to_one(rays: ChiefRays) -> None:
     i = int(np.argmax(falling))
     if i <= 1:
         raise NotOneToOne(
-            "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards "
-            "the lens, and a cone needs a perspective lens"
+            "the field angle Omega(x) must increase away from the axis; the mirror must be "
+            "convex towards the lens, and a cone requires a perspective lens"
         )
     raise _not_one_to_one(rays.x[i], float(np.degrees(rays.omega[i])), rays.x[-1])
 
 
 def _not_one_to_one(x: float, omega_deg: float, rim: float) -> NotOneToOne:
     return NotOneToOne(
-        f"the field angle Omega(x) stops growing at x = {x:.6g} mm ({omega_deg:.5g} deg), so the mapping is not one to "
-        f"one; rim_radius_mm = {rim:g} is valid below {x:.6g}"
+        f"rim_radius_mm must be less than {x:.6g} mm, where the field angle Omega(x) "
+        f"stops increasing ({omega_deg:.5g} deg) and the mapping is no longer "
+        f"one-to-one; got {rim:g}"
     )

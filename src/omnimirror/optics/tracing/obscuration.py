@@ -2,7 +2,7 @@
 
 Obscuration is defined by the chief ray: near its edge the image fades over the width of the lens
 aperture. Parts about the axis of an aligned sensor obscure rings of field angle at every azimuth
-(:func:`hidden_parts`); for any sensor they block rays in space (:meth:`Obstructions.met_by`).
+(:func:`hidden_parts`); for any sensor they block rays in space (:meth:`Obstructions.blocks`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.root_finding import sign_change
 from ...base.typing import Array, Mask
-from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
+from ..housing import TELECENTRIC_LENS_DISTANCE_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.as_built import MirrorPose
 from ._ray_intersection import circle_clearance
@@ -73,7 +73,7 @@ class Disc(NamedTuple):
         with np.errstate(invalid="ignore"):
             return np.where(meets, circle_clearance(across, self.radius_mm), np.inf)
 
-    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
+    def blocks(self, points: Array, directions: Array) -> tuple[Mask, Array]:
         """Return which rays it blocks, and their crossings (n, 2), mm, of its plane."""
         return self.clearance(points, directions) < 0, self.crossing(points, directions)[0]
 
@@ -131,19 +131,19 @@ class TaperedRod(NamedTuple):
             )
             a = dx**2 + dy**2 - widening**2
             b = x * dx + y * dy - radius * widening
-            nearest = np.where(a > 0, np.clip(-b / a, first, last), first)
+            closest = np.where(a > 0, np.clip(-b / a, first, last), first)
             squares = [
                 (x + t * dx) ** 2 + (y + t * dy) ** 2 - (radius + t * widening) ** 2
-                for t in (first, nearest, last)
+                for t in (first, closest, last)
             ]
-            least = np.fmin.reduce(squares)
-            clearance = least / (2 * max(self.foot_radius_mm, self.top_radius_mm))
+            min_square = np.fmin.reduce(squares)
+            clearance = min_square / (2 * max(self.foot_radius_mm, self.top_radius_mm))
             return np.where(first <= last, clearance, np.inf)
 
-    def met_by(self, points: Array, directions: Array) -> Mask:
+    def blocks(self, points: Array, directions: Array) -> Mask:
         """Return which rays (n, 3), (n, 3) it blocks, including those that start inside."""
-        blocked: Mask = self.clearance(points, directions) < 0
-        return blocked
+        mask: Mask = self.clearance(points, directions) < 0
+        return mask
 
 
 @dataclass(frozen=True)
@@ -230,14 +230,16 @@ class Obstructions:
         pose
             Pose of the mirror.
         """
-        found = {}
+        clearances_by_part = {}
         if self.rod is not None:
-            ways = (self.rod.clearance(points, way) for way in (directions, towards_lens))
-            found["rod"] = np.fmin.reduce([*ways])
-        found |= {disc.part: disc.clearance(points, directions) for disc in self.discs}
+            rod_clearances = (
+                self.rod.clearance(points, direction) for direction in (directions, towards_lens)
+            )
+            clearances_by_part["rod"] = np.fmin.reduce([*rod_clearances])
+        clearances_by_part |= {disc.part: disc.clearance(points, directions) for disc in self.discs}
         if self.rim is not None:
-            found["rim"] = self._past_rim(self.rim, points, directions, pose)
-        return found
+            clearances_by_part["rim"] = self._past_rim(self.rim, points, directions, pose)
+        return clearances_by_part
 
     def meridian_clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
         """Return the clearance (n,), mm, of meridional chief rays at each part.
@@ -247,33 +249,38 @@ class Obstructions:
         x, z, theta, reflected = np.atleast_1d(
             rays.x, rays.z + shift_mm, rays.theta, rays.reflected
         )
-        nothing = np.zeros_like(x)
+        zeros = np.zeros_like(x)
         points, outwards, back = (
-            np.stack([across, nothing, along], axis=-1)
+            np.stack([across, zeros, along], axis=-1)
             for across, along in (
                 (x, z),
                 (np.sin(reflected), -np.cos(reflected)),
                 (-np.sin(theta), -np.cos(theta)),
             )
         )
-        found = self.clearances(points, outwards, back, MirrorPose(displacement_mm=shift_mm))
-        return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
+        clearances_by_part = self.clearances(
+            points, outwards, back, MirrorPose(displacement_mm=shift_mm)
+        )
+        return {
+            part: clearance.reshape(np.shape(rays.x))
+            for part, clearance in clearances_by_part.items()
+        }
 
-    def met_by(
+    def blocks(
         self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose
     ) -> dict[str, Mask]:
         """Return which reflected rays (n,) each part blocks; see :meth:`clearances`."""
         return {
-            part: found < 0
-            for part, found in self.clearances(points, directions, towards_lens, pose).items()
+            part: clearance < 0
+            for part, clearance in self.clearances(points, directions, towards_lens, pose).items()
         }
 
     def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
         """Return which reflected or outer rays the edge of the rim blocks."""
         if self.rim is None:
             return np.zeros(len(points), dtype=bool)
-        blocked: Mask = self._past_rim(self.rim, points, directions, pose) < 0
-        return blocked
+        mask: Mask = self._past_rim(self.rim, points, directions, pose) < 0
+        return mask
 
     def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
         """Return the clearance (n,), mm, at the ring around the mirror, which starts at its
@@ -290,9 +297,9 @@ class Obstructions:
         """Return which reflected rays (n,) end at the camera or rod in front of the mirror."""
         meets = np.zeros(len(points), dtype=bool)
         if self.camera is not None:
-            meets |= self.camera.met_by(points, directions)[0]
+            meets |= self.camera.blocks(points, directions)[0]
         if self.rod is not None:
-            meets |= self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
+            meets |= self.rod.blocks(points, directions) | self.rod.blocks(points, towards_lens)
         return meets
 
 
@@ -310,7 +317,7 @@ def envelope_of(
     lens = (
         -mirror_distance_mm
         if np.isfinite(mirror_distance_mm)
-        else -LENS_AT_RIMS * mirror.rim_radius_mm
+        else -TELECENTRIC_LENS_DISTANCE_RIMS * mirror.rim_radius_mm
     )
     back, outer = highest_mm(mirror) + rim.thickness_mm, mirror.rim_radius_mm + rim.width_mm
     if secondary is None:
@@ -360,7 +367,7 @@ def _before_mirror(
     return tuple(discs)
 
 
-# -- rings of field angle ------------------------------------------------------------------------------
+# -- rings of field angle --------------------------------------------------------------------------
 
 
 class Obscuration(NamedTuple):
@@ -370,18 +377,20 @@ class Obscuration(NamedTuple):
     """Name of the obscuring part."""
     omega_deg: tuple[float, float]
     """Range of field angles, degrees."""
-    picture_percent: float
+    image_percent: float
     """Fraction of the area of the image circle, %."""
 
 
-def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
+def obscuration_summary(rings: tuple[Obscuration, ...], percent: float) -> str:
     """Describe the obscured rings of the field and the obscured fraction of the image.
 
-    >>> hidden_words((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
-    'camera 0 to 8.43 deg; in all 0.71 % of the picture'
+    >>> obscuration_summary((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
+    'camera 0 to 8.43 deg; total 0.71 % of the image'
     """
-    told = [f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings]
-    return f"{', '.join(told)}; in all {percent:.2f} % of the picture" if told else "nothing"
+    parts = [
+        f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings
+    ]
+    return f"{', '.join(parts)}; total {percent:.2f} % of the image" if parts else "none"
 
 
 class HiddenPart(NamedTuple):
@@ -407,8 +416,10 @@ def hidden_parts(
     """
 
     def clearances(x: Array) -> dict[str, Array]:
-        found = obstructions.meridian_clearances(meridian.trace(x), shift_mm)
-        return {"anything": np.min([*found.values()], axis=0)} if merged and found else found
+        clearances_by_part = obstructions.meridian_clearances(meridian.trace(x), shift_mm)
+        if merged and clearances_by_part:
+            return {"anything": np.min([*clearances_by_part.values()], axis=0)}
+        return clearances_by_part
 
     def clearance(part: str, x: Array) -> Array:
         return clearances(x)[part]
@@ -422,24 +433,26 @@ def hidden_parts(
 
 
 def obscured_rings(
-    meridian: Meridian, hidden: tuple[HiddenPart, ...], share: Callable[[ChiefRays], Array]
+    meridian: Meridian, hidden: tuple[HiddenPart, ...], image_fraction: Callable[[ChiefRays], Array]
 ) -> tuple[Obscuration, ...]:
     """Return the obscured rings of the field, given image-area fractions (n,)."""
-    rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
+    rings = [_central_obscuration(meridian, image_fraction)] if meridian.x_min > 0 else []
     for part, ends in hidden:
         rays = meridian.trace(np.array(ends))
-        (low, high), (inner, outer) = np.degrees(rays.omega), share(rays)
+        (low, high), (inner, outer) = np.degrees(rays.omega), image_fraction(rays)
         rings.append(Obscuration(part, (float(low), float(high)), float(100 * (outer - inner))))
     return tuple(rings)
 
 
-def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
+def _central_obscuration(
+    meridian: Meridian, image_fraction: Callable[[ChiefRays], Array]
+) -> Obscuration:
     """Return the ring below the first unobscured mirror point."""
     start = meridian.trace(np.array([meridian.x_min]))
     return Obscuration(
-        meridian.middle_hidden_by,
+        meridian.centre_obscured_by,
         (0.0, float(np.degrees(start.omega[0]))),
-        float(100 * share(start)[0]),
+        float(100 * image_fraction(start)[0]),
     )
 
 

@@ -37,7 +37,7 @@ from .reflection import (
 from .shell_transmission import pose_of, shell_exit, shell_kernel_arguments
 from .two_mirrors import FoldedMirror
 
-# -- As-built mirror with form error and pose, traced in the camera frame --------------------------
+# -- As-built mirror with form error and pose ------------------------------------------------------
 
 FORM_STEPS = 12
 FORM_CLOSE = 1e-12  # rounding tolerance of heights, relative to the rim radius
@@ -59,14 +59,16 @@ class PosedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.optics.tracing._ray_intersection.trace`."""
-        turned = self.pose.turned_to_mirror(directions)
-        found = trace_formed(self.mirror, self.form, self.pose.to_mirror(origins), turned)
+        inside_directions = self.pose.turned_to_mirror(directions)
+        reflections = trace_formed(
+            self.mirror, self.form, self.pose.to_mirror(origins), inside_directions
+        )
         turn = self.pose.turned_to_camera
         return Reflections(
-            self.pose.to_camera(found.points),
-            turn(found.directions),
-            turn(found.normals),
-            found.valid,
+            self.pose.to_camera(reflections.points),
+            turn(reflections.directions),
+            turn(reflections.normals),
+            reflections.valid,
         )
 
     def specular(
@@ -77,33 +79,37 @@ class PosedMirror:
         ``start`` are initial points (n, 3), mm. Paths of distant ends are measured from the camera
         frame's origin.
         """
-        begin = None if start is None else self.pose.to_mirror(start)[..., :2]
-        found = reflection.specular_points(
-            self.mirror, self.inside(pupils), self.inside(targets), begin, self.form
+        start_xy = None if start is None else self.pose.to_mirror(start)[..., :2]
+        reflection_points = reflection.specular_points(
+            self.mirror, self.inside(pupils), self.inside(targets), start_xy, self.form
         )
         turn = self.pose.turned_to_camera
-        path = found.path
+        path = reflection_points.path
         for end in (pupils, targets):
             if end.distant:
                 path = path - end.xyz @ self.pose.shift
-        points = self.pose.to_camera(found.points)
-        return found._replace(
+        points = self.pose.to_camera(reflection_points.points)
+        return reflection_points._replace(
             points=points,
-            seen_at=points,
-            normals=turn(found.normals),
-            to_pupils=turn(found.to_pupils),
-            to_targets=turn(found.to_targets),
+            facing_points=points,
+            normals=turn(reflection_points.normals),
+            to_pupils=turn(reflection_points.to_pupils),
+            to_targets=turn(reflection_points.to_targets),
             path=path,
         )
 
     def beam(
-        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+        self,
+        pupils: RayEndpoints,
+        targets: RayEndpoints,
+        reflections: ReflectionPoints,
+        motion: Array,
     ) -> Array:
         """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
         """
-        inside = found._replace(points=self.pose.to_mirror(found.points))
+        inside = reflections._replace(points=self.pose.to_mirror(reflections.points))
         area = reflection.footprint(
             self.mirror,
             self.inside(pupils),
@@ -112,24 +118,26 @@ class PosedMirror:
             self.pose.turned_to_mirror(motion),
             self.form,
         )
-        upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
-        cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
-        section: Array = area * cos_incidence / upright
+        axial_cosine = np.abs(self.pose.turned_to_mirror(reflections.normals)[:, 2])
+        cos_incidence = np.einsum("ni,ni->n", reflections.normals, reflections.to_targets)
+        section: Array = area * cos_incidence / axial_cosine
         if not targets.distant:
-            section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+            section /= np.einsum(
+                "ni,ni->n", targets.xyz - reflections.points, targets.xyz - reflections.points
+            )
         return section
 
-    def left_at(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, reflections: ReflectionPoints) -> Array:
         """Return the points (n, 3) at which rays leave the mirror."""
-        return found.points
+        return reflections.points
 
-    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+    def objects_at(self, reflections: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at distances (n,), mm, from their mirror points, on their rays."""
-        objects: Array = found.points + distances[:, None] * found.to_targets
+        objects: Array = reflections.points + distances[:, None] * reflections.to_targets
         return objects
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays through points (n, 3) at the rim."""
         inside = self.pose.to_mirror(points)
@@ -146,7 +154,7 @@ class PosedMirror:
 def trace_formed(
     mirror: Mirror, form: MirrorForm, origins: Array, directions: Array
 ) -> Reflections:
-    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.space.trace`.
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`._ray_intersection.trace`.
 
     Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
     from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
@@ -158,26 +166,30 @@ def trace_formed(
     >>> formed.points
     array([[30.   ,  0.   , 10.002]])
     """
-    found = trace(mirror, origins, directions)
+    nominal = trace(mirror, origins, directions)
     if form.is_empty:
-        return found
-    valid = found.valid.copy()
-    points, outgoing, normals = found.points.copy(), found.directions.copy(), found.normals.copy()
-    way = np.broadcast_to(directions, points.shape)[valid]
-    way = way / np.linalg.norm(way, axis=1, keepdims=True)
-    at, surface, arrived = _met(mirror, form, points[valid], way)
+        return nominal
+    valid = nominal.valid.copy()
+    points, outgoing, normals = (
+        nominal.points.copy(),
+        nominal.directions.copy(),
+        nominal.normals.copy(),
+    )
+    incident = np.broadcast_to(directions, points.shape)[valid]
+    incident = incident / np.linalg.norm(incident, axis=1, keepdims=True)
+    hits, surface, arrived = _form_intersection(mirror, form, points[valid], incident)
     points[valid], normals[valid], outgoing[valid] = (
-        at,
+        hits,
         surface.normals,
-        reflect(way, surface.normals),
+        reflect(incident, surface.normals),
     )
     valid[valid] = arrived
     points[~valid] = normals[~valid] = outgoing[~valid] = np.nan
     return Reflections(points, outgoing, normals, valid)
 
 
-def _met(
-    mirror: Mirror, form: MirrorForm, points: Array, way: Array
+def _form_intersection(
+    mirror: Mirror, form: MirrorForm, points: Array, directions: Array
 ) -> tuple[Array, MirrorSurface, NDArray[np.bool_]]:
     """Return ray intersections (n, 3), the surface there, and convergence flags."""
     close = FORM_CLOSE * mirror.rim_radius_mm
@@ -186,13 +198,13 @@ def _met(
         over = points[:, 2] - surface.points[:, 2]
         if not (np.abs(over) > close).any():
             break
-        rate = way[:, 2] - (surface.slopes * way[:, :2]).sum(axis=1)
-        points = points - (over / rate)[:, None] * way
+        rate = directions[:, 2] - (surface.slopes * directions[:, :2]).sum(axis=1)
+        points = points - (over / rate)[:, None] * directions
         surface = MirrorSurface(mirror, points[:, :2], form)
     return points, surface, np.abs(points[:, 2] - surface.points[:, 2]) <= 10 * close
 
 
-# -- Mirror behind a tube or dome, traced in space for any pose of mirror and cover ----------------
+# -- Mirror behind a tube or dome ------------------------------------------------------------------
 #
 # A ray is traced from a pupil point to a mirror point and out through both surfaces of the wall. The
 # mirror point that images a target is the one whose ray reaches the target; Newton's method finds it
@@ -216,7 +228,7 @@ class _Paths(NamedTuple):
     normals: Array
     to_pupils: Array
     reflected: Array
-    left_at: Array
+    exit_points: Array
     outwards: Array
     path: Array
     """Optical path length (n,), mm, from the pupil, or from the origin's plane if it is distant."""
@@ -248,13 +260,15 @@ class CoveredMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3) and refract them through the cover."""
-        found = self.mirror.trace(origins, directions)
-        valid = found.valid.copy()
-        points, outwards = found.points.copy(), found.directions.copy()
-        points[valid], outwards[valid], _, _, passes = self._let_out(points[valid], outwards[valid])
+        reflections = self.mirror.trace(origins, directions)
+        valid = reflections.valid.copy()
+        points, outwards = reflections.points.copy(), reflections.directions.copy()
+        points[valid], outwards[valid], _, _, passes = self._exit_rays(
+            points[valid], outwards[valid]
+        )
         valid[valid] = passes
         points[~valid] = outwards[~valid] = np.nan
-        return Reflections(points, outwards, found.normals, valid)
+        return Reflections(points, outwards, reflections.normals, valid)
 
     def specular(
         self, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None
@@ -263,115 +277,126 @@ class CoveredMirror:
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         pupils, targets = pupils.spread(count), targets.spread(count)
         with np.errstate(all="ignore"):  # non-finite results are marked invalid
-            begin = (
+            start_xy = (
                 self._guess(targets)
                 if start is None
                 else self.mirror.pose.to_mirror(start)[..., :2]
             )
-            begin = np.broadcast_to(begin, (count, 2))
+            start_xy = np.broadcast_to(start_xy, (count, 2))
             parts = [slice(first, first + CHUNK) for first in range(0, max(count, 1), CHUNK)]
-            found = [self._found(pupils[part], targets[part], begin[part]) for part in parts]
-        return ReflectionPoints(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+            chunks = [self._solve(pupils[part], targets[part], start_xy[part]) for part in parts]
+        return ReflectionPoints(*(np.concatenate(arrays) for arrays in zip(*chunks, strict=True)))
 
     def beam(
-        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+        self,
+        pupils: RayEndpoints,
+        targets: RayEndpoints,
+        reflections: ReflectionPoints,
+        motion: Array,
     ) -> Array:
         """Return the light (n,) from mirror points to moving pupils; see :meth:`PosedMirror.beam`.
 
         While the pupil moves, the mirror point follows to keep the ray on its target. Finite
         differences give the derivatives of the miss and the transverse motion of the outer ray.
         """
-        count = len(found.points)
+        count = len(reflections.points)
         pupils, targets = pupils.spread(count), targets.spread(count)
-        xy = self.mirror.pose.to_mirror(found.points)[:, :2]
+        xy = self.mirror.pose.to_mirror(reflections.points)[:, :2]
         motion = np.broadcast_to(motion, (count, 2, 3))
         step = DIFFERENCE * self.mirror.mirror.rim_radius_mm
         with np.errstate(all="ignore"):
-            ways = self._ways(pupils, xy)
-            e1, e2 = _across(ways.outwards)
+            paths = self._paths(pupils, xy)
+            e1, e2 = _across(paths.outwards)
 
             def flat(vectors: Array) -> Array:
                 return np.stack([np.einsum("ni,ni->n", vectors, e) for e in (e1, e2)], axis=-1)
 
             def change(there: _Paths, h: float) -> tuple[Array, Array]:
-                miss = self._miss(there, targets) - self._miss(ways, targets)
-                return flat(miss) / h, flat(there.left_at - ways.left_at) / h
+                miss = self._miss(there, targets) - self._miss(paths, targets)
+                return flat(miss) / h, flat(there.exit_points - paths.exit_points) / h
 
-            by_place = [change(self._ways(pupils, xy + step * e), step) for e in np.eye(2)]
+            by_position = [change(self._paths(pupils, xy + step * e), step) for e in np.eye(2)]
             h = step if not pupils.distant else DIFFERENCE
             by_pupil = [
                 change(
-                    self._ways(RayEndpoints(pupils.xyz + h * motion[:, k], pupils.distant), xy), h
+                    self._paths(RayEndpoints(pupils.xyz + h * motion[:, k], pupils.distant), xy), h
                 )
                 for k in (0, 1)
             ]
             (m_x, s_x), (m_e, s_e) = (
-                (np.stack([a for a, _ in both], axis=-1), np.stack([b for _, b in both], axis=-1))
-                for both in (by_place, by_pupil)
+                (
+                    np.stack([a for a, _ in derivatives], axis=-1),
+                    np.stack([b for _, b in derivatives], axis=-1),
+                )
+                for derivatives in (by_position, by_pupil)
             )
             moved = s_e - s_x @ np.linalg.solve(m_x, m_e)
             section: Array = np.abs(np.linalg.det(moved))
             if not targets.distant:
                 section /= np.einsum(
-                    "ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at
+                    "ni,ni->n", targets.xyz - paths.exit_points, targets.xyz - paths.exit_points
                 )
         return section
 
-    def left_at(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, reflections: ReflectionPoints) -> Array:
         """Return the points (n, 3), mm, on the outer surface of the cover."""
-        return self._let_out(found.points, found.to_targets)[0]
+        return self._exit_rays(reflections.points, reflections.to_targets)[0]
 
-    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+    def objects_at(self, reflections: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at optical distances (n,), mm, from their mirror points."""
-        left_at, outwards, _, inside, _ = self._let_out(found.points, found.to_targets)
-        objects: Array = left_at + (distances - inside)[:, None] * outwards
+        exit_points, outwards, _, inside, _ = self._exit_rays(
+            reflections.points, reflections.to_targets
+        )
+        objects: Array = exit_points + (distances - inside)[:, None] * outwards
         return objects
 
     def outside_of(self, points: Array, through: Array) -> tuple[Array, Array]:
         """Return exit points and directions (n, 3) of rays from inner points through others."""
-        way = through - points
-        left_at, outwards, *_ = self._let_out(
-            points, way / np.linalg.norm(way, axis=1, keepdims=True)
+        direction = through - points
+        exit_points, outwards, *_ = self._exit_rays(
+            points, direction / np.linalg.norm(direction, axis=1, keepdims=True)
         )
-        return left_at, outwards
+        return exit_points, outwards
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
-        return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
+        return self.mirror.clearances(facing_points, points, to_pupils, to_targets)
 
     # -- refraction through the wall ---------------------------------------------------------------
 
-    def _let_out(self, points: Array, directions: Array) -> tuple[Array, Array, Array, Array, Mask]:
+    def _exit_rays(
+        self, points: Array, directions: Array
+    ) -> tuple[Array, Array, Array, Array, Mask]:
         """Return exit points and directions (n, 3), optical and geometric path (n,), and validity.
 
         Rays that meet an end of a tube in air continue unchanged: they do not reach the wall.
         """
-        way = shell_exit(self.shell, points, directions)
-        left_at, outwards, passes, (first, second) = (
-            way.points,
-            way.directions,
-            way.passes,
-            way.lengths,
+        transit = shell_exit(self.shell, points, directions)
+        exit_points, outwards, passes, (first, second) = (
+            transit.points,
+            transit.directions,
+            transit.passes,
+            transit.lengths,
         )
         if isinstance(self.shell, Tube):
-            height = (way.met if self.shell.is_axial else pose_of(self.shell).to_mirror(way.met))[
-                :, 2
-            ]
+            height = (
+                transit.met if self.shell.is_axial else pose_of(self.shell).to_mirror(transit.met)
+            )[:, 2]
             low, high = self.ends_mm
-            meets = (height > low) & (height < high) & way.meets
+            meets = (height > low) & (height < high) & transit.meets
             if self.shell.outer_index != 1.0:
                 passes = passes & meets
             elif not meets.all():
-                left_at, outwards = (
+                exit_points, outwards = (
                     np.where(meets[:, None], new, old)
-                    for new, old in ((left_at, points), (outwards, way.incident))
+                    for new, old in ((exit_points, points), (outwards, transit.incident))
                 )
                 first, second, passes = first * meets, second * meets, passes | ~meets
-        return left_at, outwards, first + self.shell.index * second, first + second, passes
+        return exit_points, outwards, first + self.shell.index * second, first + second, passes
 
-    def _ways(self, pupils: RayEndpoints, xy: Array) -> _Paths:
+    def _paths(self, pupils: RayEndpoints, xy: Array) -> _Paths:
         surface = MirrorSurface(self.mirror.mirror, xy, self.mirror.form)
         pose = self.mirror.pose
         points, normals = pose.to_camera(surface.points), pose.turned_to_camera(surface.normals)
@@ -379,36 +404,44 @@ class CoveredMirror:
             to_pupils = pupils.xyz / _lengths(pupils.xyz)[:, None]
             before = -np.einsum("ni,ni->n", to_pupils, points)
         else:
-            way = pupils.xyz - points
-            before = _lengths(way)
-            to_pupils = way / before[:, None]
+            to_pupil = pupils.xyz - points
+            before = _lengths(to_pupil)
+            to_pupils = to_pupil / before[:, None]
         reflected = reflect(-to_pupils, normals)
-        left_at, outwards, time, inside, passes = self._let_out(points, reflected)
+        exit_points, outwards, time, inside, passes = self._exit_rays(points, reflected)
         return _Paths(
-            points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes
+            points,
+            normals,
+            to_pupils,
+            reflected,
+            exit_points,
+            outwards,
+            before + time,
+            inside,
+            passes,
         )
 
-    def _miss(self, ways: _Paths, targets: RayEndpoints) -> Array:
+    def _miss(self, paths: _Paths, targets: RayEndpoints) -> Array:
         """Return the miss (n, 3), as an angle or relative to the target distance.
 
         The distance is measured from the mirror; it remains positive for targets close to the
         cover.
         """
         if targets.distant:
-            return ways.outwards - targets.xyz
-        way = targets.xyz - ways.left_at
-        along = np.einsum("ni,ni->n", way, ways.outwards)
-        distance = _lengths(targets.xyz - ways.points)
-        miss: Array = (along[:, None] * ways.outwards - way) / distance[:, None]
+            return paths.outwards - targets.xyz
+        to_target = targets.xyz - paths.exit_points
+        along = np.einsum("ni,ni->n", to_target, paths.outwards)
+        distance = _lengths(targets.xyz - paths.points)
+        miss: Array = (along[:, None] * paths.outwards - to_target) / distance[:, None]
         return miss
 
     @staticmethod
-    def _wanted(ways: _Paths, targets: RayEndpoints) -> Array:
+    def _target_directions(paths: _Paths, targets: RayEndpoints) -> Array:
         if targets.distant:
             return targets.xyz
-        way = targets.xyz - ways.left_at
-        wanted: Array = way / _lengths(way)[:, None]
-        return wanted
+        to_target = targets.xyz - paths.exit_points
+        direction: Array = to_target / _lengths(to_target)[:, None]
+        return direction
 
     # -- mirror point of a target ------------------------------------------------------------------
 
@@ -438,27 +471,29 @@ class CoveredMirror:
             x = np.maximum(x, TIP * rim)
         return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
 
-    def _found(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> ReflectionPoints:
+    def _solve(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> ReflectionPoints:
         """Solve for the mirror points from initial points (n, 2), mm; see :meth:`specular`."""
         if not self._is_compiled:
-            xy = self._aimed(pupils, targets, start)
-            return self._proven(targets, xy, self._ways(pupils, xy))
-        xy, settled = self._settled(pupils, targets, start)
-        ways = self._ways(pupils, xy)
-        near = np.flatnonzero(
-            settled & (_lengths(self._miss(ways, targets)) > MISS_TOLERANCE)
+            xy = self._newton_solution(pupils, targets, start)
+            return self._verified(targets, xy, self._paths(pupils, xy))
+        xy, settled = self._compiled_solution(pupils, targets, start)
+        paths = self._paths(pupils, xy)
+        unsettled = np.flatnonzero(
+            settled & (_lengths(self._miss(paths, targets)) > MISS_TOLERANCE)
         )  # table limits
-        if near.size:
-            xy[near] = self._aimed(pupils[near], targets[near], xy[near])
-            ways = self._ways(pupils, xy)
-        return self._proven(targets, xy, ways)
+        if unsettled.size:
+            xy[unsettled] = self._newton_solution(
+                pupils[unsettled], targets[unsettled], xy[unsettled]
+            )
+            paths = self._paths(pupils, xy)
+        return self._verified(targets, xy, paths)
 
     @property
     def _is_compiled(self) -> bool:
         """True if a kernel is available: kernels do not support form errors."""
         return backend.is_compiled and self.mirror.form.is_empty
 
-    def _settled(
+    def _compiled_solution(
         self, pupils: RayEndpoints, targets: RayEndpoints, start: Array
     ) -> tuple[Array, Mask]:
         """Return mirror points (n, 2), mm, from a compiled kernel with a table of the meridian, and
@@ -490,64 +525,70 @@ class CoveredMirror:
     def _meridian_table(self) -> Array:
         return meridian_table(self.mirror.mirror, CELLS)
 
-    def _aimed(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
+    def _newton_solution(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
         """Solve for mirror points (n, 2), mm, whose rays reach the targets, by Newton's method.
 
         Derivatives cost two more rays each: they are reused while each step reduces the miss to 1
         %.
         """
         rim = self.mirror.mirror.rim_radius_mm
-        step, reach = DIFFERENCE * rim, MAX_STEP_LENGTH * rim
+        step, max_step = DIFFERENCE * rim, MAX_STEP_LENGTH * rim
         xy, active = np.array(start), np.arange(len(start))
         rates, before = np.zeros((2, len(start), 3)), np.zeros(len(start))
         for _ in range(MAX_STEPS):
-            pupil, target, at = pupils[active], targets[active], xy[active]
-            ways = self._ways(pupil, at)
-            here = self._miss(ways, target)
-            missed = _lengths(here)
+            pupil, target, position = pupils[active], targets[active], xy[active]
+            paths = self._paths(pupil, position)
+            here = self._miss(paths, target)
+            miss_size = _lengths(here)
             again = np.flatnonzero(
-                (missed > MISS_TOLERANCE) & ~(missed < MAX_MISS_RATIO * before[active])
+                (miss_size > MISS_TOLERANCE) & ~(miss_size < MAX_MISS_RATIO * before[active])
             )
             for k, e in enumerate(np.eye(2)):
-                there = self._miss(self._ways(pupil[again], at[again] + step * e), target[again])
+                there = self._miss(
+                    self._paths(pupil[again], position[again] + step * e), target[again]
+                )
                 rates[k, active[again]] = (there - here[again]) / step
-            before[active] = missed
-            move = _solved(rates[:, active], here, ways.outwards)
+            before[active] = miss_size
+            move = _step(rates[:, active], here, paths.outwards)
             size = np.hypot(*move.T)
-            move *= np.minimum(1.0, reach / np.where(size > 0, size, 1.0))[:, None]
+            move *= np.minimum(1.0, max_step / np.where(size > 0, size, 1.0))[:, None]
             xy[active] += move
-            active = active[(missed > MISS_TOLERANCE) & np.isfinite(size) & (size > 1e-14 * rim)]
+            active = active[(miss_size > MISS_TOLERANCE) & np.isfinite(size) & (size > 1e-14 * rim)]
             if not active.size:
                 break
         return xy
 
-    def _proven(self, targets: RayEndpoints, xy: Array, ways: _Paths) -> ReflectionPoints:
+    def _verified(self, targets: RayEndpoints, xy: Array, paths: _Paths) -> ReflectionPoints:
         faces = [
-            np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)
+            np.einsum("ni,ni->n", direction, paths.normals) > 0
+            for direction in (paths.to_pupils, paths.reflected)
         ]
-        leads = _lengths(ways.outwards - self._wanted(ways, targets)) <= REFLECTION_TOLERANCE
-        reflects = np.logical_and.reduce([*faces, leads, ways.passes])
+        leads = (
+            _lengths(paths.outwards - self._target_directions(paths, targets))
+            <= REFLECTION_TOLERANCE
+        )
+        reflects = np.logical_and.reduce([*faces, leads, paths.passes])
         valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
         if targets.distant:
-            behind = -np.einsum("ni,ni->n", targets.xyz, ways.left_at)
+            behind = -np.einsum("ni,ni->n", targets.xyz, paths.exit_points)
         else:
-            behind = _lengths(targets.xyz - ways.left_at)
-        path = ways.path + self.shell.outer_index * behind
+            behind = _lengths(targets.xyz - paths.exit_points)
+        path = paths.path + self.shell.outer_index * behind
         blank = np.where(reflects, 1.0, np.nan)
         column = blank[:, None]
         return ReflectionPoints(
-            ways.points,
-            ways.normals * column,
-            ways.to_pupils * column,
-            ways.reflected * column,
+            paths.points,
+            paths.normals * column,
+            paths.to_pupils * column,
+            paths.reflected * column,
             path * blank,
             reflects,
             valid,
-            ways.points,
+            paths.points,
         )
 
 
-def _solved(rates: Array, miss: Array, towards: Array) -> Array:
+def _step(rates: Array, miss: Array, towards: Array) -> Array:
     """Return steps (n, 2) that cancel misses (n, 3) across directions (n, 3), given rates (2, n,
     3); 0 for non-finite rates."""
     across = _across(towards)
@@ -576,10 +617,7 @@ def _across(directions: Array) -> tuple[Array, Array]:
     return e1, np.stack([b, sign + y * y * a, -y], axis=-1)
 
 
-# -- Skew ray trace of mirrors and lens, from image to world and from world to lens ----------------
-#
-# All coordinates are in the camera frame, in mm: z points from the lens to the mirror; the origin is
-# the nominal vertex of the mirror. Pixels are handled by the sensor.
+# -- Optical train ---------------------------------------------------------------------------------
 
 PUPIL_STEPS = 12  # each reduces the residual to 1 % or less
 PUPIL_CLOSE = 1e-13
@@ -618,7 +656,7 @@ class OpticalTrain:
         return PosedMirror(self.mirror, self.pose, self.form)
 
     @cached_property
-    def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
+    def effective_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
         """Mirror as seen from outside: through the tube or dome, if present."""
         mirror, cover = self.posed_mirror, self.obstructions
         if cover is None or cover.housing.shell is None:
@@ -642,7 +680,7 @@ class OpticalTrain:
         return offset
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at every edge between object and imager.
 
@@ -652,24 +690,28 @@ class OpticalTrain:
 
         Parameters
         ----------
-        seen_at, to_pupils : (n, 3) arrays
+        facing_points, to_pupils : (n, 3) arrays
             Points on the mirror facing the lens, and directions from these to the lens.
         points, to_targets : (n, 3) arrays
             Points on the primary mirror, and directions of the reflected rays into the world.
         """
         with np.errstate(all="ignore"):
-            found = self.seen_mirror.clearances(seen_at, points, to_pupils, to_targets)
-            found |= self.lens.clearances(seen_at - self.lens_offset, -to_pupils)
-            return found | self._housing_clearances(seen_at, points, to_pupils, to_targets)
+            clearances_by_part = self.effective_mirror.clearances(
+                facing_points, points, to_pupils, to_targets
+            )
+            clearances_by_part |= self.lens.clearances(facing_points - self.lens_offset, -to_pupils)
+            return clearances_by_part | self._housing_clearances(
+                facing_points, points, to_pupils, to_targets
+            )
 
     def _housing_clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         if self.obstructions is None:
             return {}
         mirror, towards_lens = self.posed_mirror, to_pupils
         if isinstance(mirror, FoldedMirror):
-            towards_lens = mirror.over(seen_at) - points
+            towards_lens = mirror.over(facing_points) - points
         return self.obstructions.clearances(points, to_targets, towards_lens, self.pose)
 
     def obstructed(self, origins: Array, directions: Array) -> tuple[Reflections, dict[str, Array]]:
@@ -678,21 +720,27 @@ class OpticalTrain:
         Obstructions are the parts of the housing and those of two mirrors, without the edges of the
         mirrors and of the lens.
         """
-        mirror, own = self.posed_mirror, {}
+        mirror, mirror_clearances = self.posed_mirror, {}
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         with np.errstate(all="ignore"):
             if isinstance(mirror, FoldedMirror):
-                found, seen_at = (
+                reflections, facing_points = (
                     mirror.unobstructed(origins, directions),
-                    mirror.seen_at(origins, directions),
+                    mirror.facing_points(origins, directions),
                 )
-                own = mirror.clearances(seen_at, found.points, to_pupils, found.directions)
-                own = {part: edge for part, edge in own.items() if part not in MIRROR_EDGES}
+                mirror_clearances = mirror.clearances(
+                    facing_points, reflections.points, to_pupils, reflections.directions
+                )
+                mirror_clearances = {
+                    part: edge
+                    for part, edge in mirror_clearances.items()
+                    if part not in MIRROR_EDGES
+                }
             else:
-                found = mirror.trace(origins, directions)
-                seen_at = found.points
-            return found, own | self._housing_clearances(
-                seen_at, found.points, to_pupils, found.directions
+                reflections = mirror.trace(origins, directions)
+                facing_points = reflections.points
+            return reflections, mirror_clearances | self._housing_clearances(
+                facing_points, reflections.points, to_pupils, reflections.directions
             )
 
     def passes_lens(self, origins: Array, directions: Array) -> Mask:
@@ -704,17 +752,21 @@ class OpticalTrain:
             passed &= edge >= 0
         return passed
 
-    def passes(self, origins: Array, directions: Array, found: Reflections) -> Mask:
+    def passes(self, origins: Array, directions: Array, reflections: Reflections) -> Mask:
         """Return which lens-side rays (n, 3), (n, 3), given their reflections, are transmitted."""
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         mirror = self.posed_mirror
-        seen_at = (
-            mirror.seen_at(origins, directions)
+        facing_points = (
+            mirror.facing_points(origins, directions)
             if isinstance(mirror, FoldedMirror)
-            else found.points
+            else reflections.points
         )
-        edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
-        passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        edges = self.clearances(
+            facing_points, reflections.points, to_pupils, reflections.directions
+        )
+        passed: Mask = np.logical_and.reduce(
+            [reflections.valid, *(edge >= 0 for edge in edges.values())]
+        )
         return passed
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> RayEndpoints:
@@ -732,19 +784,19 @@ class OpticalTrain:
         For a pupil that moves with the viewing angle, pupil and mirror point are found by
         iteration.
         """
-        mirror, middle = self.seen_mirror, np.zeros((1, 2))
-        found = mirror.specular(self.entrance_pupil_points(middle), targets)
+        mirror, centre = self.effective_mirror, np.zeros((1, 2))
+        reflection_points = mirror.specular(self.entrance_pupil_points(centre), targets)
         if not self.lens.pupil.moves:
-            return found
+            return reflection_points
         for _ in range(PUPIL_STEPS):
-            slopes = found.chief_slopes
-            found = mirror.specular(
-                self.entrance_pupil_points(middle, slopes), targets, found.points
+            slopes = reflection_points.chief_slopes
+            reflection_points = mirror.specular(
+                self.entrance_pupil_points(centre, slopes), targets, reflection_points.points
             )
             with np.errstate(invalid="ignore"):
-                if not (np.abs(found.chief_slopes - slopes) > PUPIL_CLOSE).any():
+                if not (np.abs(reflection_points.chief_slopes - slopes) > PUPIL_CLOSE).any():
                     break
-        return found
+        return reflection_points
 
     def image_of(self, targets: RayEndpoints) -> Array:
         """Return images (n, 2), mm, of targets (n,) on an untilted imager; NaN if not imaged.
@@ -755,12 +807,16 @@ class OpticalTrain:
 
     def image_and_start_of(self, targets: RayEndpoints) -> tuple[Array, Array]:
         """Return these images, and the origins (n, 3), mm, of the outgoing rays."""
-        found = self.chief_rays_to(targets)
-        return self._image_of(found), self.seen_mirror.left_at(found)
+        reflection_points = self.chief_rays_to(targets)
+        return self._image_of(reflection_points), self.effective_mirror.exit_points(
+            reflection_points
+        )
 
-    def _image_of(self, found: ReflectionPoints) -> Array:
-        image = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils)
-        image[~found.valid] = np.nan
+    def _image_of(self, reflections: ReflectionPoints) -> Array:
+        image = self.lens.image_of(
+            reflections.facing_points - self.lens_offset, reflections.to_pupils
+        )
+        image[~reflections.valid] = np.nan
         return image
 
     def rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:

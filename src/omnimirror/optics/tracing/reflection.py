@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 
-# -- Limits of the search for reflection points ----------------------------------------------------
+# -- Limits of the search --------------------------------------------------------------------------
 
 MAX_STEPS = 60
 MAX_STEP_LENGTH = 0.3  # of the rim radius, and of the distance from the apex of a pointed mirror
@@ -46,7 +46,7 @@ REFLECTION_TOLERANCE = 1e-9  # largest deviation from the law of reflection, as 
 RIM_SLACK = 1e-9  # relative tolerance at the rim
 
 
-# -- Ray endpoints of paths over a mirror, and the reflection points between them ------------------
+# -- Ray endpoints and reflection points -----------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class RayEndpoints:
                 ends = ends / np.linalg.norm(ends, axis=-1, keepdims=True)
         return cls(ends, distant)
 
-    def __getitem__(self, which: slice | NDArray[np.integer]) -> RayEndpoints:
-        return RayEndpoints(self.xyz[which], self.distant)
+    def __getitem__(self, index: slice | NDArray[np.integer]) -> RayEndpoints:
+        return RayEndpoints(self.xyz[index], self.distant)
 
     def spread(self, count: int) -> RayEndpoints:
         """Return ``count`` ends, broadcast from one or as many."""
@@ -90,7 +90,7 @@ class ReflectionPoints(NamedTuple):
     """(n,) True for a reflection with both ends in front of the (continued) surface."""
     valid: Mask
     """(n,) True if the point is also within the rim and the path is unobstructed."""
-    seen_at: Array
+    facing_points: Array
     """(n, 3), mm: points of the mirror facing the pupils; a second mirror, if present."""
 
     @property
@@ -101,7 +101,7 @@ class ReflectionPoints(NamedTuple):
         return slopes
 
 
-# -- Mirror surface over the vertex plane, continued beyond its rim, with two derivatives ----------
+# -- Continued mirror surface ----------------------------------------------------------------------
 
 
 def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
@@ -167,7 +167,7 @@ class MirrorSurface:
         return unit
 
 
-# -- Lookup tables for the search for reflection points: meridian and initial values ---------------
+# -- Lookup tables ---------------------------------------------------------------------------------
 
 CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are accurate to 1e-9 mm and 1e-9
 BEYOND = 256  # cells of the same width beyond the rim, for iterates outside the mirror
@@ -210,10 +210,12 @@ class MirrorTables:
         rays = trace_chief_rays(mirror, pupil_distance, x)
         omegas = float(rays.omega[0]), float(rays.omega[-1])
         even = np.interp(np.linspace(*omegas, CELLS + 1), rays.omega, x)
-        depth, most = None, 0.0
+        depth, max_tangent = None, 0.0
         if np.isfinite(pupil_distance):
-            most = float(x[-1] / rays.w[-1])
-            depth = _depths(mirror, pupil_distance, np.linspace(0.0, most, CELLS + 1), x, rays.w)
+            max_tangent = float(x[-1] / rays.w[-1])
+            depth = _depths(
+                mirror, pupil_distance, np.linspace(0.0, max_tangent, CELLS + 1), x, rays.w
+            )
         return cls(
             meridian_table(mirror),
             cubic_pieces(even, np.gradient(even)),
@@ -221,7 +223,7 @@ class MirrorTables:
             rim / CELLS,
             omegas,
             float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS]),
-            most,
+            max_tangent,
             rim,
             TIP * rim if mirror.is_pointed else 0.0,
         )
@@ -280,7 +282,7 @@ def _depths(
     return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))
 
 
-# -- Initial values from compiled kernels, which use a table of the meridian -----------------------
+# -- Initial values from compiled kernels ----------------------------------------------------------
 #
 # They are accurate to the table's interpolation error: one or two Newton steps on the actual surface
 # complete the solution.
@@ -338,7 +340,7 @@ def compiled_reflection_points(
     if tables is None or z == 0:
         return None
     count = len(targets.xyz)
-    asked, rows, states = (
+    coordinates, rows, states = (
         kernel_array(targets.xyz.T),
         np.empty((8, count)),
         np.empty(count, np.uint8),
@@ -350,14 +352,14 @@ def compiled_reflection_points(
         tables.omegas,
         tables.middle_mm,
         targets.distant,
-        asked,
+        coordinates,
         rows,
         states,
     )
     a, b, c = rows[5:]
     is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
-    places: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
-    return places
+    positions: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
+    return positions
 
 
 @lru_cache(maxsize=32)
@@ -370,7 +372,7 @@ def _tables(mirror: Mirror, distance: float) -> MirrorTables | None:
     return tables if rises and (tables.by_omega[:, 1] >= 0).all() else None
 
 
-# -- Reflection point between an entrance pupil and an object, for any positions (Fermat's principle)
+# -- Reflection point by Fermat's principle --------------------------------------------------------
 #
 # The optical path length from the object over the mirror to the pupil is stationary. On a convex
 # mirror seen from its front, every stationary path is a strict minimum: the Hessian over the surface
@@ -413,7 +415,7 @@ def specular_points(
     deg:
 
     >>> from omnimirror.optics.mirrors import Sphere
-    >>> pupils, targets = Ends.of([0.0, 0.0, -100.0]), Ends.of([150.0, 0.0, 50.0])
+    >>> pupils, targets = (RayEndpoints.of(p) for p in ([0.0, 0.0, -100.0], [150.0, 0.0, 50.0]))
     >>> found = specular_points(Sphere(50.0, 44.0), pupils, targets)
     >>> found.points.round(6) + 0.0, found.valid  # 50 sin 45, 50 - 50 cos 45
     (array([[35.355339,  0.      , 14.644661]]), array([ True]))
@@ -427,22 +429,22 @@ def specular_points(
             if start is None
             else np.broadcast_to(start, (count, 2))
         )
-        for begin in range(0, count, CHUNK):
-            part = slice(begin, begin + CHUNK)
+        for row in range(0, count, CHUNK):
+            part = slice(row, row + CHUNK)
             xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
         if mirror.is_pointed:
-            _leave_the_tip((mirror, form), pupils, targets, xy)
-        return _proven((mirror, form), pupils, targets, xy)
+            _restart_from_tip((mirror, form), pupils, targets, xy)
+        return _verified((mirror, form), pupils, targets, xy)
 
 
 def _first(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
     """Return initial points (n, 2), mm: from compiled kernels if available, otherwise estimates."""
-    places = compiled_reflection_points(*shape, pupils, targets)
-    if places is None:
+    positions = compiled_reflection_points(*shape, pupils, targets)
+    if positions is None:
         return guess(shape[0], pupils, targets)
-    lost = np.flatnonzero(np.isnan(places[:, 0]))
-    places[lost] = guess(shape[0], pupils[lost], targets[lost])
-    return places
+    unsolved = np.flatnonzero(np.isnan(positions[:, 0]))
+    positions[unsolved] = guess(shape[0], pupils[unsolved], targets[unsolved])
+    return positions
 
 
 def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
@@ -456,8 +458,8 @@ def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
         else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
     )
     table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
-    middle = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
-    towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, middle]
+    midpoint = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
+    towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, midpoint]
     across = np.hypot(towards[:, 0], towards[:, 1])
     x = np.interp(np.arctan2(across, -towards[:, 2]), table.omega, table.x)
     if mirror.is_pointed:
@@ -470,7 +472,7 @@ def footprint(
     mirror: Mirror,
     pupils: RayEndpoints,
     targets: RayEndpoints,
-    found: ReflectionPoints,
+    reflections: ReflectionPoints,
     motion: Array,
     form: MirrorForm = NO_FORM,
 ) -> Array:
@@ -490,14 +492,14 @@ def footprint(
     The gradient of the path stays 0 while the pupil moves; the point therefore moves by the inverse
     of the path's Hessian times the mixed derivative.
     """
-    count = len(found.points)
+    count = len(reflections.points)
     pupils, targets = pupils.spread(count), targets.spread(count)
     with np.errstate(all="ignore"):
-        surface = MirrorSurface(mirror, found.points[:, :2], form)
+        surface = MirrorSurface(mirror, reflections.points[:, :2], form)
         _, _, (a, b, c) = _path(surface, pupils, targets)
         motion = np.broadcast_to(motion, (count, 2, 3))
         if not pupils.distant:
-            step = found.points - pupils.xyz
+            step = reflections.points - pupils.xyz
             distance = np.linalg.norm(step, axis=1)[:, None, None]
             u = step[:, :, None] / distance
             motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
@@ -537,57 +539,61 @@ def _path(
 def _shortest(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
     """Return (x, y) (n, 2) of the shortest paths, by descent from initial points."""
     rim, pointed = shape[0].rim_radius_mm, shape[0].is_pointed
-    best = np.array(start)
-    trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
-    active = np.arange(len(best))
+    best_path = np.array(start)
+    trial, step, length = (
+        best_path.copy(),
+        np.zeros_like(best_path),
+        np.full(len(best_path), np.inf),
+    )
+    active = np.arange(len(best_path))
     for _ in range(MAX_STEPS):
         pupil, target = pupils[active], targets[active]
         new_length, gradient, second = _path(
             MirrorSurface(shape[0], trial[active], shape[1]), pupil, target
         )
         down = new_length <= length[active] * (1 + PATH_ROUNDING) + PATH_ROUNDING * rim
-        taken = active[down]
-        best[taken], length[taken] = trial[taken], new_length[down]
-        reach = MAX_STEP_LENGTH * (np.hypot(*best[taken].T) if pointed else rim)
-        step[taken] = _downhill(gradient[down], tuple(s[down] for s in second), reach)
+        is_shorter = active[down]
+        best_path[is_shorter], length[is_shorter] = trial[is_shorter], new_length[down]
+        max_step = MAX_STEP_LENGTH * (np.hypot(*best_path[is_shorter].T) if pointed else rim)
+        step[is_shorter] = _downhill(gradient[down], tuple(s[down] for s in second), max_step)
         step[active[~down]] /= 4
-        trial[active] = best[active] + step[active]
+        trial[active] = best_path[active] + step[active]
         size = np.hypot(*step[active].T)
         arrived = down & (size <= NEWTON_TOLERANCE * rim)
-        best[active[arrived]] = trial[active[arrived]]
+        best_path[active[arrived]] = trial[active[arrived]]
         active = active[~arrived & np.isfinite(size)]
         if not active.size:
             break
-    return best
+    return best_path
 
 
-def _leave_the_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> None:
+def _restart_from_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> None:
     """Restart around the apex if the descent ended at the apex, which does not reflect."""
     for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
-        lost = np.flatnonzero(~_proven(shape, pupils, targets, xy).reflects)
-        if not lost.size:
+        at_tip = np.flatnonzero(~_verified(shape, pupils, targets, xy).reflects)
+        if not at_tip.size:
             return
         start = shape[0].rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
-        xy[lost] = _shortest(
-            shape, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2))
+        xy[at_tip] = _shortest(
+            shape, pupils[at_tip], targets[at_tip], np.broadcast_to(start, (at_tip.size, 2))
         )
 
 
-def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
+def _downhill(gradient: Array, second: tuple[Array, ...], max_step: Array | float) -> Array:
     """Return Newton or gradient steps (n, 2), limited to ``reach``."""
     a, b, c = second
     gx, gy = gradient.T
     det = a * c - b * b
     newton = np.stack([b * gy - c * gx, b * gx - a * gy], axis=-1) / det[:, None]
     slope = np.hypot(gx, gy)
-    steepest = -gradient * (reach / np.where(slope > 0, slope, 1.0))[:, None]
+    steepest = -gradient * (max_step / np.where(slope > 0, slope, 1.0))[:, None]
     step = np.where(((det > 0) & (a > 0))[:, None], newton, steepest)
     size = np.hypot(*step.T)
-    limited: Array = step * np.where(size > reach, reach / size, 1.0)[:, None]
+    limited: Array = step * np.where(size > max_step, max_step / size, 1.0)[:, None]
     return limited
 
 
-def _proven(
+def _verified(
     shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array
 ) -> ReflectionPoints:
     """Verify mirror points and return their rays."""

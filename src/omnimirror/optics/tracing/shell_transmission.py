@@ -62,7 +62,7 @@ class ShellTransit(NamedTuple):
     """(n, 3): unit directions outside."""
     met: Array
     """(n, 3): intersections with the inner surface."""
-    thrown_back: Array
+    reflected: Array
     """(n, 3): unit directions of the internally reflected part."""
     passed: Array
     """(n,): transmittance; 1 for undeviated rays that do not meet the wall."""
@@ -79,13 +79,14 @@ def passage(shell: Shell, points: Array, directions: Array) -> ShellTransit:
     InvalidParameter
         If a ray starts outside.
     """
-    distances, reach = _from_middle(shell, points)
+    distances, reach = _radial_distances(shell, points)
     if (distances > reach).any():
         raise InvalidParameter(
-            f"a ray starts {distances.max():.4g} mm from the {'axis' if isinstance(shell, Tube) else 'centre'} of the "
-            f"{shell.KIND}, and its inner radius is {reach:g} mm"
+            f"rays must start within {reach:g} mm of the "
+            f"{'axis' if isinstance(shell, Tube) else 'centre'} of the {shell.KIND}, its "
+            f"inner radius; got {distances.max():.4g} mm"
         )
-    return let_out(shell, points, directions)
+    return transmit_rays(shell, points, directions)
 
 
 class ShellExit(NamedTuple):
@@ -111,37 +112,43 @@ class ShellExit(NamedTuple):
     """(n,): True if any light is transmitted."""
 
 
-def let_out(shell: Shell, points: Array, directions: Array) -> ShellTransit:
+def transmit_rays(shell: Shell, points: Array, directions: Array) -> ShellTransit:
     """Trace rays as :func:`passage`, with zero transmittance for rays that start outside."""
     if not shell.is_axial:
         pose = pose_of(shell)
-        found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
-        places, ways = pose.to_camera, pose.turned_to_camera
-        return ShellTransit(
-            places(found.points),
-            ways(found.directions),
-            places(found.met),
-            ways(found.thrown_back),
-            found.passed,
+        transit = transmit_rays(
+            shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions)
         )
-    return _with_light(shell_exit(shell, points, directions), shell.index, shell.outer_index)
+        to_points, to_directions = pose.to_camera, pose.turned_to_camera
+        return ShellTransit(
+            to_points(transit.points),
+            to_directions(transit.directions),
+            to_points(transit.met),
+            to_directions(transit.reflected),
+            transit.passed,
+        )
+    return _with_transmittance(
+        shell_exit(shell, points, directions), shell.index, shell.outer_index
+    )
 
 
 def shell_exit(shell: Shell, points: Array, directions: Array) -> ShellExit:
-    """Return the paths of :func:`let_out` without transmittance."""
+    """Return the paths of :func:`transmit_rays` without transmittance."""
     if not shell.is_axial:
         pose = pose_of(shell)
-        way = shell_exit(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
-        turn = pose.turned_to_camera
-        return way._replace(
-            points=pose.to_camera(way.points),
-            directions=turn(way.directions),
-            met=pose.to_camera(way.met),
-            incident=turn(way.incident),
-            inwards=turn(way.inwards),
+        transit = shell_exit(
+            shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions)
         )
-    way_out_of = shell_exit_compiled if backend.is_compiled else shell_exit_numpy
-    return way_out_of(shell, points, directions)
+        turn = pose.turned_to_camera
+        return transit._replace(
+            points=pose.to_camera(transit.points),
+            directions=turn(transit.directions),
+            met=pose.to_camera(transit.met),
+            incident=turn(transit.incident),
+            inwards=turn(transit.inwards),
+        )
+    trace_exit = shell_exit_compiled if backend.is_compiled else shell_exit_numpy
+    return trace_exit(shell, points, directions)
 
 
 def shell_exit_compiled(shell: Shell, points: Array, directions: Array) -> ShellExit:
@@ -158,10 +165,10 @@ def shell_exit_compiled(shell: Shell, points: Array, directions: Array) -> Shell
     backend.kernels.leave_wall(
         shell_kernel_arguments(shell), points, directions, vectors, numbers, flags.view(np.uint8)
     )
-    left_at, outwards, met, incident, inwards = vectors
+    exit_points, outwards, met, incident, inwards = vectors
     before, within, cosine, behind = numbers
     return ShellExit(
-        left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags
+        exit_points, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags
     )
 
 
@@ -183,21 +190,31 @@ def shell_exit_numpy(shell: Shell, points: Array, directions: Array) -> ShellExi
         return through_window(points, directions, shell.heights_mm, *indices)
     inner, outer = shell.radii_mm
     if isinstance(shell, Tube):
-        way = through_tube(points, directions, outer, shell.wall_mm, *indices)
+        transit = through_tube(points, directions, outer, shell.wall_mm, *indices)
     else:
-        near, far = (AXIS * height for height in shell.centres_mm)
-        way = through_dome(points, directions, (near, inner), (far, outer), *indices)
-    return way._replace(passes=way.passes & (_from_middle(shell, points)[0] <= inner))
+        inner_centre, outer_centre = (AXIS * height for height in shell.centres_mm)
+        transit = through_dome(
+            points, directions, (inner_centre, inner), (outer_centre, outer), *indices
+        )
+    return transit._replace(passes=transit.passes & (_radial_distances(shell, points)[0] <= inner))
 
 
-def _with_light(way: ShellExit, refractive_index: float, medium_index: float) -> ShellTransit:
+def _with_transmittance(
+    transit: ShellExit, refractive_index: float, medium_index: float
+) -> ShellTransit:
     """Return transmitted and reflected parts; rays that do not meet the wall pass completely."""
-    before, behind = (np.arccos(np.clip(cosine, 0, 1)) for cosine in way.cosines)
-    share = np.where(
-        way.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0
+    before, behind = (np.arccos(np.clip(cosine, 0, 1)) for cosine in transit.cosines)
+    transmittance = np.where(
+        transit.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0
     )
-    back = way.incident + 2 * (way.cosines[0] * way.meets)[:, None] * way.inwards
-    return ShellTransit(way.points, way.directions, way.met, back, np.where(way.passes, share, 0.0))
+    back = transit.incident + 2 * (transit.cosines[0] * transit.meets)[:, None] * transit.inwards
+    return ShellTransit(
+        transit.points,
+        transit.directions,
+        transit.met,
+        back,
+        np.where(transit.passes, transmittance, 0.0),
+    )
 
 
 def pose_of(shell: Shell) -> MirrorPose:
@@ -207,7 +224,7 @@ def pose_of(shell: Shell) -> MirrorPose:
     )
 
 
-def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
+def _radial_distances(shell: Shell, points: Array) -> tuple[Array, float]:
     """Return distances (n,) from the tube axis or dome centre, and their limit.
 
     For a window, they are depths below its inner surface.
@@ -241,18 +258,18 @@ def through_window(
     d = _unit(directions)
     up = np.broadcast_to(AXIS, d.shape)
     passes = (d[:, 2] < 0) & (points[:, 2] > heights[0])
-    keep = passes[:, None]
+    column = passes[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         before = (heights[0] - points[:, 2]) / d[:, 2]
-        met = points + before[:, None] * d
+        entry = points + before[:, None] * d
         inside = _refracted(d, up, 1 / refractive_index)
         within = (heights[1] - heights[0]) / inside[:, 2]
-        left = met + within[:, None] * inside
+        exit_ = entry + within[:, None] * inside
         out = _refracted(inside, up, refractive_index / medium_index)
     return ShellExit(
-        np.where(keep, left, points),
-        np.where(keep, out, d),
-        np.where(keep, met, points),
+        np.where(column, exit_, points),
+        np.where(column, out, d),
+        np.where(column, entry, points),
         d,
         up,
         (np.where(passes, before, 0.0), np.where(passes, within, 0.0)),
@@ -282,19 +299,19 @@ def through_tube(
     """
     d = _unit(directions)
     meets = np.hypot(d[:, 0], d[:, 1]) > 1e-9
-    met, inwards, before = _meet(points, d, outer_radius - wall)
+    entry, inwards, before = _meet(points, d, outer_radius - wall)
     inside = _refracted(d, inwards, 1 / refractive_index)
-    left, normal, within = _meet(met, inside, outer_radius)
+    exit_, normal, within = _meet(entry, inside, outer_radius)
     out = _refracted(inside, normal, refractive_index / medium_index)
     cosines = -_dot(d, inwards), -_dot(out, normal)
     passes = (cosines[0] > 0) & (cosines[1] > 0)
     if not meets.all():
-        keep = meets[:, None]
-        left, out, met = (
-            np.where(keep, new, old) for new, old in ((left, points), (out, d), (met, points))
+        column = meets[:, None]
+        exit_, out, entry = (
+            np.where(column, new, old) for new, old in ((exit_, points), (out, d), (entry, points))
         )
         before, within, passes = before * meets, within * meets, passes | ~meets
-    return ShellExit(left, out, met, d, inwards, (before, within), cosines, meets, passes)
+    return ShellExit(exit_, out, entry, d, inwards, (before, within), cosines, meets, passes)
 
 
 def through_dome(
@@ -321,14 +338,14 @@ def through_dome(
     and is deviated by asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
     """
     d = _unit(directions)
-    met, inwards, before = _meet_sphere(points, d, *inner)
+    entry, inwards, before = _meet_sphere(points, d, *inner)
     inside = _refracted(d, inwards, 1 / refractive_index)
-    left, normal, within = _meet_sphere(met, inside, *outer)
+    exit_, normal, within = _meet_sphere(entry, inside, *outer)
     out = _refracted(inside, normal, refractive_index / medium_index)
     cosines = -_dot(d, inwards), -_dot(out, normal)
     passes = (cosines[0] > 0) & (cosines[1] > 0)
     return ShellExit(
-        left, out, met, d, inwards, (before, within), cosines, np.ones(len(d), bool), passes
+        exit_, out, entry, d, inwards, (before, within), cosines, np.ones(len(d), bool), passes
     )
 
 
@@ -338,20 +355,20 @@ def _meet_sphere(
     """Return intersections with a sphere from inside, inward normals and lengths."""
     p = points - centre
     b, c = _dot(p, d), _dot(p, p) - radius**2
-    way = np.sqrt(np.maximum(b**2 - c, 0)) - b
-    met = points + way[:, None] * d
-    return met, (centre - met) / radius, way
+    distance = np.sqrt(np.maximum(b**2 - c, 0)) - b
+    entry = points + distance[:, None] * d
+    return entry, (centre - entry) / radius, distance
 
 
 def _meet(points: Array, d: Array, radius: float) -> tuple[Array, Array, Array]:
     """Return intersections with a cylinder from inside, inward normals and lengths."""
     (x, y), (u, v) = points[:, :2].T, d[:, :2].T
     a, b, c = u * u + v * v, x * u + y * v, x * x + y * y - radius**2
-    way = (np.sqrt(np.maximum(b * b - a * c, 0)) - b) / np.maximum(a, 1e-18)
-    met = points + way[:, None] * d
+    distance = (np.sqrt(np.maximum(b * b - a * c, 0)) - b) / np.maximum(a, 1e-18)
+    met = points + distance[:, None] * d
     normals = met / -radius
     normals[:, 2] = 0.0
-    return met, normals, way
+    return met, normals, distance
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -369,5 +386,5 @@ def _refracted(d: Array, normal: Array, ratio: float) -> Array:
     cosine = -_dot(d, normal)
     behind = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0))
     # t = r d + (r cos(i) - cos(t)) n, with cos(t)^2 = 1 - r^2 (1 - cos(i)^2)
-    turned: Array = ratio * d + (ratio * cosine - behind)[:, None] * normal
-    return turned
+    refracted: Array = ratio * d + (ratio * cosine - behind)[:, None] * normal
+    return refracted

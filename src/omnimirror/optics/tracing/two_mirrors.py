@@ -27,7 +27,7 @@ from .reflection import (
     ReflectionPoints,
 )
 
-# -- Chief rays over a second mirror, and obscuration by that mirror and the camera ----------------
+# -- Chief rays over two mirrors -------------------------------------------------------------------
 #
 # The secondary has chief rays of its own; the point of the primary on which a ray ends is an object
 # at a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
@@ -93,14 +93,14 @@ def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack:
     heights = secondary.height(x)
     p, d = points[:, :2], outgoing[:, :2]
     low, high = ((h - points[:, 2]) / outgoing[:, 2] for h in (heights.min(), heights.max()))
-    nearest = np.clip(
+    closest = np.clip(
         -(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high)
     )
-    clearance: Array = np.hypot(*(p + nearest[:, None] * d).T) - x[-1]
+    clearance: Array = np.hypot(*(p + closest[:, None] * d).T) - x[-1]
     clearance[(low <= 0) & (high <= 0)] = np.inf
     close = np.flatnonzero(~(clearance > NEAR_EDGE * x[-1]))
-    for begin in range(0, len(close), CLEARANCE_CHUNK):
-        part = close[begin : begin + CLEARANCE_CHUNK]
+    for start in range(0, len(close), CLEARANCE_CHUNK):
+        part = close[start : start + CLEARANCE_CHUNK]
         along = (heights - points[part, 2:]) / outgoing[part, 2:]
         radius = np.hypot(
             *(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2)
@@ -126,7 +126,7 @@ class TwoMirrorMeridian(Meridian):
     secondary: Secondary = field(kw_only=True)
 
     @cached_property
-    def seen(self) -> Meridian:
+    def secondary_meridian(self) -> Meridian:
         """Meridian of the secondary as seen by the lens."""
         return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm, self.pupil)
 
@@ -136,7 +136,7 @@ class TwoMirrorMeridian(Meridian):
     def _rays(self, x: Array) -> ChiefRays:
         z, slope, curvature = self.mirror.profile(x)
         below = -self.secondary.distance_mm - z  # the mirror point in the secondary's frame
-        second = self.seen._rays(self.seen.x_from_point(x, below))
+        second = self.secondary_meridian._rays(self.secondary_meridian.x_from_point(x, below))
         beta, theta = np.arctan(slope), second.omega
         gamma = beta + theta
         path = np.hypot(x - second.x, below - second.z)
@@ -152,12 +152,12 @@ class TwoMirrorMeridian(Meridian):
             gamma,
             beta + gamma,
             path,
-            seen_in=second,
+            secondary_rays=second,
         )
         return self._through_cover(rays)
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
-        second = self.seen.trace(x_mm)
+        second = self.secondary_meridian.trace(x_mm)
         sin, cos = np.sin(second.omega), np.cos(second.omega)
         height = -self.secondary.distance_mm - second.z
 
@@ -171,9 +171,9 @@ class TwoMirrorMeridian(Meridian):
         return increasing_root(difference, zero, zero + rim, guess, rim)
 
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
-        return self.x_from_first(self.seen.x_from_tan_theta(tan_theta))
+        return self.x_from_first(self.secondary_meridian.x_from_tan_theta(tan_theta))
 
-    # -- obscuration -----------------------------------------------------------------------------
+    # -- obscuration -------------------------------------------------------------------------------
 
     @cached_property
     def x_min(self) -> float:
@@ -182,14 +182,15 @@ class TwoMirrorMeridian(Meridian):
         rim = self.mirror.rim_radius_mm
         x = np.linspace(float(self.x_from_first([0.0])[0]), rim, NODES)
         rays = self._rays(x)
-        self._check_shows_all(rays)
+        self._check_visible_rim(rays)
         checked(rays)
         self._check_bore(rays)
         start = self._first_past_mirrors(x)
         if start >= rim:
             raise SelfObstruction(
-                f"secondary and camera hide the whole mirror, whose rim_radius_mm is {rim:g}; the secondary's rim and "
-                "bore_radius_mm must be smaller, or distance_mm larger"
+                "secondary and camera must not obscure the whole mirror, rim_radius_mm = "
+                f"{rim:g}; reduce the secondary's rim_radius_mm or bore_radius_mm, or increase "
+                "distance_mm"
             )
         return self._first_outside(start)
 
@@ -198,10 +199,10 @@ class TwoMirrorMeridian(Meridian):
         return max(self._first_clear(x, part) for part in ("bore or camera", "secondary"))
 
     @property
-    def middle_hidden_by(self) -> str:
+    def centre_obscured_by(self) -> str:
         x = np.linspace(float(self.x_from_first([0.0])[0]), self.mirror.rim_radius_mm, NODES)
         mirrors_alone = self.cover is None or self.x_min <= self._first_past_mirrors(x)
-        return "secondary, bore" if mirrors_alone else super().middle_hidden_by
+        return "secondary, bore" if mirrors_alone else super().centre_obscured_by
 
     def _first_clear(self, x: Array, part: str) -> float:
         """Return the smallest mirror point with all rays beyond it past a part."""
@@ -209,10 +210,10 @@ class TwoMirrorMeridian(Meridian):
         def clearance(x: Array) -> Array:
             return np.clip(self._clearances(self._rays(x))[part], -1e9, 1e9)
 
-        blocked = np.flatnonzero(clearance(x) < 0)
-        if not blocked.size:
+        blocked_nodes = np.flatnonzero(clearance(x) < 0)
+        if not blocked_nodes.size:
             return float(x[0])
-        last = int(blocked[-1])
+        last = int(blocked_nodes[-1])
         if last == len(x) - 1:
             return float(x[-1])
         return sign_change(
@@ -226,7 +227,7 @@ class TwoMirrorMeridian(Meridian):
         def flat(across: Array, along: Array) -> Array:
             return np.stack([across, np.zeros_like(across), along], axis=-1)
 
-        points, seen_at = (
+        points, facing_points = (
             flat(rays.x, rays.z),
             flat(second.x, -self.secondary.distance_mm - second.z),
         )
@@ -234,66 +235,68 @@ class TwoMirrorMeridian(Meridian):
         outwards = flat(np.sin(rays.reflected), -np.cos(rays.reflected))
         with np.errstate(all="ignore"):
             return clearances(
-                self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0
+                self.mirror, self.secondary, self.m, from_lens, facing_points, points, outwards, 0.0
             )
 
-    # -- validity checks -------------------------------------------------------------------------
+    # -- validity checks ---------------------------------------------------------------------------
 
     def _check_secondary(self) -> None:
         self.secondary.check_before(self.mirror, self.m)
         try:
-            self.seen.omega_max  # noqa: B018 - proves that it can be used
+            self.secondary_meridian.omega_max  # noqa: B018 - proves that it can be used
         except SelfObstruction as e:
-            raise SelfObstruction(f"as the secondary, {e}") from None
+            raise SelfObstruction(f"secondary: {e}") from None
         except NotOneToOne:
             if np.isinf(self.m):
                 raise NotOneToOne(
-                    "a telecentric lens needs a convex secondary: another one sends back a beam no wider than it gets"
+                    "a telecentric lens requires a convex secondary: others do not widen its beam"
                 ) from None
             raise NotOneToOne(
-                f"the secondary bends the lens's rays back across the axis: the lens stands {self.seen.m:g} mm from "
-                "it, beyond its focus; a secondary must be convex, flat, or concave with its focus behind the lens"
+                "the secondary must be convex, flat, or concave with its focus behind the "
+                f"lens; the lens is {self.secondary_meridian.m:g} mm from it, beyond its focus, and its "
+                "rays cross the axis"
             ) from None
 
-    def _check_shows_all(self, rays: ChiefRays) -> None:
+    def _check_visible_rim(self, rays: ChiefRays) -> None:
         missing = ~np.isfinite(rays.omega)
         if missing.any():
-            shown = float(rays.x[np.argmax(missing) - 1])
+            visible_x = float(rays.x[np.argmax(missing) - 1])
             raise SelfObstruction(
-                f"the secondary shows the mirror only to x = {shown:.4g} mm, and its rim stands at {rays.x[-1]:g} mm; "
-                "make the secondary's rim_radius_mm larger or the mirror's smaller"
+                f"the secondary must image the mirror up to its rim at x = {rays.x[-1]:g} mm; "
+                f"it ends at x = {visible_x:.4g} mm; increase the secondary's rim_radius_mm or "
+                "reduce the mirror's"
             )
 
     def _check_bore(self, rays: ChiefRays) -> None:
         """Check that the bore is large enough for the camera's chief rays."""
         second, bore = rays.first, self.secondary.bore_radius_mm
         lens = self.secondary.lens_height(self.m)
-        widest = float(second.x[-1])
+        max_radius = float(second.x[-1])
         if np.isinf(lens):
-            needed = widest
+            needed = max_radius
         elif lens <= 0:
             return
         else:
-            tangent = widest / float(second.w[-1])
+            tangent = max_radius / float(second.w[-1])
 
-            def room(radius: float) -> float:
+            def margin(radius: float) -> float:
                 return radius - max(lens - float(self.mirror.sag(radius)), 0.0) * tangent
 
             rim = self.mirror.rim_radius_mm
-            if room(rim) < 0:
+            if margin(rim) < 0:
                 raise SelfObstruction(
-                    f"the view of the camera behind the mirror is wider than the mirror, rim_radius_mm = {rim:g}; "
-                    "reduce the secondary's rim_radius_mm or move the lens"
+                    "the view of the camera behind the mirror must be narrower than the mirror, "
+                    f"rim_radius_mm = {rim:g}; reduce the secondary's rim_radius_mm or move the lens"
                 )
-            needed = sign_change(room, 0.0, rim, 1e-12)
+            needed = sign_change(margin, 0.0, rim, 1e-12)
         if bore < needed:
             raise SelfObstruction(
-                f"bore_radius_mm = {bore:g} cuts off the view of the camera behind the mirror; it is valid above "
-                f"{needed:.4g}"
+                f"bore_radius_mm must be greater than {needed:.4g} mm, the view of the camera "
+                f"behind the mirror; got {bore:g}"
             )
 
 
-# -- Skew rays over two mirrors, in the camera and world frames ------------------------------------
+# -- Skew rays over two mirrors --------------------------------------------------------------------
 #
 # The lens side is described in the unfolded frame: z points from the lens through the secondary to
 # the image of the primary in an ideal window; the lens is at -m, the secondary's vertex at -s. The
@@ -341,14 +344,19 @@ class FoldedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect lens-side rays (n, 3), (n, 3) at both mirrors."""
-        found, seen_at = self.unobstructed(origins, directions), self.seen_at(origins, directions)
+        reflections, facing_points = (
+            self.unobstructed(origins, directions),
+            self.facing_points(origins, directions),
+        )
         with np.errstate(all="ignore"):
             to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-            edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
-        valid = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+            edges = self.clearances(
+                facing_points, reflections.points, to_pupils, reflections.directions
+            )
+        valid = np.logical_and.reduce([reflections.valid, *(edge >= 0 for edge in edges.values())])
         points, outgoing, normals = (
             np.where(valid[:, None], a, np.nan)
-            for a in (found.points, found.directions, found.normals)
+            for a in (reflections.points, reflections.directions, reflections.normals)
         )
         return Reflections(points, outgoing, normals, valid)
 
@@ -356,7 +364,7 @@ class FoldedMirror:
         """Reflect rays (n, 3), (n, 3) at both mirrors, ignoring bore, camera and secondary."""
         return _ray_intersection.trace(self.mirror, *self.off_secondary(origins, directions))
 
-    def seen_at(self, origins: Array, directions: Array) -> Array:
+    def facing_points(self, origins: Array, directions: Array) -> Array:
         """Return the intersections (n, 3) of lens-side rays with the secondary."""
         return self.over(self.off_secondary(origins, directions)[0])
 
@@ -374,19 +382,19 @@ class FoldedMirror:
         return there
 
     def clearances(
-        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+        self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
     ) -> dict[str, Array]:
         """Return the clearance (n,), mm, of rays at mirrors, bore and secondary.
 
         Parameters
         ----------
-        seen_at, to_pupils : (n, 3) arrays
+        facing_points, to_pupils : (n, 3) arrays
             Points of the secondary, and directions from these to the lens, both in the unfolded
             frame.
         points, to_targets : (n, 3) arrays
             Points of the primary, and directions from these to the object.
         """
-        second, from_lens = self.over(seen_at), -to_pupils * SECONDARY_TO_WORLD
+        second, from_lens = self.over(facing_points), -to_pupils * SECONDARY_TO_WORLD
         return clearances(
             self.mirror,
             self.secondary,
@@ -408,14 +416,14 @@ class FoldedMirror:
         dimensions, from the solution for the pupil centre. ``start`` is not used.
         """
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
-        place = np.empty((count, 4))
+        position = np.empty((count, 4))
         with np.errstate(all="ignore"):  # non-finite results are marked invalid
             first = np.broadcast_to(self._guess(targets), (count, 4))
             pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
-            for begin in range(0, count, RAY_CHUNK):
-                part = slice(begin, begin + RAY_CHUNK)
-                place[part] = self._stationary(pupils[part], targets[part], first[part])
-            return self._proven(pupils, targets, place)
+            for start_row in range(0, count, RAY_CHUNK):
+                part = slice(start_row, start_row + RAY_CHUNK)
+                position[part] = self._stationary(pupils[part], targets[part], first[part])
+            return self._verified(pupils, targets, position)
 
     def _seen(self, pupils: RayEndpoints) -> RayEndpoints:
         """Return entrance-pupil points in the secondary's frame."""
@@ -430,42 +438,42 @@ class FoldedMirror:
         )
         x = self.meridian.x_from_omega(omega)
         if not targets.distant:
-            near = self.meridian.x_from_point(across, xyz[:, 2])
-            x = np.where(np.isfinite(near), near, x)
-        seen = self.meridian.trace(x).first.x
+            near_x = self.meridian.x_from_point(across, xyz[:, 2])
+            x = np.where(np.isfinite(near_x), near_x, x)
+        secondary_x = self.meridian.trace(x).first.x
         cos, sin = np.cos(azimuth), np.sin(azimuth)
-        return np.stack([seen * cos, seen * sin, x * cos, x * sin], axis=-1)
+        return np.stack([secondary_x * cos, secondary_x * sin, x * cos, x * sin], axis=-1)
 
     def _stationary(self, pupils: RayEndpoints, targets: RayEndpoints, start: Array) -> Array:
         rims = np.repeat([self.secondary.mirror.rim_radius_mm, self.mirror.rim_radius_mm], 2)
-        place, active = np.array(start), np.arange(len(start))
+        position, active = np.array(start), np.arange(len(start))
         for _ in range(MAX_STEPS):
-            path = self._path(pupils[active], targets[active], place[active])
+            path = self._path(pupils[active], targets[active], position[active])
             solvable = np.isfinite(path.second).all(axis=(1, 2)) & (np.linalg.det(path.second) != 0)
-            place[active[~solvable]] = np.nan
+            position[active[~solvable]] = np.nan
             active = active[solvable]
             step = (
                 -np.linalg.solve(path.second[solvable], path.gradient[solvable][..., None])[..., 0]
                 / rims
             )
             size = np.abs(step).max(axis=1)
-            place[active] += step * np.minimum(1.0, MAX_STEP_LENGTH / size)[:, None] * rims
+            position[active] += step * np.minimum(1.0, MAX_STEP_LENGTH / size)[:, None] * rims
             active = active[size > NEWTON_TOLERANCE]
             if not active.size:
                 break
-        return place
+        return position
 
-    def _surfaces(self, place: Array) -> tuple[MirrorSurface, MirrorSurface]:
-        return MirrorSurface(self.secondary.mirror, place[:, :2]), MirrorSurface(
-            self.mirror, place[:, 2:]
+    def _surfaces(self, position: Array) -> tuple[MirrorSurface, MirrorSurface]:
+        return MirrorSurface(self.secondary.mirror, position[:, :2]), MirrorSurface(
+            self.mirror, position[:, 2:]
         )
 
-    def _path(self, pupils: RayEndpoints, targets: RayEndpoints, place: Array) -> _Path:
-        second, first = self._surfaces(place)
+    def _path(self, pupils: RayEndpoints, targets: RayEndpoints, position: Array) -> _Path:
+        second, first = self._surfaces(position)
         length, gradient, hessian = (
-            np.zeros(len(place)),
-            np.zeros((len(place), 4)),
-            np.zeros((len(place), 4, 4)),
+            np.zeros(len(position)),
+            np.zeros((len(position), 4)),
+            np.zeros((len(position), 4, 4)),
         )
         for end, surface, part in ((pupils, second, slice(0, 2)), (targets, first, slice(2, 4))):
             far, pull, bend = _leg(end, surface)
@@ -487,15 +495,18 @@ class FoldedMirror:
             hessian[:, part, part] += u[:, 2, None, None] * surface.bend
         return _Path(length, gradient, hessian)
 
-    def _proven(
-        self, pupils: RayEndpoints, targets: RayEndpoints, place: Array
+    def _verified(
+        self, pupils: RayEndpoints, targets: RayEndpoints, position: Array
     ) -> ReflectionPoints:
-        second, first = self._surfaces(place)
-        path = self._path(pupils, targets, place)
-        seen_at, met = second.points * SECONDARY_TO_WORLD + self._vertex, first.points
+        second, first = self._surfaces(position)
+        path = self._path(pupils, targets, position)
+        facing_points, intersections = (
+            second.points * SECONDARY_TO_WORLD + self._vertex,
+            first.points,
+        )
         to_pupils = pupils.xyz if pupils.distant else _unit(pupils.xyz - second.points)
         to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
-        between = _unit(met - seen_at)
+        between = _unit(intersections - facing_points)
         faces_both = [
             np.einsum("ni,ni->n", a, b) > 0
             for a, b in (
@@ -512,11 +523,11 @@ class FoldedMirror:
         reflects = np.logical_and.reduce(
             [*faces_both, *(miss <= REFLECTION_TOLERANCE for miss in misses)]
         )
-        edges = self.clearances(second.points + self._vertex, met, to_pupils, to_targets)
+        edges = self.clearances(second.points + self._vertex, intersections, to_pupils, to_targets)
         valid = np.logical_and.reduce([reflects, *(edge >= 0 for edge in edges.values())])
         blank = np.where(reflects, 1.0, np.nan)
         return ReflectionPoints(
-            met,
+            intersections,
             first.normals * blank[:, None],
             to_pupils * blank[:, None],
             to_targets * blank[:, None],
@@ -531,7 +542,11 @@ class FoldedMirror:
         return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
 
     def beam(
-        self, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, motion: Array
+        self,
+        pupils: RayEndpoints,
+        targets: RayEndpoints,
+        reflections: ReflectionPoints,
+        motion: Array,
     ) -> Array:
         """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
@@ -539,11 +554,13 @@ class FoldedMirror:
         The path stays stationary while the pupil moves; both points move by the inverse of its
         Hessian.
         """
-        count = len(found.points)
+        count = len(reflections.points)
         pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
-        place = np.concatenate([found.seen_at[:, :2], found.points[:, :2]], axis=1)
+        position = np.concatenate(
+            [reflections.facing_points[:, :2], reflections.points[:, :2]], axis=1
+        )
         with np.errstate(all="ignore"):
-            second, _ = self._surfaces(place)
+            second, _ = self._surfaces(position)
             motion = np.broadcast_to(motion, (count, 2, 3))
             if not pupils.distant:
                 step = second.points - pupils.xyz
@@ -552,24 +569,24 @@ class FoldedMirror:
                 motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
             mixed = np.zeros((count, 4, 2))
             mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
-            moved = np.linalg.solve(self._path(pupils, targets, place).second, mixed)[:, 2:]
-            cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+            moved = np.linalg.solve(self._path(pupils, targets, position).second, mixed)[:, 2:]
+            cos_incidence = np.einsum("ni,ni->n", reflections.normals, reflections.to_targets)
             section: Array = (
-                np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(found.normals[:, 2])
+                np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(reflections.normals[:, 2])
             )
             if not targets.distant:
                 section /= np.einsum(
-                    "ni,ni->n", targets.xyz - found.points, targets.xyz - found.points
+                    "ni,ni->n", targets.xyz - reflections.points, targets.xyz - reflections.points
                 )
         return section
 
-    def left_at(self, found: ReflectionPoints) -> Array:
+    def exit_points(self, reflections: ReflectionPoints) -> Array:
         """Return the points (n, 3) at which rays leave the primary."""
-        return found.points
+        return reflections.points
 
-    def objects_at(self, found: ReflectionPoints, distances: Array) -> Array:
+    def objects_at(self, reflections: ReflectionPoints, distances: Array) -> Array:
         """Return objects (n, 3) at distances (n,), mm, from the primary."""
-        objects: Array = found.points + distances[:, None] * found.to_targets
+        objects: Array = reflections.points + distances[:, None] * reflections.to_targets
         return objects
 
 

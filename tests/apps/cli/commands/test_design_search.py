@@ -251,7 +251,7 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ([*OPTIMISE, "--at-most", "sharpness=3"], "limit.quantity = 'sharpness' is not known"),
         ([*OPTIMISE, "--at-most", "total_blur_px=3@20:160"], "no part of the field"),
         ([*OPTIMISE, "--terms", "few"], "whole numbers"),
-        ([*OPTIMISE, "--terms", "200"], "takes 3 to 60"),
+        ([*OPTIMISE, "--terms", "200"], "must be 3 to 60"),
         ([*OPTIMISE, "--shape", "cone:3"], "valid are spline:N with 3 to 60"),
         ([*OPTIMISE, "--fit", "polynomial:3"], "does not apply to an optimised mirror"),
         ([*OPTIMISE, "--theta-max-deg", "12:x"], "range LOW:HIGH"),

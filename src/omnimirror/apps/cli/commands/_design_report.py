@@ -16,13 +16,10 @@ from ....design.optimiser import Optimum
 from ....design.reference_mirrors import known_sensors, merit_values
 from ....design.relaxation import Conflict, Relaxation
 from ....design.requirement_check import ROUNDING, Judgement, Verdict
-from ....optics.tracing.obscuration import hidden_words
+from ....optics.tracing.obscuration import obscuration_summary
 from .._output import head, plain_table, say
 
-OF_ELEVATIONS = {
-    "omega_max_deg": "elevation at the rim",
-    "omega_min_deg": "elevation at the inner end",
-}
+OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
 MAX_ALTERNATIVES = 3
 """Number of alternatives printed for each entry under each heading; the JSON file contains all."""
 MISSED = 3
@@ -32,11 +29,7 @@ MISSED = 3
 def print_design(console: Console, design: Design) -> None:
     """Print the notes of the design and the table of its requirements."""
     sensor = design.sensor
-    place = (
-        ""
-        if sensor.lens.TELECENTRIC
-        else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
-    )
+    place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
     say((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
@@ -47,12 +40,7 @@ def print_design(console: Console, design: Design) -> None:
 def print_verdict(console: Console, verdict: Verdict) -> None:
     """Print each requirement with its limit, the value reached, and the margin."""
     by_elevation = verdict.requirements.field.angles == "elevation"
-    numbers = (
-        "asked",
-        "reached",
-        "margin",
-        "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}",
-    )
+    numbers = ("asked", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
     table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
     for row in verdict.rows:
         at, label = _place_told(verdict, row) if by_elevation else (row.omega_deg, row.label)
@@ -68,7 +56,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
     if sensor.obscured and not any("hides it" in remark for remark in remarks):  # not yet reported
-        told = hidden_words(sensor.obscured, sensor.obscured_percent)
+        told = obscuration_summary(sensor.obscured, sensor.obscured_percent)
         console.print(f"  hidden: {told}", highlight=False, soft_wrap=True)
 
 
@@ -82,9 +70,7 @@ def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
     if row.part_deg is None:
         return at, row.label
     low, high = (round(v, 9) + 0.0 for v in mount.elevations_deg(row.part_deg))
-    return at, row.name + (
-        f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg"
-    )
+    return at, row.name + (f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg")
 
 
 def _asked(low: float | None, high: float | None, unit: str) -> str:
@@ -114,21 +100,10 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
     elif conflict.is_complete:
         console.print("No single requirement that gives, within reason, would do.", highlight=False)
     if conflict.joint_share is not None:
-        console.print(
-            f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False
-        )
+        console.print(f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False)
         for r in conflict.joint:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
-    for others, heading in (
-        (
-            [a for a in conflict.alternatives if a.is_met],
-            "All is met with one of these alternatives:",
-        ),
-        (
-            [a for a in conflict.alternatives if not a.is_met],
-            "Alternatives that miss less (largest violation):",
-        ),
-    ):
+    for others, heading in (([a for a in conflict.alternatives if a.is_met], "All is met with one of these alternatives:"), ([a for a in conflict.alternatives if not a.is_met], "Alternatives that miss less (largest violation):")):
         if others:
             console.print(heading, highlight=False)
         counts = Counter[str]()
@@ -149,19 +124,14 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
     share = f" ({r.share:.2%})" if r.share is not None else ""
     needed, asked = r.needed, r.asked
     if name in OF_ELEVATIONS.values() and needed is not None:
-        (asked, needed), share = (
-            (verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (asked, needed)),
-            "",
-        )
+        (asked, needed), share = ((verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (asked, needed)), "")
     return f"{name}: {_number(needed)}{unit} instead of {_number(asked)}{unit}{share}"
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
     """Print the result for each number of terms."""
     merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
-    table = plain_table(
-        "terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm")
-    )
+    table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm"))
     for count, design in designs.items():
         if (found := design.optimum) is None:
             table.add_row(str(count), "", "", "limits not kept", "")
@@ -176,16 +146,12 @@ def print_convergence(console: Console, designs: dict[int, Design]) -> None:
 def print_merits(console: Console, best: Optimum) -> None:
     """Print all merits of the optimised mirror next to those of the sphere for the same field."""
     sphere = next(iter(known_sensors(best.problem).values()))
-    table = plain_table(
-        "merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning")
-    )
+    table = plain_table("merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning"))
     focus_by = best.merit if best.merit in FOCUS_MERITS else "worst_floored_area_deg2"
     before_all = merit_values(sphere, list(DESIGN_MERITS), best.problem, focus_by)
     after_all = merit_values(best.sensor, list(DESIGN_MERITS), best.problem, None)
     for name, before, after in zip(DESIGN_MERITS, before_all, after_all, strict=True):
-        table.add_row(
-            name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning
-        )
+        table.add_row(name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning)
     console.print()
     console.print(table)
     say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
@@ -193,7 +159,4 @@ def print_merits(console: Console, best: Optimum) -> None:
         return
     least, blur = best.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
     if least:
-        console.print(
-            f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; "
-            f"this one's lies {blur / least - 1:.2%} above."
-        )
+        console.print(f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; this one's lies {blur / least - 1:.2%} above.")

@@ -26,7 +26,7 @@ from ....design.optimiser import Progress
 from ....design.pareto_front import Front, pareto
 from ....design.reference_mirrors import EXACTLY, known_sensors, merit_values
 from ....design.requirements import Requirements
-from ....optics.batch.families import FreeForm
+from ....optics.batch.families import FreeformFamily
 from ....optics.sensor_files import save_sensor
 from .._declarations import DocumentedCommand, refuse_other, takes
 from .._design_options import RequirementOptions, SearchedOptions, merit_list
@@ -386,7 +386,7 @@ def _optimised(
     terms, the best design after the table of convergence.
     """
     shape = asked.mirror.shape or SHAPE
-    counts = searched.terms or [FreeForm.parse(shape).terms]
+    counts = searched.terms or [FreeformFamily.parse(shape).terms]
     if searched.resume and len(counts) > 1:
         raise click.UsageError(
             "a file to resume holds the search with one number of terms; give one"

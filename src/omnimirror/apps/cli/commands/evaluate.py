@@ -23,7 +23,7 @@ from ....optics.lenses import BlurMode
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera
-from ....optics.tracing.obscuration import hidden_words
+from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import DocumentedCommand, Options, flag, option, takes
 from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
 from .._output import json_option, output_console, output_option, print_rows, say, say_written
@@ -38,59 +38,18 @@ TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floor
 class EvaluationOptions(Options):
     """Evaluation points, with the parameters of :func:`omnimirror.evaluate`."""
 
-    omega_deg: Array | None = option(
-        type=values,
-        metavar="A:B:STEP",
-        help="Field angles, measured from the direction back past the lens.",
-    )
-    x_mm: Array | None = option(
-        type=values,
-        metavar="A:B:STEP",
-        help="Mirror points by their distance from the axis, instead of field angles.",
-    )
-    h_px: Array | None = option(
-        type=values,
-        metavar="A:B:STEP",
-        help="Image heights in pixels from the centre, instead of field angles.",
-    )
-    pixels: tuple[tuple[float, float], ...] = option(
-        "--pixel",
-        type=pixel,
-        metavar="U,V",
-        multiple=True,
-        help="Pixel, instead of field angles (repeatable).",
-    )
-    object_distance_mm: float = option(
-        type=distance,
-        metavar="MM",
-        default=np.inf,
-        help="Object distance from the reflection point.",
-    )
-    focus_mm: Any = option(
-        type=focus,
-        metavar="MM|auto",
-        help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]",
-    )
-    merit: str = option(
-        type=click.Choice(list(FOCUS_MERITS)),
-        default="worst_floored_area_deg2",
-        help="Merit minimised by --focus-mm auto.",
-    )
-    paper_mode: bool | None = option(
-        is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form."
-    )
-    image_radius_px: float | None = option(
-        type=NUMBER, help="Scale the image to this rim radius, 500 in the paper."
-    )
+    omega_deg: Array | None = option(type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens.")
+    x_mm: Array | None = option(type=values, metavar="A:B:STEP", help="Mirror points by their distance from the axis, instead of field angles.")
+    h_px: Array | None = option(type=values, metavar="A:B:STEP", help="Image heights in pixels from the centre, instead of field angles.")
+    pixels: tuple[tuple[float, float], ...] = option("--pixel", type=pixel, metavar="U,V", multiple=True, help="Pixel, instead of field angles (repeatable).")
+    object_distance_mm: float = option(type=distance, metavar="MM", default=np.inf, help="Object distance from the reflection point.")
+    focus_mm: Any = option(type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]")
+    merit: str = option(type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2", help="Merit minimised by --focus-mm auto.")
+    paper_mode: bool | None = option(is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form.")
+    image_radius_px: float | None = option(type=NUMBER, help="Scale the image to this rim radius, 500 in the paper.")
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
-    tolerance_px: float = option(
-        type=NUMBER, default=1.0, help="Permissible blur for the depth of field."
-    )
-    temperature_c: float | None = option(
-        type=NUMBER,
-        metavar="C",
-        help="Temperature of the sensor; requires a table [thermal] in its file.",
-    )
+    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur for the depth of field.")
+    temperature_c: float | None = option(type=NUMBER, metavar="C", help="Temperature of the sensor; requires a table [thermal] in its file.")
 
     def evaluation(self, sensor: Sensor) -> Evaluation:
         """Return the evaluation for the options."""
@@ -100,36 +59,15 @@ class EvaluationOptions(Options):
         return evaluate(sensor, **asked, mode=mode)
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="evaluation",
-    examples=(
-        "omnimirror evaluate paper-spherical --omega-deg 0:135:5",
-        "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures",
-    ),
-)
+@click.command(cls=DocumentedCommand, page="evaluation", examples=("omnimirror evaluate paper-spherical --omega-deg 0:135:5", "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures"))
 @click.argument("sensor", type=SENSOR)
 @takes(EvaluationOptions, "asked")
-@output_option(
-    "--csv",
-    "csv_file",
-    help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.",
-)
+@output_option("--csv", "csv_file", help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.")
 @json_option("Write summary and all columns.")
-@click.option(
-    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
-)
+@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
 @takes(LensOptions, "lens")
 @takes(HousingOptions, "housing")
-def command(
-    sensor: str,
-    asked: EvaluationOptions,
-    lens: LensOptions,
-    housing: HousingOptions,
-    csv_file: Path | None,
-    json_file: Path | None,
-    figures: Path | None,
-) -> None:
+def command(sensor: str, asked: EvaluationOptions, lens: LensOptions, housing: HousingOptions, csv_file: Path | None, json_file: Path | None, figures: Path | None) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
     Prints a table; output files contain more columns.
@@ -143,12 +81,7 @@ def command(
     if not isinstance(camera, Sensor) or not camera.is_axial:
         _refuse_what_asks_for_optics(camera, (asked, lens, housing), figures)
         if isinstance(camera, Sensor):
-            camera.check(
-                "evaluation of what is out of its axis",
-                "one mirror",
-                "thin lens",
-                "ideal but for poses",
-            )
+            camera.check("evaluation of what is out of its axis", "single mirror", "thin lens", "ideal except poses")
         model = SensorModel(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
         _show_mapping(console, sensor, result_in_space, csv_file, json_file)
@@ -173,15 +106,10 @@ def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
     """Print the image motion due to the change of temperature."""
     motion = thermal_motion_px(sensor, temperature_c)
     assert sensor.thermal is not None, "what moves says how"
-    console.print(
-        f"at {temperature_c:g} C the picture lies up to {motion:.3g} px from where it is at "
-        f"{sensor.thermal.reference_c:g} C"
-    )
+    console.print(f"at {temperature_c:g} C the picture lies up to {motion:.3g} px from where it is at {sensor.thermal.reference_c:g} C")
 
 
-def _refuse_what_asks_for_optics(
-    camera: Any, asked: tuple[Options, ...], figures: Path | None
-) -> None:
+def _refuse_what_asks_for_optics(camera: Any, asked: tuple[Options, ...], figures: Path | None) -> None:
     """Raise UsageError for quantities that a calibrated camera or a misaligned mirror does not
     have.
     """
@@ -197,35 +125,19 @@ def _flag_of(name: str) -> str:
     return "--pixel" if name == "pixels" else flag(name)
 
 
-def _show_mapping(
-    console: Console,
-    source: str,
-    result: CameraMapping,
-    csv_file: Path | None,
-    json_file: Path | None,
-) -> None:
+def _show_mapping(console: Console, source: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None) -> None:
     if csv_file:
         result.to_csv(csv_file)
     if json_file:
         result.to_json(json_file)
     s = result.summary()
-    words = (
-        f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg, there at "
-        f"{s['rim_radius_px']:.1f} px"
-    )
+    words = f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg, there at {s['rim_radius_px']:.1f} px"
     say((Path(source).name, "bold"), words, console=console)
     if isinstance(result.camera, SensorModel):
-        say(
-            f"{_out_of_place(result.camera.sensor)}: traced in space, far away, means over the azimuths, from which "
-            f"resolution differs by up to {result.varies_percent:.2g} %",
-            console=console,
-        )
+        say(f"{_out_of_place(result.camera.sensor)}: traced in space, far away, means over the azimuths, from which resolution differs by up to {result.azimuthal_variation_percent:.2g} %", console=console)
     if result.camera.uncertainty is not None:
         command = shell_command(["omnimirror", "uncertainty", source])
-        say(
-            f"error: one standard deviation of a direction; {command} shows it over the picture",
-            console=console,
-        )
+        say(f"error: one standard deviation of a direction; {command} shows it over the picture", console=console)
     console.print()
     cells = result.texts()
     heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]
@@ -248,53 +160,28 @@ def print_table(console: Console, result: Evaluation) -> None:
     print_rows(console, heads, [cells[name] for name in shown])
     hidden = len(columns) - len(shown)
     if hidden:
-        say(
-            (f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"),
-            console=console,
-        )
+        say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
 
 
 def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     """Print field, focus and blur of the sensor in a few lines."""
     sensor, s = result.sensor, result.summary()
     near, far = result.depth_of_field_mm
-    best = best_focus(
-        sensor,
-        merit,
-        object_distance_mm=float(np.max(result.object_distance_mm)),
-        mode=result.mode,
-        image_radius_px=result.image_radius_px,
-        wavelength_nm=result.wavelength_nm,
-    )
-    second = (
-        ""
-        if sensor.secondary is None
-        else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
-    )
+    best = best_focus(sensor, merit, object_distance_mm=float(np.max(result.object_distance_mm)), mode=result.mode, image_radius_px=result.image_radius_px, wavelength_nm=result.wavelength_nm)
+    second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
     lines = [
-        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
-        f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
-        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
-        f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
+        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field {s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
+        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm (blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
     if not sensor.housing.is_empty:
-        lines.append(
-            f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.obscured_percent)}"
-        )
+        lines.append(f"hidden at every azimuth: {obscuration_summary(sensor.obscurations, sensor.obscured_percent)}")
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
-        lines.append(
-            f"a cone has no single viewpoint: virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm"
-        )
+        lines.append(f"a cone has no single viewpoint: virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm")
     if np.isfinite(result.object_distance_mm).all():
-        v = best_viewpoint(
-            sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px
-        )
-        lines.append(
-            f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
-            f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
-        )
+        v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
+        lines.append(f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to {v.worst_px:.2f} px ({v.worst_deg:.3f} deg)")
     if isinstance(sensor.mirror, SampledProfile):
         lines += profile_lines(result, sensor.mirror)
     say((sensor.name, "bold"), "\n".join(lines), console=console)
@@ -310,22 +197,10 @@ def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
         lines.append(f"points of the profile left out as wrong: {named}{more}")
     deviations = result.standard_deviations()
     if deviations:
-        how = (
-            "estimated from the points"
-            if mirror.uncertainty_um is None
-            else "as stated, or as they scatter"
-        )
-        lines.append(
-            f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:"
-        )
-        worst = (
-            (QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS
-        )
-        shown = [
-            f"{q.heading} {v.max():.2g} {q.unit}".strip()
-            for q, v in worst
-            if v.size and v.max() > 0
-        ]
+        how = "estimated from the points" if mirror.uncertainty_um is None else "as stated, or as they scatter"
+        lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:")
+        worst = ((QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS)
+        shown = [f"{q.heading} {v.max():.2g} {q.unit}".strip() for q, v in worst if v.size and v.max() > 0]
         lines.append("  " + ", ".join(shown))
     return lines
 
@@ -341,10 +216,5 @@ def _draw(console: Console, result: Evaluation, folder: Path) -> None:
 def _out_of_place(sensor: Sensor) -> str:
     """Format the decentration and tilt of a sensor."""
     parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
-    said = [
-        f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by "
-        f"{np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg"
-        for name, part in parts.items()
-        if part is not None and not part.is_axial
-    ]
+    said = [f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by {np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg" for name, part in parts.items() if part is not None and not part.is_axial]
     return ", ".join(said)

@@ -98,13 +98,13 @@ def command(
         say_written(json_file, console=console)
     if output or encircled:
         from ....analysis.figures import save_figure
-        from ....analysis.figures.aperture import encircled_energy, psf_pictures
+        from ....analysis.figures.aperture import encircled_energy, psf_images
 
         widest = max(2 * float(p.offset_px[-1]) for p in found)  # squares of equal size
         found = [
             p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found
         ]
-        for path, draw in ((output, psf_pictures), (encircled, encircled_energy)):
+        for path, draw in ((output, psf_images), (encircled, encircled_energy)):
             if path:
                 say_written(save_figure(draw(found), path), console=console)
 

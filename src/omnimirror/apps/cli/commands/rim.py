@@ -101,10 +101,10 @@ def _drawn(
 ) -> Path:
     """Write a figure of the images with the detected outlines."""
     from ....analysis.figures import save_figure
-    from ....analysis.figures.calibration_results import DrawnRim, found_rims
+    from ....analysis.figures.calibration_results import RimDrawing, detected_rims
 
     drawn = [
-        DrawnRim(
+        RimDrawing(
             levels_of(picture).astype(np.uint8),
             rim.points(),
             rim.centre_px,
@@ -114,7 +114,7 @@ def _drawn(
         )
         for file, picture, rim in zip(files, pictures, found, strict=True)
     ]
-    return save_figure(found_rims(drawn), figure)
+    return save_figure(detected_rims(drawn), figure)
 
 
 def _row(name: str, rim: FoundRim) -> tuple[str, ...]:

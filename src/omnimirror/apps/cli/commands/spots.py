@@ -150,7 +150,7 @@ def _print_check(
     )
     names = ("blur_t_px", "edge_t_px", "extent_t_px", "blur_s_px", "edge_s_px", "extent_s_px")
     table = plain_table(head("f_number"), *map(head, names))
-    columns = [found.worst(name) for name in names]
+    columns = [found.max_abs(name) for name in names]
     for F, *row in zip(found.f_number, *columns, strict=True):
         table.add_row(
             f"{F:g}",
