@@ -164,7 +164,7 @@ def test_a_picture_can_be_filled(view):
         np.testing.assert_allclose(out, straight, atol=1)
     assert dewarp(picture, transparent=True, out=kept) is kept
     with pytest.raises(
-        InvalidParameter, match=r"out is \(90, 60\) of uint8, not \(90, 60, 3\) of uint8"
+        InvalidParameter, match=r"out must be \(90, 60, 3\) of uint8; got \(90, 60\) of uint8"
     ):
         dewarp(picture, out=np.empty((90, 60), np.uint8))
 
@@ -243,15 +243,15 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     [
         (
             np.zeros((510, 512, 3), np.uint8),
-            r"512 x 510 px and the camera's 1024 x 1020 px; both have the same shape",
+            "1024 x 1020 px of the camera; got 512 x 510 px; the aspect ratios are equal",
         ),
-        (np.zeros((480, 640), np.uint8), r"640 x 480 px and the camera's 1024 x 1020 px$"),
-        (np.zeros((1020, 1024), float), "float64 values; valid are uint8, uint16, float32"),
+        (np.zeros((480, 640), np.uint8), "1024 x 1020 px of the camera; got 640 x 480 px$"),
+        (np.zeros((1020, 1024), float), "one of uint8, uint16, float32; got float64"),
         (
             np.zeros((1020, 1024, 2), np.uint8),
-            r"shape \(1020, 1024, 2\) is not a picture of 1, 3 or 4 channels",
+            r"1, 3 or 4 channels; got an array of shape \(1020, 1024, 2\)",
         ),
-        (np.zeros(1020, np.uint8), r"shape \(1020,\) is not a picture"),
+        (np.zeros(1020, np.uint8), r"got an array of shape \(1020,\)"),
     ],
 )
 def test_another_picture_is_refused(picture, message):
@@ -262,7 +262,9 @@ def test_another_picture_is_refused(picture, message):
 def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
     uncompiled()
     camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
-    with pytest.raises(InvalidParameter, match="40000 x 3 px is too large"):
+    with pytest.raises(
+        InvalidParameter, match=r"sides of the image must be at most .*; got 40000 x 3 px"
+    ):
         om.Dewarper(camera, om.screens.Plane((21, 11), tilt_deg=-90.0))(
             np.zeros((3, 40_000), np.uint8)
         )
@@ -273,7 +275,7 @@ def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
     [
         (
             om.screens.Cylinder((20, 10), 50.0, 80.0),
-            r"panorama \(elevation 50 to 80 deg\) sees nothing",
+            r"panorama \(elevation 50 to 80 deg\)",
         ),
         (
             om.screens.Plane((20, 10), tilt_deg=80.0, hfov_deg=30.0),
@@ -283,7 +285,7 @@ def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
     ],
 )
 def test_a_view_of_nothing_is_refused(view, message):
-    with pytest.raises(OutsideField, match=message + ".*from -90 to 45 deg of elevation"):
+    with pytest.raises(OutsideField, match="elevation -90 to 45 deg; got the " + message):
         om.Dewarper(BALL, view).coordinates()
 
 
@@ -345,12 +347,12 @@ def test_the_border_of_a_picture_that_gets_an_alpha_is_clear():
             "uint8",
             (3,),
             256,
-            "border = 256 is no value of a picture of uint8; valid are whole numbers from 0 to 255",
+            "border must contain integers from 0 to 255 for uint8 images; got 256",
         ),
-        ("uint8", (3,), -1, "border = -1 is no value"),
-        ("uint16", (3,), 0.5, "border = 0.5 is no value of a picture of uint16"),
-        ("uint8", (3,), (1, 2), r"border = \(1, 2\) has 2 values, and the picture 3 channels"),
-        ("uint8", (), (1, 2, 3), r"has 3 values, and the picture 1 channels"),
+        ("uint8", (3,), -1, "border must contain integers .*; got -1"),
+        ("uint16", (3,), 0.5, "for uint16 images; got 0.5"),
+        ("uint8", (3,), (1, 2), r"each of the 3 channels of the image; got \(1, 2\)"),
+        ("uint8", (), (1, 2, 3), r"each of the 1 channels of the image; got \(1, 2, 3\)"),
     ],
 )
 def test_a_border_that_does_not_fit_is_refused(dtype, channels, border, message):
@@ -360,13 +362,15 @@ def test_a_border_that_does_not_fit_is_refused(dtype, channels, border, message)
 
 @pytest.mark.parametrize("border", ["red", (1, "x"), None, [[1, 2, 3]]])
 def test_a_border_that_is_no_colour_is_refused(border):
-    with pytest.raises(InvalidParameter, match="is no colour"):
+    with pytest.raises(
+        InvalidParameter, match="border must be one number or one number per channel"
+    ):
         om.Dewarper(BALL, ALL_OF_IT, border=border)
 
 
 def test_an_unknown_interpolation_is_refused():
     with pytest.raises(
-        InvalidParameter, match="'lanczos' is not one of auto, nearest, linear, cubic, area"
+        InvalidParameter, match="must be one of auto, nearest, linear, cubic, area; got 'lanczos'"
     ):
         om.Dewarper(BALL, om.screens.Plane((20, 10)), "lanczos")
 

@@ -312,7 +312,9 @@ def test_pictures_wider_than_16_bits_count(interpolation, instructions):
 
 def test_a_picture_with_more_values_than_can_be_counted():
     huge = np.lib.stride_tricks.as_strided(np.zeros(1, np.uint8), (70_000, 70_000), (0, 0))
-    with pytest.raises(InvalidParameter, match="70000 x 70000 px is too large"):
+    with pytest.raises(
+        InvalidParameter, match=r"must have at most .* values; got .* in 70000 x 70000 px"
+    ):
         remap_at(huge, np.zeros((1, 1, 2), np.float32))
 
 

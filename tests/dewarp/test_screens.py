@@ -121,17 +121,20 @@ def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
     [
         (lambda: Cylinder((0, 5), -10.0, 10.0), "size"),
         (lambda: Cylinder((5, 200_000), -10.0, 10.0), "size"),
-        (lambda: Cylinder((5, 5), 10.0, 10.0), "10 to 10 deg make no panorama"),
-        (lambda: Cylinder((5, 5), -91.0, 10.0), "-91 to 10"),
-        (lambda: Cylinder((5, 5), -np.nan, 10.0), "nan to 10"),
-        (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=361.0), "span_deg = 361"),
-        (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=0.0), "span_deg = 0"),
+        (lambda: Cylinder((5, 5), 10.0, 10.0), "increase within -90 to 90 deg; got 10 and 10 deg"),
+        (lambda: Cylinder((5, 5), -91.0, 10.0), "-91 and 10"),
+        (lambda: Cylinder((5, 5), -np.nan, 10.0), "tilt_min_deg = nan"),
+        (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=361.0), "span_deg must be .*; got 361"),
+        (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=0.0), "span_deg must be .*; got 0"),
         (lambda: Cylinder((5, 5), -10.0, 10.0, pan_deg=np.inf), "pan_deg = inf"),
-        (lambda: Plane((5, 5), hfov_deg=180.0), "hfov_deg = 180 is valid above 0 and below 180"),
+        (
+            lambda: Plane((5, 5), hfov_deg=180.0),
+            "hfov_deg must be above 0 and below 180 deg; got 180",
+        ),
         (lambda: Plane((5, 5), tilt_deg=np.nan), "tilt_deg = nan"),
-        (lambda: Dome((5, 5), 181.0), "0 to 181 deg make no dome"),
-        (lambda: Dome((5, 5), 90.0, omega_min_deg=90.0), "90 to 90"),
-        (lambda: Dome((5, 5), 90.0, "north"), "'north' is not one of nadir, zenith"),
+        (lambda: Dome((5, 5), 181.0), "within 0 to 180 deg; got 0 and 181 deg"),
+        (lambda: Dome((5, 5), 90.0, omega_min_deg=90.0), "got 90 and 90"),
+        (lambda: Dome((5, 5), 90.0, "north"), "pole must be one of nadir, zenith; got 'north'"),
     ],
 )
 def test_a_screen_that_cannot_be_is_refused(make, message):
@@ -179,6 +182,6 @@ def test_panoramas_zoom_to_the_whole_circle_and_the_poles_at_most_and_say_their_
     assert str(whole) == f"{name} (elevation -90 to 90 deg)"
     for upper in (-20.0 + 1e-7, -20.0 + 1e-12):
         with pytest.raises(
-            InvalidParameter, match="elevations from -20 to -20 deg leave nothing to see"
+            InvalidParameter, match=r"tilt_max_deg must be at least .*; got -20 and -20 deg"
         ):
             kind((90, 40), -20.0, upper)

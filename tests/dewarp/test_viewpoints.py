@@ -128,8 +128,8 @@ def test_distant_screens_have_no_viewpoint():
 @pytest.mark.parametrize(
     ("viewpoint", "said"),
     [
-        ("best", "is not 'exact', 'single' or a height over the vertex in mm"),
-        ("", "is not 'exact', 'single' or a height over the vertex in mm"),
+        ("best", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"),
+        ("", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"),
         (np.nan, "viewpoint = nan is not valid"),
         (np.inf, "viewpoint = inf is not valid"),
     ],
@@ -143,7 +143,7 @@ def test_viewpoints_that_cannot_be_are_refused():
     stretched = om.OCam((-200.0, 0.0, 1e-3), (320.0, 240.0), (640, 480), (1.001, 0.0, 0.0))
     view = om.screens.Plane((3, 2), tilt_deg=-40.0, distance_mm=500.0)
     with pytest.raises(
-        InvalidParameter, match="viewpoint = 5 mm is nowhere: the camera is not symmetric"
+        InvalidParameter, match="must be 'exact' for a camera without axial symmetry; got 5 mm"
     ):
         om.Dewarper(stretched, view, viewpoint=5.0).coordinates()
     np.testing.assert_array_equal(
@@ -152,9 +152,11 @@ def test_viewpoints_that_cannot_be_are_refused():
     )
     sky = om.screens.Plane((3, 2), tilt_deg=90.0, hfov_deg=20.0, distance_mm=500.0)
     blind = om.MirrorBall((9999.0, 50.0), 50.0, 300.0, (101, 101))
-    with pytest.raises(OutsideField, match="sees nothing, so no viewpoint of it is best"):
+    with pytest.raises(
+        OutsideField, match="at least one pixel of the camera must observe the scene"
+    ):
         single_viewpoint(blind, 500.0)
-    with pytest.raises(OutsideField, match="sees nothing of the camera's field"):
+    with pytest.raises(OutsideField, match="must overlap the field of the camera"):
         om.Dewarper(SPHERE, sky, viewpoint="single").coordinates()
 
 

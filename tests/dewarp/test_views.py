@@ -164,7 +164,7 @@ def test_a_mosaic_is_a_panorama_over_the_views_of_its_quarters():
         middle = over.view.pans()[part.left + 199 : part.left + 201].mean()
         assert np.cos(middle - np.radians(part.view.pan_deg)) == pytest.approx(1)
     assert [part.view.pan_deg for part in under] == [-80, 10, 100, 190]
-    with pytest.raises(InvalidParameter, match="height of a mosaic, 90 px, follows from its width"):
+    with pytest.raises(InvalidParameter, match=r"height of a mosaic must be None, .*; got 90 px"):
         views.mosaic(SPHERE, (None, 90))
 
 
@@ -189,9 +189,7 @@ def test_presets_are_one_screen_in_three_places():
     raised = views.preset("super-wide", (640, 360), tilt_deg=20.0)
     middle = np.tan(np.radians([raised.tilt_min_deg, raised.tilt_max_deg])).mean()
     assert middle == pytest.approx(np.tan(np.radians(20)))
-    with pytest.raises(
-        InvalidParameter, match="no preset 'tele'; there are distant, wide, super-wide"
-    ):
+    with pytest.raises(InvalidParameter, match="one of distant, wide, super-wide; got 'tele'"):
         views.preset("tele")
 
 
@@ -243,6 +241,6 @@ def test_a_whole_sphere_is_exactly_twice_as_wide_as_high(radius):
     assert width == 2 * height
     assert om.views.sphere(ball, (1441, 720)).size == (1441, 720), "as asked"
     with pytest.raises(
-        InvalidParameter, match=r"1441 px of an equirectangular picture .* have no half"
+        InvalidParameter, match=r"width must be even for an equirectangular image .*; got 1441 px"
     ):
         om.views.sphere(ball, (1441, None))

@@ -200,8 +200,8 @@ def test_the_border_is_a_grey_or_a_coded_colour():
         assert (luma[0, 0], *pairs[0, 0]) == expected
         assert (y[~dewarp.valid] == expected[0]).all()
     for border, message in (
-        (256, "no grey of 8 bits; valid are 0 to 255"),
-        ((1, 2), "valid are a grey, or y, u and v"),
+        (256, "border must be between 0 and 255 for 8 bits; got 256"),
+        ((1, 2), r"border must be a grey level or \(y, u, v\)"),
     ):
         with pytest.raises(InvalidParameter, match=message):
             om.Dewarper(BALL, view, border=border).planes(parts)
@@ -269,21 +269,26 @@ def test_planes_with_gaps_between_their_rows_are_filled_in_place():
             [(400, 401), (200, 200), (200, 200)],
             np.uint8,
             {},
-            "are no picture of 401 x 400 px; valid are",
+            "planes must have the shapes .* for 401 x 400 px",
         ),
-        ([(400, 401)], np.uint8, {}, "are no picture"),
-        ([(400, 401), (200, 201, 2)], np.float32, {}, "planes hold float32; valid are uint8"),
+        ([(400, 401)], np.uint8, {}, "planes must have the shapes"),
+        (
+            [(400, 401), (200, 201, 2)],
+            np.float32,
+            {},
+            "planes must be all uint8 or all uint16; got float32",
+        ),
         (
             [(400, 401), (200, 201, 2)],
             np.uint8,
             {"bits": 10},
-            "bits = 10 does not go with uint8 planes; valid are 8",
+            "bits must be between 8 and 8 for uint8 planes; got 10",
         ),
         (
             [(400, 401), (200, 201, 2)],
             np.uint16,
             {},
-            "bits = 8 does not go with uint16 planes; valid are 9 to 16",
+            "bits must be between 9 and 16 for uint16 planes; got 8",
         ),
         (
             [(400, 401), (200, 201, 2)],
@@ -295,7 +300,7 @@ def test_planes_with_gaps_between_their_rows_are_filled_in_place():
             [(400, 401), (200, 201, 2)],
             np.uint8,
             {"out": (np.empty((9, 9), np.uint8),)},
-            r"planes of shapes \(9, 9\)",
+            r"planes must have the shapes .*; got \(9, 9\)",
         ),
     ],
 )

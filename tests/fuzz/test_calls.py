@@ -665,7 +665,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         (lambda _: Uncertainty(("k1", "k2"), ((1.0, 2.0), (2.0, 1.0))), "covariance"),
         (
             lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]),
-            "tilt_min_deg and tilt_max_deg are one number each",
+            r"tilt_min_deg = \[0.0\]",
         ),
         (
             lambda _: om.views.panorama(BALL, (9, 9, 9)),
@@ -691,7 +691,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: om.plan_bracket(SENSOR, limit_px=0.01),
-            "limit_px = 0.01 is outside 0.05 to 1000 px",
+            "limit_px must be between 0.05 and 1000 px; got 0.01",
         ),
         (
             lambda _: TabulatedMapping((0.0, 60.0), (0.0, 1.0), 11.0, 40.0),
@@ -709,7 +709,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
             lambda _: om.dewarp_video(
                 "a.mp4", "b.mp4", camera=BALL, recording=Recording(frame_rate=9.0)
             ),
-            "a frame rate belongs to numbered pictures",
+            "frame_rate must be omitted unless the source is an image sequence; got 9",
         ),
         (
             lambda taken: listen("127.0.0.1", taken),

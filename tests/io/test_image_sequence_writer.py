@@ -124,7 +124,7 @@ def test_sigterm_leaves_whole_pictures_and_nothing_else(film, tmp_path):
         ("in.mp4", "f%4d.png", "zeros before it"),
         ("in.mp4", "f%099999999d.png", "up to 9 digits"),
         ("in.mp4", "f%04d.gif", "numbered pictures are .png, .jpg"),
-        ("f%04d.png", "./f%03d.png", "may write over the pictures f%04d.png"),
+        ("f%04d.png", "./f%03d.png", "must not overwrite the source images f%04d.png"),
     ],
 )
 def test_a_pattern_that_is_none_is_one_sentence(film, tmp_path, source, output, message):
@@ -137,7 +137,9 @@ def test_what_belongs_to_films_alone(film, tmp_path):
     for option in (["--crf", "3"], ["--pixel-format", "yuv420p"]):
         fails("dewarp", film, *BALL, *option, "-o", tmp_path / "%d.png")
     words = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
-    assert "is skipped of one output alone" in fails("dewarp", film, *BALL, *words)
+    assert "skip_existing must be used with a single image sequence" in fails(
+        "dewarp", film, *BALL, *words
+    )
     assert names(tmp_path) == ["in.mp4"]
 
 

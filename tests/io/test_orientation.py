@@ -124,9 +124,7 @@ def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
     )
-    with pytest.raises(
-        InvalidParameter, match="96 x 140 px, as stored; leave out --stored-orientation"
-    ):
+    with pytest.raises(InvalidParameter, match="96 x 140 px, as stored; omit --stored-orientation"):
         ImageDewarper(DewarpRequest(WIDE, stored_orientation=True))(turned[1], tmp_path / "c.png")
     found = om.dewarp_pictures(tmp_path / "turned.png", tmp_path / "many", camera=WIDE)
     assert sum(found.oriented.values()) == 1

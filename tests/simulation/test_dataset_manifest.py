@@ -163,7 +163,7 @@ def test_a_picture_that_was_changed_is_made_again(tmp_path):
 def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
     list(write_calibration_set(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
-    with pytest.raises(InvalidParameter, match="holds another set, which differs in samples, seed"):
+    with pytest.raises(InvalidParameter, match="differs in samples, seed"):
         list(
             write_calibration_set(
                 small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2
@@ -174,7 +174,7 @@ def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
 
 def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
-    with pytest.raises(InvalidParameter, match="outside the room"):
+    with pytest.raises(InvalidParameter, match="must be inside the room"):
         write_video_set(
             small(),
             Room(texel_mm=40.0),
@@ -223,7 +223,7 @@ def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
         "simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other"
     )
     assert (
-        "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'"
+        "must have the format 'omnimirror calibration dataset 3'; got 'omnimirror calibration set 2'"
         in said
     )
     assert not (tmp_path / "other").exists()
@@ -310,13 +310,13 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
         "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
     )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
-    with pytest.raises(MediaError, match=r"sky.hdr is not the file it was"):
+    with pytest.raises(MediaError, match=r"sky.hdr of the dataset has changed"):
         load_recipe(description)
     os.remove(tmp_path / "sky.hdr")
-    with pytest.raises(MediaError, match=r"sky.hdr is not there"):
+    with pytest.raises(MediaError, match=r"sky.hdr of the dataset is missing"):
         load_recipe(description)
     description.write_text('{"format": "old"}')
-    with pytest.raises(MediaError, match="does not say how a set is made"):
+    with pytest.raises(MediaError, match=r"must be the dataset.json of a dataset"):
         load_recipe(description)
 
 

@@ -79,15 +79,15 @@ def test_any_brightness_is_counted(light):
 @pytest.mark.parametrize(
     ("light", "seed", "words"),
     [
-        (np.full((4, 4, 3), np.nan), 0, "light holds NaN"),
+        (np.full((4, 4, 3), np.nan), 0, "light must not contain NaN"),
         (
             np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5),
             0,
-            "light holds NaN",
+            "light must not contain NaN",
         ),  # one value of one pixel
-        (np.zeros((4, 4)), 0, r"not \(4, 4\)"),
-        (np.array([[["a", "b", "c"]]]), 0, "light is numbers"),
-        (np.zeros((4, 4, 3)), -1, "seed = -1"),
+        (np.zeros((4, 4)), 0, r"got \(4, 4\)"),
+        (np.array([[["a", "b", "c"]]]), 0, "light must be numbers"),
+        (np.zeros((4, 4, 3)), -1, "seed must be .*; got -1"),
     ],
 )
 def test_what_is_no_light_is_refused(light, seed, words):
@@ -152,17 +152,17 @@ def test_a_mosaic_in_parts_is_that_of_the_whole(first):
         ),
         ({"bits": 17}, "bits = 17 is outside 8 to 16"),
         ({"bits": 7}, "bits = 7"),
-        ({"bits": 9.5}, "bits = 9.5"),
+        ({"bits": 9.5}, "bits must be an integer .*; got 9.5"),
         ({"bayer": "RGBG"}, "bayer = 'RGBG'"),
         ({"read_noise_e": 3.0}, "full_well_e"),
         ({"exposure": 0.0}, "exposure = 0"),
         ({"full_well_e": 1e20}, "full_well_e = 1e\\+20 electrons is outside 10 to 1e\\+09"),
         ({"full_well_e": np.nan}, "full_well_e = nan"),
-        ({"black_level_dn": 10.0}, "take the curve linear"),
-        ({"black_level_dn": 200.0, "curve": "linear"}, "up to 127"),
+        ({"black_level_dn": 10.0}, "curve must be 'linear' with black_level_dn"),
+        ({"black_level_dn": 200.0, "curve": "linear"}, "at most 127"),
         (
             {"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"},
-            "a read_noise_e that needs no more",
+            "reduce black_level_dn or read_noise_e",
         ),
     ],
 )

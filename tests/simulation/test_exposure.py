@@ -153,7 +153,9 @@ def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
         assert compiled_light(sensor, scene, plan, dim) is not None
         posed = PosedScene(scene, outside)
         assert compiled_light(sensor, posed, plan, dim) is None
-        with pytest.raises(InvalidParameter, match=r"a ray starts at|the mirror stands in"):
+        with pytest.raises(
+            InvalidParameter, match=r"origins_mm must be|the mirror must not intersect"
+        ):
             expose(sensor, posed, samples=1)
 
 
@@ -272,13 +274,13 @@ def test_the_camera_is_seen_in_the_middle():
 
 def test_what_only_a_sensor_has_is_refused_for_other_cameras():
     ball = om.MirrorBall((100.0, 100.0), 90.0, 360.0, (200, 200))
-    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
+    with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
         expose(ball, steps(8, 16), blur=True)
 
 
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
 def test_samples_out_of_range_are_refused(samples, seed):
-    with pytest.raises(InvalidParameter, match="not a whole number"):
+    with pytest.raises(InvalidParameter, match=r"(samples|seed) = .* whole number"):
         spread(samples, blur=True, seed=seed)
 
 
@@ -297,7 +299,7 @@ def test_an_imager_that_is_too_large_is_refused_with_the_largest_that_is_not():
         imager=replace(sensor.imager, width_px=40_000, height_px=40_000, pixel_pitch_um=0.1331),
     )
     with pytest.raises(
-        InvalidParameter, match=r"40000 x 40000 px is too large .* up to 32768 x 32768 px"
+        InvalidParameter, match="for example 32768 x 32768 px; got 40000 x 40000 px"
     ):
         om.take_picture(large, om.Room(texel_mm=40.0), samples=1)
     with pytest.raises(InvalidParameter, match=r"100001.*(100000|1e\+05)"):

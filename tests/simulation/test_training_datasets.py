@@ -178,7 +178,7 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
     card = (tmp_path / "a" / "README.md").read_text()
     assert "3 frames of 32 x 32 px" in card
     assert f"| {ON_CART} | cart |" in card
-    with pytest.raises(InvalidParameter, match="holds a set already"):
+    with pytest.raises(InvalidParameter, match="folder must not contain a dataset"):
         om.write_learning_set(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
 
 
@@ -241,7 +241,7 @@ def test_the_command_writes_what_python_does(tmp_path):
     for path in (tmp_path / "made").iterdir():
         assert (tmp_path / "said" / path.name).read_bytes() == path.read_bytes(), path.name
     assert "cart" in (tmp_path / "said" / "README.md").read_text()
-    assert "holds a set already" in fails(*words, "-o", tmp_path / "said")
+    assert "folder must not contain a dataset" in fails(*words, "-o", tmp_path / "said")
 
 
 def test_a_set_to_learn_from_needs_a_path(tmp_path):

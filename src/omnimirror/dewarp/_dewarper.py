@@ -110,15 +110,17 @@ class Dewarper:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __post_init__(self) -> None:
-        instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
+        instance("camera", self.camera, Camera, "a camera, for example from om.load_sensor")
         # A string has the same attribute
         has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
-            raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
+            raise WrongKind(
+                f"view must be a view from om.screens or om.views; got {shown(self.view)}"
+            )
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
             raise InvalidParameter(
-                f"interpolation = {shown(self.interpolation)} is not one of {known}"
+                f"interpolation must be one of {known}; got {shown(self.interpolation)}"
             )
         check_viewpoint(self.viewpoint)
         check_border(self.border)
@@ -250,8 +252,8 @@ class Dewarper:
     def _sees_nothing(self) -> OutsideField:
         seen = field_of(self.camera)
         return OutsideField(
-            f"the {self.view} sees nothing of the camera's field, which reaches from "
-            f"{seen.tilt_min_deg:.6g} to {seen.tilt_max_deg:.6g} deg of elevation"
+            f"the view must overlap the field of the camera, elevation {seen.tilt_min_deg:.6g} to "
+            f"{seen.tilt_max_deg:.6g} deg; got the {self.view}"
         )
 
     @property
@@ -357,14 +359,12 @@ class ColourDewarper:
     def __post_init__(self) -> None:
         if not isinstance(self.cameras, tuple | list) or len(self.cameras) != 3:
             raise InvalidParameter(
-                f"cameras = {shown(self.cameras)} are not three, of red, green and blue light"
+                f"cameras must be three cameras for red, green and blue light; got {shown(self.cameras)}"
             )
         sizes = {dewarper.camera.image_size for dewarper in self._colours}
         if len(sizes) > 1:
-            told = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-            raise InvalidParameter(
-                f"the cameras of the colours have pictures of {told} px; valid is one size"
-            )
+            listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+            raise InvalidParameter(f"cameras must have the same image size; got {listed} px")
 
     @cached_property
     def _colours(self) -> tuple[Dewarper, ...]:
@@ -404,7 +404,7 @@ class ColourDewarper:
         check_picture(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:
             raise InvalidParameter(
-                f"a picture of shape {image.shape} has no colours to be straightened apart"
+                f"the image must have 3 or 4 channels for a ColourDewarper; got shape {image.shape}"
             )
         border: Border = self.border
         if transparent:

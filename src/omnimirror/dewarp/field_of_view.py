@@ -65,14 +65,14 @@ def field_of(camera: Camera) -> FieldOfView:
     >>> round(field.tilt_min_deg, 2), round(field.tilt_max_deg, 2), round(field.pixels_per_degree, 1)
     (-90.0, 45.0, 4.7)
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("camera", camera, Camera, "a camera, for example from om.load_sensor")
     pixels = _pixels_all_over(camera.image_size)
     whole = _whole_field(camera, pixels)
     if whole is not None:
         return whole
     rays = camera.backproject(pixels)
     if not rays.valid.any():
-        raise OutsideField("no pixel of the camera's picture sees anything of the scene")
+        raise OutsideField("at least one pixel of the camera must observe the scene; got none")
     low, high = _tilts_seen(camera, rays.directions[rays.valid])
     sphere = _directions_all_over()
     width, height = camera.image_size

@@ -167,8 +167,8 @@ class ImageDewarper:
         assert self.wavelengths_nm is not None
         if not isinstance(camera, Sensor):
             raise InvalidParameter(
-                "what parts the colours is known of a sensor with a lens and a cover; straighten the pictures of this "
-                "camera without wavelengths_nm, or by an om.ColourDewarper of three calibrations"
+                f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}; "
+                "alternatively use an om.ColourDewarper of three calibrations"
             )
         red, green, blue = (at_wavelength(camera, nm) for nm in self.wavelengths_nm)
         return red, green, blue
@@ -192,11 +192,12 @@ class ImageDewarper:
     def __call__(self, source: Path, output: Path) -> str:
         """Read, dewarp and write one image; return a summary sentence."""
         if is_same_file(output, source):
-            raise InvalidParameter(f"{output} is the picture to straighten; write to another name")
+            raise InvalidParameter(f"the output must differ from the source image; got {output}")
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
             raise InvalidParameter(
-                f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or black outside the field"
+                f"the output must be a .png, .tif or .webp file for transparency; got a {output.suffix} file; "
+                "alternatively use black outside the field"
             )
         is_stored = self.how.stored_orientation
         picture, carried = read_image_and_metadata(source, stored_orientation=is_stored)
@@ -227,7 +228,7 @@ class ImageDewarper:
             told += f", {turned}"
             self.oriented[turned] += 1
         size = f"{width} x {height} px"
-        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} of it inside the field{told}{restored}"
+        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} inside the field{told}{restored}"
 
     def many(
         self,
@@ -242,10 +243,12 @@ class ImageDewarper:
         not stop the others.
         """
         if folder.exists() and not folder.is_dir():
-            raise InvalidParameter(f"{folder} is a file, and several pictures need a folder")
+            raise InvalidParameter(
+                f"the output must be a folder for several images; got the file {folder}"
+            )
         if not folder.is_dir() and folder.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES):
             raise InvalidParameter(
-                f"{folder} is the name of one file, and several pictures need a folder"
+                f"the output must be a folder for several images; got the file name {folder}"
             )
         paths = expand_inputs(sources)
         found = list(zip(paths, outputs_for(paths, folder), strict=True))
@@ -261,7 +264,7 @@ def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored:
     """
     if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(of_camera) == size[::-1]:
         remedy = (
-            "leave out --stored-orientation (stored_orientation=True in Python)"
+            "omit --stored-orientation (stored_orientation=True in Python)"
             if is_stored
             else STORED_ORIENTATION_HINT
         )
@@ -273,10 +276,10 @@ def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored:
 
 def _change_of_depth(had: str, has: str) -> str:
     """Return a description of the loss or conversion caused by a change of depth."""
-    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "light"}
-    return "" if had == has else f", {words[had]} written as {words[has]}"
+    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "linear light"}
+    return "" if had == has else f", converted from {words[had]} to {words[has]}"
 
 
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:
     share = 100 * dewarp.valid.mean()
-    return "all" if share == 100 else f"{share:.3g} %"
+    return "all pixels" if share == 100 else f"{share:.3g} % of the pixels"

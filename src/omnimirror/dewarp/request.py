@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # -- Colour outside the field, specified before the depth and channels of the image are known ------
 
 HEX_DIGITS = set("0123456789abcdefABCDEF")
-VALID_COLOURS = "valid are a grey level, R,G,B and #rrggbb"
+VALID_COLOURS = "a grey level, R,G,B or #rrggbb"
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class BorderColour:
         except ValueError:
             values = ()
         if len(values) not in (1, 3) or not np.isfinite(values).all():
-            raise InvalidParameter(f"{shown(border)} is no colour; {VALID_COLOURS}")
+            raise InvalidParameter(f"border must be {VALID_COLOURS}; got {shown(border)}")
         return cls(text, values, False)
 
     def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:
@@ -94,14 +94,14 @@ class BorderColour:
             0 <= value <= full and value % 1 == 0 for value in values
         ):
             raise InvalidParameter(
-                f"border {self.text} is no value of a picture of {image.dtype.name}; "
-                f"valid are whole numbers from 0 to {full}"
+                f"border must contain integers from 0 to {full} for {image.dtype.name} images; "
+                f"got {self.text}"
             )
         channels = image.shape[2] if image.ndim == 3 else 1
         if channels == 1:
             if len(set(values)) > 1:
                 raise InvalidParameter(
-                    f"border {self.text} is a colour, and the picture is grey; give one value"
+                    f"border must be one value for a grey image; got {self.text}"
                 )
             return values[:1]
         colour = values if len(values) == 3 else values * 3
@@ -174,7 +174,7 @@ class DewarpRequest:
     def camera_of(self, size: Size) -> Camera:
         """Return the camera for images of a size (width, height), with its actual tilt."""
         found = self.camera if isinstance(self.camera, Camera) else self.camera(size)
-        return instance("the camera of the pictures", found, Camera, "a camera")
+        return instance("the result of camera(size)", found, Camera, "a camera")
 
     def drawing(self, camera: Camera) -> Camera:
         """Return the camera for drawing the view: without tilt if the view is not levelled."""
@@ -292,7 +292,9 @@ def without_tilt(camera: C) -> C:
         If it has no mount that could be tilted.
     """
     if (mount := _mount_of(camera)) is None:
-        raise InvalidParameter("this camera has no mount, so nothing is known of how it leans")
+        raise InvalidParameter(
+            f"the camera must have a mount to keep its tilt; got a {type(camera).__name__} without"
+        )
     upright: C = replace(camera, mount=mount.upright)  # type: ignore[type-var]
     return upright
 

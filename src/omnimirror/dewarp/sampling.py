@@ -58,30 +58,33 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
     check_kind(image)
     if image.shape[2:] == (2,):
         raise InvalidParameter(
-            f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels"
+            f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}"
         )
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
         advice = (
-            "; both have the same shape: scale the picture to that size first" if same_shape else ""
+            "; the aspect ratios are equal: scale the image to that size first"
+            if same_shape
+            else ""
         )
         raise InvalidParameter(
-            f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}"
+            f"the image must have the {size[0]} x {size[1]} px of the camera; "
+            f"got {width} x {height} px{advice}"
         )
 
 
 def check_kind(image: Image) -> None:
     """Raise an error for arrays of an unsupported shape or data type."""
-    instance("a picture", image, np.ndarray, "an array of pixels")
+    instance("the image", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
         raise InvalidParameter(
-            f"an array of shape {image.shape} is not a picture of 1 to 4 channels"
+            f"the image must have 1 to 4 channels; got an array of shape {image.shape}"
         )
     if image.dtype not in DEPTHS:
         raise InvalidParameter(
-            f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}"
+            f"the type of the image must be one of {', '.join(OPAQUE)}; got {image.dtype.name}"
         )
 
 
@@ -90,12 +93,12 @@ def check_largest(image: Image, longest_side_px: int) -> None:
     height, width = image.shape[:2]
     if max(width, height) > longest_side_px:
         raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large; valid are {longest_side_px} px a side, "
-            "and more with the compiled samplers"
+            f"the sides of the image must be at most {longest_side_px} px without the compiled samplers; "
+            f"got {width} x {height} px"
         )
     if image.size > MAX_VALUES:
         raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values"
+            f"the image must have at most {MAX_VALUES} values; got {image.size} in {width} x {height} px"
         )
 
 
@@ -103,7 +106,7 @@ def check_interpolation(interpolation: str) -> None:
     """Raise an error for an unknown interpolation."""
     if interpolation not in INTERPOLATIONS:
         raise InvalidParameter(
-            f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}"
+            f"interpolation must be one of {', '.join(INTERPOLATIONS)}; got {interpolation!r}"
         )
 
 
@@ -111,7 +114,7 @@ def check_pixels(pixels: Pixels) -> None:
     """Raise an error unless an array is a pixel map."""
     if pixels.ndim != 3 or pixels.shape[2] != 2 or pixels.dtype not in (np.float32, np.float64):
         raise InvalidParameter(
-            f"coordinates are (rows, columns, 2) of float32 or float64, not {pixels.shape} of {pixels.dtype}"
+            f"coordinates must be (rows, columns, 2) of float32 or float64; got {pixels.shape} of {pixels.dtype}"
         )
 
 
@@ -124,10 +127,10 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
         return np.empty(shape, kind)
     if out.shape != shape or out.dtype != kind:
         raise InvalidParameter(
-            f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}"
+            f"out must be {shape} of {image.dtype.name}; got {out.shape} of {out.dtype.name}"
         )
     if not out.flags.writeable:
-        raise InvalidParameter("out cannot be written")
+        raise InvalidParameter("out must be writeable")
     return out
 
 
@@ -172,7 +175,7 @@ def check_border(border: Border) -> None:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
         raise InvalidParameter(
-            f"border = {shown(border)} is no colour; valid are a number, or one for every channel"
+            f"border must be one number or one number per channel; got {shown(border)}"
         )
 
 
@@ -190,14 +193,14 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
     values = np.array(border, float)
     if values.ndim and len(values) != channels:
         raise InvalidParameter(
-            f"border = {border} has {len(values)} values, and the picture {channels} channels; "
-            "a single number stands for all of them"
+            f"border must have one value, or one for each of the {channels} channels of the image; "
+            f"got {border}"
         )
     full = OPAQUE[image.dtype.name]
     if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
         raise InvalidParameter(
-            f"border = {border} is no value of a picture of {image.dtype.name}; "
-            f"valid are whole numbers from 0 to {full}"
+            f"border must contain integers from 0 to {full} for {image.dtype.name} images; "
+            f"got {border}"
         )
     return tuple(np.broadcast_to(values, channels).tolist())
 
@@ -468,7 +471,7 @@ def remap(
     check_largest(image, chosen.longest_side_px)
     if image.shape[1::-1] != tuple(where.source_size):
         raise InvalidParameter(
-            f"the picture has another size than the map: {image.shape[1::-1]}, not {where.source_size}"
+            f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}"
         )
     out = checked_out(out, image, where.size)
     whole = out if out.ndim == 3 else out[..., None]

@@ -199,7 +199,7 @@ def dewarp_video(
     )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
-        raise InvalidParameter("outputs is empty; it is valid with one at least")
+        raise InvalidParameter("outputs must contain at least one output")
     return dewarp_source(
         str(source), [str(name) for name in names], how, recording or Recording(), listener
     )
@@ -229,7 +229,9 @@ def _dewarp_file(
     listener: Listener,
 ) -> DewarpedVideo:
     if recording.frame_rate is not None and not is_sequence(source):
-        raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
+        raise InvalidParameter(
+            f"frame_rate must be omitted unless the source is an image sequence; got {recording.frame_rate:g}"
+        )
     with_sound = any(_is_video_file(output) for output in outputs)
     rate = 25.0 if recording.frame_rate is None else recording.frame_rate
     with VideoReader(
@@ -267,7 +269,9 @@ def _dewarp_live_source(
     listener: Listener,
 ) -> DewarpedVideo:
     if recording.start_s is not None:
-        raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
+        raise InvalidParameter(
+            f"start_s must be omitted for the live source {source}; got {recording.start_s:g}"
+        )
     live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
     try:
         first = live.first()
@@ -305,7 +309,7 @@ def _report_stale_images(
         if others := [number for number in numbers_of(pattern) if number > count]:
             first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
             listener.note(
-                f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video"
+                f"{output}: {first} to {last} are images of a previous run and do not belong to this video"
             )
 
 
@@ -325,34 +329,37 @@ def _is_virtual_camera(output: str) -> bool:
 def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) -> None:
     """Raise an error for conflicting outputs and for options that apply to none of them."""
     if twice := [output for output in outputs if outputs.count(output) > 1]:
-        raise InvalidParameter(f"{twice[0]} is to be written twice; give each output once")
+        raise InvalidParameter(f"the outputs must differ; got {twice[0]} twice")
     for output in outputs:
         if _is_file(output) and is_same_file(output, source):
-            raise InvalidParameter(f"{output} is the video to straighten; write to another name")
+            raise InvalidParameter(f"the output must differ from the source video; got {output}")
     pictures = [output for output in outputs if _is_file(output) and is_image_output(output)]
     for pattern in map(check_pattern, pictures):
         if is_sequence(source) and may_share_a_name(source, pattern):
             raise InvalidParameter(
-                f"{pattern} may write over the pictures {source}; write to another folder"
+                f"the output must not overwrite the source images {source}; got {pattern}"
             )
     if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
         raise InvalidParameter(
-            f"what is there already is skipped of one output alone; leave out others than {pictures[0]}"
+            "skip_existing must be used with a single image sequence as output; "
+            f"omit all outputs except {pictures[0]}"
         )
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
     if not is_coded and (
         asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]
     ):
         raise InvalidParameter(
-            f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made"
+            f"{asked[0]} must be omitted unless an output is a video file or stream; "
+            f"got {getattr(recording, asked[0])}"
         )
     if recording.pipe_format is not None and "-" not in outputs:
         raise InvalidParameter(
-            "a format of the pipe says what '-' writes; other outputs are named by themselves"
+            f"pipe_format must be omitted unless an output is '-'; got {recording.pipe_format}"
         )
     if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
         raise InvalidParameter(
-            "a pixel format belongs to files of videos, streams and a pipe of raw video"
+            "pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; "
+            f"got {recording.pixel_format}"
         )
 
 
@@ -388,7 +395,7 @@ class ViewOverTime:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
                 raise InvalidParameter(
-                    f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}"
+                    f"{recording.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
                 )
 
     def _dewarper(self, view: View) -> Dewarper:
@@ -445,7 +452,9 @@ def _sink(
 ) -> Sink:
     size, recording, rate = turn.view.size, turn.recording, told.rate
     if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
-        listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
+        listener.note(
+            f"{output}: {DISPLAY_LOST}; files encoded with libx264 or libx265 preserve it"
+        )
     if output == "-":
         return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
     if _is_virtual_camera(output):
@@ -470,7 +479,7 @@ def _sink(
         and "pixel_format" not in encoding
         and (lost := conversion_losses(turn.pixel_format, PixelFormat()))
     ):
-        listener.note(f"{output}: {lost}; --pixel-format names another choice")
+        listener.note(f"{output}: {lost}; use --pixel-format for another format")
     if is_for_any:  # use the range assumed by players
         encoding |= {
             "colour": replace(told.colour, range=min(told.colour.range, 1)),

@@ -38,7 +38,7 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
         number("viewpoint", viewpoint, unit="mm")
         return
     raise InvalidParameter(
-        f"viewpoint = {shown(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm"
+        f"viewpoint must be 'exact', 'single' or a height above the vertex in mm; got {shown(viewpoint)}"
     )
 
 
@@ -75,7 +75,7 @@ def place_on_axis(camera: Camera, height_mm: float) -> Array:
         return np.zeros(3)
     if camera.symmetry is None:
         raise InvalidParameter(
-            f"viewpoint = {height_mm:g} mm is nowhere: the camera is not symmetric about an axis; 'exact' is valid"
+            f"viewpoint must be 'exact' for a camera without axial symmetry; got {height_mm:g} mm"
         )
     place: Array = -height_mm * camera.symmetry.axis  # the axis is the direction at field angle 0
     return place
@@ -123,7 +123,7 @@ def single_viewpoint(camera: Camera, distance_mm: float) -> float:
     pixels = _pixels_of_the_field(camera)
     origins, directions, seen = camera.backproject(pixels)
     if not seen.any():
-        raise OutsideField("the camera sees nothing, so no viewpoint of it is best")
+        raise OutsideField("at least one pixel of the camera must observe the scene; got none")
     pixels, origins, directions = pixels[seen], origins[seen], directions[seen]
     heights = _heights_on_axis(camera, origins, directions)
     low, high = float(heights.min()), float(heights.max())
@@ -185,7 +185,7 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
         return np.zeros(1)
     if camera.symmetry is None:
         raise InvalidParameter(
-            "the camera's viewpoints lie about no axis, so none of them is best; use 'exact'"
+            "viewpoint must be 'exact' for a camera without axial symmetry; got 'single'"
         )
     up = -camera.symmetry.axis
     along, sideways = directions @ up, directions - np.outer(directions @ up, up)

@@ -162,7 +162,9 @@ def field_end(seen: FieldOfView, pole: Pole) -> float:
 def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
+        raise WrongKind(
+            f"size must be (width, height) in px, each a number or None; got {shown(size)}"
+        )
     width, height = (
         side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size
     )
@@ -170,8 +172,8 @@ def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int
         return width, height
     if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
         raise InvalidParameter(
-            f"a view of {natural[0]:.3g} x {natural[1]:.3g} px, at the picture's resolution, is no picture; give it "
-            "other angles, or both sides of its size"
+            "the size of the view at the resolution of the image must be finite and nonzero; "
+            f"got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or specify both sides"
         )
     if width is None and height is None:
         return _even(natural[0]), _even(natural[1])
@@ -316,8 +318,8 @@ def sphere(
         width, height = size
         if height is None and width is not None and width % 2:
             raise InvalidParameter(
-                f"{width} px of an equirectangular picture that is twice as wide as high have no half; give an even "
-                f"width, such as {width + 1}, or the height too"
+                "the width must be even for an equirectangular image with the aspect ratio 2:1; "
+                f"got {width} px; use for example {width + 1} px, or specify the height also"
             )
     return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
@@ -626,7 +628,7 @@ def mosaic(
     width, height = size
     if height is not None:
         raise InvalidParameter(
-            f"the height of a mosaic, {height} px, follows from its width; give the width only"
+            f"the height of a mosaic must be None, as it follows from the width; got {height} px"
         )
     part = round(
         (width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC
@@ -658,13 +660,13 @@ class Preset(NamedTuple):
 
 PRESETS: dict[str, Preset] = {
     "distant": Preset(
-        2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"
+        2.0, False, "flat, at two screen widths: field of 28 deg, as with a telephoto lens"
     ),
     "wide": Preset(
-        0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"
+        0.5, False, "flat, at half a screen width: field of 90 deg, still in perspective"
     ),
     "super-wide": Preset(
-        1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"
+        1 / np.pi, True, "bent to a half cylinder around the projector: field of 180 deg"
     ),
 }
 """Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.
@@ -721,7 +723,7 @@ def preset(
     panorama (180 deg around pan 0, elevation -41.4629 to 41.4629 deg)
     """
     if name not in PRESETS:
-        raise InvalidParameter(f"there is no preset {name!r}; there are {', '.join(PRESETS)}")
+        raise InvalidParameter(f"the preset must be one of {', '.join(PRESETS)}; got {name!r}")
     away, is_bent, _ = PRESETS[name]
     width, height = completed(size, PERSPECTIVE_SIZE)
     if not is_bent:
@@ -738,7 +740,9 @@ def preset(
 
 def _check_maker(name: str, make: Any) -> None:
     if not callable(make):
-        raise WrongKind(f"{shown(make)} is no function of a camera that gives a view")
+        raise WrongKind(
+            f"the view {name!r} must be a function of a camera that returns a view; got {shown(make)}"
+        )
 
 
 ViewMaker: TypeAlias = Callable[..., View]

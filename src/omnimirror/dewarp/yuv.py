@@ -46,12 +46,12 @@ def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
     kinds = {part.dtype for part in parts}
     if len(kinds) != 1 or not kinds <= {np.dtype(np.uint8), np.dtype(np.uint16)}:
         raise InvalidParameter(
-            f"planes hold {', '.join(sorted(map(str, kinds)))}; valid are uint8, or all uint16"
+            f"planes must be all uint8 or all uint16; got {', '.join(sorted(map(str, kinds)))}"
         )
     low, high = (8, 8) if parts[0].dtype == np.uint8 else (9, 16)
     if not low <= bits <= high:
         raise InvalidParameter(
-            f"bits = {bits} does not go with {parts[0].dtype} planes; valid are {low} to {high}"
+            f"bits must be between {low} and {high} for {parts[0].dtype} planes; got {bits}"
         )
 
 
@@ -76,10 +76,10 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
         also = (
             ""
             if like
-            else f", or three, of which the last two are {', '.join(map(str, of_colours.values()))}"
+            else f", or three planes with chroma of {', '.join(map(str, of_colours.values()))}"
         )
         raise InvalidParameter(
-            f"planes of shapes {found} are no picture of {size[0]} x {size[1]} px; valid are {wanted}{also}"
+            f"planes must have the shapes {wanted}{also} for {size[0]} x {size[1]} px; got {found}"
         )
 
 
@@ -105,14 +105,12 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
     if isinstance(border, Sequence):
         if len(border) != 3:
             raise InvalidParameter(
-                f"border = {border} is no colour of a 4:2:0 frame; valid are a grey, or y, u and v"
+                f"border must be a grey level or (y, u, v) for a 4:2:0 frame; got {border}"
             )
         return border[0], border[1], border[2]
     most = (1 << bits) - 1
     if not 0 <= border <= most:
-        raise InvalidParameter(
-            f"border = {border} is no grey of {bits} bits; valid are 0 to {most}"
-        )
+        raise InvalidParameter(f"border must be between 0 and {most} for {bits} bits; got {border}")
     y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / most
     return round(y), 1 << (bits - 1), 1 << (bits - 1)
 

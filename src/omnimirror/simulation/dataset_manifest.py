@@ -136,7 +136,7 @@ def _description(folder: Path) -> dict[str, Any] | None:
         return None
     except (OSError, ValueError) as e:
         raise MediaError(
-            f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}"
+            f"cannot read {folder / DESCRIPTION}, which is not overwritten: {e}"
         ) from None
     return found if isinstance(found, dict) else {}
 
@@ -150,7 +150,8 @@ def _check_same(folder: Path, before: dict[str, Any], recipe: dict[str, Any]) ->
     ]
     if different:
         raise InvalidParameter(
-            f"{folder} holds another set, which differs in {', '.join(different)}; take another folder or remove it"
+            f"folder must be new or contain the same dataset; {folder} differs in {', '.join(different)}; choose "
+            "another folder or remove it"
         )
 
 
@@ -213,7 +214,7 @@ KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
 
 def format_of(kind: str) -> str:
     """Return the format identifier of a dataset.json."""
-    return f"omnimirror {kind} set {FORMAT}"
+    return f"omnimirror {kind} dataset {FORMAT}"
 
 
 def recipe_record(recipe: Recipe) -> dict[str, Any]:
@@ -277,7 +278,7 @@ def load_recipe(path: str | Path) -> StoredRecipe:
     try:
         return StoredRecipe(_recipe_of(record, Path(path).parent), record.get("omnimirror"))
     except (TypeError, KeyError, AttributeError):
-        raise MediaError(f"{path} holds an entry of its recipe that is not valid") from None
+        raise MediaError(f"the recipe in {path} must contain valid entries") from None
 
 
 def _record_in(path: str | Path) -> dict[str, Any]:
@@ -289,14 +290,14 @@ def _record_in(path: str | Path) -> dict[str, Any]:
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror}") from None
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise MediaError(
-            f"{path} does not say how a set is made; dataset.json of this release's sets does"
-        ) from None
+        raise MediaError(f"{path} must be the dataset.json of a dataset with its recipe") from None
     if kind not in KINDS:
-        raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
+        raise MediaError(
+            f"{path}: the kind of dataset must be one of {', '.join(KINDS)}; got {kind!r}"
+        )
     if told != format_of(kind):
         raise MediaError(
-            f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew"
+            f"{path} must have the format {format_of(kind)!r}; got {told!r}; write the dataset again"
         )
     return record  # type: ignore[no-any-return]
 

@@ -71,7 +71,7 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     Pose(x_mm=0.0, y_mm=0.0, z_mm=0.0, pan_deg=0.0, tilt_deg=0.0, roll_deg=0.0)
     """
     if not 1 <= count <= MOST_VIEWS:
-        raise InvalidParameter(f"views = {count} is outside 1 to {MOST_VIEWS}")
+        raise InvalidParameter(f"views must be between 1 and {MOST_VIEWS}; got {count}")
     chance = np.random.default_rng(whole("seed", seed))
     places = POSITION_RANGE_MM * chance.uniform(-1, 1, (count - 1, 3))
     turns = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
@@ -516,7 +516,7 @@ def write_learning_set(
     times = frame_times(path, frame_rate, duration_s)
     if (folder / CARD).exists():
         raise InvalidParameter(
-            f"{folder} holds a set already; remove {folder / CARD} or take another folder"
+            f"folder must not contain a dataset; remove {folder / CARD} or choose another folder"
         )
     reading, moving = detector or Detector(), tuple(bodies)
 
@@ -593,37 +593,36 @@ def _card(
     width, height = camera.image_size
     name: Any = getattr(camera, "name", "camera")
     labels = "\n".join(
-        f"| {i} | {markdown_text(label)} |"
-        for i, label in enumerate(("nothing", *scene.label_names))
+        f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("none", *scene.label_names))
     )
     return f"""---
-pretty_name: {yaml_string(f"simulated pictures of {name}")}
+pretty_name: {yaml_string(f"Simulated images of {name}")}
 task_categories: [depth-estimation, image-segmentation]
 tags: [synthetic, catadioptric, omnidirectional, optical-flow, webdataset]
 ---
 
-# Simulated pictures of {markdown_text(name)}
+# Simulated images of {markdown_text(name)}
 
-{count} frames of {width} x {height} px, {frame_rate:g} a second, by omnimirror {__version__}, in {len(shards)} shards
-({shards[0]} to {shards[-1]}). All of it is synthetic. `sensor.toml` is the camera.
+Synthetic dataset of {count} frames of {width} x {height} px at {frame_rate:g} frames/s in {len(shards)} shards
+({shards[0]} to {shards[-1]}), rendered with omnimirror {__version__}. `sensor.toml` contains the camera.
 
-| file of a sample | holds |
+| file of a sample | content |
 |---|---|
-| `.png` | the picture, sRGB |
-| `.npz` | arrays (rows, columns, ..) for the chief ray of each pixel's centre; NaN where it sees nothing of the scene |
-| `.json` | `time_s`; `pose` of the sensor and of `bodies` in the scene (mm, deg); `is_last`: nothing follows it |
+| `.png` | image, sRGB |
+| `.npz` | arrays (rows, columns, ...) for the chief ray of each pixel; NaN for rays that miss the scene |
+| `.json` | `time_s`; `pose` of the sensor and of `bodies` in the scene (mm, deg); `is_last`: last frame |
 
-| array | holds |
+| array | content |
 |---|---|
-| `depth_mm` | along the ray, from its origin; infinite for what is infinitely far |
-| `origins_mm`, `directions` | of the ray, in the sensor's frame: x forward, y left, z up, from the mirror's vertex |
-| `normals` | of what is seen, towards the sensor, in that frame |
-| `labels` | what is seen |
-| `flow_px` | from the pixel to where the same appears in the next frame, right and down; NaN if out of its field |
-| `seen_again` | whether nothing stands before it there |
-| `hidden` | whether a part of the sensor is what the pixel sees |
+| `depth_mm` | distance along the ray from its origin; infinite for the background |
+| `origins_mm`, `directions` | ray in the sensor frame: x forward, y left, z up, origin at the mirror vertex |
+| `normals` | surface normal in the sensor frame, towards the sensor |
+| `labels` | label of the surface |
+| `flow_px` | displacement of the object point to the next frame, right and down; NaN outside the field |
+| `seen_again` | True if the object point is visible in the next frame |
+| `hidden` | True if the pixel observes a part of the sensor |
 
-| label | |
+| label | name |
 |---|---|
 {labels}
 """

@@ -82,13 +82,13 @@ class Detector:
     black_level_dn: float | None = None
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "exposure": Parameter("", 1e-9, 1e9, "factor of the light"),
+        "exposure": Parameter("", 1e-9, 1e9, "factor applied to the light"),
         "full_well_e": Parameter("electrons", 10.0, MAX_ELECTRONS, "electrons at saturation"),
-        "read_noise_e": Parameter("electrons", 0.0, 1e6, "noise of reading out"),
-        "black_level_dn": Parameter("DN", 0.0, 65535.0, "what is added to linear values"),
-        "bits": Parameter("", 8, 16, "bits of a value"),
-        "curve": Parameter("", 0, 0, "of the values", CURVES),
-        "bayer": Parameter("", 0, 0, "colours of the first two rows", BAYER),
+        "read_noise_e": Parameter("electrons", 0.0, 1e6, "read noise"),
+        "black_level_dn": Parameter("DN", 0.0, 65535.0, "offset added to linear values"),
+        "bits": Parameter("", 8, 16, "bit depth"),
+        "curve": Parameter("", 0, 0, "transfer curve", CURVES),
+        "bayer": Parameter("", 0, 0, "Bayer pattern of the first two rows", BAYER),
     }
 
     def __post_init__(self) -> None:
@@ -98,19 +98,19 @@ class Detector:
             if value is not None and not (f.name == "full_well_e" and value == np.inf):
                 self.PARAMETERS[f.name].check(f.name, value)
         if int(self.bits) != self.bits:
-            raise InvalidParameter(f"bits = {self.bits} is not a whole number from 8 to 16")
+            raise InvalidParameter(f"bits must be an integer from 8 to 16; got {self.bits}")
         if self.read_noise_e and not np.isfinite(self.full_well_e):
             raise InvalidParameter(
-                f"read_noise_e = {self.read_noise_e:g} is counted in electrons; say how many fill a pixel, full_well_e"
+                f"full_well_e must be specified with read_noise_e; got read_noise_e = {self.read_noise_e:g}"
             )
         if self.black_level_dn and self.curve != "linear":
             raise InvalidParameter(
-                f"black_level_dn = {self.black_level_dn:g} belongs to values as imagers count; take the curve linear"
+                f"curve must be 'linear' with black_level_dn; got black_level_dn = {self.black_level_dn:g}"
             )
         if self.offset_dn > self.largest_dn / 2:
             raise InvalidParameter(
-                f"a black level of {self.offset_dn:g} DN leaves little of values that end at {self.largest_dn}; valid "
-                f"are black_level_dn up to {self.largest_dn // 2} and a read_noise_e that needs no more"
+                f"black_level_dn must be at most {self.largest_dn // 2}, half of the largest value; got "
+                f"{self.offset_dn:g} DN; reduce black_level_dn or read_noise_e"
             )
 
     @property
@@ -230,7 +230,7 @@ class Electrons:
 
     def __init__(self, detector: Detector, seed: int) -> None:
         if not (seed >= 0 and int(seed) == seed):
-            raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
+            raise InvalidParameter(f"seed must be an integer from 0; got {seed}")
         self.detector = detector
         self._chance = np.random.default_rng(int(seed))
         full, noise = detector.full_well_e, detector.read_noise_e
@@ -269,10 +269,10 @@ def _checked(light: Light) -> Light:
     light = np.asarray(light)
     if light.ndim != 3 or light.shape[2] != 3 or light.dtype.kind not in "fiu":
         raise InvalidParameter(
-            f"light is numbers (rows, columns, 3), not {light.shape} of {light.dtype}"
+            f"light must be numbers of shape (rows, columns, 3); got {light.shape} of {light.dtype}"
         )
     if any(np.isnan(row).any() for row in light):
-        raise InvalidParameter("light holds NaN; it is valid from 0 on")
+        raise InvalidParameter("light must not contain NaN")
     return light
 
 

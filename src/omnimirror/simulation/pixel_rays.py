@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import numbers, shown
+from ..base.arguments import whole
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
@@ -65,15 +65,8 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     >>> spread(4, blur=False).points[:, :2].tolist()
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
-    for name, value in (("samples", samples), ("seed", seed)):
-        if numbers(name, value, "(it takes one)").ndim:
-            raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
-    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(
-            f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}"
-        )
-    if not (0 <= seed < 1 << 32 and int(seed) == seed):
-        raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")
+    whole("samples", samples, 1, MOST_SAMPLES)
+    whole("seed", seed, 0, 2**32 - 1)
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:
@@ -337,8 +330,8 @@ def check_housing_is_rendered(sensor: Sensor) -> None:
     """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
     if sensor.secondary is not None and not sensor.housing.is_empty:
         raise InvalidParameter(
-            f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: "
-            "replace(sensor, housing=Housing())"
+            f"the housing must be empty for rendering and ground truth of two mirrors; {sensor.name!r} has "
+            "both; use replace(sensor, housing=Housing())"
         )
 
 
@@ -371,7 +364,7 @@ def check_clear(sensor: Sensor, scene: Scene) -> None:
     end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
     if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
         raise InvalidParameter(
-            "the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh"
+            "the mirror must not intersect the scene; change the pose, or check the unit of the mesh"
         )
 
 
@@ -422,7 +415,9 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
     pixels = np.asarray(pixels, dtype=float)
     if not isinstance(camera, Sensor) or camera.secondary is not None:
         if radiometry is not None:
-            raise InvalidParameter("only a sensor of one mirror has radiometry")
+            raise InvalidParameter(
+                "radiometry must be omitted unless the camera is a sensor with one mirror"
+            )
         if isinstance(camera, Sensor):
             check_housing_is_rendered(camera)
         rays, hidden = camera.backproject(pixels), np.zeros(len(pixels), dtype=bool)

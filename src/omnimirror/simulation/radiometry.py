@@ -49,8 +49,8 @@ class Radiometry:
     sees_past: bool = False
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "grey": Parameter("", 0.0, 1e3, "light that camera, rod and rim send out"),
-        "vignetting": Parameter("", 0.0, 1.0, "share of the natural vignetting of the lens"),
+        "grey": Parameter("", 0.0, 1e3, "radiance of the camera, the rod and the rim"),
+        "vignetting": Parameter("", 0.0, 1.0, "fraction of the natural vignetting of the lens"),
     }
 
     def __post_init__(self) -> None:

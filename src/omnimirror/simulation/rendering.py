@@ -160,20 +160,19 @@ def exposed(
     """Return the response of a medium to the light, (rows, columns, 3); parameters as in
     :func:`expose`.
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
-    instance("scene", scene, Scene, "a scene, such as om.Room()")
+    instance("camera", camera, Camera, "a camera, for example from om.load_sensor")
+    instance("scene", scene, Scene, "a scene, for example om.Room()")
     _check_size(camera)
     workers = None if workers is None else whole("workers", workers, 1)
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
         raise InvalidParameter(
-            "only a sensor has blur; a calibrated camera says nothing of its aperture"
+            f"blur must be False unless the camera is a sensor; got a {type(camera).__name__}"
         )
     if radiometry is not None and not _has_one_mirror(camera):
         raise InvalidParameter(
-            "only a sensor of one mirror has radiometry; a calibrated camera says nothing of it, and two mirrors dim "
-            "nothing yet"
+            "radiometry must be omitted unless the camera is a sensor with one mirror"
         )
     if isinstance(camera, Sensor):
         check_housing_is_rendered(camera)
@@ -216,7 +215,7 @@ def _of_colours(
         return None
     if not isinstance(camera, Sensor):
         raise InvalidParameter(
-            "only a sensor has colours; a calibrated camera says nothing of its lens"
+            f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}"
         )
     three = finite("wavelengths_nm", wavelengths_nm, last=3)
     return [at_wavelength(camera, float(nm)) for nm in three]
@@ -226,8 +225,8 @@ def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
     if width * height > MOST_ACROSS**2:
         raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large to be simulated; valid are up to {MOST_ACROSS} x "
-            f"{MOST_ACROSS} px, or as many in all"
+            f"the image must have at most {MOST_ACROSS**2} px, for example {MOST_ACROSS} x {MOST_ACROSS} px; "
+            f"got {width} x {height} px"
         )
 
 
@@ -455,7 +454,7 @@ def _finer(camera: Camera) -> Sensor:
     """Return the sensor with pixels of half the width."""
     if not isinstance(camera, Sensor):
         raise InvalidParameter(
-            "only a sensor has a low-pass filter; a calibrated camera has taken its pictures already"
+            f"low_pass must be False unless the camera is a sensor; got a {type(camera).__name__}"
         )
     imager = camera.imager
     u, v = imager.centre
@@ -519,8 +518,8 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
         or towards.shape[1] % samples
     ):
         raise InvalidParameter(
-            f"directions have the shape {towards.shape}; it must be (rows, columns, 3), both a multiple of "
-            f"samples = {samples}"
+            "directions must have the shape (rows, columns, 3), with rows and columns multiples of "
+            f"samples = {samples}; got {towards.shape}"
         )
     light = np.zeros(towards.shape, dtype=np.float32)
     valid = np.isfinite(towards).all(axis=2)
@@ -531,7 +530,7 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
 def _check_samples(samples: int) -> None:
     if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
         raise InvalidParameter(
-            f"samples = {samples} is not a whole number from 1 to {MOST_SAMPLES}"
+            f"samples must be an integer from 1 to {MOST_SAMPLES}; got {samples}"
         )
 
 

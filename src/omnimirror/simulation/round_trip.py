@@ -113,7 +113,7 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     )
     if not np.isfinite(exact.coordinates()[LETTERS]).all():
         raise OutsideField(
-            f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead"
+            f"the sensor must observe all letters on the wall {WALL_MM:g} mm ahead; got {sensor.name!r}"
         )
     sharp = _picture(sensor, room, samples)
     straight, guessed = exact(sharp), single(sharp)

@@ -82,7 +82,7 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     )
     if not 1 <= count <= MOST_FRAMES:
         raise InvalidParameter(
-            f"{duration_s:g} s at {frame_rate:g} frames a second make no video; valid are 1 to {MOST_FRAMES} frames"
+            f"the video must have 1 to {MOST_FRAMES} frames; got {duration_s:g} s at {frame_rate:g} frames/s"
         )
     return [i / frame_rate for i in range(count)]
 
@@ -239,4 +239,6 @@ def encode(
 def check_video_can_be_written(output: str | Path) -> None:
     """Raise MediaError unless PyAV is installed."""
     if find_spec("av") is None:
-        raise MediaError(f"{output} is a video, which needs PyAV: pip install 'omnimirror[video]'")
+        raise MediaError(
+            f"writing the video {output} requires PyAV: pip install 'omnimirror[video]'"
+        )

@@ -51,7 +51,7 @@ def test_pictures_are_taken_from_files(tmp_path):
     ("words", "sentence"),
     [
         ({"picture": np.zeros((8, 8), np.uint8)}, "8 x 8 px, and the camera's have 256 x 256"),
-        ({"picture": [1, 2]}, "a picture of list is not valid"),
+        ({"picture": [1, 2]}, "the image must be an array of uint8"),
         ({"camera": "paper-spherical"}, "is no camera"),
         ({"height_px": 5}, "outside 120 to 4000"),
     ],

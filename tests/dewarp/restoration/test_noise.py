@@ -187,11 +187,11 @@ def test_what_is_no_picture_is_refused(tmp_path):
         np.zeros((8, 8), int),
         [[1, 2]],
     ):
-        with pytest.raises(InvalidParameter, match=r"is not valid|is not an array"):
+        with pytest.raises(InvalidParameter, match="the image must"):
             om.estimate_noise(wrong)
-    with pytest.raises(InvalidParameter, match="1 values that are NaN"):
+    with pytest.raises(InvalidParameter, match="got 1 that are NaN"):
         om.estimate_noise(np.full((1, 1), np.nan, np.float32))
-    with pytest.raises(InvalidParameter, match="give one for each"):
+    with pytest.raises(InvalidParameter, match="where must have the shape"):
         om.estimate_noise(np.zeros((8, 8), np.uint8), where=np.ones((4, 4), bool))
     with pytest.raises(MediaError, match="cannot read"):
         om.estimate_noise(np.zeros((8, 8), np.uint8), tmp_path / "none.jpg")

@@ -219,6 +219,6 @@ def test_viewpoint_mode_of_the_warp_map():
 
 def test_view_outside_the_field_raises():
     with pytest.raises(
-        OutsideField, match=r"the perspective view .* sees nothing of the camera's field"
+        OutsideField, match=r"must overlap the field of the camera, .*; got the perspective view"
     ):
         om.view_map(SMALL, om.screens.Plane((64, 48), tilt_deg=89.0, hfov_deg=10.0))

@@ -52,7 +52,7 @@ def test_a_file_of_bodies_says_what_python_does(tmp_path):
     [
         ("", "holds 0 bodies"),
         ("cart = 3", "cart = 3 is no body"),
-        ("[cart]\ncolour = '#fff'", r"\[cart\] of .* has no size_mm"),
+        ("[cart]\ncolour = '#fff'", r"\[cart\] of .*: size_mm must be"),
         ("[cart]\nsize_mm = [1, 2]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*size_mm"),
         (
             "[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]",
@@ -81,7 +81,7 @@ def test_a_wrong_file_is_refused_with_the_body_s_name(tmp_path, text, says):
 def test_bodies_that_are_not_there():
     with pytest.raises(SpecError, match=r"there are no bodies 'nowhere\.toml'"):
         om.load_bodies("nowhere.toml")
-    with pytest.raises(InvalidParameter, match="path has 'hfov_deg'"):
+    with pytest.raises(InvalidParameter, match=r"tracks of path must be .*; got 'hfov_deg'"):
         om.MovingBox((1.0, 1.0, 1.0), Keyframes({"hfov_deg": ((0.0, 1.0),)}))
 
 

@@ -72,7 +72,7 @@ def test_letters_stand_upright_and_read_from_left_to_right():
 
 
 def test_text_without_ink_is_refused():
-    with pytest.raises(InvalidParameter, match="no ink"):
+    with pytest.raises(InvalidParameter, match="at least one visible letter"):
         lettering(" ", 20.0)
 
 

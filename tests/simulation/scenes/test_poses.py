@@ -103,7 +103,7 @@ def test_scenes_that_cannot_tell_distances_say_so():
         def radiance(self, origins_mm, directions):
             return np.ones((len(directions), 3), np.float32)
 
-    with pytest.raises(InvalidParameter, match="Even has no distance_mm"):
+    with pytest.raises(InvalidParameter, match=r"method distance_mm\(\) for depth; got a Even"):
         ground_truth(small("paper-spherical"), Even())
 
 

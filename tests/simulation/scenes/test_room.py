@@ -112,13 +112,13 @@ def test_walls_have_parallax_and_a_distant_scene_has_none(room: om.Room):
 
 
 def test_errors_name_the_value(room: om.Room):
-    with pytest.raises(InvalidParameter, match=r"4000.0.* outside the room"):
+    with pytest.raises(InvalidParameter, match=r"inside the room, .*; got .*4000.0"):
         room.radiance(np.array([[4000.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]]))
-    with pytest.raises(InvalidParameter, match="no direction"):
+    with pytest.raises(InvalidParameter, match="directions must be finite and nonzero"):
         room.radiance(np.zeros((1, 3)), np.zeros((1, 3)))
-    with pytest.raises(InvalidParameter, match="no direction"):
+    with pytest.raises(InvalidParameter, match="directions must be finite and nonzero"):
         room.radiance(np.zeros((1, 3)), np.array([[np.nan, 0.0, 1.0]]))
-    with pytest.raises(InvalidParameter, match=r"'NORTH'.*OMNIMIRROR"):
+    with pytest.raises(InvalidParameter, match=r"OMNIMIRROR.*; got 'NORTH'"):
         room.sign_corners_mm("NORTH")
     with pytest.raises(InvalidParameter, match="texel_mm = 0 "):
         om.Room(texel_mm=0.0)

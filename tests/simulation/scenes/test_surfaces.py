@@ -53,7 +53,7 @@ def test_an_environment_shows_pan_and_tilt_where_they_are():
     ("light", "words"),
     [
         (np.ones((4, 8), np.float32), "height, width, 3"),
-        (-np.ones((4, 8, 3), np.float32), "no light"),
+        (-np.ones((4, 8, 3), np.float32), "finite values from 0"),
     ],
 )
 def test_what_is_no_environment_is_refused(light, words):

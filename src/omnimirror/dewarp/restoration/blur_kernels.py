@@ -188,7 +188,7 @@ def offsets_from_axis(sensor: Sensor) -> Array:
     InvalidParameter
         If the mirror is decentred or tilted, or there are two mirrors.
     """
-    sensor.check("restoring and merging pictures", "one mirror")
+    sensor.check("image restoration and focus bracketing", "one mirror")
     _ = sensor.meridian  # raises an error for misaligned mirrors
     assert sensor.symmetry is not None
     width, height = sensor.image_size
@@ -416,11 +416,11 @@ def radial_blur_of(
         return _specified_blur(offsets, camera.rim_radius_px, told)
     if told is None:
         raise InvalidParameter(
-            f"nothing is known of the blur of {type(camera).__name__}; tell it, or give a sensor with lens and mirror"
+            f"blur must be specified for a {type(camera).__name__}; alternatively use a sensor with lens and mirror"
         )
     if not isinstance(camera, RadialModel):
         raise InvalidParameter(
-            f"{type(camera).__name__} is no camera with an axis; valid are a Sensor and the camera models"
+            f"the camera must be a Sensor or a camera model with an optical axis; got a {type(camera).__name__}"
         )
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
@@ -443,14 +443,14 @@ def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
             found = function(radius)
             if not isinstance(found, Sequence | np.ndarray) or len(found) != 2:
                 raise InvalidParameter(
-                    f"the function of the blur returns {shown(found)}; valid are two sizes"
+                    f"the blur function must return two diameters; got {shown(found)}"
                 )
             return _checked(
                 BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found))
             )
 
         return sizes
-    table = numbers("blur", told, "one, two, or (n, 3)")
+    table = numbers("blur", told, "of shape (), (2,) or (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))
@@ -459,10 +459,10 @@ def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
         )
     if table.ndim != 2 or table.shape[1] != 3:
         raise InvalidParameter(
-            f"a blur of shape {table.shape} is not valid; give one number, two, or a table (n, 3)"
+            f"blur must be one number, two numbers or a table (n, 3); got shape {table.shape}"
         )
     if not (len(table) and np.isfinite(table).all() and (np.diff(table[:, 0]) > 0).all()):
-        raise InvalidParameter("the radii of the blur's table do not increase, or are no numbers")
+        raise InvalidParameter("the radii of the blur table must be finite and increasing")
     _checked(BlurSize(table[:, 1], table[:, 2]))
     return lambda radius: BlurSize(
         *(np.interp(radius, table[:, 0], column) for column in table.T[1:])
@@ -474,7 +474,7 @@ def _checked(sizes: BlurSize) -> BlurSize:
         wrong = ~((size >= 0) & (size <= MAX_BLUR_PX))
         if wrong.any():
             raise InvalidParameter(
-                f"blur = {np.asarray(size)[wrong][0]:g} px is outside 0 to {MAX_BLUR_PX:g} px"
+                f"blur must be between 0 and {MAX_BLUR_PX:g} px; got {np.asarray(size)[wrong][0]:g} px"
             )
     return sizes
 
@@ -496,9 +496,9 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
     try:
         text = read_bytes(path, MAX_BLUR_FILE_BYTES).decode("utf-8-sig")
     except OSError as e:
-        raise SpecError(f"cannot read the blur {path}: {e.strerror or e}") from None
+        raise SpecError(f"cannot read the blur table {path}: {e.strerror or e}") from None
     except UnicodeDecodeError:
-        raise SpecError(f"cannot read the blur {path}: it is not a text file") from None
+        raise SpecError(f"cannot read the blur table {path}: not a text file") from None
     lines = [
         line
         for line in csv.reader(text.splitlines())
@@ -508,7 +508,7 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
     where = next((name for name in BLUR_FILE_COLUMNS if name in names), None)
     if where is None or not {"t_px", "s_px"} <= set(names):
         raise SpecError(
-            f"{path} has the columns {names}; the blur needs radius_px or omega_deg, t_px and s_px"
+            f"{path} must have the columns radius_px or omega_deg, t_px and s_px; got {names}"
         )
     try:
         rows = [
@@ -517,7 +517,7 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
         ]
     except (ValueError, IndexError):
         raise SpecError(
-            f"{path} holds a line that is not one number for each of {', '.join(names)}"
+            f"each line of {path} must contain one number for each of {', '.join(names)}"
         ) from None
     table = np.array(rows).reshape(-1, 3)
     if where == "omega_deg":
@@ -530,13 +530,14 @@ def _radii_of(omega_deg: Array, camera: Camera, path: str | Path) -> Array:
     symmetry = camera.symmetry
     if symmetry is None:
         raise SpecError(
-            f"{path} tells the blur by the field angle, and the picture is not round; tell it by radius_px"
+            f"{path} must specify the blur by radius_px for a camera without axial symmetry; got omega_deg"
         )
     omega = np.radians(omega_deg)
     outside = ~((omega >= symmetry.omega_min - 1e-9) & (omega <= symmetry.omega_max + 1e-9))
     if outside.any():
         low, high = np.degrees([symmetry.omega_min, symmetry.omega_max])
         raise SpecError(
-            f"{path}: {omega_deg[outside][0]:g} deg is not seen; the field is {low:.4g} to {high:.4g} deg"
+            f"{path}: omega_deg must be within the field, {low:.4g} to {high:.4g} deg; "
+            f"got {omega_deg[outside][0]:g} deg"
         )
     return symmetry.radius_px(np.clip(omega, symmetry.omega_min, symmetry.omega_max))

@@ -109,14 +109,14 @@ class Decision(NamedTuple):
     """Empty if all of the blur is removed."""
 
 
-SHARPENED = "its edges overshoot, as those of sharpened images do"
-FEW_EDGES = "it has too few isolated edges to show whether it was sharpened"
+SHARPENED = "its edges overshoot as in sharpened images"
+FEW_EDGES = "it has too few isolated edges to detect sharpening"
 MAX_SHARE_OF_CODED = 0.5  # if edges do not reveal whether a coded image was sharpened
-SMALL = "with little noise, errors of a blur this small would be sharpened"
+SMALL = "errors of this small blur would be amplified at the low noise"
 MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter everywhere
-SHARPER = "it is sharper than that blur"
-UNSEEN = "it does not show how much blur it has"
-NO_MORE = "it shows no more blur"
+SHARPER = "it is sharper than the assumed blur"
+UNSEEN = "its blur cannot be estimated"
+NO_MORE = "it contains no more blur"
 
 
 @checked
@@ -317,7 +317,7 @@ class Restorer:
         if image.shape[:2] != (height, width):
             name = getattr(self.camera, "name", type(self.camera).__name__)
             raise InvalidParameter(
-                f"the picture has {image.shape[1]} x {image.shape[0]} px, and those of {name!r} have {width} x {height}"
+                f"the image must have the {width} x {height} px of {name!r}; got {image.shape[1]} x {image.shape[0]} px"
             )
 
 
@@ -391,11 +391,11 @@ class Restoration:
         """
         if self.blur_px is None and not isinstance(camera, Sensor):
             raise InvalidParameter(
-                "to restore, the lens and the mirror must be known (a sensor), or the blur told"
+                f"blur_px must be specified unless the camera is a sensor; got a {type(camera).__name__}"
             )
         if self.blur_px is not None and self.object_distance_mm is not None:
             raise InvalidParameter(
-                "the blur that is told holds at any distance; leave out the object's distance"
+                f"object_distance_mm must be omitted with blur_px; got {self.object_distance_mm:g}"
             )
         blur = (
             load_blur(self.blur_px, camera)
@@ -439,10 +439,10 @@ class Restoration:
         decision = restorer.decide(picture, noise)
         described = _exposure_words(restorer)
         if decision.share == 0:
-            return picture, f"; not restored, since {decision.reason}{described}"
-        found = f"; restored at a noise of {100 * noise.share:.2g} % ({noise.kind}){described}"
+            return picture, f"; not restored because {decision.reason}{described}"
+        found = f"; restored with noise of {100 * noise.share:.2g} % ({noise.kind}){described}"
         if decision.share < 1:
-            found += f", and {100 * decision.share:.0f} % of the blur is removed, since {decision.reason}"
+            found += f", and {100 * decision.share:.0f} % of the blur is removed because {decision.reason}"
         return restorer(picture, noise, decision.share), found
 
 
@@ -470,15 +470,15 @@ def _exposure_words(restorer: Restorer) -> str:
         known = restorer.camera.lens.stop_number
         share = known / restorer.f_number
         effect = (
-            f"{100 * share:.0f} % of its blur is assumed"
+            f"{100 * share:.0f} % of the blur is assumed"
             if share < 1
-            else "no more than its blur is assumed"
+            else "the blur of the sensor is assumed"
         )
         words += f"; EXIF has F/{restorer.f_number:.3g}, the sensor F/{known:.3g}: {effect}"
     if restorer.focus_distance_mm is not None:
         assert isinstance(restorer.camera, Sensor)
         words += (
             f"; EXIF has a focus distance of {restorer.focus_distance_mm:.4g} mm, the sensor "
-            f"{restorer.camera.lens.focus_distance_mm:.4g} mm: the smaller blur of both is assumed"
+            f"{restorer.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed"
         )
     return words

@@ -385,7 +385,7 @@ def estimate_noise(
     inside = np.ones(picture.shape[:2], bool) if where is None else where
     if inside.shape != picture.shape[:2]:
         raise InvalidParameter(
-            f"where has shape {inside.shape}, and the picture {picture.shape[:2]}; give one for each"
+            f"where must have the shape {picture.shape[:2]} of the image; got {inside.shape}"
         )
     colours = picture[..., None] if picture.ndim == 2 else picture[..., :3]
     colours = (colours / FULL[picture.dtype.name]).astype(np.float32)
@@ -414,18 +414,14 @@ def check_picture(picture: Picture) -> None:
     """Raise an error unless an image can be restored."""
     if not isinstance(picture, np.ndarray) or picture.dtype.name not in FULL:
         kind = getattr(picture, "dtype", type(picture).__name__)
-        raise InvalidParameter(
-            f"a picture of {kind} is not valid; valid are arrays of {', '.join(FULL)}"
-        )
+        raise InvalidParameter(f"the image must be an array of {', '.join(FULL)}; got {kind}")
     if 0 in picture.shape or (
         picture.ndim != 2 and (picture.ndim != 3 or picture.shape[2] not in (1, 3, 4))
     ):
-        raise InvalidParameter(
-            f"a picture of shape {picture.shape} is not valid; valid are 1, 3 or 4 channels"
-        )
+        raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got shape {picture.shape}")
     if picture.dtype == np.float32 and (lost := int((~np.isfinite(picture)).sum())):
         raise InvalidParameter(
-            f"the picture holds {lost} values that are NaN or infinite; valid are finite ones"
+            f"the image must contain finite values; got {lost} that are NaN or infinite"
         )
 
 
@@ -438,8 +434,10 @@ def specified_noise(share: float, shape: tuple[int, ...]) -> Noise:
         If the fraction is not a number from 0 to 0.2.
     """
     if not 0 <= share <= MAX_NOISE:
-        raise InvalidParameter(f"noise = {share:g} is outside 0 to {MAX_NOISE} of full scale")
-    return _even(share**2, shape, "told")
+        raise InvalidParameter(
+            f"noise must be between 0 and {MAX_NOISE} of full scale; got {share:g}"
+        )
+    return _even(share**2, shape, "specified")
 
 
 def _even(variance: float, shape: tuple[int, ...], kind: str) -> Noise:

@@ -113,8 +113,8 @@ class Dome(PolarScreen):
         self._check()
         if not 0 <= self.omega_min_deg < self.omega_max_deg <= 180:
             raise InvalidParameter(
-                f"angles from {self.omega_min_deg:g} to {self.omega_max_deg:g} deg make no dome; they are valid "
-                "from 0 to 180, the smaller one first"
+                "omega_min_deg and omega_max_deg must increase within 0 to 180 deg; "
+                f"got {self.omega_min_deg:g} and {self.omega_max_deg:g} deg"
             )
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:

@@ -87,8 +87,8 @@ class CubeMap:
         columns, rows = self.grid(self.layout)
         if self.size[0] * rows != self.size[1] * columns or self.size[0] % columns:
             raise InvalidParameter(
-                f"size = {self.size} holds no square faces; the layout {self.layout} needs {columns} n x {rows} n px, "
-                f"such as {columns * 256} x {rows * 256}"
+                f"size must be {columns} n x {rows} n px for square faces in the layout {self.layout}, "
+                f"for example {columns * 256} x {rows * 256}; got {self.size[0]} x {self.size[1]} px"
             )
         check_angle("pan_deg", self.pan_deg)
         self.face("front")  # raises an error for an invalid placement
@@ -130,7 +130,7 @@ class CubeMap:
     def zoomed(self, factor: float) -> Self:
         """Raise an error: a cube covers all directions and cannot be zoomed."""
         raise InvalidParameter(
-            f"a cube map shows everything around and cannot be zoomed by {factor:g}"
+            f"a cube map cannot be zoomed, as it covers all directions; got a factor of {factor:g}"
         )
 
     @checked
@@ -138,7 +138,7 @@ class CubeMap:
         """Return the cube rotated with its front farther to the right."""
         if tilt_deg:
             raise InvalidParameter(
-                f"a cube map stands upright and cannot be tilted by {tilt_deg:g} deg"
+                f"tilt_deg must be 0 for a cube map, which is upright; got {tilt_deg:g} deg"
             )
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
@@ -185,24 +185,24 @@ class Mosaic:
         check_size(self.size)
         object.__setattr__(self, "parts", tuple(ScreenPart(*part) for part in self.parts))
         if not self.parts:
-            raise InvalidParameter("a mosaic needs at least one view")
+            raise InvalidParameter("parts must contain at least one view")
         for left, top, view in self.parts:
             right, bottom = left + view.size[0], top + view.size[1]
             if not (0 <= left == int(left) and 0 <= top == int(top)):
                 raise InvalidParameter(
-                    f"a view of the mosaic begins at ({left}, {top}), which is no pixel of it"
+                    f"left and top of a view must be integers from 0; got ({left}, {top})"
                 )
             if right > self.size[0] or bottom > self.size[1]:
                 raise InvalidParameter(
-                    f"a view of the mosaic at ({left}, {top}) reaches to ({right}, {bottom}), beyond its "
-                    f"{self.size[0]} x {self.size[1]} px"
+                    f"the views must be within the {self.size[0]} x {self.size[1]} px of the mosaic; "
+                    f"got one from ({left}, {top}) to ({right}, {bottom})"
                 )
 
     @classmethod
     def stacked(cls, rows: Sequence[Sequence[View]], gap_px: int = 0) -> Self:
         """Return rows of views, stacked and centred, with ``gap_px`` between neighbours."""
         if not all(rows):
-            raise InvalidParameter("a row of the mosaic has no view")
+            raise InvalidParameter("each row of the mosaic must contain at least one view")
         widths = [sum(v.size[0] for v in row) + gap_px * (len(row) - 1) for row in rows]
         parts, top = [], 0
         for row, width in zip(rows, widths, strict=True):
@@ -230,7 +230,9 @@ class Mosaic:
     def _each(self, method: str, *args: float) -> Self:
         for part in self.parts:
             if not hasattr(part.view, method):
-                raise InvalidParameter(f"the {part.view} in the mosaic cannot be {method}")
+                raise InvalidParameter(
+                    f"the views of the mosaic must support {method}(); got the {part.view}"
+                )
         return replace(
             self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts)
         )

@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import checked, number, numbers, places
+from ...base.arguments import checked, number, places
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
@@ -70,24 +70,17 @@ class Panorama(CentredScreen):
 
     def _check(self) -> None:
         self._check_place()
-        if (
-            numbers(
-                "tilt_min_deg and tilt_max_deg",
-                (self.tilt_min_deg, self.tilt_max_deg),
-                "(one each)",
-            ).ndim
-            != 1
-        ):
-            raise InvalidParameter("tilt_min_deg and tilt_max_deg are one number each")
+        for name in ("tilt_min_deg", "tilt_max_deg"):
+            number(name, getattr(self, name), unit="deg")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
             raise InvalidParameter(
-                f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg make no panorama; they are "
-                "valid from -90 to 90, the smaller one first"
+                "tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; "
+                f"got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
         if self.tilt_max_deg - self.tilt_min_deg < NARROWEST_DEG:
             raise InvalidParameter(
-                f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg leave nothing to see; they are "
-                f"valid {NARROWEST_DEG:g} deg apart, and more"
+                f"tilt_max_deg must be at least {NARROWEST_DEG:g} deg above tilt_min_deg; "
+                f"got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
         check_range("span_deg", self.span_deg, NARROWEST_DEG, 360, upper_included=True)
         check_angle("pan_deg", self.pan_deg)
@@ -148,8 +141,8 @@ class Cylinder(Panorama):
         check_choice("rows", self.rows, get_args(Rows))
         if self.rows == "height" and 90 in (-self.tilt_min_deg, self.tilt_max_deg):
             raise InvalidParameter(
-                "the wall of a cylinder reaches neither the zenith nor the nadir; with rows = 'height' elevations "
-                "are valid between -90 and 90 deg, without these"
+                "tilt_min_deg and tilt_max_deg must be above -90 and below 90 deg with rows = 'height'; "
+                f"got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
 
     @classmethod
@@ -170,7 +163,7 @@ class Cylinder(Panorama):
         number("distance_mm", distance_mm, above=0.0)
         if not low < high:
             raise InvalidParameter(
-                f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first"
+                f"height_mm must be the lower and the upper edge of the wall; got {low:g} and {high:g} mm"
             )
         low, high = (float(np.degrees(np.arctan2(z, distance_mm))) for z in (low, high))
         return cls(size, low, high, pan_deg, span_deg, "height", distance_mm, offset_mm)

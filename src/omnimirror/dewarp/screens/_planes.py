@@ -157,11 +157,9 @@ class Ground:
         check_offset(self.offset_mm)
         check_angle("pan_deg", self.pan_deg)
         if not np.isfinite(self.height_mm):
-            raise InvalidParameter(f"height_mm = {self.height_mm:g} is not a height in mm")
+            raise InvalidParameter(f"height_mm must be finite; got {self.height_mm:g}")
         if not (np.isfinite(self.mm_per_px) and self.mm_per_px > 0):
-            raise InvalidParameter(
-                f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0"
-            )
+            raise InvalidParameter(f"mm_per_px must be finite and above 0; got {self.mm_per_px:g}")
 
     @checked
     def targets(self, first_row: int, last_row: int) -> Array:

@@ -158,18 +158,15 @@ class CentredScreen(ABC):
 
     def _check_place(self) -> None:
         check_size(self.size)
-        if (
-            numbers("distance_mm", self.distance_mm, "(it takes one)").ndim
-            or not self.distance_mm > 0
-        ):
+        if numbers("distance_mm", self.distance_mm, "of shape ()").ndim or not self.distance_mm > 0:
             raise InvalidParameter(
-                f"distance_mm = {shown(self.distance_mm)} is no distance; it is valid above 0, and inf"
+                f"distance_mm must be above 0 mm or infinite; got {shown(self.distance_mm)}"
             )
         check_offset(self.offset_mm)
         if self.is_distant and any(self.offset_mm):
             raise InvalidParameter(
-                f"offset_mm = {self.offset_mm} moves nothing: a screen at infinity looks the same from everywhere; "
-                "give it a distance_mm"
+                f"offset_mm must be (0, 0, 0) for a screen at infinity; got {self.offset_mm}; "
+                "specify a finite distance_mm"
             )
 
 
@@ -190,16 +187,16 @@ def on_plane(origin: Array, x: Array, right: Array, y: Array, down: Array) -> Ar
 
 def offset_words(offset_mm: Offset) -> str:
     """Return ``, moved by (x, y, z) mm``, or an empty string."""
-    return ", moved by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
+    return ", offset by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
 
 
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
-    if numbers("size", size, "(width, height)").shape != (2,) or not all(
+    if numbers("size", size, "of shape (2,)").shape != (2,) or not all(
         1 <= n <= LARGEST_PX and int(n) == n for n in size
     ):
         raise InvalidParameter(
-            f"size = {shown(size)} is not a width and a height from 1 to {LARGEST_PX} px"
+            f"size must be (width, height) from 1 to {LARGEST_PX} px; got {shown(size)}"
         )
 
 
@@ -207,7 +204,9 @@ def check_offset(offset_mm: Offset) -> None:
     """Raise an error unless the offset is a point in the world."""
     offset = numbers("offset_mm", offset_mm, "of shape (3,)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise InvalidParameter(f"offset_mm = {shown(offset_mm)} is not x, y and z in mm")
+        raise InvalidParameter(
+            f"offset_mm must be finite numbers (x, y, z); got {shown(offset_mm)}"
+        )
 
 
 def check_angle(name: str, angle_deg: float) -> None:
@@ -223,27 +222,23 @@ def check_range(name: str, value: float, low: float, high: float, upper_included
     value = number(name, value)
     if not (low + SMALLEST_DEG < value < high or (upper_included and value == high)):
         bound = f"up to {high:g}" if upper_included else f"below {high:g}"
-        raise InvalidParameter(f"{name} = {value:g} is valid above {low:g} and {bound} deg")
+        raise InvalidParameter(f"{name} must be above {low:g} and {bound} deg; got {value:g}")
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Raise an error for an unknown choice."""
     if not isinstance(value, str) or value not in choices:
-        raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(choices)}")
+        raise InvalidParameter(f"{name} must be one of {', '.join(choices)}; got {shown(value)}")
 
 
 def check_zoom(factor: float) -> None:
     """Raise an error unless the zoom is a positive finite factor."""
-    found = numbers("zoom", factor, "(it takes one)")
-    if found.ndim or not (np.isfinite(found) and found > 0):
-        raise InvalidParameter(
-            f"zoom = {shown(factor)} is no factor; it is valid above 0 and finite"
-        )
+    number("zoom", factor, above=0.0)
 
 
 def refuse_tilt(screen: object, tilt_deg: float) -> None:
     """Raise an error for tilting a screen without an up direction."""
     if tilt_deg:
         raise InvalidParameter(
-            f"the {screen} cannot be tilted by {tilt_deg:g} deg; only its pan can change"
+            f"tilt_deg must be 0 for the {screen}, which can only be panned; got {tilt_deg:g} deg"
         )

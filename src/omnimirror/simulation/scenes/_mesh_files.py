@@ -62,8 +62,8 @@ def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
     """Raise MediaError if triangles (n, 3) reference missing vertices."""
     if (wrong := (faces < 0) | (faces >= count)).any():
         raise MediaError(
-            f"the mesh {path} has {int(wrong.any(axis=1).sum())} triangles of corners that are not there, such as "
-            f"{faces[wrong][0]}; it has {count}, from 0 on"
+            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[wrong][0]} and "
+            f"{int(wrong.any(axis=1).sum())} invalid triangles in total"
         )
 
 
@@ -73,7 +73,7 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
     count = sum(len(corners) for corners in corners_mm)
     if bad:
         raise MediaError(
-            f"the mesh {path} has corners that are no finite numbers in {bad} of its {count} triangles"
+            f"the corners of the mesh {path} must be finite; {bad} of {count} triangles are not"
         )
     low, high = (
         pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0)
@@ -82,14 +82,12 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
     extent = float(np.max(high - low))
     if not SMALLEST_MM <= extent <= LARGEST_MM:
         raise MediaError(
-            f"the mesh {path} is {extent:.3g} mm across, and valid are {SMALLEST_MM:g} to {LARGEST_MM:g} mm; give its "
-            "unit, --unit-mm"
+            f"the extent of the mesh {path} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm; got "
+            f"{extent:.3g} mm; specify the unit of the mesh (--unit-mm, unit_mm)"
         )
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
     if not any(np.cross(side[:, 0], side[:, 1]).any() for side in sides):
-        raise MediaError(
-            f"the mesh {path} has no area: each of its {count} triangles is a line or a point"
-        )
+        raise MediaError(f"the mesh {path} must have an area; all {count} triangles are degenerate")
 
 
 def _check_obj(path: Path) -> None:
@@ -97,7 +95,7 @@ def _check_obj(path: Path) -> None:
     if found := ZERO_INDEX.search(text):
         line = text.count(b"\n", 0, found.end()) + 1
         raise MediaError(
-            f"the mesh {path} has a face with the index 0 in line {line}; OBJ counts from 1, or from -1 back"
+            f"the mesh {path}: indices of OBJ files must be nonzero; got 0 in line {line}"
         )
     for names in MATERIALS.findall(text):
         name = _text(names)
@@ -126,7 +124,7 @@ def _check_gltf(path: Path) -> None:
         return  # the reader reports the reason
     if too_many:
         raise MediaError(
-            f"the mesh {path} must not hold more than {MOST_CORNERS} values of corners; got {corners}"
+            f"the mesh {path} must have at most {MOST_CORNERS} corner values; got {corners}"
         )
     for what, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):
@@ -138,11 +136,11 @@ def _check_there(path: Path, what: str, name: str) -> None:
         check_file(path.parent / name, MAX_MESH_BYTES)
     except FileNotFoundError:
         raise MediaError(
-            f"the mesh {path} names the {what} {name!r}, which is not there; put it into {path.parent}"
+            f"cannot find the {what} {name!r} of the mesh {path}; copy it to {path.parent}"
         ) from None
     except OSError as e:
         raise MediaError(
-            f"the mesh {path} names the {what} {name!r}, which cannot be read: {e.strerror}"
+            f"cannot read the {what} {name!r} of the mesh {path}: {e.strerror}"
         ) from None
 
 
@@ -197,9 +195,9 @@ def load_mesh(
     usual_unit, usual_up = DEFAULT_CONVENTIONS.get(path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"])
     unit_mm, up = usual_unit if unit_mm is None else unit_mm, usual_up if up is None else up
     if up not in TO_WORLD:
-        raise InvalidParameter(f"up = {up!r} is not one of {', '.join(TO_WORLD)}")
+        raise InvalidParameter(f"up must be one of {', '.join(TO_WORLD)}; got {up!r}")
     if not 0 < unit_mm < np.inf:
-        raise InvalidParameter(f"unit_mm = {unit_mm:g} is no length; it is valid above 0")
+        raise InvalidParameter(f"unit_mm must be finite and above 0 mm; got {unit_mm:g}")
     meshes, to_world = _meshes(path), unit_mm * TO_WORLD[up]
     for mesh in meshes:
         check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
@@ -223,10 +221,10 @@ def _meshes(path: Path) -> list[Any]:
         import trimesh
     except ImportError:
         raise MediaError(
-            f"{path.name} is a mesh, which needs one more package: pip install 'omnimirror[cad]'"
+            f"reading the mesh {path.name} requires trimesh: pip install 'omnimirror[cad]'"
         ) from None
     if not path.exists():
-        raise MediaError(f"there is no mesh {path}")
+        raise MediaError(f"cannot find the mesh {path}")
     check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
@@ -236,10 +234,10 @@ def _meshes(path: Path) -> list[Any]:
     except Exception as e:  # readers of many formats raise arbitrary exceptions
         reason = str(e).strip().splitlines()
         raise MediaError(
-            f"the mesh {path} cannot be read: {reason[0] if reason else type(e).__name__}"
+            f"cannot read the mesh {path}: {reason[0] if reason else type(e).__name__}"
         ) from None
     if not meshes:
-        raise MediaError(f"the mesh {path} holds no triangles")
+        raise MediaError(f"the mesh {path} must contain triangles")
     return meshes
 
 

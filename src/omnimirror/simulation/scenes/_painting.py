@@ -53,9 +53,7 @@ def lettering(text: str, cap_height_px: float) -> Light:
     from matplotlib.textpath import TextPath
 
     if not text.strip():
-        raise InvalidParameter(
-            f"the text {text!r} leaves no ink; it needs at least one visible letter"
-        )
+        raise InvalidParameter(f"text must contain at least one visible letter; got {text!r}")
     font = FontProperties(family=FONT, weight="bold")
     capital = TextPath((0, 0), "H", size=100, prop=font).get_extents().height
     scale = cap_height_px * OVERSAMPLING / capital

@@ -90,7 +90,7 @@ class HallBoard:
 
 # -- Calibration hall: checkerboards around the sensor at exactly known positions ------------------
 
-TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
+TEXEL = Parameter("mm", 1.0, 100.0, "texel size of the painted surfaces")
 PLAIN_TEXEL_FACTOR = 4.0  # times coarser on faces without corners
 HALL = Box((-5200.0, -4200.0, -1700.0), (5200.0, 4200.0, 3300.0))
 CRATES = (
@@ -196,9 +196,7 @@ class Hall:
         for board in BOARDS:
             if board.name == name:
                 return board.inner_corners_mm()
-        raise InvalidParameter(
-            f"there is no board {name!r} in the hall; there are {', '.join(self.boards)}"
-        )
+        raise InvalidParameter(f"the board must be one of {', '.join(self.boards)}; got {name!r}")
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any

@@ -65,12 +65,10 @@ class Environment:
             or self.light.dtype != np.float32
         ):
             raise InvalidParameter(
-                f"an environment is (height, width, 3) of float32, not {self.light.shape} of {self.light.dtype}"
+                f"light must be (height, width, 3) of float32; got {self.light.shape} of {self.light.dtype}"
             )
         if not (np.isfinite(self.light).all() and (self.light >= 0).all()):
-            raise InvalidParameter(
-                "an environment holds values below 0 or that are no numbers, which is no light"
-            )
+            raise InvalidParameter("light must contain finite values from 0")
 
     @classmethod
     def load(cls, path: str | Path, heading_deg: float = 0.0, gain: float = 1.0) -> Environment:
@@ -101,11 +99,12 @@ class Environment:
         height, width = image.shape[:2]
         if not 1.9 <= width / height <= 2.1:
             raise MediaError(
-                f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high"
+                f"{path}: an equirectangular image must have the aspect ratio 2:1; got {width} x {height} px"
             )
         if height < FEWEST_ROWS:
             raise MediaError(
-                f"{path} has {width} x {height} px; an environment has at least {2 * FEWEST_ROWS} x {FEWEST_ROWS}"
+                f"{path}: an environment must have at least {2 * FEWEST_ROWS} x {FEWEST_ROWS} px; "
+                f"got {width} x {height} px"
             )
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 

@@ -83,7 +83,9 @@ class MovingBox:
         finite("size_mm", self.size_mm, 1e-3)
         hex_colour(self.colour)
         if other := next((name for name in self.path.tracks if name not in POSE_NAMES), None):
-            raise InvalidParameter(f"path has {other!r}; valid are {', '.join(POSE_NAMES)}")
+            raise InvalidParameter(
+                f"the tracks of path must be from {', '.join(POSE_NAMES)}; got {other!r}"
+            )
 
     def pose_at(self, time_s: float) -> Pose:
         """Return the pose at a time.
@@ -147,14 +149,14 @@ def _body(name: str, table: dict[str, Any], source: Path) -> MovingBox:
     size = rest.pop("size_mm", None)
     if not isinstance(size, list):
         raise SpecError(
-            f"{where} has no size_mm; valid is such as [400, 300, 500]: length ahead, width, height"
+            f"{where}: size_mm must be [length, width, height], for example [400, 300, 500]"
         )
     told = {"colour": rest.pop("colour")} if "colour" in rest else {}
     try:
         if "path" in rest:
             moves = Keyframes.load(source.parent / file_name("path", rest.pop("path")), POSE_NAMES)
             if rest:
-                raise InvalidParameter(f"{next(iter(rest))} is not valid beside a path")
+                raise InvalidParameter(f"{next(iter(rest))} must be omitted with a path")
         else:
             moves = keyframes_of(rest, where, POSE_NAMES)
         return MovingBox(tuple(size), moves, name=name, **told)

@@ -292,7 +292,7 @@ PIECES: tuple[Piece, ...] = (
 
 # -- Furnished room: the main bundled scene --------------------------------------------------------
 
-TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
+TEXEL = Parameter("mm", 1.0, 100.0, "texel size of the painted surfaces")
 WALL_AHEAD = 1  # face of the wall ahead
 PLAIN_TEXEL_MM = 25.0  # sufficient for faces with shading only
 SOLIDS = tuple(piece.box for piece in PIECES)
@@ -498,9 +498,7 @@ class Room:
         """
         signs = self._faces.signs
         if word not in signs:
-            raise InvalidParameter(
-                f"there is no word {word!r} in the room; there are {', '.join(signs)}"
-            )
+            raise InvalidParameter(f"the word must be one of {', '.join(signs)}; got {word!r}")
         return signs[word].copy()
 
 

@@ -59,12 +59,12 @@ def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Arra
     towards = vectors("directions", directions, 3, is_list=True)
     if len(origins) != len(towards):
         raise InvalidParameter(
-            f"there are {len(origins)} origins_mm and {len(towards)} directions; valid is one origin for each direction"
+            f"origins_mm must have one origin per direction; got {len(origins)} for {len(towards)} directions"
         )
     usable = ~np.isnan(towards).any(axis=1) & towards.any(axis=1)
     if not usable.all():
         bad = np.asarray(directions, float)[~usable][0].tolist()
-        raise InvalidParameter(f"{bad} is no direction; it needs finite numbers, not all 0")
+        raise InvalidParameter(f"directions must be finite and nonzero; got {bad}")
     return origins, towards
 
 
@@ -78,7 +78,7 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
     """
     if not isinstance(scene, Measured):
         raise InvalidParameter(
-            f"a {type(scene).__name__} has no distance_mm(), which depth as ground truth needs"
+            f"the scene must have the method distance_mm() for depth; got a {type(scene).__name__}"
         )
     return scene.distance_mm(origins_mm, directions)
 
@@ -142,12 +142,12 @@ class Pose:
     roll_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "x_mm": Parameter("mm", -1e7, 1e7, "forward"),
-        "y_mm": Parameter("mm", -1e7, 1e7, "to the left"),
-        "z_mm": Parameter("mm", -1e7, 1e7, "up"),
-        "pan_deg": Parameter("deg", -1e4, 1e4, "of forward, to the right"),
-        "tilt_deg": Parameter("deg", -90.0, 90.0, "of forward, upwards"),
-        "roll_deg": Parameter("deg", -1e4, 1e4, "about forward, clockwise"),
+        "x_mm": Parameter("mm", -1e7, 1e7, "position, forward"),
+        "y_mm": Parameter("mm", -1e7, 1e7, "position, left"),
+        "z_mm": Parameter("mm", -1e7, 1e7, "position, up"),
+        "pan_deg": Parameter("deg", -1e4, 1e4, "pan of the forward axis, right"),
+        "tilt_deg": Parameter("deg", -90.0, 90.0, "tilt of the forward axis, up"),
+        "roll_deg": Parameter("deg", -1e4, 1e4, "roll about the forward axis, clockwise"),
     }
 
     def __post_init__(self) -> None:

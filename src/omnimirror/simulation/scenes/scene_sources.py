@@ -31,7 +31,7 @@ def bundled_scene(name: str) -> Scene:
         If there is no scene of that name.
     """
     if name not in BUNDLED:
-        raise InvalidParameter(f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}")
+        raise InvalidParameter(f"the scene must be one of {', '.join(BUNDLED)}; got {name!r}")
     return BUNDLED[name]()
 
 
@@ -104,8 +104,8 @@ class SceneSource:
                 BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
             )
         raise OmnimirrorError(
-            f"there is no scene {self.name!r}; valid are {', '.join(BUNDLED)}, and files "
-            f"{', '.join((*ENVIRONMENTS, *MESHES))}"
+            f"the scene must be one of {', '.join(BUNDLED)} or a file "
+            f"{', '.join((*ENVIRONMENTS, *MESHES))}; got {self.name!r}"
         )
 
 
@@ -183,7 +183,7 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
     """
     if record is None:
         raise MediaError(
-            "the set's scene was made in Python, and no file says how; take it with the same program"
+            "the scene of the dataset was created in Python and is not stored; use the original program"
         )
     source = SceneSource(
         **{name: value for name, value in record.items() if not name.endswith("_sha256")}
@@ -196,9 +196,9 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         found = [file for file in (there, folder / there.name) if file.is_file()]
         same = [file for file in found if sha256_of(file) == expected]
         if not same:
-            what = "is not the file it was" if found else "is not there"
+            what = "has changed" if found else "is missing"
             raise MediaError(
-                f"the set's scene {there} {what}; it is looked for there and in {folder}"
+                f"the scene {there} of the dataset {what}; it must be there or in {folder}"
             )
         found_at = str(same[0])
         source = (

@@ -252,7 +252,7 @@ def paint_car(car: Car, number: int, face: Face, texel_mm: float) -> Canvas:
 
 # -- Street between houses on a sunny day; the sensor is on the road, 1.6 m high -------------------
 
-TEXEL = Parameter("mm", 4.0, 200.0, "fineness of what is painted")
+TEXEL = Parameter("mm", 4.0, 200.0, "texel size of the painted surfaces")
 NEAR_MM = 15_000.0  # beyond twice this distance the texel size is doubled
 GRID_MM = 250.0  # grid spacing of light and shadows
 SUN_DIRECTION = np.array([0.35, -0.55, 0.75]) / np.linalg.norm([0.35, -0.55, 0.75])
@@ -376,21 +376,19 @@ def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, 
     if not len(origins):
         return origins, towards
     if np.isnan(origins).any():
-        raise InvalidParameter(
-            "a ray starts at what is no point; origins_mm are valid as finite numbers"
-        )
+        raise InvalidParameter("origins_mm must not contain NaN")
     low, high = origins.min(axis=0), origins.max(axis=0)
     if low[2] < GROUND_MM:
         raise InvalidParameter(
-            f"a ray starts at z = {low[2]:.6g} mm, under the ground of the street, which lies at {GROUND_MM:g} mm"
+            f"origins_mm must be above the ground of the street, z = {GROUND_MM:g} mm; got {low[2]:.6g} mm"
         )
     for what, box in _solids():
         if _overlap(box, low, high):
             inside = ((origins > box.low) & (origins < box.high)).all(axis=1)
             if inside.any():
                 raise InvalidParameter(
-                    f"a ray starts at {origins[inside][0].round(3).tolist()} mm, in {what} that reaches from "
-                    f"{list(box.low)} to {list(box.high)} mm"
+                    f"origins_mm must be outside {what} from {list(box.low)} to {list(box.high)} mm; "
+                    f"got {origins[inside][0].round(3).tolist()} mm"
                 )
     return origins, towards
 

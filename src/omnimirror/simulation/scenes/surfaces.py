@@ -149,8 +149,8 @@ def rays_inside(
     inside = ((origins >= box.low) & (origins <= box.high)).all(axis=1)
     if not inside.all():
         raise InvalidParameter(
-            f"a ray starts at {origins[~inside][0].tolist()} mm, outside {what}, which reaches from "
-            f"{list(box.low)} to {list(box.high)} mm"
+            f"origins_mm must be inside {what}, from {list(box.low)} to {list(box.high)} mm; "
+            f"got {origins[~inside][0].tolist()} mm"
         )
     return origins, towards
 

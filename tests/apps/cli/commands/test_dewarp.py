@@ -127,7 +127,7 @@ def test_the_line_says_what_was_written(folder, capsys):
     )
     assert (
         capsys.readouterr().out
-        == "out.jpg: panorama (elevation -45 to 90 deg), 720 x 270 px, 66.7 % of it inside the field\n"
+        == "out.jpg: panorama (elevation -45 to 90 deg), 720 x 270 px, 66.7 % of the pixels inside the field\n"
     )
 
 
@@ -173,7 +173,7 @@ def test_the_line_says_what_was_written(folder, capsys):
         (["--rows", "height", "--elevation-deg=-45:45", "--size", "400x"], "400 x 127 px, all"),
         (
             ["--view", "sphere", "--size", "200x", "--distance-mm", "500", "--offset-mm=-10,0,25"],
-            "sphere (elevation -90 to 90 deg, at 500 mm, moved by (-10, 0, 25) mm), 200 x 100 px",
+            "sphere (elevation -90 to 90 deg, at 500 mm, offset by (-10, 0, 25) mm), 200 x 100 px",
         ),
         (
             [
@@ -188,7 +188,7 @@ def test_the_line_says_what_was_written(folder, capsys):
                 "--offset-mm",
                 "900,0,0",
             ],
-            "plan of the ground (1200 mm below the mirror, 4 mm per pixel, moved by (900, 0, 0) mm), 300 x 300 px, all",
+            "plan of the ground (1200 mm below the mirror, 4 mm per pixel, offset by (900, 0, 0) mm), 300 x 300 px",
         ),
         (
             ["--view", "planet", "--hfov-deg", "200", "--pole", "nadir", "--size", "90x60"],
@@ -452,9 +452,7 @@ def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expe
     ],
 )
 def test_no_border_colour(border):
-    with pytest.raises(
-        InvalidParameter, match="is no colour; valid are a grey level, R,G,B and #rrggbb"
-    ):
+    with pytest.raises(InvalidParameter, match="border must be a grey level, R,G,B or #rrggbb"):
         BorderColour.of(border)
 
 
@@ -462,7 +460,7 @@ def test_no_border_colour(border):
 def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
     with pytest.raises(
         InvalidParameter,
-        match=r"is no value of a picture of uint8; valid are whole numbers from 0 to 255",
+        match="border must contain integers from 0 to 255 for uint8 images",
     ):
         BorderColour.of(border).of_picture(np.zeros((2, 2, 3), np.uint8))
 
@@ -483,7 +481,7 @@ def test_the_border_of_a_video_is_coded_as_its_frames(border, coded):
 
 def test_a_grey_picture_has_no_border_in_colour():
     with pytest.raises(
-        InvalidParameter, match="border 1,2,2 is a colour, and the picture is grey; give one value"
+        InvalidParameter, match="border must be one value for a grey image; got 1,2,2"
     ):
         BorderColour.of("1,2,2").of_picture(np.zeros((2, 2), np.uint8))
 
@@ -498,12 +496,12 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("none.png SPHERE", "there is no picture none.png"),
         ("note.txt SPHERE", "note.txt is not a picture"),
         ("cut.png SPHERE", "cut.png is cut short"),
-        (". SPHERE", "several pictures need a folder"),
+        (". SPHERE", "must be a folder for several images"),
         (
             "ball.png SPHERE",
-            "has 200 x 200 px and the camera's 1024 x 1024 px; both have the same shape",
+            "1024 x 1024 px of the camera; got 200 x 200 px; the aspect ratios are equal",
         ),
-        ("ocam.png SPHERE", "has 160 x 120 px and the camera's 1024 x 1024 px"),
+        ("ocam.png SPHERE", "1024 x 1024 px of the camera; got 160 x 120 px"),
         ("sphere.png --sensor paper-sperical", "did you mean paper-spherical?"),
         ("sphere.png --sensor note.txt", "note.txt is not valid TOML"),
         ("ocam.png --ocam none.txt", "there is no OCamCalib file none.txt"),
@@ -521,7 +519,10 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("ball.png --ball 99,99,90,nan", "is not CX,CY,R,FOV"),
         ("ball.png --ball 99,99,0,260", "rim_radius_px = 0"),
         ("ball.png --ball 99,99,90,400", "field_deg = 400"),
-        ("ball.png --ball 9999,99,90,260", "no pixel of the camera's picture sees anything"),
+        (
+            "ball.png --ball 9999,99,90,260",
+            "at least one pixel of the camera must observe the scene",
+        ),
         ("sphere.png SPHERE --view globe", "'globe'"),
         (
             "sphere.png SPHERE --roll-deg 3",
@@ -537,13 +538,16 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg does not apply"),
         ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "say the same thing twice"),
         ("sphere.png SPHERE --omega-deg 50:100 --camera-looks forward", "use --elevation-deg"),
-        ("sphere.png SPHERE --elevation-deg 9:0", "9 to 0 deg make no panorama"),
+        ("sphere.png SPHERE --elevation-deg 9:0", "got 9 and 0 deg"),
         ("sphere.png SPHERE --elevation-deg 9", "'9' is not a range MIN:MAX"),
-        ("sphere.png SPHERE --elevation-deg 50:80", "sees nothing of the camera's field"),
-        ("sphere.png SPHERE --span-deg 400", "span_deg = 400"),
+        ("sphere.png SPHERE --elevation-deg 50:80", "must overlap the field of the camera"),
+        (
+            "sphere.png SPHERE --span-deg 400",
+            "span_deg must be above 1e-06 and up to 360 deg; got 400",
+        ),
         ("sphere.png SPHERE --pan-deg north", "'north' is not an angle"),
         ("sphere.png SPHERE --pan-deg inf", "'inf' is not an angle"),
-        ("sphere.png SPHERE --view perspective --hfov-deg 180", "hfov_deg = 180"),
+        ("sphere.png SPHERE --view perspective --hfov-deg 180", "below 180 deg; got 180"),
         (
             "sphere.png SPHERE --view ground",
             "--view ground needs --height-mm, the height of the mirror",
@@ -552,9 +556,12 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0", "'0' is not a distance"),
         (
             "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px inf",
-            "mm_per_px = inf is no scale",
+            "mm_per_px must be finite and above 0; got inf",
         ),
-        ("sphere.png SPHERE --view ground --height-mm 0", "mm_per_px = 0 is no scale"),
+        (
+            "sphere.png SPHERE --view ground --height-mm 0",
+            "mm_per_px must be finite and above 0; got 0",
+        ),
         (
             "sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9",
             "--distance-mm does not apply to --view ground",
@@ -568,10 +575,13 @@ def test_a_grey_picture_has_no_border_in_colour():
             "--layout does not apply to --view panorama; it belongs to --view cube",
         ),
         ("sphere.png SPHERE --view cube --layout ring", "'ring'"),
-        ("sphere.png SPHERE --view cube --size 100x100", "the layout cross needs 4 n x 3 n px"),
+        (
+            "sphere.png SPHERE --view cube --size 100x100",
+            "4 n x 3 n px for square faces in the layout cross",
+        ),
         ("sphere.png SPHERE --view cube --zoom 2", "--zoom does not apply to --view cube"),
-        ("sphere.png SPHERE --view mosaic --size x100", "follows from its width"),
-        ("sphere.png SPHERE --view planet --hfov-deg 360", "hfov_deg = 360"),
+        ("sphere.png SPHERE --view mosaic --size x100", "the height of a mosaic must be None"),
+        ("sphere.png SPHERE --view planet --hfov-deg 360", "below 360 deg; got 360"),
         ("sphere.png SPHERE --pole nadir", "--pole does not apply to --view panorama"),
         (
             "sphere.png SPHERE --preset wide --view perspective",
@@ -582,9 +592,9 @@ def test_a_grey_picture_has_no_border_in_colour():
             "--hfov-deg does not apply to --preset; it belongs to --view",
         ),
         ("sphere.png SPHERE --preset tele", "'tele'"),
-        ("sphere.png SPHERE --preset super-wide --tilt-deg 90", "tilt_deg = 90"),
+        ("sphere.png SPHERE --preset super-wide --tilt-deg 90", "below 90 deg; got 90"),
         ("sphere.png SPHERE --distance-mm 0", "'0' is not a distance"),
-        ("sphere.png SPHERE --offset-mm 1,2,3", "offset_mm = (1.0, 2.0, 3.0) moves nothing"),
+        ("sphere.png SPHERE --offset-mm 1,2,3", "for a screen at infinity; got (1.0, 2.0, 3.0)"),
         ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "'1,2' is not X,Y,Z in mm"),
         (
             "sphere.png SPHERE --viewpoint single",
@@ -600,34 +610,37 @@ def test_a_grey_picture_has_no_border_in_colour():
             "sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt",
             "--wall-mm says what --rows says too",
         ),
-        ("sphere.png SPHERE --rows height", "neither the zenith nor the nadir"),
+        ("sphere.png SPHERE --rows height", "above -90 and below 90 deg with rows = 'height'"),
         ("sphere.png SPHERE --zoom 0", "'0' is not a factor above 0"),
         ("sphere.png SPHERE --past-resolution", "--past-resolution says how far --zoom may go"),
         (
             "sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10",
-            "sees nothing of the camera's field",
+            "must overlap the field of the camera",
         ),
         ("sphere.png SPHERE --size big", "'big' is not a size in pixels"),
         ("sphere.png SPHERE --size 0x5", "size = 0 is not valid; it is valid above 0 px"),
-        ("sphere.png SPHERE --size 999999x5", "size = (999999, 5)"),
+        (
+            "sphere.png SPHERE --size 999999x5",
+            "size must be (width, height) from 1 to 100000 px; got (999999, 5)",
+        ),
         ("sphere.png SPHERE --camera-looks left", "'left'"),
         ("sphere.png SPHERE --interpolation magic", "'magic'"),
         (
             "sphere.png SPHERE --border red",
-            "'red' is no colour; valid are a grey level, R,G,B and #rrggbb",
+            "border must be a grey level, R,G,B or #rrggbb; got 'red'",
         ),
-        ("sphere.png SPHERE --border #12345g", "'#12345g' is no colour"),
-        ("sphere.png SPHERE --border 1,2", "'1,2' is no colour"),
-        ("sphere.png SPHERE --border 256", "border 256 is no value of a picture of uint8"),
-        ("ball.png BALL --border #ff0000", "border #ff0000 is a colour, and the picture is grey"),
+        ("sphere.png SPHERE --border #12345g", "got '#12345g'"),
+        ("sphere.png SPHERE --border 1,2", "got '1,2'"),
+        ("sphere.png SPHERE --border 256", "for uint8 images; got 256"),
+        ("ball.png BALL --border #ff0000", "one value for a grey image; got #ff0000"),
         ("sphere.png SPHERE --border 5 --black", "--border is the colour outside the field"),
         ("sphere.png SPHERE --threads 0", "0 is not in the range 1<=x<=1024"),
         ("sphere.png SPHERE -o out.gif", "pictures of kind '.gif' are not known"),
         ("sphere.png SPHERE -o out", "a picture without a suffix"),
-        ("sphere.png SPHERE --transparent -o out.jpg", ".jpg files hold no transparency"),
+        ("sphere.png SPHERE --transparent -o out.jpg", "for transparency; got a .jpg file"),
         ("sphere.png SPHERE -o note.txt/out.png", "cannot write note.txt"),
         ("sphere.png SPHERE --fast", "--fast"),
-        ("sphere.png SPHERE -o ./sphere.png", "is the picture to straighten"),
+        ("sphere.png SPHERE -o ./sphere.png", "the output must differ from the source image"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(folder, capfd, line, message):

@@ -41,10 +41,10 @@ def test_sixteen_bits_become_eight_and_light_becomes_srgb(folder, capsys):
     """Transfer curve of IEC 61966-2-1 (omnimirror.base.colour); three times white is clipped to
     white."""
     main(["dewarp", "deep.png", *BALL, "-o", "a.jpg"])
-    assert "16 bits written as 8 bits" in capsys.readouterr().out
+    assert "converted from 16 bits to 8 bits" in capsys.readouterr().out
     assert np.abs(middle("a.jpg") - 255 * np.array([0.9, 0.4, 0.05])).max() <= 2
     main(["dewarp", "light.hdr", *BALL, "-o", "b.png"])
-    assert "light written as 16 bits" in capsys.readouterr().out
+    assert "converted from linear light to 16 bits" in capsys.readouterr().out
     expected = 65535 * srgb_from_linear(om.read_image("light.hdr")[32, 32])
     assert np.abs(middle("b.png") - expected).max() <= 1
     assert middle("b.png")[2] == 65535

@@ -115,11 +115,11 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
         ),
         (
             ("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"),
-            "cannot read the blur no.csv",
+            "cannot read the blur table no.csv",
         ),
         (
             ("--ball", "64,64,50,180", "--restore"),
-            "to restore, the lens and the mirror must be known",
+            "blur_px must be specified unless the camera is a sensor",
         ),
     ],
 )
@@ -155,7 +155,7 @@ def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
             "dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path
         )
         assert run.returncode == 0, run.stderr
-        assert "restored at a noise of 2 % (told)" in run.stdout
+        assert "restored with noise of 2 % (specified)" in run.stdout
         found.append(om.read_image(tmp_path / "out.png"))
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
@@ -180,15 +180,15 @@ def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
     )
     run = omnimirror("dewarp", "grain.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "85 % of the blur is removed, since it does not show how much blur it has" in run.stdout
+    assert "85 % of the blur is removed because its blur cannot be estimated" in run.stdout
 
 
 @pytest.mark.parametrize(
     ("f_number", "metres", "words"),
     [
         ((40, 10), 0, ""),
-        ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of its blur is assumed"),
-        ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: no more than its blur is assumed"),
+        ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
+        ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: the blur of the sensor is assumed"),
         ((0, 0), 5, "EXIF has a focus distance of 5000 mm"),
     ],
 )

@@ -159,7 +159,10 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (("--scene", "moon", "-o", "a.png"), "there is no scene 'moon'"),
+        (
+            ("--scene", "moon", "-o", "a.png"),
+            "the scene must be one of room, street, hall or a file",
+        ),
         (("--scene", "none.hdr", "-o", "a.png"), "there is no picture"),
         (("--pose", "1,2", "-o", "a.png"), "not a pose X,Y,Z"),
         (("--pose", "9e6,0,0", "-o", "a.png"), "outside the room"),
@@ -343,7 +346,7 @@ def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housi
     shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
     np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
     for option, words in (
-        ("--blur=on", "only a sensor has blur"),
+        ("--blur=on", "blur must be False unless the camera is a sensor"),
         ("--support=rod", "belongs to a sensor's housing"),
     ):
         assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")
