@@ -129,9 +129,9 @@ def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed
 def test_a_picture_never_holds_its_light_as_a_whole(world):
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
-    om.take_picture(sensor, world, samples=1)  # one-time preparation
+    om.render_image(sensor, world, samples=1)  # one-time preparation
     with most_bytes(2 * 3 * 2048**2):
-        om.take_picture(replace(sensor, imager=imager), world, samples=1, workers=2)
+        om.render_image(replace(sensor, imager=imager), world, samples=1, workers=2)
 
 
 def test_a_noisy_picture_never_holds_its_light_as_a_whole():

@@ -11,4 +11,4 @@ sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32
 print(
     f"{sensor.hidden_percent:.1f} % of the picture is hidden, up to {sensor.hidden_to_deg:.0f} deg"
 )
-om.write_image("obscurations.png", om.take_picture(sensor, om.load_scene("street"), samples=4))
+om.write_image("obscurations.png", om.render_image(sensor, om.load_scene("street"), samples=4))

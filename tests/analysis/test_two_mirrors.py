@@ -351,7 +351,7 @@ def test_a_picture_of_two_mirrors_reads_the_right_way_round():
         "down",
     )  # both mirrors face down
     one, two = (
-        om.take_picture(replace(s, imager=small), room, samples=1).astype(int)
+        om.render_image(replace(s, imager=small), room, samples=1).astype(int)
         for s in (UNFOLDED, FOLDED)
     )
     seen = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12

@@ -23,14 +23,14 @@ from omnimirror.dewarp.screens import (
     Composite,
     CubeMap,
     Cylinder,
-    Dome,
+    DomeMaster,
+    Equirectangular,
     Ground,
     LittlePlanet,
     Mosaic,
     Plane,
     Screen,
     ScreenPart,
-    Sphere,
     parts_of,
 )
 from tests.conftest import sensor_of
@@ -124,7 +124,7 @@ TALL = math.degrees(math.atan(0.75))
 SHAPES = {
     "cylinder": (Cylinder((24, 14), -80.0, 60.0, 10.0, 300.0), cylinder),
     "tall-cylinder": (Cylinder((21, 13), -45.0, TALL, -20.0, 360.0, "height"), tall_cylinder),
-    "sphere": (Sphere((24, 12)), sphere),
+    "sphere": (Equirectangular((24, 12)), sphere),
     "plane": (
         Plane((16, 11), 35.0, -25.0, 20.0, 100.0),
         lambda u, v: perspective(16, 11, 35, -25, 20, 100, u, v),
@@ -133,8 +133,8 @@ SHAPES = {
         Plane((9, 8), 35.0, -90.0, 0.0, 60.0),
         lambda u, v: perspective(9, 8, 35, -90, 0, 60, u, v),
     ),
-    "dome": (Dome((19, 18), 130.0, "nadir", 25.0, 10.0), dome),
-    "zenith-dome": (Dome((17, 19), 120.0, "zenith", 25.0), zenith_dome),
+    "dome": (DomeMaster((19, 18), 130.0, "nadir", 25.0, 10.0), dome),
+    "zenith-dome": (DomeMaster((17, 19), 120.0, "zenith", 25.0), zenith_dome),
     "planet": (LittlePlanet((20, 15), 230.0, "nadir", -70.0), planet),
     "zenith-planet": (LittlePlanet((15, 20), 300.0, "zenith", -70.0), zenith_planet),
 }
@@ -346,7 +346,7 @@ def test_far_screens_are_distant_ones(shape):
 @pytest.mark.parametrize("factor", [2.0, 0.9, 1.0])
 def test_zoom_enlarges_about_the_middle(name, factor):
     screen, _ = SCREENS[name]
-    if factor < 1 and (isinstance(screen, Sphere) or screen.size == (21, 13)):
+    if factor < 1 and (isinstance(screen, Equirectangular) or screen.size == (21, 13)):
         return  # these already cover all azimuths and end at the boundary of the shape
     zoomed = screen.zoomed(factor)
     assert zoomed.size == screen.size
@@ -375,13 +375,15 @@ def test_pan_turns_about_the_vertical(name):
 def test_tilt_moves_rows_up():
     plane = Plane((5, 5), 10.0, 20.0)
     assert plane.panned(5.0, 10.0) == Plane((5, 5), 15.0, 30.0)
-    assert Sphere((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Sphere((8, 4), -30.0, 30.0)
+    assert Equirectangular((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Equirectangular(
+        (8, 4), -30.0, 30.0
+    )
     bent = Cylinder((8, 5), -45.0, 45.0, rows="height").panned(0.0, 45.0)
     assert (bent.tilt_min_deg, bent.tilt_max_deg) == pytest.approx(
         (0.0, math.degrees(math.atan(2)))
     )
     for screen in (
-        Dome((5, 5), 90.0),
+        DomeMaster((5, 5), 90.0),
         LittlePlanet((5, 5)),
         Ground((5, 5), 100.0, 1.0),
         CubeMap((6, 1), "strip"),
@@ -456,7 +458,9 @@ def test_a_mosaic_is_its_views():
     sensor = CAMERAS["paper-spherical"]
     near, far = Plane((8, 6), 20.0, -20.0, distance_mm=200.0), Plane((8, 6), 20.0, -20.0)
     cube = CubeMap((12, 2), "strip", distance_mm=500.0)
-    mosaic = Mosaic((20, 16), ((0, 0, near), (10, 0, far), (3, 7, cube), (1, 1, Sphere((4, 2)))))
+    mosaic = Mosaic(
+        (20, 16), ((0, 0, near), (10, 0, far), (3, 7, cube), (1, 1, Equirectangular((4, 2))))
+    )
     assert mosaic.parts[0] == ScreenPart(0, 0, near)
     assert len(parts_of(mosaic)) == 9
     assert eval(repr(mosaic)) == mosaic
@@ -464,7 +468,7 @@ def test_a_mosaic_is_its_views():
     expected[:6, :8] = source_pixels(sensor, near, exact=True)
     expected[:6, 10:18] = source_pixels(sensor, far, exact=True)
     expected[7:9, 3:15] = source_pixels(sensor, cube, exact=True)
-    expected[1:3, 1:5] = source_pixels(sensor, Sphere((4, 2)))
+    expected[1:3, 1:5] = source_pixels(sensor, Equirectangular((4, 2)))
     np.testing.assert_allclose(
         om.Dewarper(sensor, mosaic).coordinates(exact=True), expected, atol=1e-9
     )
@@ -532,7 +536,10 @@ def test_places_that_cannot_be_are_refused(shape):
             lambda: Cylinder((5, 5), -45.0, 9.0, rows="height").panned(0.0, 90.0),
             "tilt_deg must be above -90 and below 90 deg; got 90",
         ),
-        (lambda: Sphere((5, 5), 10.0, -10.0), "increase within -90 to 90 deg; got 10 and -10 deg"),
+        (
+            lambda: Equirectangular((5, 5), 10.0, -10.0),
+            "increase within -90 to 90 deg; got 10 and -10 deg",
+        ),
         (lambda: Ground((5, 5), np.nan, 1.0), "height_mm must be finite; got nan"),
         (lambda: Ground((5, 5), 100.0, 0.0), "mm_per_px must be finite and above 0; got 0"),
         (lambda: Ground((5, 5), 100.0, inf), "mm_per_px must be finite and above 0; got inf"),

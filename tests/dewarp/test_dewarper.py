@@ -49,7 +49,9 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
     camera = replace(camera, mount=mount)
     for view in (
         om.screens.Cylinder((30, 60), -85.0, 80.0, 13.0, 350.0, distance_mm=300.0),
-        om.screens.Sphere((30, 60), pan_deg=70.0, distance_mm=250.0, offset_mm=(0.0, 0.0, -60.0)),
+        om.screens.Equirectangular(
+            (30, 60), pan_deg=70.0, distance_mm=250.0, offset_mm=(0.0, 0.0, -60.0)
+        ),
     ):
         assert is_separable(camera, view)
         separable = polar_map_of(camera, view, viewpoint).pixels()
@@ -98,7 +100,7 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
 
 
 @pytest.mark.parametrize(
-    "view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)]
+    "view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.DomeMaster((80, 80), 135.0)]
 )
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
     monkeypatch.setattr(
@@ -281,7 +283,7 @@ def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
             om.screens.Plane((20, 10), tilt_deg=80.0, hfov_deg=30.0),
             r"perspective view \(pan 0, tilt 80, hfov 30 deg\)",
         ),
-        (om.screens.Dome((20, 10), 30.0, "zenith"), r"dome \(0 to 30 deg from the zenith\)"),
+        (om.screens.DomeMaster((20, 10), 30.0, "zenith"), r"dome \(0 to 30 deg from the zenith\)"),
     ],
 )
 def test_a_view_of_nothing_is_refused(view, message):
@@ -315,7 +317,7 @@ def test_the_border_is_the_colour_outside(dtype, channels, border, expected, int
     picture = np.full((1020, 1024, *channels), 100, dtype)
     for view in (
         ALL_OF_IT,
-        om.screens.Dome((90, 90), 170.0, "nadir"),
+        om.screens.DomeMaster((90, 90), 170.0, "nadir"),
         om.screens.CubeMap((80, 60)),
     ):
         dewarp = om.Dewarper(BALL, view, interpolation, border=border)

@@ -314,7 +314,7 @@ def test_nothing_outside_the_field_gets_into_the_picture(camera, sampler):
     ball = om.MirrorBall((255.5, 254.5), 240.0, 270.0, (512, 510))
     v, u = np.mgrid[:510, :512]
     picture = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
-    view = om.screens.Dome((90, 90), 150.0, "nadir")
+    view = om.screens.DomeMaster((90, 90), 150.0, "nadir")
     dewarp = om.Dewarper(
         ball if camera == "symmetric" else _Unsymmetric(ball), view, "area", border=7
     )
@@ -352,7 +352,7 @@ def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
     """Each view equals the single view up to its last pixel, for any direction of its neighbour."""
     picture = texture("uint8", 3, (1024, 1020))
     down, ahead = (
-        om.screens.Dome((80, 80), 100.0, "nadir"),
+        om.screens.DomeMaster((80, 80), 100.0, "nadir"),
         om.screens.Plane((79, 50), 0.0, -10.0, 0.0, 120.0),
     )
     mosaic = om.screens.Mosaic((159, 80), ((0, 0, down), (80, 0, ahead)))

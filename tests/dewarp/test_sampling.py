@@ -21,7 +21,7 @@ from omnimirror.base.native import backend
 from omnimirror.dewarp.interfaces import INTERPOLATIONS
 from omnimirror.dewarp.maps import PixelMap, PolarMap, node_weights
 from omnimirror.dewarp.sampling import remap
-from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.rendering import render_pinhole_image
 from tests.everyday import few
 from tests.samplers import instructions as all_instructions
 from tests.samplers import remap_at
@@ -561,9 +561,9 @@ VIEWS = {
     "magnified": S.Plane((160, 120), 20.0, -15.0, 0.0, 45.0),
     "about 1 to 1": S.Cylinder((360, 135), -90.0, 45.0),
     "both, in one view": S.Plane((150, 96), 20.0, -40.0, 0.0, 140.0),
-    "2 to 1": S.Dome((140, 140), 135.0, "nadir"),
+    "2 to 1": S.DomeMaster((140, 140), 135.0, "nadir"),
     "4 to 1": S.Cylinder((100, 36), -90.0, 45.0),
-    "7 to 1": S.Dome((42, 42), 135.0, "nadir"),
+    "7 to 1": S.DomeMaster((42, 42), 135.0, "nadir"),
 }
 
 
@@ -574,7 +574,7 @@ def room():
 
 @pytest.fixture(scope="module")
 def picture(room):
-    return om.take_picture(CAMERA, room, samples=SAMPLES**2, distant=True)
+    return om.render_image(CAMERA, room, samples=SAMPLES**2, distant=True)
 
 
 def decibels(room, picture):
@@ -584,7 +584,7 @@ def decibels(room, picture):
     for name, screen in VIEWS.items():
         width, height = screen.size
         u, v = ((np.arange(n * SAMPLES) + 0.5) / SAMPLES - 0.5 for n in (width, height))
-        truth = pinhole_picture(room, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
+        truth = render_pinhole_image(room, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
         pixels = om.Dewarper(CAMERA, screen).coordinates()
         inside = np.isfinite(pixels[..., 0])
         maps = np.moveaxis(np.nan_to_num(pixels, nan=-10.0).astype(np.float32), -1, 0)

@@ -8,7 +8,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.dewarp.screens import Cylinder, Dome, Plane, Screen, Sphere
+from omnimirror.dewarp.screens import Cylinder, DomeMaster, Equirectangular, Plane, Screen
 
 
 def world(pan, tilt):
@@ -27,8 +27,8 @@ def whole(screen):
     [
         Cylinder((7, 5), -30.0, 45.0, 10.0, 300.0),
         Plane((7, 5), 20.0, -30.0, 40.0, 100.0),
-        Dome((7, 5), 120.0),
-        Dome((4, 8), 120.0, "zenith", 30.0, 20.0),
+        DomeMaster((7, 5), 120.0),
+        DomeMaster((4, 8), 120.0, "zenith", 30.0, 20.0),
     ],
 )
 def test_every_screen_keeps_the_contract(screen):
@@ -91,7 +91,7 @@ def test_hfov_reaches_from_edge_to_edge():
 @pytest.mark.parametrize(("pole", "side"), [("nadir", 1.0), ("zenith", -1.0)])
 def test_a_dome_shows_forward_at_the_top(pole, side):
     """Downwards, right is right; upwards, right is left (a star chart)."""
-    dome = Dome((101, 101), 120.0, pole)
+    dome = DomeMaster((101, 101), 120.0, pole)
     targets = whole(dome)
     up = -1.0 if pole == "nadir" else 1.0
     np.testing.assert_allclose(targets[50, 50], [0, 0, up], atol=1e-15)
@@ -105,7 +105,7 @@ def test_a_dome_shows_forward_at_the_top(pole, side):
 
 
 def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
-    targets = whole(Dome((64, 64), 130.0, pan_deg=90.0, omega_min_deg=20.0))
+    targets = whole(DomeMaster((64, 64), 130.0, pan_deg=90.0, omega_min_deg=20.0))
     v, u = np.mgrid[:64, :64]
     radius = np.hypot(u - 31.5, v - 31.5)
     omega = np.degrees(np.arccos(-targets[..., 2]))
@@ -132,9 +132,12 @@ def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
             "hfov_deg must be above 0 and below 180 deg; got 180",
         ),
         (lambda: Plane((5, 5), tilt_deg=np.nan), "tilt_deg = nan"),
-        (lambda: Dome((5, 5), 181.0), "within 0 to 180 deg; got 0 and 181 deg"),
-        (lambda: Dome((5, 5), 90.0, omega_min_deg=90.0), "got 90 and 90"),
-        (lambda: Dome((5, 5), 90.0, "north"), "pole must be one of nadir, zenith; got 'north'"),
+        (lambda: DomeMaster((5, 5), 181.0), "within 0 to 180 deg; got 0 and 181 deg"),
+        (lambda: DomeMaster((5, 5), 90.0, omega_min_deg=90.0), "got 90 and 90"),
+        (
+            lambda: DomeMaster((5, 5), 90.0, "north"),
+            "pole must be one of nadir, zenith; got 'north'",
+        ),
     ],
 )
 def test_a_screen_that_cannot_be_is_refused(make, message):
@@ -152,7 +155,7 @@ def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
     camera = om.MirrorBall((300.0, 300.0), 290.0, 300.0, (601, 601))
     v, u = np.mgrid[:601, :601]
     picture = np.dstack([u / 3, v / 3, 100 + 90 * np.sin(u / 40) * np.sin(v / 60)]).astype(np.uint8)
-    sphere = om.Dewarper(camera, om.screens.Sphere((400, 200)))
+    sphere = om.Dewarper(camera, om.screens.Equirectangular((400, 200)))
     cube = om.Dewarper(camera, om.screens.CubeMap(size, layout))(picture)
     graph = av.filter.Graph()
     first = graph.add_buffer(width=size[0], height=size[1], format="rgb24", time_base=1)
@@ -170,7 +173,7 @@ def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
     assert np.abs(found[:, ::-1] - expected)[inside].mean() > 20
 
 
-@pytest.mark.parametrize("kind", [Cylinder, Sphere])
+@pytest.mark.parametrize("kind", [Cylinder, Equirectangular])
 def test_panoramas_zoom_to_the_whole_circle_and_the_poles_at_most_and_say_their_part(kind):
     part = kind((90, 40), -20.0, 25.0, pan_deg=30.0, span_deg=300.0)
     name = "panorama" if kind is Cylinder else "sphere"

@@ -19,11 +19,11 @@ from omnimirror.dewarp._source_coordinates import (
 from omnimirror.dewarp.screens import (
     CubeMap,
     Cylinder,
-    Dome,
+    DomeMaster,
+    Equirectangular,
     Ground,
     LittlePlanet,
     Plane,
-    Sphere,
     parts_of,
 )
 from omnimirror.optics.image_sensor import Imager
@@ -72,9 +72,9 @@ def random_screen(rng: np.random.Generator) -> Any:
                 size, rng.uniform(-90, -10), rng.uniform(0, 60), pan, rng.uniform(20, 360), **place
             )
         case 3:
-            return Sphere(size, pan_deg=pan, **place)
+            return Equirectangular(size, pan_deg=pan, **place)
         case 4:
-            return Dome(
+            return DomeMaster(
                 size, rng.uniform(60, 180), str(rng.choice(["nadir", "zenith"])), pan, **place
             )
         case 5:
@@ -148,7 +148,7 @@ def test_few_pixels_are_projected():
 def test_a_field_smaller_than_a_cell_is_not_lost():
     """The whole sphere in 40 x 20 pixels: the field of a camera covers only a few of them."""
     ball = om.MirrorBall((500.0, 500.0), 450.0, 30.0, (1001, 1001))
-    view = Sphere((40, 20))
+    view = Equirectangular((40, 20))
     quick, exact = screen_pixels(ball, view), exact_pixels(ball, view)
     assert np.isfinite(exact).any()
     np.testing.assert_allclose(quick, exact, atol=2e-4)

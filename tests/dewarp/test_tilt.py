@@ -87,11 +87,11 @@ VIEWS = {
     "panorama": om.screens.Cylinder((360, 120), -60.0, 45.0, pan_deg=20.0),
     "panorama near": om.screens.Cylinder((360, 120), -60.0, 45.0, distance_mm=700.0),
     "wall": om.screens.Cylinder((240, 120), -50.0, 30.0, 0.0, 200.0, "height", **NEAR),
-    "sphere": om.screens.Sphere((240, 120)),
-    "sphere near": om.screens.Sphere((240, 120), **NEAR),
+    "sphere": om.screens.Equirectangular((240, 120)),
+    "sphere near": om.screens.Equirectangular((240, 120), **NEAR),
     "perspective": om.screens.Plane((160, 120), 30.0, -35.0, 12.0, 80.0),
     "perspective near": om.screens.Plane((160, 120), 30.0, -35.0, 12.0, 80.0, **NEAR),
-    "dome": om.screens.Dome((160, 160), 110.0, "nadir", 15.0),
+    "dome": om.screens.DomeMaster((160, 160), 110.0, "nadir", 15.0),
     "planet near": om.screens.LittlePlanet((160, 160), 200.0, "nadir", distance_mm=700.0),
     "ground": om.screens.Ground((160, 160), 600.0, 9.0, 10.0),
     "cube near": om.screens.CubeMap((240, 180), **NEAR),
@@ -163,20 +163,20 @@ def leaning_of(sensor: om.Sensor) -> om.Sensor:
 
 
 def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
-    taken = om.take_picture(leaning_of(small), world, samples=1)
-    placed = om.take_picture(
+    taken = om.render_image(leaning_of(small), world, samples=1)
+    placed = om.render_image(
         small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1
     )
     assert np.abs(taken.astype(int) - placed).max() <= 1
-    assert (np.abs(taken.astype(int) - om.take_picture(small, world, samples=1)) > 20).mean() > 0.2
+    assert (np.abs(taken.astype(int) - om.render_image(small, world, samples=1)) > 20).mean() > 0.2
 
 
 def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
     """Its panorama of distant objects equals that of the levelled sensor; without the tilt it
     differs."""
     view = om.screens.Cylinder((240, 70), -50.0, 20.0)
-    plumb = om.Dewarper(small, view)(om.take_picture(small, world, samples=4)).astype(float)
-    taken = om.take_picture(leaning_of(small), world, samples=4)
+    plumb = om.Dewarper(small, view)(om.render_image(small, world, samples=4)).astype(float)
+    taken = om.render_image(leaning_of(small), world, samples=4)
     both = om.Dewarper(leaning_of(small), view).valid & om.Dewarper(small, view).valid
     assert both.mean() > 0.8
     assert np.abs(om.Dewarper(leaning_of(small), view)(taken) - plumb)[both].mean() < 1.0
@@ -193,10 +193,10 @@ def test_the_pose_of_a_panorama_that_was_not_levelled_levels_it(pan, angles):
     counter-clockwise."""
     pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).lean_of_view(pan)
     panned = (
-        om.screens.Sphere((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)
+        om.screens.Equirectangular((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)
     )  # directions of its tilted pixels
     as_if_ahead = (
-        om.screens.Sphere((36, 18)).targets(0, 18).reshape(-1, 3)
+        om.screens.Equirectangular((36, 18)).targets(0, 18).reshape(-1, 3)
     )  # ... relative to its centre
     truth, told = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
     np.testing.assert_allclose(
@@ -237,9 +237,9 @@ def test_the_command_line_levels_and_says_so(folder):
         dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb
     )
     assert pose_told() == (0, 0)
-    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-lean", *view), plumb)
+    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-tilt", *view), plumb)
     assert pose_told() == (PITCH, ROLL)
-    dewarp("--sensor", "leaning.toml", "--keep-lean", "--pan-deg", "90", *view)
+    dewarp("--sensor", "leaning.toml", "--keep-tilt", "--pan-deg", "90", *view)
     assert pose_told() == pytest.approx(
         Mount(pitch_deg=PITCH, roll_deg=ROLL).lean_of_view(90.0), abs=1e-3
     )

@@ -74,7 +74,7 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
 def test_the_viewpoint_stands_on_the_axis(mount):
     """A point is observed in its direction from V0, written out with the rotation of the mount."""
     sensor = replace(SPHERE, mount=mount)
-    view = om.screens.Sphere((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
+    view = om.screens.Equirectangular((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
     eye = mount.rotation() @ [0.0, 0.0, 12.5]
     np.testing.assert_allclose(place_on_axis(sensor, 12.5), eye, atol=1e-12)
     expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(
@@ -103,8 +103,10 @@ def test_the_distance_of_a_screen_is_its_middle_one():
     plane = om.screens.Plane((30, 20), distance_mm=400.0)
     assert 400 < middle_distance(plane) < 560
     assert middle_distance(om.screens.Ground((1, 1), 200.0, 20.0)) == pytest.approx(200.0)
-    assert middle_distance(om.screens.Dome((40, 40), 90.0, distance_mm=70.0)) == pytest.approx(70.0)
-    empty = om.screens.Dome((1, 1), 90.0, omega_min_deg=50.0, distance_mm=70.0)
+    assert middle_distance(
+        om.screens.DomeMaster((40, 40), 90.0, distance_mm=70.0)
+    ) == pytest.approx(70.0)
+    empty = om.screens.DomeMaster((1, 1), 90.0, omega_min_deg=50.0, distance_mm=70.0)
     assert middle_distance(empty) == np.inf
 
 
@@ -177,7 +179,7 @@ def floor_corners():
 def test_the_floor_is_a_plan_to_scale():
     """Corners detected in the dewarped image have their true positions, unlike with a single
     viewpoint."""
-    picture = om.take_picture(SPHERE, om.Room(), samples=9)
+    picture = om.render_image(SPHERE, om.Room(), samples=9)
     view = om.screens.Ground((1000, 1000), HEIGHT_MM, mm_per_px=4.0)
     corners = floor_corners()
     expected = np.stack([499.5 - corners[:, 1] / 4, 499.5 - corners[:, 0] / 4], axis=-1)

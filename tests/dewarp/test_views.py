@@ -220,13 +220,13 @@ def test_resolution_is_taken_where_the_view_is_seen():
 
 def test_zoom_ends_where_nothing_is_resolved():
     view = om.screens.Plane((640, 480), hfov_deg=90.0)
-    most = views.largest_zoom(SPHERE, view)
+    most = views.max_zoom(SPHERE, view)
     assert most > 1
     assert 1 / views.resolution(SPHERE, view.zoomed(most)) == pytest.approx(
-        views.LARGEST_MAGNIFICATION, rel=1e-3
+        views.MAX_MAGNIFICATION, rel=1e-3
     )
-    assert views.largest_zoom(SPHERE, view.zoomed(50.0)) == 1.0
-    assert views.largest_zoom(SPHERE, om.screens.Plane((1, 1))) == np.inf
+    assert views.max_zoom(SPHERE, view.zoomed(50.0)) == 1.0
+    assert views.max_zoom(SPHERE, om.screens.Plane((1, 1))) == np.inf
 
 
 @pytest.mark.parametrize("radius", [98.0, 243.0, 255.5])

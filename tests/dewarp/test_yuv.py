@@ -374,7 +374,7 @@ def test_the_way_through_colours_leads_to_the_same_picture(scene, full_range, re
         picture = cv2.resize(picture, (1000, 1000), interpolation=cv2.INTER_AREA)
         camera = om.MirrorBall((499.5, 499.5), 480.0, 270.0, (1000, 1000))
     else:
-        picture, camera = om.take_picture(SENSOR, om.Room(), samples=2), SENSOR
+        picture, camera = om.render_image(SENSOR, om.Room(), samples=2), SENSOR
     planes, whole = coded(picture, full_range)
     for screen in (
         om.screens.Cylinder((1440, 360), -70.0, 30.0),

@@ -26,7 +26,7 @@ from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
 from omnimirror.design.component_selection import best_apertures
-from omnimirror.dewarp.request import Recording
+from omnimirror.dewarp.request import VideoOptions
 from omnimirror.interop.http_server.server import listen
 from omnimirror.io import keyframes
 from omnimirror.io.image_sequences import first_number
@@ -292,8 +292,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "panorama": (om.views.panorama, {"camera": SMALL, "size": (36, 12), "pan_deg": 0.0}),
-    "take_picture": (
-        om.take_picture,
+    "render_image": (
+        om.render_image,
         {"camera": SMALL, "scene": om.Room(), "samples": 1, "blur": False, "seed": 0},
     ),
     "plan_bracket": (
@@ -389,7 +389,7 @@ ELSEWHERE = {
     "write_calibration_figures",
     "write_calibration_report",
     "write_demo",
-    "write_video_set",
+    "write_video_dataset",
 }
 """Public names without a call here: too slow for hundreds of calls, or results of other functions."""
 SLOW = (
@@ -397,7 +397,7 @@ SLOW = (
     "write_comparison",
     "convert",
 )  # covered sufficiently by ``test_any_values...``
-LONG = ("calibrate_camera", "write_calibration_set", "write_comparison", "write_tolerances")
+LONG = ("calibrate_camera", "write_calibration_dataset", "write_comparison", "write_tolerances")
 ODD = (
     None,
     "",
@@ -565,7 +565,7 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
         ("field_angles", {"step_deg": 1e-9}),
         ("Dewarper", {"view": Path("a.png")}),
         ("write_colmap", {"folder": "wanted.toml"}),
-        ("write_learning_set", {"folder": "wanted.toml"}),
+        ("write_training_dataset", {"folder": "wanted.toml"}),
         ("dewarp_video", {"camera": lambda size: size}),
     ],
 )
@@ -707,7 +707,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: om.dewarp_video(
-                "a.mp4", "b.mp4", camera=BALL, recording=Recording(frame_rate=9.0)
+                "a.mp4", "b.mp4", camera=BALL, options=VideoOptions(frame_rate=9.0)
             ),
             "frame_rate must be omitted unless the source is an image sequence; got 9",
         ),

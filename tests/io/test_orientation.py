@@ -20,7 +20,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.image_files import ImageDewarper
 from omnimirror.dewarp.request import DewarpRequest
 from omnimirror.io.images import read_image_and_metadata
-from omnimirror.simulation.rendering import take_picture
+from omnimirror.simulation.rendering import render_image
 
 FIELD = cv2.resize(np.random.default_rng(5).integers(0, 255, (6, 9, 3), np.uint8), (72, 48))
 SUFFIXES = [".jpg", ".png", ".webp", ".tif", ".avif"]
@@ -126,7 +126,7 @@ def test_dewarping_applies_it_and_reports_it(tmp_path, turned, capsys):
     )
     with pytest.raises(InvalidParameter, match="96 x 140 px, as stored; omit --stored-orientation"):
         ImageDewarper(DewarpRequest(WIDE, stored_orientation=True))(turned[1], tmp_path / "c.png")
-    found = om.dewarp_pictures(tmp_path / "turned.png", tmp_path / "many", camera=WIDE)
+    found = om.dewarp_images(tmp_path / "turned.png", tmp_path / "many", camera=WIDE)
     assert sum(found.oriented.values()) == 1
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "many" / "turned.png"), om.read_image(tmp_path / "a.png")
@@ -204,7 +204,7 @@ def test_auto_looks_for_the_rim_in_the_image_as_displayed(tmp_path, capsys):
     ball = om.MirrorBall(
         centre_px=(190.0, 150.0), rim_radius_px=120.0, field_deg=300.0, image_size=(400, 300)
     )
-    image = take_picture(ball, om.Room(texel_mm=20.0), samples=2)
+    image = render_image(ball, om.Room(texel_mm=20.0), samples=2)
     path = tagged(tmp_path / "a.png", np.rot90(image).copy(), 6)
     main(["rim", str(path), "--json", str(tmp_path / "rim.json")])
     om.write_image(tmp_path / "b.png", image)

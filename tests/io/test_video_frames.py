@@ -293,7 +293,7 @@ def test_a_video_straightened_by_the_command_line(tmp_path, capfdbinary):
 def test_pictures_straightened(tmp_path):
     assert_orange(om.Dewarper(BALL, VIEW)(om.read_image(by_pillow(tmp_path / "a.png"))))
     assert om.Dewarper(BALL, VIEW)(orange(), transparent=True)[12, 16].tolist() == [*ORANGE, 255]
-    all_around = om.Dewarper(BALL, om.screens.Sphere((64, 32)), border=(1, 2, 3))
+    all_around = om.Dewarper(BALL, om.screens.Equirectangular((64, 32)), border=(1, 2, 3))
     assert (all_around(orange())[~all_around.valid] == [1, 2, 3]).all()
 
 
@@ -322,7 +322,7 @@ def sensor() -> om.Sensor:
 
 def test_pictures_taken_and_restored(sensor, tmp_path):
     by_pillow(tmp_path / "world.png", (128, 64))
-    picture = om.take_picture(sensor, om.Environment.load(tmp_path / "world.png"), samples=1)
+    picture = om.render_image(sensor, om.Environment.load(tmp_path / "world.png"), samples=1)
     assert_orange(picture)
     om.write_image(tmp_path / "a.png", picture)
     assert_orange(seen_by_pillow(tmp_path / "a.png"))

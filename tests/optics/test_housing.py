@@ -114,7 +114,9 @@ def test_the_picture_goes_dark_at_these_angles(sensor):
     )
     for edge in edges:
         near = magnified(sensor, edge)
-        light = expose(near, white, samples=1, radiometry=Radiometry(grey=0.0))[0, :, 0] > 0.3
+        light = (
+            expose(near, white, samples=1, radiometry=Radiometry(housing_light=0.0))[0, :, 0] > 0.3
+        )
         dark_first = edge == sensor.clear_field_deg[0]
         hidden = sights(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
         for dark in (~light, hidden):
@@ -141,7 +143,7 @@ def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(na
         sensor,
         Environment(np.ones((4, 8, 3), np.float32)),
         samples=1,
-        radiometry=Radiometry(grey=0.0),
+        radiometry=Radiometry(housing_light=0.0),
     )
     sees = sensor.backproject(pixels).valid
     dark = light[..., 0].ravel() < 0.3

@@ -189,7 +189,7 @@ def test_a_mirror_moved_across_moves_its_picture(lens):
         om.screens.Cylinder((720, 180), -60, 30),
         om.screens.Plane((320, 240), pan_deg=40, hfov_deg=80),
         om.screens.Plane((320, 240), distance_mm=300.0),
-        om.screens.Dome((240, 240), 120.0),
+        om.screens.DomeMaster((240, 240), 120.0),
     ],
     ids=["panorama", "perspective", "near wall", "dome"],
 )

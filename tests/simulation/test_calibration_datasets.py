@@ -17,8 +17,8 @@ from omnimirror.simulation.dataset_manifest import load_recipe
 from omnimirror.simulation.datasets import (
     view_poses,
     visible_corners_px,
-    write_calibration_set,
-    write_video_set,
+    write_calibration_dataset,
+    write_video_dataset,
 )
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.room import Room
@@ -30,7 +30,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     sensor = om.load_sensor("paper-equidistant")
     files = list(
-        write_calibration_set(
+        write_calibration_dataset(
             sensor, folder, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
         )
     )
@@ -107,7 +107,7 @@ def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp
 
     room, sensor = Room(texel_mm=40.0), small()
     assert (
-        write_video_set(
+        write_video_dataset(
             sensor,
             room,
             path=PATH,
@@ -141,7 +141,7 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_video_set(
+        write_video_dataset(
             small(),
             Room(texel_mm=40.0),
             path=PATH,
@@ -153,7 +153,7 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
-    pictures = write_calibration_set(
+    pictures = write_calibration_dataset(
         small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)
     )
     with pytest.raises(KeyboardInterrupt):
@@ -199,7 +199,7 @@ def test_the_command_writes_a_set(tmp_path):
 def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
     """OpenCV detects its corners at their positions in its images, and its file is the camera."""
     hall = Hall(texel_mm=12.5)
-    list(write_calibration_set(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
+    list(write_calibration_dataset(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
     data = json.loads((tmp_path / "dataset.json").read_text())
     assert om.load_camera(tmp_path / data["sensor"]) == camera
     assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
@@ -220,10 +220,10 @@ def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
 def test_a_calibrated_camera_is_sharp_unless_blur_is_asked_of_it_which_is_refused(tmp_path):
     camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
     list(
-        write_calibration_set(
+        write_calibration_dataset(
             camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)
         )
     )
     assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
     with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
-        list(write_calibration_set(camera, tmp_path / "other", views=1, samples=1, blur=True))
+        list(write_calibration_dataset(camera, tmp_path / "other", views=1, samples=1, blur=True))

@@ -26,7 +26,11 @@ from omnimirror.simulation.dataset_manifest import (
     load_recipe,
     recipe_record,
 )
-from omnimirror.simulation.datasets import render_views, write_calibration_set, write_video_set
+from omnimirror.simulation.datasets import (
+    render_views,
+    write_calibration_dataset,
+    write_video_dataset,
+)
 from omnimirror.simulation.detector import Detector
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.scenes.calibration_hall import Hall
@@ -53,7 +57,7 @@ def write(kind, folder, after=lambda done: None):
     """Write a dataset of five images."""
     sensor = small(64)
     if kind == "calibration":
-        pictures = write_calibration_set(
+        pictures = write_calibration_dataset(
             sensor,
             folder,
             views=5,
@@ -65,7 +69,7 @@ def write(kind, folder, after=lambda done: None):
         for number, _ in enumerate(pictures, start=1):
             after(number)
     else:
-        write_video_set(
+        write_video_dataset(
             sensor,
             Room(texel_mm=40.0),
             path=PATH,
@@ -148,7 +152,7 @@ def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
 def test_a_picture_that_was_changed_is_made_again(tmp_path):
     def write():
         return list(
-            write_calibration_set(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
+            write_calibration_dataset(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
         )
 
     write()
@@ -161,11 +165,11 @@ def test_a_picture_that_was_changed_is_made_again(tmp_path):
 
 
 def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
-    list(write_calibration_set(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
+    list(write_calibration_dataset(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="differs in samples, seed"):
         list(
-            write_calibration_set(
+            write_calibration_dataset(
                 small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2
             )
         )
@@ -175,7 +179,7 @@ def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
 def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
     with pytest.raises(InvalidParameter, match="must be inside the room"):
-        write_video_set(
+        write_video_dataset(
             small(),
             Room(texel_mm=40.0),
             path=far,
@@ -274,7 +278,7 @@ def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
     dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
     list(
-        write_calibration_set(
+        write_calibration_dataset(
             sensor,
             tmp_path / "a",
             views=2,
@@ -296,7 +300,7 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
     pytest.importorskip("av")
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
-    write_video_set(
+    write_video_dataset(
         small(64),
         source,
         path=PATH,
@@ -330,7 +334,7 @@ def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
     import cv2
 
     sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
-    (*_, description) = write_calibration_set(
+    (*_, description) = write_calibration_dataset(
         sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)
     )
     view = json.loads(description.read_text())["views"][0]

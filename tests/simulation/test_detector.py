@@ -125,7 +125,7 @@ def test_a_mosaic_is_what_opencv_reads(bayer):
 @pytest.mark.parametrize("bayer", ["none", "RGGB"])
 def test_numbers_are_of_values_without_mosaic_and_without_noise(bayer, full_well_e):
     detector = Detector(full_well_e=full_well_e, bayer=bayer, curve="linear")
-    assert detector.is_of_values == (bayer == "none" and full_well_e == np.inf)
+    assert detector.is_pointwise == (bayer == "none" and full_well_e == np.inf)
 
 
 @pytest.mark.parametrize("first", [0, 1, 2, 3])

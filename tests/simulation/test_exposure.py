@@ -21,14 +21,14 @@ from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes._painting import Surroundings
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.environment import Environment
-from omnimirror.simulation.scenes.scene import Distant, Pose, PosedScene
+from omnimirror.simulation.scenes.scene import DistantScene, Pose, PosedScene
 from omnimirror.simulation.scenes.street import HOUSES, Street
 from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 HOUSED = Housing(CameraBody(60.0, height_mm=10.0), Rod(8.0, 4.0), rim=Rim(3.0))
-DIM = Radiometry(reflectivity=0.8, vignetting=1.0, sees_past=True)
+DIM = Radiometry(reflectivity=0.8, vignetting=1.0, direct_view=True)
 MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
 
 
@@ -114,8 +114,8 @@ SCENES = {
     "room, turned": PosedScene(
         om.Room(texel_mm=40.0), Pose(700.0, -300.0, 100.0, 40.0, 10.0, -20.0)
     ),
-    "hall, far": PosedScene(Distant(Hall(texel_mm=50.0)), Pose(0.0, 0.0, 0.0, 40.0)),
-    "far street": Distant(PosedScene(Street(texel_mm=100.0), Pose(5000.0, 0.0, 0.0, 40.0))),
+    "hall, far": PosedScene(DistantScene(Hall(texel_mm=50.0)), Pose(0.0, 0.0, 0.0, 40.0)),
+    "far street": DistantScene(PosedScene(Street(texel_mm=100.0), Pose(5000.0, 0.0, 0.0, 40.0))),
     "leaves": meadow(),
 }
 
@@ -200,7 +200,7 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
         white,
         samples=16,
         blur=True,
-        radiometry=Radiometry(reflectivity=0.9, sees_past=False),
+        radiometry=Radiometry(reflectivity=0.9, direct_view=False),
     )
     np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
     assert light[0, 0].max() == 0
@@ -209,7 +209,7 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
         white,
         samples=16,
         blur=True,
-        radiometry=Radiometry(sees_past=True),
+        radiometry=Radiometry(direct_view=True),
     )
     np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
 
@@ -265,7 +265,7 @@ def test_the_camera_is_seen_in_the_middle():
     """Its edge is at the mirror point that reflects the edge of the disk into the lens."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, samples=1, radiometry=Radiometry(grey=0.0))[..., 0]
+    light = expose(sensor, white, samples=1, radiometry=Radiometry(housing_light=0.0))[..., 0]
     edge = sensor.project([[40.0, 0.0, sensor.optical_train.lens_offset[2]]]).pixels[0]
     radius = sensor.radius_from_centre_px(edge[None])[0]
     dark = int((light == 0)[512, 256:768].sum())
@@ -301,6 +301,6 @@ def test_an_imager_that_is_too_large_is_refused_with_the_largest_that_is_not():
     with pytest.raises(
         InvalidParameter, match="for example 32768 x 32768 px; got 40000 x 40000 px"
     ):
-        om.take_picture(large, om.Room(texel_mm=40.0), samples=1)
+        om.render_image(large, om.Room(texel_mm=40.0), samples=1)
     with pytest.raises(InvalidParameter, match=r"100001.*(100000|1e\+05)"):
         replace(sensor.imager, width_px=100_001)

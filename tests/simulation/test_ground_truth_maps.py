@@ -229,7 +229,7 @@ def test_the_picture_is_dark_where_the_truth_says_hidden():
         sensor,
         Environment(np.ones((4, 8, 3), np.float32)),
         samples=1,
-        radiometry=Radiometry(grey=0.0),
+        radiometry=Radiometry(housing_light=0.0),
     )
     truth = ground_truth(sensor, Ball())
     assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, (
@@ -240,7 +240,7 @@ def test_the_picture_is_dark_where_the_truth_says_hidden():
 @pytest.mark.parametrize("width", [1.5, 10.0])
 def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(width, uncompiled):
     """Rays that leave the mirror near its rim with a steeper slope than that towards the edge."""
-    sensor, dark = sensor_of(64, housing=Housing(rim=Rim(width))), Radiometry(grey=0.0)
+    sensor, dark = sensor_of(64, housing=Housing(rim=Rim(width))), Radiometry(housing_light=0.0)
     sky = Environment(np.ones((4, 8, 3), np.float32))
     fast = expose(sensor, sky, samples=9, radiometry=dark)
     uncompiled()
@@ -250,7 +250,7 @@ def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(wi
 
 def test_truth_past_the_mirror_starts_at_the_lens():
     sensor = sensor_of(housing=Housing())
-    truth = ground_truth(sensor, Ball(), Radiometry(sees_past=True))
+    truth = ground_truth(sensor, Ball(), Radiometry(direct_view=True))
     np.testing.assert_allclose(
         truth.origins_mm[0, 0], to_world(sensor, np.array([0, 0, -sensor.mirror_distance_mm]))
     )
@@ -267,7 +267,7 @@ def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
     under = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
     assert 100 < under.sum() < sees.sum()
     np.testing.assert_array_equal((truth.hidden.ravel()[sees])[d[:, 2] > 0], under[d[:, 2] > 0])
-    light = expose(sensor, Ball(), samples=1, radiometry=Radiometry(grey=0.0))
+    light = expose(sensor, Ball(), samples=1, radiometry=Radiometry(housing_light=0.0))
     assert not light[truth.hidden].any()
 
 

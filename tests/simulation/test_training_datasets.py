@@ -14,7 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.housing import CameraBody, Housing
-from omnimirror.simulation.ground_truth_maps import Moment, learning_truth
+from omnimirror.simulation.ground_truth_maps import Moment, training_ground_truth
 from omnimirror.simulation.scenes.moving_objects import SceneWithBodies
 from omnimirror.simulation.scenes.room import FURNITURE, PIECES, ROOM, SOLIDS
 from omnimirror.simulation.scenes.street import Street
@@ -58,7 +58,7 @@ def moments():
 
 @pytest.fixture(scope="module")
 def found(moments):
-    return learning_truth(SMALL, *moments)
+    return training_ground_truth(SMALL, *moments)
 
 
 def in_scene(moment, truth, valid):
@@ -115,26 +115,26 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
 
 def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
     """Retraced ray of that pixel: static points are unchanged, and body points have moved."""
-    v, u = np.nonzero(found.seen_again)
-    there = np.stack([u, v], axis=1) + found.flow_px[found.seen_again]
+    v, u = np.nonzero(found.visible_again)
+    there = np.stack([u, v], axis=1) + found.flow_px[found.visible_again]
     rays = SMALL.backproject(there)
     after = moments[1]
     reach = after.seen.distance_mm(rays.origins, rays.directions)
     ends = after.pose.to_scene(rays.origins + reach[:, None] * rays.directions)
-    points = moments[0].pose.to_scene(found.truth.points_mm[found.seen_again])
-    on_body = found.labels[found.seen_again] == ON_CART
+    points = moments[0].pose.to_scene(found.truth.points_mm[found.visible_again])
+    on_body = found.labels[found.visible_again] == ON_CART
     assert on_body.sum() > 10
     points[on_body] = CART.pose_at(0.35).to_scene(CART.pose_at(0.2).to_sensor(points[on_body]))
     assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # grazing rays
     assert np.quantile(np.linalg.norm(ends - points, axis=1), 0.99) < 1e-3
-    assert 0.7 < found.seen_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
+    assert 0.7 < found.visible_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
 
 
 def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
     """Pixels whose point is occluded in the next frame, by a body that was elsewhere before."""
     empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
-    without = learning_truth(SMALL, *empty)
-    lost = without.seen_again & ~found.seen_again & (found.labels == without.labels)
+    without = training_ground_truth(SMALL, *empty)
+    lost = without.visible_again & ~found.visible_again & (found.labels == without.labels)
     v, u = np.nonzero(lost)
     rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[lost])
     labels = moments[1].scene.labels(
@@ -150,7 +150,7 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
         SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
     )
     made = [
-        om.write_learning_set(
+        om.write_training_dataset(
             tiny,
             om.Room(texel_mm=40.0),
             path=path,
@@ -179,7 +179,7 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
     assert "3 frames of 32 x 32 px" in card
     assert f"| {ON_CART} | cart |" in card
     with pytest.raises(InvalidParameter, match="folder must not contain a dataset"):
-        om.write_learning_set(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
+        om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
 
 
 def test_out_of_doors_the_sky_moves_as_directions_do():
@@ -188,12 +188,12 @@ def test_out_of_doors_the_sky_moves_as_directions_do():
         Moment(SceneWithBodies(street, (), 0.0), pose)
         for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
     )
-    found = learning_truth(SMALL, first, second)
+    found = training_ground_truth(SMALL, first, second)
     sky = np.isinf(found.truth.depth_mm)
     assert sky.sum() > 200
     assert not found.labels[sky].any()
     assert np.isnan(found.normals[sky]).all()
-    again = sky & found.seen_again
+    again = sky & found.visible_again
     v, u = np.nonzero(again)
     towards = SMALL.backproject(np.stack([u, v], axis=1) + found.flow_px[again]).directions
     turned = found.truth.directions[again] @ second.pose.rotation()
@@ -228,7 +228,7 @@ def test_the_command_writes_what_python_does(tmp_path):
     )
     run = omnimirror(*words, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "said")
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
-    made = om.write_learning_set(
+    made = om.write_training_dataset(
         om.load_sensor(sensor),
         om.load_scene("room"),
         path=om.load_path(tmp_path / "walk.csv"),

@@ -20,7 +20,7 @@ from .maps import PixelMap, Rectangle
 from .sampling import (
     border_values,
     check_border,
-    check_picture,
+    check_image,
     checked_out,
     clear_border,
     remap,
@@ -144,7 +144,7 @@ class Dewarper:
             If an image does not match the camera in size or type, or ``out`` does not match the
             view.
         """
-        check_picture(image, self.camera.image_size)
+        check_image(image, self.camera.image_size)
         instance("transparent", transparent, bool, "True or False")
         if out is not None:
             instance("out", out, np.ndarray, "an array of pixels")
@@ -281,10 +281,12 @@ class Dewarper:
             # A polar map without visible pixels is inconclusive: only a pixel map determines
             # visibility.
             return (
-                replace(polar, annulus=annulus_of(self.camera)) if polar.shows_something() else None
+                replace(polar, annulus=annulus_of(self.camera))
+                if polar.has_valid_pixels()
+                else None
             )
         lattice = lattice_map_of(self.camera, self.view, self.viewpoint)
-        if not lattice.shows_something():
+        if not lattice.has_valid_pixels():
             raise self._sees_nothing()
         return replace(lattice, annulus=annulus_of(self.camera))
 
@@ -302,8 +304,8 @@ class Dewarper:
     def _chroma_map(self, sitings: tuple[Siting, Siting]) -> Map:
         """Return the map of 4:2:0 chroma for the siting of the source and of the view."""
         if sitings not in self._chroma_maps:
-            in_picture, in_view = (SITINGS[siting] for siting in sitings)
-            self._chroma_maps[sitings] = self._map.halved(in_picture, in_view)
+            image_offset, view_offset = (SITINGS[siting] for siting in sitings)
+            self._chroma_maps[sitings] = self._map.halved(image_offset, view_offset)
         return self._chroma_maps[sitings]
 
     @cached_property
@@ -401,7 +403,7 @@ class ColourDewarper:
         InvalidParameter
             If the image has no colours or the wrong size, or ``out`` does not match the view.
         """
-        check_picture(image, self.camera.image_size)
+        check_image(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:
             raise InvalidParameter(
                 f"the image must have 3 or 4 channels for a ColourDewarper; got shape {image.shape}"

@@ -47,13 +47,13 @@ from ..io.images import (
 )
 from . import ColourDewarper, Dewarper
 from .interfaces import Border
-from .request import BorderColour, DewarpRequest, Recording, Size, is_video
+from .request import BorderColour, DewarpRequest, Size, VideoOptions, is_video
 
 if TYPE_CHECKING:
     from ..optics.sensor import Sensor
     from .restoration.deblurring import Restoration, Restorer
 
-__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "Recording", "is_video"]
+__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "VideoOptions", "is_video"]
 
 
 # -- Conversion of images to the depths and channels of a file format: integers are sRGB, floats linear light
@@ -118,9 +118,9 @@ class DewarpedImages:
 
     results: Results
     """Completed, failed (with reasons) and unprocessed images."""
-    was_there: int = 0
+    skipped: int = 0
     """Number of skipped images with existing output."""
-    left_out: Counter[str] = field(default_factory=Counter)
+    dropped_metadata: Counter[str] = field(default_factory=Counter)
     """Metadata that the output formats cannot store, with the number of images."""
     oriented: Counter[str] = field(default_factory=Counter)
     """Orientations other than that of the stored pixels, in words, with the number of images."""
@@ -143,7 +143,7 @@ class ImageDewarper:
         self.inside = cache(self._inside)
         self.restorer = cache(self._restorer)
         self.alone = Lock()  # needs much memory
-        self.left_out: Counter[str] = Counter()
+        self.dropped_metadata: Counter[str] = Counter()
         self.oriented: Counter[str] = Counter()
 
     def _dewarper(
@@ -201,7 +201,7 @@ class ImageDewarper:
             )
         is_stored = self.how.stored_orientation
         picture, carried = read_image_and_metadata(source, stored_orientation=is_stored)
-        border = self.how.border.of_picture(picture) if self.how.border else 0
+        border = self.how.border.for_image(picture) if self.how.border else 0
         same = (picture.shape[1], picture.shape[0]), border  # identical for all such images
         dewarp, panorama = self.dewarper(*same)
         _check_orientation(same[0], dewarp.camera.image_size, carried.orientation, is_stored)
@@ -214,15 +214,15 @@ class ImageDewarper:
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         held = as_held(straight, kind)
         recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
-        kept, left_out = carried.that_fits(output, held, recoded)
+        kept, dropped = carried.that_fits(output, held, recoded)
         write_image(
             output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept
         )
         height, width = straight.shape[:2]
         told = _change_of_depth(straight.dtype.name, held.dtype.name)
-        if left_out:
-            told += f", {left_out}"
-            self.left_out[left_out] += 1
+        if dropped:
+            told += f", {dropped}"
+            self.dropped_metadata[dropped] += 1
         if carried.orientation != UPRIGHT:
             turned = applied(carried.orientation, is_stored)
             told += f", {turned}"
@@ -255,7 +255,9 @@ class ImageDewarper:
         pairs = [(s, o) for s, o in found if not (skip_existing and o.exists())]
         jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
         results = run_parallel(jobs, threads, progress)
-        return DewarpedImages(results, len(found) - len(pairs), self.left_out, self.oriented)
+        return DewarpedImages(
+            results, len(found) - len(pairs), self.dropped_metadata, self.oriented
+        )
 
 
 def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored: bool) -> None:

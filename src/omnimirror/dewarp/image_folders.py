@@ -17,7 +17,7 @@ from .viewpoints import Viewpoint
 
 
 @checked
-def dewarp_pictures(
+def dewarp_images(
     sources: str | Path | Iterable[str | Path],
     folder: str | Path,
     *,
@@ -28,7 +28,7 @@ def dewarp_pictures(
     border: BorderArgument | None = None,
     transparent: bool | None = None,
     restoration: Restoration | None = None,
-    keep_lean: bool = False,
+    keep_tilt: bool = False,
     stored_orientation: bool = False,
     wavelengths_nm: tuple[float, float, float] | None = None,
     skip_existing: bool = False,
@@ -60,7 +60,7 @@ def dewarp_pictures(
         Transparency outside the field; by default if the file format supports it.
     restoration
         Deblurring before dewarping; none by default.
-    keep_lean
+    keep_tilt
         Draw the view relative to the tilted camera, without levelling.
     stored_orientation
         Use pixels as stored, ignoring the orientation in the EXIF data.
@@ -92,7 +92,7 @@ def dewarp_pictures(
     >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     om.write_image(f"{folder}/a.png", np.full((1024, 1024, 3), 90, np.uint8))
-    ...     found = om.dewarp_pictures(
+    ...     found = om.dewarp_images(
     ...         f"{folder}/*.png", f"{folder}/straight", camera=om.load_sensor("paper-spherical"),
     ...         view=lambda camera: om.views.panorama(camera, (360, None)),
     ...     )
@@ -101,7 +101,7 @@ def dewarp_pictures(
     """
     colour = None if border is None else BorderColour.of(border)
     how = DewarpRequest(
-        camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation
+        camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
     )
     names = [sources] if isinstance(sources, str | Path) else list(sources)
     straightener = ImageDewarper(

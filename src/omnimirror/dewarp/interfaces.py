@@ -130,11 +130,11 @@ class Map(Protocol):
         """Fill the output of the job with the compiled kernel of this map type."""
         ...
 
-    def halved(self, in_picture: tuple[float, float], in_view: tuple[float, float]) -> Map:
+    def halved(self, image_offset: tuple[float, float], view_offset: tuple[float, float]) -> Map:
         """Return the map from a half-resolution view to a half-resolution image, sizes rounded up.
 
         Samples are offset from the first pixel of each 2 x 2 block by (x, y) from 0 to 1 px:
-        ``in_picture`` in the image, ``in_view`` in the view. At the field boundary a sample is
+        ``image_offset`` in the image, ``view_offset`` in the view. At the field boundary a sample is
         valid if at least two of its four pixels are.
         """
         ...

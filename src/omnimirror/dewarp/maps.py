@@ -53,8 +53,8 @@ def half(size: tuple[int, int]) -> tuple[int, int]:
 
 def halved_pixels(
     pixels: Floats,
-    in_picture: Offset,
-    in_view: Offset,
+    image_offset: Offset,
+    view_offset: Offset,
     source_size: tuple[int, int],
     labels: NDArray[np.int32] | None = None,
 ) -> Floats:
@@ -66,7 +66,7 @@ def halved_pixels(
 
     Parameters
     ----------
-    in_picture, in_view
+    image_offset, view_offset
         Sample offsets (x, y), px; see :meth:`~omnimirror.dewarp.interfaces.Map.halved`.
     source_size
         Size (width, height) of the full image.
@@ -80,7 +80,7 @@ def halved_pixels(
     array([[[0., 0.],
             [1., 0.]]])
     """
-    x, y = in_view
+    x, y = view_offset
     blocks = _blocks(np.where(inside_image(pixels, source_size)[..., None], pixels, np.nan))
     rows = (1 - y) * blocks[..., 0, :, :] + y * blocks[..., 1, :, :]
     at = (1 - x) * rows[..., 0, :] + x * rows[..., 1, :]
@@ -93,7 +93,7 @@ def halved_pixels(
     # A point on the outermost half pixel of the full image may be outside the half-resolution
     # plane.
     halved: Floats = np.clip(
-        (at - np.array(in_picture)) / 2, -0.5, np.array(half(source_size)) - 0.5
+        (at - np.array(image_offset)) / 2, -0.5, np.array(half(source_size)) - 0.5
     )
     return halved.astype(pixels.dtype, copy=False)
 
@@ -227,10 +227,12 @@ class PixelMap:
             )
         return self._packed[kind]
 
-    def halved(self, in_picture: Offset, in_view: Offset) -> PixelMap:
+    def halved(self, image_offset: Offset, view_offset: Offset) -> PixelMap:
         """Return the half-resolution map; see :meth:`~omnimirror.dewarp.interfaces.Map.halved`."""
-        pixels = halved_pixels(self._pixels, in_picture, in_view, self.source_size, self._labels())
-        annulus = self._annulus and self._annulus.halved(in_picture)
+        pixels = halved_pixels(
+            self._pixels, image_offset, view_offset, self.source_size, self._labels()
+        )
+        annulus = self._annulus and self._annulus.halved(image_offset)
         return PixelMap(pixels.astype(np.float32, copy=False), half(self.source_size), annulus)
 
     def _labels(self) -> NDArray[np.int32] | None:
@@ -304,7 +306,7 @@ class LatticeMap:
         pixels: NDArray[np.float32] = whole
         return pixels
 
-    def shows_something(self) -> bool:
+    def has_valid_pixels(self) -> bool:
         """Return True if part of the view is inside the field."""
         return not ((self.cells >= 0).all() and np.isnan(self.patches).all())
 
@@ -330,13 +332,13 @@ class LatticeMap:
 
     # -- half resolution -----------------------------------------------------------------------------
 
-    def halved(self, in_picture: Offset, in_view: Offset) -> Map:
+    def halved(self, image_offset: Offset, view_offset: Offset) -> Map:
         """Return the same lattice at half the step, evaluated between its pixels; patched at the
         image boundary.
         """
         if self.step == FINEST_STEP:
-            return PixelMap.of(self, self.annulus).halved(in_picture, in_view)
-        nodes = (self.nodes - np.array(in_picture)[:, None, None]) / 2
+            return PixelMap.of(self, self.annulus).halved(image_offset, view_offset)
+        nodes = (self.nodes - np.array(image_offset)[:, None, None]) / 2
         cells, patches = self._patched_at_ends()
         return LatticeMap(
             nodes.astype(np.float32),
@@ -344,9 +346,9 @@ class LatticeMap:
             half(self.source_size),
             self.step // 2,
             cells,
-            halved_pixels(patches, in_picture, in_view, self.source_size),
-            ((self.shift[0] + in_view[0]) / 2, (self.shift[1] + in_view[1]) / 2),
-            self.annulus and self.annulus.halved(in_picture),
+            halved_pixels(patches, image_offset, view_offset, self.source_size),
+            ((self.shift[0] + view_offset[0]) / 2, (self.shift[1] + view_offset[1]) / 2),
+            self.annulus and self.annulus.halved(image_offset),
         )
 
     def _patched_at_ends(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
@@ -432,7 +434,7 @@ class PolarMap:
             for c, length in zip(self.centre, self.source_size, strict=True)
         )
 
-    def shows_something(self) -> bool:
+    def has_valid_pixels(self) -> bool:
         """Return True if part of the image is visible; False also for undecided cases."""
         if self._lies_within:
             return bool(np.isfinite(self.radii).any())
@@ -459,18 +461,18 @@ class PolarMap:
         )
         return radii, cosines, sines
 
-    def halved(self, in_picture: Offset, in_view: Offset) -> Map:
+    def halved(self, image_offset: Offset, view_offset: Offset) -> Map:
         """Return the map with interpolated circles; at the field boundary one of two rows is
         sufficient.
         """
-        annulus = self.annulus and self.annulus.halved(in_picture)
+        annulus = self.annulus and self.annulus.halved(image_offset)
         if not self._lies_within:
             return PixelMap(self._pixels, self.source_size, self.annulus).halved(
-                in_picture, in_view
+                image_offset, view_offset
             )
-        (x, y), radii, angles = in_view, pairs(self.radii), pairs(self.angles)
+        (x, y), radii, angles = view_offset, pairs(self.radii), pairs(self.angles)
         at = (1 - y) * radii[:, 0] + y * radii[:, 1]
         at = np.where(np.isnan(at), np.where(np.isnan(radii[:, 0]), radii[:, 1], radii[:, 0]), at)
-        centre = (self.centre[0] - in_picture[0]) / 2, (self.centre[1] - in_picture[1]) / 2
+        centre = (self.centre[0] - image_offset[0]) / 2, (self.centre[1] - image_offset[1]) / 2
         between = (1 - x) * angles[:, 0] + x * angles[:, 1]
         return PolarMap(centre, at / 2, between, half(self.source_size), annulus)

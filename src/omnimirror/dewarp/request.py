@@ -20,7 +20,7 @@ from ..io.image_sequences import is_sequence
 from ..io.images import OPAQUE
 from . import Dewarper, views
 from .interfaces import Border, Interpolation
-from .screens import Cylinder, Sphere, View
+from .screens import Cylinder, Equirectangular, View
 from .viewpoints import Viewpoint
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ VALID_COLOURS = "a grey level, R,G,B or #rrggbb"
 class BorderColour:
     """Grey level or RGB colour, in image values or as a hexadecimal colour.
 
-    >>> BorderColour.of("#204080").of_picture(np.zeros((1, 1, 3), np.uint8)), BorderColour.of(7).values
+    >>> BorderColour.of("#204080").for_image(np.zeros((1, 1, 3), np.uint8)), BorderColour.of(7).values
     ((32.0, 64.0, 128.0), (7.0,))
     """
 
@@ -80,7 +80,7 @@ class BorderColour:
             raise InvalidParameter(f"border must be {VALID_COLOURS}; got {shown(border)}")
         return cls(text, values, False)
 
-    def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:
+    def for_image(self, image: NDArray[Any]) -> tuple[float, ...]:
         """Return one value per channel of a grey, RGB or RGBA image, opaque.
 
         Raises
@@ -107,7 +107,7 @@ class BorderColour:
         colour = values if len(values) == 3 else values * 3
         return colour if channels == 3 else (*colour, float(full))
 
-    def of_frame(self, frame: av.VideoFrame) -> tuple[int, int, int]:
+    def for_frame(self, frame: av.VideoFrame) -> tuple[int, int, int]:
         """Return y, u and v in the colour coding of a video frame.
 
         Raises
@@ -117,7 +117,7 @@ class BorderColour:
         """
         from ..io.video_frames import coded_colour
 
-        return coded_colour(self.of_picture(np.empty((1, 1, 3), np.uint8)), frame)
+        return coded_colour(self.for_image(np.empty((1, 1, 3), np.uint8)), frame)
 
     def _scaled(self, depth: str) -> tuple[float, ...]:
         if not self.is_hex or depth == "uint8":
@@ -155,7 +155,7 @@ class DewarpRequest:
         As in :class:`omnimirror.Dewarper`.
     border
         Colour outside the field; black by default.
-    keep_lean
+    keep_tilt
         Draw the view relative to the tilted camera, without levelling; panoramas store the tilt for
         viewers.
     stored_orientation
@@ -168,7 +168,7 @@ class DewarpRequest:
     interpolation: Interpolation = "auto"
     viewpoint: Viewpoint = "exact"
     border: BorderColour | None = None
-    keep_lean: bool = False
+    keep_tilt: bool = False
     stored_orientation: bool = False
 
     def camera_of(self, size: Size) -> Camera:
@@ -178,7 +178,7 @@ class DewarpRequest:
 
     def drawing(self, camera: Camera) -> Camera:
         """Return the camera for drawing the view: without tilt if the view is not levelled."""
-        return without_tilt(camera) if self.keep_lean else camera
+        return without_tilt(camera) if self.keep_tilt else camera
 
     def view_of(self, camera: Camera) -> View:
         """Return the view drawn by a camera."""
@@ -195,12 +195,12 @@ class DewarpRequest:
         tilt.
         """
         if (
-            not isinstance(view, Cylinder | Sphere)
+            not isinstance(view, Cylinder | Equirectangular)
             or not view.is_distant
             or getattr(view, "rows", "tilt") != "tilt"
         ):
             return None
-        mount = _mount_of(camera) if self.keep_lean else None
+        mount = _mount_of(camera) if self.keep_tilt else None
         lean = (0.0, 0.0) if mount is None else mount.lean_of_view(view.pan_deg)
         return GPano.of_view(
             view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, lean_deg=lean
@@ -208,7 +208,7 @@ class DewarpRequest:
 
 
 @dataclass(frozen=True)
-class Recording:
+class VideoOptions:
     """Selection of a video and output settings.
 
     Parameters
@@ -232,7 +232,7 @@ class Recording:
     Examples
     --------
     >>> import omnimirror as om
-    >>> om.Recording(start_s=2.0, crf=20).encoding()
+    >>> om.VideoOptions(start_s=2.0, crf=20).encoding()
     {'crf': 20}
     """
 

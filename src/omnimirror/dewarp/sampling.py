@@ -53,7 +53,7 @@ DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
-def check_picture(image: Image, size: tuple[int, int]) -> None:
+def check_image(image: Image, size: tuple[int, int]) -> None:
     """Raise an error unless an array is an image of the given (width, height)."""
     check_kind(image)
     if image.shape[2:] == (2,):

@@ -40,7 +40,7 @@ from ..io.video_writer import ImageSequenceWriter, Sink, VideoWriter, check_patt
 from . import views
 from ._dewarper import Dewarper
 from .interfaces import Border, Interpolation
-from .request import BorderArgument, BorderColour, DewarpRequest, Recording, Size
+from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoOptions
 from .screens import View
 from .viewpoints import Viewpoint
 from .yuv import Siting
@@ -115,16 +115,16 @@ class DewarpedVideo:
 
 
 @dataclass(frozen=True)
-class Listener:
+class VideoCallbacks:
     """Callbacks for messages and progress."""
 
-    note: Callable[[str], None] = lambda sentence: None
+    on_warning: Callable[[str], None] = lambda message: None
     """Called with a sentence about losses and doubts."""
-    progress: Callable[[FrameProgress], None] = lambda progress: None
+    on_progress: Callable[[FrameProgress], None] = lambda progress: None
     """Called a few times per second with the progress."""
 
 
-SILENT = Listener()
+NO_CALLBACKS = VideoCallbacks()
 
 
 @checked
@@ -137,10 +137,10 @@ def dewarp_video(
     interpolation: Interpolation = "auto",
     viewpoint: Viewpoint = "exact",
     border: BorderArgument | None = None,
-    keep_lean: bool = False,
+    keep_tilt: bool = False,
     stored_orientation: bool = False,
-    recording: Recording | None = None,
-    listener: Listener | None = None,
+    options: VideoOptions | None = None,
+    callbacks: VideoCallbacks | None = None,
 ) -> DewarpedVideo:
     """Dewarp a video, as ``omnimirror dewarp`` does, preserving depth, colours, sound and timing.
 
@@ -159,13 +159,13 @@ def dewarp_video(
         As in :class:`omnimirror.Dewarper`.
     border
         Colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
-    keep_lean
+    keep_tilt
         Draw the view relative to the tilted camera, without levelling.
     stored_orientation
         Use frames as stored, ignoring the rotation in the display matrix of the video.
-    recording
+    options
         Selection of the video and output settings.
-    listener
+    callbacks
         Callbacks for losses and progress; none by default.
 
     Returns
@@ -195,13 +195,13 @@ def dewarp_video(
     """
     colour = None if border is None else BorderColour.of(border)
     how = DewarpRequest(
-        camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation
+        camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
     )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs must contain at least one output")
     return dewarp_source(
-        str(source), [str(name) for name in names], how, recording or Recording(), listener
+        str(source), [str(name) for name in names], how, options or VideoOptions(), callbacks
     )
 
 
@@ -209,55 +209,55 @@ def dewarp_source(
     source: str,
     outputs: Sequence[str],
     how: DewarpRequest,
-    recording: Recording,
-    listener: Listener | None = None,
+    options: VideoOptions,
+    callbacks: VideoCallbacks | None = None,
 ) -> DewarpedVideo:
     """Dewarp a video as specified by a request."""
-    _check_outputs(source, outputs, recording)
-    listener = listener or SILENT
+    _check_outputs(source, outputs, options)
+    callbacks = callbacks or NO_CALLBACKS
     if is_live(source):
-        return _dewarp_live_source(source, outputs, how, recording, listener)
+        return _dewarp_live_source(source, outputs, how, options, callbacks)
     with standard_input() if source == "-" else nullcontext(source) as path:
-        return _dewarp_file(str(path), outputs, how, recording, listener)
+        return _dewarp_file(str(path), outputs, how, options, callbacks)
 
 
 def _dewarp_file(
     source: str,
     outputs: Sequence[str],
     how: DewarpRequest,
-    recording: Recording,
-    listener: Listener,
+    options: VideoOptions,
+    callbacks: VideoCallbacks,
 ) -> DewarpedVideo:
-    if recording.frame_rate is not None and not is_sequence(source):
+    if options.frame_rate is not None and not is_sequence(source):
         raise InvalidParameter(
-            f"frame_rate must be omitted unless the source is an image sequence; got {recording.frame_rate:g}"
+            f"frame_rate must be omitted unless the source is an image sequence; got {options.frame_rate:g}"
         )
     with_sound = any(_is_video_file(output) for output in outputs)
-    rate = 25.0 if recording.frame_rate is None else recording.frame_rate
+    rate = 25.0 if options.frame_rate is None else options.frame_rate
     with VideoReader(
         source,
-        recording.start_s or 0.0,
-        recording.duration_s,
+        options.start_s or 0.0,
+        options.duration_s,
         with_sound,
         rate,
         how.stored_orientation,
     ) as reader:
         for note in reader.notes:
-            listener.note(note)
-        turn = ViewOverTime(how, reader.size, recording, reader.siting, reader.pixel_format)
+            callbacks.on_warning(note)
+        turn = ViewOverTime(how, reader.size, options, reader.siting, reader.pixel_format)
         sink = _sinks(
             outputs,
             turn,
             FrameProperties(reader.frame_rate, reader.colour, reader.display),
             reader,
-            listener,
+            callbacks,
         )
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, ImageSequenceWriter):
             items = sink.lacking(items)
-        outcome = _run(items, sink, turn, reader.expected_frames, listener)
-        _report_stale_images(outputs, outcome.frames, recording, listener)
+        outcome = _run(items, sink, turn, reader.expected_frames, callbacks)
+        _report_stale_images(outputs, outcome.frames, options, callbacks)
         return DewarpedVideo(turn.view, outcome)
 
 
@@ -265,31 +265,33 @@ def _dewarp_live_source(
     source: str,
     outputs: Sequence[str],
     how: DewarpRequest,
-    recording: Recording,
-    listener: Listener,
+    options: VideoOptions,
+    callbacks: VideoCallbacks,
 ) -> DewarpedVideo:
-    if recording.start_s is not None:
+    if options.start_s is not None:
         raise InvalidParameter(
-            f"start_s must be omitted for the live source {source}; got {recording.start_s:g}"
+            f"start_s must be omitted for the live source {source}; got {options.start_s:g}"
         )
-    live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
+    live = LiveSource(
+        source, report=callbacks.on_warning, stored_orientation=how.stored_orientation
+    )
     try:
         first = live.first()
         turn = ViewOverTime(
-            how, (first.width, first.height), recording, live.siting, first.format.name
+            how, (first.width, first.height), options, live.siting, first.format.name
         )
         told = FrameProperties(
             live.frame_rate or UNKNOWN_RATE,
             ColourCoding.told_by(first),
             MasteringDisplay.of(first.side_data),
         )
-        sink = _sinks(outputs, turn, told, None, listener)
+        sink = _sinks(outputs, turn, told, None, callbacks)
         outcome = _run(
-            _until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0
+            _until(live.frames(), options.duration_s), sink, turn, None, callbacks, ahead=0
         )
     finally:
         live.close()
-    _report_stale_images(outputs, outcome.frames, recording, listener)
+    _report_stale_images(outputs, outcome.frames, options, callbacks)
     summary = (
         f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
     )
@@ -297,18 +299,18 @@ def _dewarp_live_source(
 
 
 def _report_stale_images(
-    outputs: Sequence[str], count: int, recording: Recording, listener: Listener
+    outputs: Sequence[str], count: int, options: VideoOptions, callbacks: VideoCallbacks
 ) -> None:
     """Report numbered images left by an earlier, longer run: readers of the pattern would continue
     with them.
     """
     for output in outputs:
-        if recording.skip_existing or not (_is_file(output) and is_image_output(output)):
+        if options.skip_existing or not (_is_file(output) and is_image_output(output)):
             continue
         pattern = Path(output)
         if others := [number for number in numbers_of(pattern) if number > count]:
             first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
-            listener.note(
+            callbacks.on_warning(
                 f"{output}: {first} to {last} are images of a previous run and do not belong to this video"
             )
 
@@ -326,7 +328,7 @@ def _is_virtual_camera(output: str) -> bool:
     return output.startswith("/dev/video")
 
 
-def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) -> None:
+def _check_outputs(source: str, outputs: Sequence[str], options: VideoOptions) -> None:
     """Raise an error for conflicting outputs and for options that apply to none of them."""
     if twice := [output for output in outputs if outputs.count(output) > 1]:
         raise InvalidParameter(f"the outputs must differ; got {twice[0]} twice")
@@ -339,27 +341,27 @@ def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) ->
             raise InvalidParameter(
                 f"the output must not overwrite the source images {source}; got {pattern}"
             )
-    if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
+    if pictures and options.skip_existing and (len(outputs) > 1 or options.preview):
         raise InvalidParameter(
             "skip_existing must be used with a single image sequence as output; "
             f"omit all outputs except {pictures[0]}"
         )
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
     if not is_coded and (
-        asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]
+        asked := [name for name in ("codec", "crf") if getattr(options, name) is not None]
     ):
         raise InvalidParameter(
             f"{asked[0]} must be omitted unless an output is a video file or stream; "
-            f"got {getattr(recording, asked[0])}"
+            f"got {getattr(options, asked[0])}"
         )
-    if recording.pipe_format is not None and "-" not in outputs:
+    if options.pipe_format is not None and "-" not in outputs:
         raise InvalidParameter(
-            f"pipe_format must be omitted unless an output is '-'; got {recording.pipe_format}"
+            f"pipe_format must be omitted unless an output is '-'; got {options.pipe_format}"
         )
-    if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
+    if options.pixel_format is not None and options.pipe_format != "rawvideo" and not is_coded:
         raise InvalidParameter(
             "pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; "
-            f"got {recording.pixel_format}"
+            f"got {options.pixel_format}"
         )
 
 
@@ -372,14 +374,14 @@ class ViewOverTime:
         self,
         how: DewarpRequest,
         size: Size,
-        recording: Recording,
+        options: VideoOptions,
         siting: Siting,
         pixel_format: str,
     ) -> None:
         stands = how.camera_of(size)
-        self.how, self.recording, self.siting, self.pixel_format = (
+        self.how, self.options, self.siting, self.pixel_format = (
             how,
-            recording,
+            options,
             siting,
             pixel_format,
         )
@@ -387,15 +389,13 @@ class ViewOverTime:
         self.colour, self.border = how.border, 0
         self.view: View = how.view_of(self.camera)
         self.panorama = how.panorama_of(stands, self.view)
-        self.keyframes = (
-            None if recording.keyframes is None else Keyframes.load(recording.keyframes)
-        )
+        self.keyframes = None if options.keyframes is None else Keyframes.load(options.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
                 raise InvalidParameter(
-                    f"{recording.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
+                    f"{options.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
                 )
 
     def _dewarper(self, view: View) -> Dewarper:
@@ -406,7 +406,7 @@ class ViewOverTime:
         output.
         """
         if self.colour is not None:  # the first frame determines the colour coding
-            self.border, self.colour = self.colour.of_frame(frame), None
+            self.border, self.colour = self.colour.for_frame(frame), None
             self.still = self._dewarper(self.view)
         if self.keyframes is None:
             return dewarp_frame(self.still, frame, self.siting, to_siting)
@@ -427,17 +427,17 @@ def _sinks(
     turn: ViewOverTime,
     told: FrameProperties,
     source: VideoReader | None,
-    listener: Listener,
+    callbacks: VideoCallbacks,
 ) -> Sink:
     """Open all outputs as one sink; opened outputs are discarded if one fails."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
         for output in outputs:
-            sinks.append(_sink(output, turn, told, source, listener))
+            sinks.append(_sink(output, turn, told, source, callbacks))
             opened.callback(sinks[-1].abort)
             for note in getattr(sinks[-1], "notes", ()):
-                listener.note(note)
-        if turn.recording.preview:
+                callbacks.on_warning(note)
+        if turn.options.preview:
             sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
         opened.pop_all()
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
@@ -448,30 +448,28 @@ def _sink(
     turn: ViewOverTime,
     told: FrameProperties,
     source: VideoReader | None,
-    listener: Listener,
+    callbacks: VideoCallbacks,
 ) -> Sink:
-    size, recording, rate = turn.view.size, turn.recording, told.rate
+    size, options, rate = turn.view.size, turn.options, told.rate
     if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
-        listener.note(
+        callbacks.on_warning(
             f"{output}: {DISPLAY_LOST}; files encoded with libx264 or libx265 preserve it"
         )
     if output == "-":
-        return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
+        return PipeSink(options.pipe_format or "y4m", rate, options.pixel_format or "rgb24")
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
     if is_image_output(output) and "://" not in output:
-        panorama = (
-            turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
-        )
+        panorama = turn.panorama if can_be_panorama(output) and options.keyframes is None else None
         return ImageSequenceWriter(
             output,
             size,
             turn.pixel_format,
             told.colour,
             panorama,
-            skip_existing=recording.skip_existing,
+            skip_existing=options.skip_existing,
         )
-    encoding: dict[str, Any] = recording.encoding()
+    encoding: dict[str, Any] = options.encoding()
     # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
     if (
@@ -479,7 +477,7 @@ def _sink(
         and "pixel_format" not in encoding
         and (lost := conversion_losses(turn.pixel_format, PixelFormat()))
     ):
-        listener.note(f"{output}: {lost}; use --pixel-format for another format")
+        callbacks.on_warning(f"{output}: {lost}; use --pixel-format for another format")
     if is_for_any:  # use the range assumed by players
         encoding |= {
             "colour": replace(told.colour, range=min(told.colour.range, 1)),
@@ -487,7 +485,7 @@ def _sink(
         }
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
-    if can_be_spherical(output) and recording.keyframes is None:
+    if can_be_spherical(output) and options.keyframes is None:
         encoding["panorama"] = turn.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
@@ -501,7 +499,7 @@ def _run(
     sink: Sink,
     turn: ViewOverTime,
     total: int | None,
-    listener: Listener,
+    callbacks: VideoCallbacks,
     ahead: int = 4,
 ) -> video_processing.ProcessingResult:
     """Dewarp all frames."""
@@ -512,7 +510,7 @@ def _run(
         "frame",
         total=total,
         ahead=ahead,
-        progress=listener.progress,
+        progress=callbacks.on_progress,
     )
 
 

@@ -84,8 +84,8 @@ def place_on_axis(camera: Camera, height_mm: float) -> Array:
 def middle_distance(screen: Screen) -> float:
     """Return the median distance (mm) of the points of a screen from the mirror vertex.
 
-    >>> from omnimirror.dewarp.screens import Sphere
-    >>> round(middle_distance(Sphere((40, 20), distance_mm=300.0)), 9)
+    >>> from omnimirror.dewarp.screens import Equirectangular
+    >>> round(middle_distance(Equirectangular((40, 20), distance_mm=300.0)), 9)
     300.0
     """
     width, height = screen.size

@@ -16,7 +16,8 @@ from .field_of_view import FieldOfView, field_of, pole_of
 from .screens import (
     CubeMap,
     Cylinder,
-    Dome,
+    DomeMaster,
+    Equirectangular,
     Ground,
     Layout,
     LittlePlanet,
@@ -25,21 +26,20 @@ from .screens import (
     Pole,
     Rows,
     Screen,
-    Sphere,
     View,
     parts_of,
 )
 from .screens._screen import NOT_MOVED, Offset
 
 __all__ = [
-    "LARGEST_MAGNIFICATION",
+    "MAX_MAGNIFICATION",
     "PRESETS",
     "VIEWS",
     "Preset",
     "cube",
     "dome",
     "ground",
-    "largest_zoom",
+    "max_zoom",
     "mosaic",
     "panorama",
     "perspective",
@@ -59,7 +59,7 @@ PartialSize = tuple[int | None, int | None]
 UNKNOWN_SIZE: PartialSize = (None, None)
 
 
-LARGEST_MAGNIFICATION = 4.0
+MAX_MAGNIFICATION = 4.0
 """Maximum magnification in output pixels per source pixel: cubic interpolation is still smooth,
 without additional detail above about 1.
 """
@@ -103,10 +103,10 @@ def resolution(camera: Camera, view: View) -> float:
 
 
 @checked
-def largest_zoom(camera: Camera, view: View) -> float:
+def max_zoom(camera: Camera, view: View) -> float:
     """Return the maximum zoom factor within the resolution of the camera, at least 1.
 
-    At this zoom, :data:`LARGEST_MAGNIFICATION` output pixels correspond to one source pixel;
+    At this zoom, :data:`MAX_MAGNIFICATION` output pixels correspond to one source pixel;
     infinite if the resolution is unknown.
 
     Parameters
@@ -125,10 +125,10 @@ def largest_zoom(camera: Camera, view: View) -> float:
     --------
     >>> import omnimirror as om
     >>> camera = om.load_sensor("paper-spherical")
-    >>> print(f"{om.views.largest_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
+    >>> print(f"{om.views.max_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
     2.94
     """
-    within = LARGEST_MAGNIFICATION * resolution(camera, view)
+    within = MAX_MAGNIFICATION * resolution(camera, view)
     return max(1.0, within) if np.isfinite(within) else np.inf
 
 
@@ -269,7 +269,7 @@ def sphere(
     elevation_deg: tuple[float, float] = (-90.0, 90.0),
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
-) -> Sphere:
+) -> Equirectangular:
     """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
     the camera.
 
@@ -295,7 +295,7 @@ def sphere(
 
     Returns
     -------
-    Sphere
+    Equirectangular
         Screen.
 
     Raises
@@ -321,7 +321,9 @@ def sphere(
                 "the width must be even for an equirectangular image with the aspect ratio 2:1; "
                 f"got {width} px; use for example {width + 1} px, or specify the height also"
             )
-    return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
+    return Equirectangular(
+        completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm
+    )
 
 
 @checked
@@ -386,7 +388,7 @@ def dome(
     pole: Pole | None = None,
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
-) -> Dome:
+) -> DomeMaster:
     """Create a dome about the pole nearest to the centre of the field, up to the end of the field.
 
     Parameters
@@ -409,7 +411,7 @@ def dome(
 
     Returns
     -------
-    Dome
+    DomeMaster
         Screen.
 
     Examples
@@ -423,7 +425,7 @@ def dome(
     pole = pole or pole_of(camera)
     first, last = omega_deg or (0.0, field_end(seen, pole))
     diameter = 2 * last * seen.pixels_per_degree
-    return Dome(
+    return DomeMaster(
         completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm
     )
 

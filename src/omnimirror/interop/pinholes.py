@@ -18,7 +18,7 @@ from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..cameras.frames import view_axes
 from ..dewarp import Dewarper, views
-from ..dewarp.screens import Plane, Screen, Sphere
+from ..dewarp.screens import Equirectangular, Plane, Screen
 from ..dewarp.viewpoints import Viewpoint, projection_of
 from ..optics.sensor import Sensor
 from .ray_tables import obscured_pixels
@@ -154,7 +154,7 @@ class RigCamera(NamedTuple):
     """Virtual camera of a rig, in the mirror frame (x forward, y left, z up)."""
 
     name: str
-    screen: Plane | Sphere
+    screen: Plane | Equirectangular
     model: str
     """COLMAP camera model, ``PINHOLE`` or ``EQUIRECTANGULAR``."""
     parameters: tuple[float, ...]

@@ -22,7 +22,7 @@ from .pixel_rays import Samples, mirror_net
 from .radiometry import Radiometry
 from .scenes._painting import PaintedScene, Surroundings
 from .scenes.environment import Environment
-from .scenes.scene import Distant, PosedScene, Scene
+from .scenes.scene import DistantScene, PosedScene, Scene
 
 # -- Sensor parameters for the compiled kernels: lens, mirror and obstructions ---------------------
 
@@ -87,8 +87,8 @@ def native_optics(
         reflectance=tuple(reflectance_series(radiometry, steepest_incidence(sensor))),
         natural_vignetting=radiometry.vignetting,
         **_standing(sensor.obstructions, m),
-        housing_light=(radiometry.grey,) * 3,
-        sees_past=radiometry.sees_past,
+        housing_light=(radiometry.housing_light,) * 3,
+        sees_past=radiometry.direct_view,
         rotation=tuple(rotation.ravel()),
         shift=tuple(np.array(frame.shift_mm) - (0.0 if frame.distant else m) * rotation[:, 2]),
         distant=frame.distant,
@@ -204,7 +204,7 @@ class _Placed(NamedTuple):
 
 
 def _placed(scene: Scene) -> _Placed:
-    if isinstance(scene, Distant):
+    if isinstance(scene, DistantScene):
         return _placed(scene.scene)._replace(distant=True)
     if isinstance(scene, PosedScene):
         inner, pose = _placed(scene.scene), scene.pose
@@ -240,7 +240,7 @@ def compiled_light(
     if isinstance(placed.scene, Environment):
         return _of_environment(sensor, placed.scene, placed, plan, radiometry, progress, medium)
     # Rays past the mirror have arbitrary origins
-    if isinstance(placed.scene, PaintedScene) and not radiometry.sees_past:
+    if isinstance(placed.scene, PaintedScene) and not radiometry.direct_view:
         starts = turned(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
         starts = np.where(placed.distant, placed.shift_mm, starts)
         margin = 0.0 if placed.distant else BESIDE * sensor.mirror.rim_radius_mm

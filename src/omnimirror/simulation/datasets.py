@@ -37,7 +37,7 @@ from .dataset_manifest import (
     recipe_record,
 )
 from .detector import Detector
-from .ground_truth_maps import LearningTruth, Moment, ground_truth, learning_truth
+from .ground_truth_maps import Moment, TrainingGroundTruth, ground_truth, training_ground_truth
 from .pixel_rays import project_visible, sights
 from .radiometry import Radiometry
 from .rendering import expose
@@ -103,7 +103,7 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
 
 
 @checked
-def write_calibration_set(
+def write_calibration_dataset(
     sensor: AnyCamera,
     folder: str | Path,
     *,
@@ -155,7 +155,7 @@ def write_calibration_set(
     >>> sensor = om.load_sensor("paper-spherical")
     >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = om.write_calibration_set(small, folder, views=1, samples=1, blur=False)
+    ...     written = om.write_calibration_dataset(small, folder, views=1, samples=1, blur=False)
     ...     [path.name for path in written]
     ['view-000.png', 'dataset.json']
     """
@@ -176,7 +176,7 @@ def write_calibration_set(
 
 
 def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
-    """Write the dataset of a recipe; see :func:`write_calibration_set`."""
+    """Write the dataset of a recipe; see :func:`write_calibration_dataset`."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
     ledger = _begin(
@@ -222,7 +222,7 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
 
 
 @checked
-def write_video_set(
+def write_video_dataset(
     sensor: AnyCamera,
     scene: Scene | SceneSource,
     *,
@@ -299,7 +299,7 @@ def write_video_set(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open(f"{folder}/path.csv", "w") as file:
     ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
-    ...     om.write_video_set(
+    ...     om.write_video_dataset(
     ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), folder=f"{folder}/set",
     ...         samples=1, blur=False)
     2
@@ -324,7 +324,7 @@ def write_video_set(
 def render_frames(
     recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None
 ) -> int:
-    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_set`."""
+    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_dataset`."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
@@ -446,7 +446,7 @@ CARD = "README.md"
 
 
 @checked
-def write_learning_set(
+def write_training_dataset(
     camera: AnyCamera,
     scene: Scene,
     *,
@@ -508,7 +508,7 @@ def write_learning_set(
     >>> from omnimirror.io.keyframes import Keyframes
     >>> moves = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     shards = om.write_learning_set(camera, om.Room(texel_mm=40.0), path=moves, folder=folder, samples=1)
+    ...     shards = om.write_training_dataset(camera, om.Room(texel_mm=40.0), path=moves, folder=folder, samples=1)
     ...     [shard.name for shard in shards]
     ['set-000000.tar']
     """
@@ -529,7 +529,7 @@ def write_learning_set(
             camera, now.seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number
         )
         picture = encoded(reading.read(light, seed + number), ".png")
-        found = learning_truth(camera, now, following, radiometry)
+        found = training_ground_truth(camera, now, following, radiometry)
         if progress is not None:
             progress(number + 1, len(times))
         return {
@@ -565,7 +565,7 @@ def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) ->
                 shard.addfile(entry, io.BytesIO(content))
 
 
-def _arrays(found: LearningTruth) -> bytes:
+def _arrays(found: TrainingGroundTruth) -> bytes:
     truth, into = found.truth, io.BytesIO()
     np.savez_compressed(
         into,
@@ -575,7 +575,7 @@ def _arrays(found: LearningTruth) -> bytes:
         normals=found.normals.astype(np.float32),
         flow_px=found.flow_px.astype(np.float32),
         labels=found.labels,
-        seen_again=found.seen_again,
+        visible_again=found.visible_again,
         hidden=truth.hidden,
     )
     return into.getvalue()
@@ -619,7 +619,7 @@ Synthetic dataset of {count} frames of {width} x {height} px at {frame_rate:g} f
 | `normals` | surface normal in the sensor frame, towards the sensor |
 | `labels` | label of the surface |
 | `flow_px` | displacement of the object point to the next frame, right and down; NaN outside the field |
-| `seen_again` | True if the object point is visible in the next frame |
+| `visible_again` | True if the object point is visible in the next frame |
 | `hidden` | True if the pixel observes a part of the sensor |
 
 | label | name |

@@ -107,14 +107,14 @@ class Detector:
             raise InvalidParameter(
                 f"curve must be 'linear' with black_level_dn; got black_level_dn = {self.black_level_dn:g}"
             )
-        if self.offset_dn > self.largest_dn / 2:
+        if self.offset_dn > self.max_dn / 2:
             raise InvalidParameter(
-                f"black_level_dn must be at most {self.largest_dn // 2}, half of the largest value; got "
+                f"black_level_dn must be at most {self.max_dn // 2}, half of the largest value; got "
                 f"{self.offset_dn:g} DN; reduce black_level_dn or read_noise_e"
             )
 
     @property
-    def largest_dn(self) -> int:
+    def max_dn(self) -> int:
         """Maximum value, at saturation."""
         return int(2**self.bits - 1)
 
@@ -135,9 +135,7 @@ class Detector:
             return self.black_level_dn
         if self.curve != "linear":
             return 0.0
-        return float(
-            np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn)
-        )
+        return float(np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.max_dn))
 
     @property
     def counts(self) -> bool:
@@ -145,7 +143,7 @@ class Detector:
         return bool(np.isfinite(self.full_well_e))
 
     @property
-    def is_of_values(self) -> bool:
+    def is_pointwise(self) -> bool:
         """True if each value depends on one light value only: no noise and no colour mosaic."""
         return self.bayer == "none" and not self.counts
 
@@ -205,8 +203,8 @@ def digital_values(detector: Detector, light: Light) -> NDArray[Any]:
 
 def _rounded(detector: Detector, signal: Light) -> Light:
     shown = srgb_from_linear(signal) if detector.curve == "srgb" else signal
-    values: Light = np.rint(detector.largest_dn * shown + np.float32(detector.offset_dn))
-    return np.clip(values, 0, detector.largest_dn)
+    values: Light = np.rint(detector.max_dn * shown + np.float32(detector.offset_dn))
+    return np.clip(values, 0, detector.max_dn)
 
 
 class Electrons:
@@ -321,7 +319,7 @@ class Readout:
     def medium(self) -> Medium:
         """Medium that receives the light."""
         detector, electrons = self._detector, self._electrons
-        if detector.is_of_values:
+        if detector.is_pointwise:
             return Medium(detector.dtype, detector.read)
         dtype = detector.dtype if electrons is None else electrons.dtype
         return Medium(dtype, self._read, in_order=True, is_grey=detector.bayer != "none")

@@ -21,7 +21,7 @@ from .scenes.scene import Pose, PosedScene, Scene, distances_mm
 ROWS_AT_ONCE = 64
 
 
-class Truth(NamedTuple):
+class GroundTruth(NamedTuple):
     """Scene points of the chief rays of pixel centres (rows, columns); NaN for pixels without
     scene.
 
@@ -65,7 +65,7 @@ class Truth(NamedTuple):
 
 
 @checked
-def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
+def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> GroundTruth:
     """Return the ground truth of each pixel centre by its chief ray.
 
     Parameters
@@ -77,7 +77,7 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
 
     Returns
     -------
-    Truth
+    GroundTruth
         Origin, direction, depth and visibility for each pixel.
 
     Raises
@@ -110,7 +110,7 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
         depth[band][valid.reshape(shape)] = distances_mm(
             scene, seen.origins[valid], seen.directions[valid]
         )
-    return Truth(origins, directions, depth, hidden)
+    return GroundTruth(origins, directions, depth, hidden)
 
 
 # -- Ground truth for machine learning: normals, labels and optical flow to the next frame of every pixel
@@ -132,23 +132,23 @@ class Moment(NamedTuple):
         return PosedScene(self.scene, self.pose)
 
 
-class LearningTruth(NamedTuple):
+class TrainingGroundTruth(NamedTuple):
     """Ground truth of a frame for the chief rays of pixel centres; NaN for pixels without scene."""
 
-    truth: Truth
+    truth: GroundTruth
     normals: Array
     """Unit normals (h, w, 3) towards the sensor, in its world frame."""
     labels: NDArray[np.uint16]
     """Labels (h, w); 0 for pixels without object."""
     flow_px: Array
     """Optical flow (h, w, 2) to the next frame, (right, down); NaN outside its field."""
-    seen_again: Mask
+    visible_again: Mask
     """Mask (h, w) of points that are not occluded in the next frame."""
 
 
-def learning_truth(
+def training_ground_truth(
     camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None
-) -> LearningTruth:
+) -> TrainingGroundTruth:
     """Return the ground truth of a frame, and its flow to the following one.
 
     Normals are those of the plane through three points on adjacent rays, and therefore exact on
@@ -171,7 +171,7 @@ def learning_truth(
     v, u = np.nonzero(valid)
     moved, again[valid] = _moved(camera, now, following, (origins, towards, depth, met), radiometry)
     flow[valid] = moved - np.stack([u, v], axis=1)
-    return LearningTruth(truth, normals, labels, flow, again)
+    return TrainingGroundTruth(truth, normals, labels, flow, again)
 
 
 @np.errstate(invalid="ignore")  # points at infinity

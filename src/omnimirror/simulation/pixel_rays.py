@@ -19,7 +19,7 @@ from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.shell_transmission import ShellTransit, passage
 from .radiometry import Radiometry, camera_front
-from .scenes.scene import Measured, Scene
+from .scenes.scene import MeasurableScene, Scene
 
 # -- Sampling of rays: positions on the pixel and on the lens aperture -----------------------------
 #
@@ -301,7 +301,7 @@ def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) 
         np.where(hit[:, None], found.points, start),
         np.where(hit[:, None], found.directions, towards),
     )
-    fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
+    fate = np.where(hit, REFLECTED, DIRECT if radiometry.direct_view else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
         fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
@@ -357,7 +357,7 @@ def check_clear(sensor: Sensor, scene: Scene) -> None:
     Scenes without distances are not tested.
     """
     scene = scene.scene if isinstance(scene, ThroughShell) else scene
-    if not isinstance(scene, Measured):
+    if not isinstance(scene, MeasurableScene):
         return
     net = mirror_net(sensor)
     start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])

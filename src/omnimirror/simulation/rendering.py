@@ -41,7 +41,7 @@ from .pixel_rays import (
     spread,
 )
 from .radiometry import Radiometry
-from .scenes.scene import Distant, Scene
+from .scenes.scene import DistantScene, Scene
 
 # -- Light on the image sensor: mean over rays of each pixel through the aperture, via the mirror, to a scene
 
@@ -87,7 +87,7 @@ def expose(
     blur
         Render defocus blur with the lens aperture. Supported for sensors only.
     distant
-        Render the scene as infinitely distant (:class:`~omnimirror.simulation.scenes.Distant`).
+        Render the scene as infinitely distant (:class:`~omnimirror.simulation.scenes.DistantScene`).
     radiometry
         Radiometry of a sensor and appearance of its housing; without losses by default.
     seed
@@ -235,7 +235,7 @@ def _distant(scene: Scene) -> Scene:
     return (
         replace(scene, scene=_distant(scene.scene))
         if isinstance(scene, ThroughShell)
-        else Distant(scene)
+        else DistantScene(scene)
     )
 
 
@@ -268,7 +268,7 @@ def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
     light *= bundle.weight[..., None]
     hidden = bundle.fate == HIDDEN
-    light[hidden] = radiometry.grey * bundle.weight[hidden, None]
+    light[hidden] = radiometry.housing_light * bundle.weight[hidden, None]
     return light
 
 
@@ -353,7 +353,7 @@ SHOWN_SAMPLES = 16
 """Rays per pixel of images for display."""
 
 
-def take_picture(
+def render_image(
     camera: Camera,
     scene: Scene,
     *,
@@ -414,7 +414,7 @@ def take_picture(
     Examples
     --------
     >>> import omnimirror as om
-    >>> picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0), samples=1)
+    >>> picture = om.render_image(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0), samples=1)
     >>> picture.shape, picture.dtype, picture[0, 0]
     ((1024, 1024, 3), dtype('uint8'), array([0, 0, 0], dtype=uint8))
     """
@@ -481,7 +481,7 @@ def _low_passed(light: Light) -> Light:
 
 
 @checked
-def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Picture:
+def render_pinhole_image(scene: Scene, directions: ArrayLike, samples: int = 1) -> Picture:
     """Render the image of an ideal camera at the world origin: the reference for dewarped images.
 
     Parameters
@@ -506,7 +506,7 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
     >>> from omnimirror.cameras.frames import pan_tilt_direction
     >>> from omnimirror import Room
     >>> pan, tilt = np.meshgrid(np.radians(np.arange(-60, 60, 2)), np.radians(np.arange(30, -30, -2)))
-    >>> pinhole_picture(Room(texel_mm=40.0), pan_tilt_direction(pan, tilt)).shape
+    >>> render_pinhole_image(Room(texel_mm=40.0), pan_tilt_direction(pan, tilt)).shape
     (30, 60, 3)
     """
     _check_samples(samples)

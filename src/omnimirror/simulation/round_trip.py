@@ -16,7 +16,7 @@ from ..base.typing import Array
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
 from ..optics.sensor import Sensor
-from .rendering import expose, pinhole_picture
+from .rendering import expose, render_pinhole_image
 from .scenes.room import Room
 from .scenes.scene import Pose, PosedScene, Scene
 
@@ -157,7 +157,7 @@ def _truth(scene: Scene) -> NDArray[np.float32]:
     edges = range(
         0, fine.size[1] + 1, 4 * ROWS
     )  # processed in parts: three million rays take 0.5 GB
-    parts = [pinhole_picture(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
+    parts = [render_pinhole_image(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
     return (np.concatenate(parts) / 255).astype(np.float32)
 
 

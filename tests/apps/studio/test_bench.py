@@ -361,7 +361,7 @@ def test_the_preview_is_the_simulated_picture_made_small(client):
         ..., ::-1
     ]
     assert picture.shape == (128, 128, 3)
-    whole = om.take_picture(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
+    whole = om.render_image(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
     small = cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
     assert np.abs(cv2.blur(picture.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
 

@@ -171,10 +171,10 @@ def test_edges_do_not_ring(small: Restorer):
     light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(
         np.float32
     )
-    blurred = om.take_picture(
+    blurred = om.render_image(
         small.camera, om.Environment(np.ascontiguousarray(light)), samples=256, blur=True
     )
-    sharp = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
+    sharp = om.render_image(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
     restored = small(blurred, 0.01).astype(float)
     where = (small.share > 0.9) & (small.radius > 40)
     low, high = np.percentile(sharp[where], [1, 99])
@@ -183,7 +183,7 @@ def test_edges_do_not_ring(small: Restorer):
 
 
 def test_kinds_of_pictures_agree(smaller: Restorer, scene: om.Environment):
-    byte = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    byte = om.render_image(smaller.camera, scene, samples=32, blur=True)
     reference = smaller(byte, 0.01, 1.0) / 255
     light = om.expose(smaller.camera, scene, samples=32, blur=True)
     for picture in (byte * np.uint16(257), light):
@@ -207,7 +207,7 @@ def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Envi
     """Also off centre, where a flip moves the optical axis; neighbours are one-sided, so not exact
     to the byte."""
     sensor = replace(smaller.camera, imager=replace(smaller.camera.imager, centre_px=(68.0, 80.0)))
-    picture = om.take_picture(sensor, scene, samples=32, blur=True)
+    picture = om.render_image(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     restored = om.restore(sensor, picture, noise=0.01).astype(float)
     reversed_picture = np.ascontiguousarray(picture[:, ::-1])
@@ -221,7 +221,7 @@ def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Envi
 
 def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scene: om.Environment):
     """A wall, a window or a lamp behind the mirror: up to the last restored pixel."""
-    picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
     beyond = smaller.radius > smaller.known.whole_radius_px
     others = [picture.copy(), picture.copy()]
     others[0][beyond] = 255
@@ -238,7 +238,7 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(
 ):
     """Image of a sensor with the blur specified in each form: equal to that of the sensor, up to
     the rim."""
-    picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
     centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
     ball = om.MirrorBall(centre, rim, 360.0, (160, 160))
     ocam = om.OCam((-37.5, 0.0, 0.0064), centre, (160, 160), rim_radius_px=rim)
@@ -262,7 +262,7 @@ def test_blur_told_too_large_is_found_and_lowered(
     small: Restorer, scene: om.Environment, times: float
 ):
     """The correct blur is not reduced; a larger one is reduced to about the actual blur."""
-    noisy = om.take_picture(
+    noisy = om.render_image(
         small.camera, scene, samples=64, blur=True
     ) + 2.55 * np.random.default_rng(1).standard_normal(3)
     picture = np.clip(noisy, 0, 255).astype(np.uint8)
@@ -283,7 +283,7 @@ def test_large_blur_on_few_pixels_is_lowered_to_about_what_is_there(name: str, w
     present, or none."""
     sensor = om.load_sensor(name)
     sensor = faster(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
-    taken = om.take_picture(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
+    taken = om.render_image(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
         1
     ).standard_normal((256, 256, 3))
     picture = np.rint(np.clip(taken, 0, 255)).astype(np.uint8)

@@ -128,8 +128,8 @@ def test_the_merged_picture_is_as_sharp_as_the_sharpest_everywhere():
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     scene = dead_leaves(1024, 900, smallest_deg=2.1)
     focuses = plan_bracket(sensor, limit_px=2.0).focus_mm
-    taken = [om.take_picture(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
-    sharp = om.take_picture(sensor, scene, samples=16).astype(float)
+    taken = [om.render_image(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
+    sharp = om.render_image(sensor, scene, samples=16).astype(float)
     tenth = np.minimum(
         np.hypot(*(np.indices((256, 256)) - 127.5)) / sensor.rim_radius_px * 10, 10
     ).astype(int)

@@ -9,7 +9,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.base.native import backend
-from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.rendering import render_pinhole_image
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.environment import Environment
 from omnimirror.simulation.scenes.scene import Scene
@@ -34,7 +34,7 @@ def seen_flat(scene, face_corners, columns, rows):
     points = (
         top_left + u[..., None] * (top_right - top_left) + v[..., None] * (bottom_left - top_left)
     )
-    return pinhole_picture(scene, points)
+    return render_pinhole_image(scene, points)
 
 
 @needs_native
@@ -85,7 +85,7 @@ def test_corners_of_a_board_lie_where_its_squares_meet(hall, name):
         [np.linalg.norm(right), np.linalg.norm(down), right @ down], [100, 100, 0], atol=1e-9
     )
     quarters = [
-        pinhole_picture(hall, corners + 0.25 * (x * right + y * down))[..., 1].astype(int) > 90
+        render_pinhole_image(hall, corners + 0.25 * (x * right + y * down))[..., 1].astype(int) > 90
         for x, y in ((-1, -1), (1, 1), (1, -1), (-1, 1))
     ]
     black = (np.arange(7)[:, None] + np.arange(11)) % 2 == 0

@@ -9,10 +9,10 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.rendering import render_pinhole_image
 from omnimirror.simulation.scenes._painting import lettering
 from omnimirror.simulation.scenes.room import PIECES, ROOM
-from omnimirror.simulation.scenes.scene import Distant, Scene
+from omnimirror.simulation.scenes.scene import DistantScene, Scene
 from omnimirror.simulation.scenes.surfaces import are_blocked
 
 WORDS = ("OMNIMIRROR", "GARDEN", "LIBRARY", "EXIT")
@@ -44,7 +44,7 @@ def test_words_read_the_right_way_round_from_inside(room: om.Room, word: str):
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * size[0]
     y = -((np.arange(rows) + 0.5) / rows * 2 - 1) * size[1]
     directions = middle + x[None, :, None] * right + y[:, None, None] * np.array([0.0, 0.0, 1.0])
-    grey = pinhole_picture(room, directions).astype(float).mean(axis=2)
+    grey = render_pinhole_image(room, directions).astype(float).mean(axis=2)
     upright = abs(correlation(grey, letters))
     assert upright > 0.9
     assert abs(correlation(grey, letters[:, ::-1])) < upright - 0.3
@@ -101,7 +101,7 @@ def test_walls_have_parallax_and_a_distant_scene_has_none(room: om.Room):
     corner = room.sign_corners_mm("OMNIMIRROR")[0]
     light = room.radiance(origins, corner - origins)
     np.testing.assert_allclose(light[0], light[1], atol=1e-4)
-    distant = Distant(room)
+    distant = DistantScene(room)
     assert isinstance(distant, Scene)
     towards = np.tile(corner, (2, 1))
     np.testing.assert_array_equal(*distant.radiance(origins, towards))
@@ -126,7 +126,7 @@ def test_errors_name_the_value(room: om.Room):
 
 def test_the_wall_ahead_alone_can_be_fine():
     """Its lettering equals that of a room with fine texels throughout; other texels are coarse."""
-    fine, ahead = om.Room(10.0), om.Room(10.0, elsewhere_mm=80.0)
+    fine, ahead = om.Room(10.0), om.Room(10.0, other_texel_mm=80.0)
     y, z = np.meshgrid(np.linspace(-2000, 1600, 300), np.linspace(500, 950, 60))
     towards = np.stack([np.full(y.size, 3399.0), y.ravel(), z.ravel()], axis=-1)
     origins = np.zeros_like(towards)
@@ -136,15 +136,15 @@ def test_the_wall_ahead_alone_can_be_fine():
     np.testing.assert_allclose(
         ahead.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR")
     )
-    with pytest.raises(InvalidParameter, match="elsewhere_mm"):
-        om.Room(10.0, elsewhere_mm=0.1)
+    with pytest.raises(InvalidParameter, match="other_texel_mm"):
+        om.Room(10.0, other_texel_mm=0.1)
 
 
 @pytest.mark.full
 def test_a_fine_wall_ahead_takes_little_memory_to_paint():
     tracemalloc.start()
     try:
-        om.Room(2.0, elsewhere_mm=20.0).words  # noqa: B018
+        om.Room(2.0, other_texel_mm=20.0).words  # noqa: B018
         assert tracemalloc.get_traced_memory()[1] < 400e6
     finally:
         tracemalloc.stop()

@@ -130,7 +130,7 @@ class CameraOptions(Options):
         help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is "
         "rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]",
     )
-    keep_lean: bool | None = option(
+    keep_tilt: bool | None = option(
         is_flag=True,
         help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.",
     )
@@ -178,7 +178,7 @@ class CameraOptions(Options):
 
     def drawing(self, camera: AnyCamera) -> AnyCamera:
         """Return the camera that draws the view: as if plumb if the options keep the tilt."""
-        return replace(camera, mount=camera.mount.upright) if self.keep_lean else camera
+        return replace(camera, mount=camera.mount.upright) if self.keep_tilt else camera
 
     def words(self) -> tuple[str, tuple[str, ...]]:
         """Return a name for the camera, and these options as words of a command line."""
@@ -193,8 +193,8 @@ class CameraOptions(Options):
             words.append("--image-flipped" if self.image_flipped else "--not-image-flipped")
         if self.level is not None:
             words.append("--level={:.10g},{:.10g}".format(*self.level))
-        if self.keep_lean:
-            words.append("--keep-lean")
+        if self.keep_tilt:
+            words.append("--keep-tilt")
         return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
 
 

@@ -258,7 +258,7 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
 
 
 def _zoomed(camera: Camera, view: Shape, zoom: float, past_resolution: bool) -> Shape:
-    most = views.largest_zoom(camera, view)
+    most = views.max_zoom(camera, view)
     if zoom > most:
         magnification = zoom / views.resolution(camera, view)
         limited = (

@@ -20,7 +20,7 @@ from ...dewarp import Dewarper, screens, views
 from ...io import write_image
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import hidden_words
-from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 
 # -- Common templates of the report pages ----------------------------------------------------------
@@ -108,7 +108,7 @@ def write_demo(
     result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
     tell = progress or (lambda what, share: None)
     tell("Taking the picture", 0.0)
-    circle = take_picture(
+    circle = render_image(
         sensor,
         Room(),
         samples=SHOWN_SAMPLES,

@@ -20,7 +20,7 @@ from ...optics.housing import CameraBody, Dome, Housing, Rod, Tube
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ...simulation.pixel_rays import ThroughShell
-from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 from ._paper_sensors import M, paper_sensors
 
@@ -36,7 +36,7 @@ def _sphere() -> Sensor:
 def _circle() -> Picture:
     """Render the room with the spherical sensor through its whole aperture, as recorded by its
     camera."""
-    return take_picture(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
+    return render_image(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
 
 
 def fig1() -> Figure:
@@ -81,7 +81,7 @@ def fig16() -> Figure:
         ThroughShell(room, tube, bare, lids_mm=(lens,)),
         ThroughShell(room, dome, bare),
     )  # lid of the tube
-    taken = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
+    taken = [render_image(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
     held = [
         replace(bare.housing, rod=rod),
         replace(bare.housing, shell=tube),

@@ -195,11 +195,11 @@ def taken(ask: PictureAsk) -> bytes:
         Invalid sensor.
     """
     from ...dewarp import Dewarper, views
-    from ...simulation.rendering import take_picture
+    from ...simulation.rendering import render_image
     from ...simulation.scenes.room import Room
 
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
-    picture = take_picture(sensor, Room(), samples=ask.samples)
+    picture = render_image(sensor, Room(), samples=ask.samples)
     view = views.panorama(sensor)
     if view.size[0] > MOST_ACROSS:  # narrow vertical field
         view = views.panorama(sensor, (MOST_ACROSS, None))

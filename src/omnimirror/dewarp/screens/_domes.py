@@ -65,7 +65,7 @@ class PolarScreen(CentredScreen):
 
 
 @dataclass(frozen=True)
-class Dome(PolarScreen):
+class DomeMaster(PolarScreen):
     """Compensated circle of the paper: the distance from the centre is proportional to the angle.
 
     Drawn as seen by a viewer: facing the nadir, forward is at the top and right is on the right;
@@ -96,7 +96,7 @@ class Dome(PolarScreen):
 
     Examples
     --------
-    >>> dome = Dome((3, 3), omega_max_deg=135.0)
+    >>> dome = DomeMaster((3, 3), omega_max_deg=135.0)
     >>> dome.targets(0, 1)[0, 1].round(12) + 0.0  # the top is forward, one pixel of 1.5 from the nadir
     array([1., 0., 0.])
     """

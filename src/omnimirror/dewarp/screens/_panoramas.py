@@ -214,7 +214,7 @@ class Cylinder(Panorama):
 
 
 @dataclass(frozen=True)
-class Sphere(Panorama):
+class Equirectangular(Panorama):
     """Equirectangular image of a sphere: columns linear in pan, rows linear in tilt.
 
     Parameters
@@ -239,7 +239,7 @@ class Sphere(Panorama):
 
     Examples
     --------
-    >>> Sphere((4, 2), distance_mm=1000.0).targets(0, 1)[0, 1].round(1)  # 45 deg left, 45 deg up
+    >>> Equirectangular((4, 2), distance_mm=1000.0).targets(0, 1)[0, 1].round(1)  # 45 deg left, 45 deg up
     array([500. , 500. , 707.1])
     """
 

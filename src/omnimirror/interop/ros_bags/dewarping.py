@@ -96,7 +96,7 @@ def dewarp_bag(
     mirror_frame: str | None = None,
     interpolation: Interpolation = "auto",
     border: BorderArgument | None = None,
-    keep_lean: bool = False,
+    keep_tilt: bool = False,
     on_progress: Callable[[FrameProgress], None] | None = None,
 ) -> DewarpedBag:
     """Dewarp the images of a rosbag2, MCAP or ROS 1 bag without a ROS installation.
@@ -130,7 +130,7 @@ def dewarp_bag(
         As for :class:`omnimirror.Dewarper`.
     border
         Colour outside the field; default: black.
-    keep_lean
+    keep_tilt
         Keep the tilt of the camera instead of levelling the views.
     on_progress
         Called several times per second.
@@ -158,7 +158,7 @@ def dewarp_bag(
     """
     colour = None if border is None else BorderColour.of(border)
     dewarping = DewarpRequest(
-        camera, interpolation=interpolation, border=colour, keep_lean=keep_lean
+        camera, interpolation=interpolation, border=colour, keep_tilt=keep_tilt
     )
     selection = BagSelection(views, topic, tuple(keep_topics), mirror_frame)
     source, output = file_name("source", source), file_name("output", output)
@@ -403,7 +403,7 @@ class _VirtualRig:
         """Create the views for the size of the first image and write their frames."""
         height, width = source.image.shape[:2]
         camera = self.dewarping.drawing(self.dewarping.camera_of((width, height)))
-        border = self.dewarping.border.of_picture(source.image) if self.dewarping.border else 0
+        border = self.dewarping.border.for_image(source.image) if self.dewarping.border else 0
         factory, transforms = self.recorder.factory, []
         parent = optical_frame or "camera"
         mirror_frame = self.selection.mirror_frame or f"{parent}_mirror"

@@ -45,8 +45,8 @@ class HallBoard:
     pan_deg: float
     tilt_deg: float
     distance_mm: float
-    turn_deg: float = 0.0
-    lean_deg: float = 0.0
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
     roll_deg: float = 0.0
 
     @property
@@ -56,7 +56,7 @@ class HallBoard:
             np.radians(self.pan_deg), np.radians(self.tilt_deg)
         )
         forward, right, down = view_axes(
-            self.pan_deg + self.turn_deg, self.tilt_deg + self.lean_deg, self.roll_deg
+            self.pan_deg + self.yaw_deg, self.tilt_deg + self.pitch_deg, self.roll_deg
         )
         width, height = (count * SQUARE_MM + 2 * MARGIN_MM for count in SQUARES)
         corner = middle - width / 2 * right + height / 2 * down

@@ -322,7 +322,7 @@ class Room:
     texel_mm : mm
         Texel size of the walls. The room is painted and lit at the first use, once for all equal
         rooms.
-    elsewhere_mm : mm
+    other_texel_mm : mm
         Texel size of all faces except the wall ahead; ``texel_mm`` if None. At 2 mm the whole room
         takes 0.5 GB, and three times as much during painting; the wall ahead alone 1/8 of it.
 
@@ -345,17 +345,17 @@ class Room:
     """
 
     texel_mm: float = 5.0
-    elsewhere_mm: float | None = None
+    other_texel_mm: float | None = None
 
     def __post_init__(self) -> None:
         TEXEL.check("texel_mm", self.texel_mm)
-        if self.elsewhere_mm is not None:
-            TEXEL.check("elsewhere_mm", self.elsewhere_mm)
+        if self.other_texel_mm is not None:
+            TEXEL.check("other_texel_mm", self.other_texel_mm)
 
     @property
     def _faces(self) -> _Painted:
         return _painted(
-            self.texel_mm, self.texel_mm if self.elsewhere_mm is None else self.elsewhere_mm
+            self.texel_mm, self.texel_mm if self.other_texel_mm is None else self.other_texel_mm
         )
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
@@ -554,7 +554,7 @@ class _Painted:
 
 
 @lru_cache(maxsize=2)
-def _painted(texel_mm: float, elsewhere_mm: float) -> _Painted:
+def _painted(texel_mm: float, other_texel_mm: float) -> _Painted:
     """Paint and light all faces, and store both in one image per face."""
     faces = [face_of(ROOM, i, inside=True) for i in FACES]
     faces += outer_faces(SOLIDS)
@@ -562,14 +562,17 @@ def _painted(texel_mm: float, elsewhere_mm: float) -> _Painted:
     signs: dict[str, Array] = {}
     for i in FACES:
         canvas, extents = paint_room(
-            i, texel_mm if i == WALL_AHEAD else elsewhere_mm, faces[i].width_mm, faces[i].height_mm
+            i,
+            texel_mm if i == WALL_AHEAD else other_texel_mm,
+            faces[i].width_mm,
+            faces[i].height_mm,
         )
         canvases.append(canvas)
         signs |= {word: _corners(faces[i], extent) for word, extent in extents.items()}
     for number, face in enumerate(faces[6:]):
         piece = PIECES[number // 6]
         decorate = piece.decorate.get(number % 6)
-        fineness = max(elsewhere_mm, PLAIN_TEXEL_MM) if decorate is None else elsewhere_mm
+        fineness = max(other_texel_mm, PLAIN_TEXEL_MM) if decorate is None else other_texel_mm
         canvas = Canvas(face.width_mm, face.height_mm, fineness, piece.paint)
         if decorate is not None:
             decorate(canvas)

@@ -34,7 +34,7 @@ class Scene(Protocol):
 
 
 @runtime_checkable
-class Measured(Protocol):
+class MeasurableScene(Protocol):
     """Scene with distances, for ground truth."""
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
@@ -76,7 +76,7 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
     InvalidParameter
         If the scene provides no distances.
     """
-    if not isinstance(scene, Measured):
+    if not isinstance(scene, MeasurableScene):
         raise InvalidParameter(
             f"the scene must have the method distance_mm() for depth; got a {type(scene).__name__}"
         )
@@ -84,13 +84,13 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Distant:
+class DistantScene:
     """Scene moved to infinity: every ray has the radiance at the world origin in its direction.
 
     Images of it have no parallax, independent of the viewpoints of the mirror.
 
     >>> from omnimirror import Room
-    >>> room = Distant(Room(texel_mm=40.0))
+    >>> room = DistantScene(Room(texel_mm=40.0))
     >>> towards = np.array([[1.0, 0.2, 0.1]])
     >>> bool(np.all(room.radiance(np.full((1, 3), 999.0), towards) == room.radiance(np.zeros((1, 3)), towards)))
     True

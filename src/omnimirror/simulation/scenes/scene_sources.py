@@ -60,7 +60,7 @@ class SceneSource:
     Examples
     --------
     >>> SceneSource("room", texel_mm=40.0).load()
-    Room(texel_mm=40.0, elsewhere_mm=None)
+    Room(texel_mm=40.0, other_texel_mm=None)
     """
 
     name: str
@@ -141,7 +141,7 @@ def load_scene(
     Returns
     -------
     Scene
-        Scene for :func:`omnimirror.take_picture` and :func:`omnimirror.expose`.
+        Scene for :func:`omnimirror.render_image` and :func:`omnimirror.expose`.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def load_scene(
     --------
     >>> import omnimirror as om
     >>> om.load_scene("room", texel_mm=40.0)
-    Room(texel_mm=40.0, elsewhere_mm=None)
+    Room(texel_mm=40.0, other_texel_mm=None)
     """
     behind = None if background is None else str(background)
     return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, behind).load()

@@ -429,7 +429,7 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
 )
 def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expected):
     for shape in {(2, 2), (2, 2, 1)} if channels == 1 else {(2, 2, channels)}:
-        assert BorderColour.of(border).of_picture(np.zeros(shape, dtype)) == pytest.approx(
+        assert BorderColour.of(border).for_image(np.zeros(shape, dtype)) == pytest.approx(
             tuple(expected), rel=1e-6
         )
 
@@ -462,7 +462,7 @@ def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
         InvalidParameter,
         match="border must contain integers from 0 to 255 for uint8 images",
     ):
-        BorderColour.of(border).of_picture(np.zeros((2, 2, 3), np.uint8))
+        BorderColour.of(border).for_image(np.zeros((2, 2, 3), np.uint8))
 
 
 @pytest.mark.parametrize(
@@ -476,14 +476,14 @@ def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
 )
 def test_the_border_of_a_video_is_coded_as_its_frames(border, coded):
     """Corners of the colour cube in ITU-R BT.601."""
-    assert BorderColour.of(border).of_frame(empty_frame((64, 48))[0]) == coded
+    assert BorderColour.of(border).for_frame(empty_frame((64, 48))[0]) == coded
 
 
 def test_a_grey_picture_has_no_border_in_colour():
     with pytest.raises(
         InvalidParameter, match="border must be one value for a grey image; got 1,2,2"
     ):
-        BorderColour.of("1,2,2").of_picture(np.zeros((2, 2), np.uint8))
+        BorderColour.of("1,2,2").for_image(np.zeros((2, 2), np.uint8))
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def small(tmp_path) -> om.Sensor:
     sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
     om.save_sensor(sensor, tmp_path / "small.toml")
     light = np.random.default_rng(1).random((32, 64, 3), np.float32)
-    picture = om.take_picture(sensor, om.Environment(light), samples=16, blur=True)
+    picture = om.render_image(sensor, om.Environment(light), samples=16, blur=True)
     om.write_image(tmp_path / "raw.png", picture)
     om.write_image(tmp_path / "world.hdr", light)
     return sensor
@@ -233,7 +233,7 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     run = omnimirror(*take, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     world = om.Environment.load(tmp_path / "world.hdr")
-    straight = om.take_picture(
+    straight = om.render_image(
         focused_at(small, 175.0), world, samples=16, blur=True
     )  # heading and pose cancel
     assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2

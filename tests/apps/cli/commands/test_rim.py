@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
         scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
         om.write_image(
             folder / f"room{turn:.0f}.png",
-            om.take_picture(om.load_sensor("paper-spherical"), scene, samples=1),
+            om.render_image(om.load_sensor("paper-spherical"), scene, samples=1),
         )
     v, u = np.mgrid[:200, :260]
     away, turn = np.hypot(u - 130.0, v - 100.0), np.arctan2(v - 100.0, u - 130.0)
@@ -120,7 +120,7 @@ def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
     ball = om.MirrorBall(
         (299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0)
     )
-    om.write_image(tmp_path / "ball.png", om.take_picture(ball, om.Room(texel_mm=20.0), samples=1))
+    om.write_image(tmp_path / "ball.png", om.render_image(ball, om.Room(texel_mm=20.0), samples=1))
     command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")
     run = omnimirror(*command, tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
@@ -152,7 +152,7 @@ def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
     tilted = replace(sensor, imager=imager, mirror_pose=MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0))
     om.write_image(
         tmp_path / "tilted.png",
-        om.take_picture(tilted, om.load_scene("room", texel_mm=20.0), samples=1),
+        om.render_image(tilted, om.load_scene("room", texel_mm=20.0), samples=1),
     )
     run = omnimirror(
         "dewarp",

@@ -14,7 +14,7 @@ from ....base.errors import OmnimirrorError
 from ....base.files import write_text
 from ....base.native import backend
 from ....dewarp.image_files import DewarpedImages, ImageDewarper
-from ....dewarp.request import DewarpRequest, PipeFormat, Recording, is_video
+from ....dewarp.request import DewarpRequest, PipeFormat, VideoOptions, is_video
 from ....interop.ros_bags.bag_files import is_bag
 from ....io.images import format_of
 from .._camera_options import AutoOptions, CameraOptions, OrientationOptions
@@ -243,14 +243,14 @@ class VideoOptions(Options):
         "raw: rgb24]"
     )
 
-    def recording(self, kind: str | None) -> Recording:
+    def options(self, kind: str | None) -> VideoOptions:
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             valid = ", ".join(PIPE_FORMATS)
             raise click.UsageError(
                 f"--format {kind} belongs to pictures; of a video valid are {valid}"
             )
-        return Recording(**self.given, pipe_format=kind)  # type: ignore[arg-type]
+        return VideoOptions(**self.given, pipe_format=kind)  # type: ignore[arg-type]
 
 
 @click.command(
@@ -352,8 +352,8 @@ def command(
         auto.refuse_video(sources[0])
     if len(sources) == 1 and is_video(sources[0]):
         _refuse_of_pictures(sources[0], pictures)
-        recording = replace(video.recording(kind), skip_existing=bool(pictures.skip_existing))
-        _video(sources[0], outputs, how, recording)
+        options = replace(video.options(kind), skip_existing=bool(pictures.skip_existing))
+        _video(sources[0], outputs, how, options)
     else:
         _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
         restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
@@ -382,7 +382,7 @@ def straightening(
         sampling.interpolation,
         view.viewpoint or "exact",
         sampling.border,
-        bool(camera.keep_lean),
+        bool(camera.keep_tilt),
     )
 
 
@@ -487,11 +487,11 @@ def _say_done(folder: Path, found: DewarpedImages, is_going_on: bool) -> None:
     for name, sentence in results.failed.items():
         notice(f"{name}: {sentence}")
     count = len(results.done) + len(results.failed) + len(results.not_begun)
-    was_there = f", {found.was_there} were there" if is_going_on else ""
-    say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
+    skipped = f", {found.skipped} were there" if is_going_on else ""
+    say(f"{folder}: {len(results.done)} of {count} pictures straightened{skipped}")
     for words, how_many in found.oriented.items():
         say(f"{folder}: {how_many} of them {words}")
-    for why, how_many in found.left_out.items():
+    for why, how_many in found.dropped_metadata.items():
         say(f"{folder}: {how_many} of them {why}")
     if results.not_begun:
         click.echo(f"omnimirror: stopped; {folder} holds what was done", err=True)
@@ -526,17 +526,19 @@ def _told(blur_px: str) -> BlurDiameters | str:
     return numbers
 
 
-def _video(source: str, outputs: tuple[str, ...], how: DewarpRequest, recording: Recording) -> None:
+def _video(
+    source: str, outputs: tuple[str, ...], how: DewarpRequest, options: VideoOptions
+) -> None:
     """Dewarp every frame of a video with a progress bar, and print the result."""
     try:
-        from ....dewarp.video_files import Listener, dewarp_source
+        from ....dewarp.video_files import VideoCallbacks, dewarp_source
     except ModuleNotFoundError as e:
         if e.name != "av":
             raise
         raise needs_pyav(source) from None
     with frame_bar() as progress:
-        listener = Listener(notice, progress)
-        done = dewarp_source(source, outputs, how, recording, listener)
+        callbacks = VideoCallbacks(notice, progress)
+        done = dewarp_source(source, outputs, how, options, callbacks)
     name = (
         ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     )

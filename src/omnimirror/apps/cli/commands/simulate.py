@@ -469,7 +469,7 @@ def learning(
     and arrays: depth, directions and origins of the rays, normals, labels, and optical flow to the
     next frame. README.md describes the format.
     """
-    from ....simulation.datasets import write_learning_set
+    from ....simulation.datasets import write_training_dataset
     from ....simulation.simulated_video import load_path
 
     if film.path is None:
@@ -479,7 +479,7 @@ def learning(
     camera, path, bodies = housing.on(load_camera(sensor)), load_path(film.path), film.moving()
     with rows_bar("Taking frames") as progress:
         try:
-            shards = write_learning_set(
+            shards = write_training_dataset(
                 camera,
                 scene.source().load(),
                 path=path,
