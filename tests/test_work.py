@@ -25,7 +25,7 @@ from omnimirror.optics.mirrors import TabulatedMapping
 from omnimirror.optics.mirrors.mirror import Mirror
 from omnimirror.optics.tracing.meridian import Meridian
 from omnimirror.simulation.detector import Readout
-from omnimirror.simulation.rendering import exposed
+from omnimirror.simulation.rendering import render_light
 
 
 @pytest.fixture
@@ -146,8 +146,8 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
 
     def taken(camera: om.Sensor):
         readout = Readout(detector, seed=1)
-        return readout.numbers(
-            exposed(camera, om.Room(texel_mm=40.0), readout.medium, samples=1, workers=2)
+        return readout.digital_values(
+            render_light(camera, om.Room(texel_mm=40.0), readout.conversion, samples=1, workers=2)
         )
 
     taken(sensor)  # one-time preparation

@@ -103,7 +103,7 @@ if TYPE_CHECKING:
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.image_folders import dewarp_images as dewarp_images
-    from .dewarp.request import VideoOptions as VideoOptions
+    from .dewarp.request import VideoSettings as VideoSettings
     from .dewarp.restoration.deblurring import Restoration as Restoration
     from .dewarp.restoration.deblurring import restore as restore
     from .dewarp.restoration.focus_bracketing import merge_bracket as merge_bracket
@@ -333,7 +333,7 @@ _HOMES = {
     "parse_sensor": "optics.sensor_files",
     "save_camera": "optics.sensor_files",
     "save_sensor": "optics.sensor_files",
-    "VideoOptions": "dewarp.request",
+    "VideoSettings": "dewarp.request",
     "dewarp_images": "dewarp.image_folders",
     "Restoration": "dewarp.restoration.deblurring",
     "dewarp_video": "dewarp.video_files",

@@ -227,7 +227,7 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     picture = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
     whole = om.Dewarper(BALL, view)(picture)
     uncompiled()
-    monkeypatch.setattr(sampling, "LONGEST_SIDE_PX", 1025)
+    monkeypatch.setattr(sampling, "MAX_SIDE_PX", 1025)
     long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
     monkeypatch.undo()
     uncompiled()

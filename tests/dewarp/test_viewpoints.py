@@ -10,7 +10,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp._source_coordinates import source_pixels
-from omnimirror.dewarp.viewpoints import middle_distance, place_on_axis, single_viewpoint
+from omnimirror.dewarp.viewpoints import middle_distance, point_on_axis, single_viewpoint
 
 SPHERE = om.load_sensor("paper-spherical")
 M = 43.9  # mm, radius of the mirror
@@ -76,7 +76,7 @@ def test_the_viewpoint_stands_on_the_axis(mount):
     sensor = replace(SPHERE, mount=mount)
     view = om.screens.Equirectangular((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
     eye = mount.rotation() @ [0.0, 0.0, 12.5]
-    np.testing.assert_allclose(place_on_axis(sensor, 12.5), eye, atol=1e-12)
+    np.testing.assert_allclose(point_on_axis(sensor, 12.5), eye, atol=1e-12)
     expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(
         20, 40, 2
     )

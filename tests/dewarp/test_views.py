@@ -10,7 +10,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp import views
 from omnimirror.dewarp.field_of_view import field_of, pole_of
-from omnimirror.dewarp.views import WIDEST_PLANET_DEG
+from omnimirror.dewarp.views import MAX_PLANET_DEG
 
 from ..conftest import sensor_of
 
@@ -133,7 +133,7 @@ def test_every_view_has_a_sensible_size():
     )
     assert views.planet(BALL, (None, 300)).size == (300, 300)
     assert views.planet(BALL).hfov_deg == pytest.approx(260)
-    assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == WIDEST_PLANET_DEG
+    assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == MAX_PLANET_DEG
     assert views.planet(BALL, pole="zenith").pole == "zenith"
     plan = views.ground(BALL, 1500.0)
     assert plan.mm_per_px == pytest.approx(1500 * np.radians(1) / scale)

@@ -26,7 +26,7 @@ from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
 from omnimirror.design.component_selection import best_apertures
-from omnimirror.dewarp.request import VideoOptions
+from omnimirror.dewarp.request import VideoSettings
 from omnimirror.interop.http_server.server import listen
 from omnimirror.io import keyframes
 from omnimirror.io.image_sequences import first_number
@@ -449,8 +449,8 @@ def _files(tmp_path_factory):
             "lens.theta_max_deg = 12.0\n"
         )
         workflows.write_files(folder)
-        patch.setattr(simulated_video, "MOST_FRAMES", 20)  # larger values are valid and take hours
-        patch.setattr(pixel_rays, "MOST_SAMPLES", 1024)
+        patch.setattr(simulated_video, "MAX_FRAMES", 20)  # larger values are valid and take hours
+        patch.setattr(pixel_rays, "MAX_SAMPLES", 1024)
         yield
 
 
@@ -707,7 +707,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: om.dewarp_video(
-                "a.mp4", "b.mp4", camera=BALL, options=VideoOptions(frame_rate=9.0)
+                "a.mp4", "b.mp4", camera=BALL, settings=VideoSettings(frame_rate=9.0)
             ),
             "frame_rate must be omitted unless the source is an image sequence; got 9",
         ),

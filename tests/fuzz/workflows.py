@@ -503,8 +503,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "options": None,
         },
     ),
-    "VideoOptions": (
-        om.VideoOptions,
+    "VideoSettings": (
+        om.VideoSettings,
         {"start_s": 0.0, "codec": "libx264", "crf": 20, "keyframes": None, "preview": False},
     ),
     "Restoration": (om.Restoration, {"noise": 0.01, "object_distance_mm": 500.0, "blur_px": None}),

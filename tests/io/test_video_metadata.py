@@ -299,7 +299,7 @@ def test_a_stream_keeps_what_it_tells_of_colours_and_display(graded, tmp_path, p
         camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)),
         view=om.screens.Plane((64, 48), tilt_deg=-30.0),
         callbacks=VideoCallbacks(on_warning=notes.append),
-        options=om.VideoOptions(duration_s=0.01, pixel_format=pixel_format),
+        settings=om.VideoSettings(duration_s=0.01, pixel_format=pixel_format),
     )
     with av.open(str(tmp_path / "out.mp4")) as container:
         frame = next(container.decode(video=0))

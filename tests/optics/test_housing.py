@@ -15,7 +15,7 @@ from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.optics.housing import CameraBody, Dome, Envelope, FlatWindow, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors.as_built import MirrorPose
-from omnimirror.simulation.pixel_rays import sights
+from omnimirror.simulation.pixel_rays import trace_pixels
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -118,7 +118,7 @@ def test_the_picture_goes_dark_at_these_angles(sensor):
             expose(near, white, samples=1, radiometry=Radiometry(housing_light=0.0))[0, :, 0] > 0.3
         )
         dark_first = edge == sensor.clear_field_deg[0]
-        hidden = sights(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
+        hidden = trace_pixels(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
         for dark in (~light, hidden):
             assert dark[0] == dark_first
             (at,) = np.flatnonzero(np.diff(dark.astype(int)))
@@ -138,7 +138,7 @@ def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(na
         np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)
     )
     hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
-    np.testing.assert_array_equal(sights(sensor, pixels).hidden, hidden)
+    np.testing.assert_array_equal(trace_pixels(sensor, pixels).hidden, hidden)
     light = expose(
         sensor,
         Environment(np.ones((4, 8, 3), np.float32)),

@@ -149,7 +149,7 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
             frame_rate=9.0,
             samples=1,
             blur=False,
-            progress=stop,
+            on_progress=stop,
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3

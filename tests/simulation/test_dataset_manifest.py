@@ -77,7 +77,7 @@ def write(kind, folder, after=lambda done: None):
             frame_rate=4.0,
             samples=4,
             blur=False,
-            progress=lambda n, _: after(n),
+            on_progress=lambda n, _: after(n),
         )
 
 
@@ -209,9 +209,9 @@ def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
     )
     written = {"format": format_of("video"), "recipe": recipe_record(asked)}
     (tmp_path / "dataset.json").write_text(json.dumps(written))
-    found, made_by = load_recipe(tmp_path / "dataset.json")
+    found, created_with = load_recipe(tmp_path / "dataset.json")
     assert found == asked
-    assert made_by == version("omnimirror")
+    assert created_with == version("omnimirror")
 
 
 def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):

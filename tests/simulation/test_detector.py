@@ -12,7 +12,7 @@ from omnimirror.base.colour import srgb_bytes
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.simulation.detector import Detector, Readout, filtered_light
-from omnimirror.simulation.rendering import exposed
+from omnimirror.simulation.rendering import render_light
 from tests.everyday import few
 
 # -- Imager electronics: noise statistics, and digital numbers -------------------------------------
@@ -204,16 +204,16 @@ def test_it_is_the_same_as_of_all_light(detector, samples, more):
     light = om.expose(SENSOR, scene, samples=samples, **more)
     readout = Readout(detector, seed=7)
     rows = []
-    taken = exposed(
+    taken = render_light(
         SENSOR,
         scene,
-        readout.medium,
+        readout.conversion,
         samples=samples,
-        progress=lambda done, _: rows.append(done),
+        on_progress=lambda done, _: rows.append(done),
         workers=3,
         **more,
     )
-    numbers = readout.numbers(taken)
+    numbers = readout.digital_values(taken)
     assert numbers.dtype == detector.dtype
     np.testing.assert_array_equal(numbers, detector.read(light, seed=7))
     assert rows[-1] == 97
@@ -225,9 +225,9 @@ def test_what_noise_is_drawn_does_not_hang_on_how_many_rows_come_at_once():
         DETECTORS["noisy mosaic"],
     )
     readout = Readout(detector, seed=4)
-    parts = [readout.medium.read(light[a:b]) for a, b in ((0, 7), (7, 8), (8, 30))]
+    parts = [readout.conversion.read(light[a:b]) for a, b in ((0, 7), (7, 8), (8, 30))]
     np.testing.assert_array_equal(
-        readout.numbers(np.concatenate(parts)), detector.read(light, seed=4)
+        readout.digital_values(np.concatenate(parts)), detector.read(light, seed=4)
     )
 
 
@@ -240,8 +240,8 @@ def test_numbers_hold_no_more_memory_than_they_need():
         om.Detector(full_well_e=1e9),
     ):
         readout = Readout(detector, seed=2)
-        numbers = readout.numbers(readout.medium.read(light))
+        numbers = readout.digital_values(readout.conversion.read(light))
         assert numbers.shape == light.shape
         assert numbers.dtype == detector.dtype
-        assert numbers.base.nbytes - numbers.nbytes < readout.medium.dtype().itemsize
+        assert numbers.base.nbytes - numbers.nbytes < readout.conversion.dtype().itemsize
         np.testing.assert_array_equal(numbers, detector.read(light, seed=2))

@@ -15,7 +15,7 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from omnimirror.simulation import rendering as rays
 from omnimirror.simulation._compiled_rendering import compiled_light
-from omnimirror.simulation.pixel_rays import places, spread
+from omnimirror.simulation.pixel_rays import sample_positions, sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes._painting import Surroundings
@@ -61,7 +61,7 @@ def steps(height: int, width: int) -> Environment:
 def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
     sensor = small(name, mirror_pose=pose, housing=HOUSED)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
-    plan, part = spread(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
+    plan, part = sampling_plan(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
     fast, slow = (
         rays._trace_natively(sensor, plan, DIM, *part),
         rays._trace_sensor(sensor, plan, DIM, *part),
@@ -89,7 +89,7 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
 )
 def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
     sensor, world = small("paper-equidistant", housing=housing), steps(64, 128)
-    plan = spread(9, blur=True, seed=5)
+    plan = sampling_plan(9, blur=True, seed=5)
     fast = expose(sensor, world, samples=9, blur=True, radiometry=dim, seed=5)
     bundle = rays.trace(sensor, plan, dim, slice(0, 100), slice(0, 100))
     slow = rays.gather(bundle, world, dim).mean(axis=2)
@@ -129,10 +129,12 @@ def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim,
     sensor, scene = small("paper-equidistant", housing=housing), SCENES[name]
     fast = expose(sensor, scene, samples=9, blur=True, radiometry=dim, seed=5)
     assert (
-        compiled_light(sensor, scene, spread(9, True, 5), dim, workers=1).tobytes()
+        compiled_light(sensor, scene, sampling_plan(9, True, 5), dim, workers=1).tobytes()
         == fast.tobytes()
     )
-    bundle = rays.trace(sensor, spread(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100))
+    bundle = rays.trace(
+        sensor, sampling_plan(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100)
+    )
     slow = rays.gather(bundle, scene, dim).mean(axis=2)
     assert np.ptp(slow) > 0.3
     assert np.mean(np.abs(fast - slow) > 1e-4) < 1e-3  # rays that graze an edge
@@ -141,7 +143,7 @@ def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim,
 
 @needs_native
 def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
-    sensor, dim, plan = small("paper-spherical"), Radiometry(), spread(1, blur=False)
+    sensor, dim, plan = small("paper-spherical"), Radiometry(), sampling_plan(1, blur=False)
     house, road = HOUSES[0].box.low, Pose(5000.0, 0.0, -1620.0)
     cases = (
         (om.Room(40.0), Pose(3400.0)),
@@ -160,8 +162,8 @@ def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
 
 
 def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
-    plan = spread(256, blur=True, seed=1)
-    pixels, aperture = places(plan, np.array([7, 8]), np.array([5, 5]))
+    plan = sampling_plan(256, blur=True, seed=1)
+    pixels, aperture = sample_positions(plan, np.array([7, 8]), np.array([5, 5]))
     assert np.abs(pixels - [[[7, 5]], [[8, 5]]]).max() <= 0.5
     np.testing.assert_allclose(pixels.mean(axis=1), [[7, 5], [8, 5]], atol=1.5e-2)
     radius = np.hypot(*np.moveaxis(aperture, -1, 0))
@@ -218,7 +220,7 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
 @pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
 def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
-    sensor, plan = small("paper-spherical", mirror_pose=pose), spread(4, blur=True)
+    sensor, plan = small("paper-spherical", mirror_pose=pose), sampling_plan(4, blur=True)
     part, dim = (slice(0, 100), slice(0, 100)), Radiometry(reflectivity=metal)
     fast, slow = (
         rays._trace_natively(sensor, plan, dim, *part),
@@ -281,13 +283,13 @@ def test_what_only_a_sensor_has_is_refused_for_other_cameras():
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
 def test_samples_out_of_range_are_refused(samples, seed):
     with pytest.raises(InvalidParameter, match=r"(samples|seed) = .* whole number"):
-        spread(samples, blur=True, seed=seed)
+        sampling_plan(samples, blur=True, seed=seed)
 
 
 @pytest.mark.parametrize("samples", [1, 2, 7, 8, 16])
 def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples):
     """They are equal in all pixels: a nonzero mean would shift the whole image."""
-    points = spread(samples, blur=False).points[:, :2]
+    points = sampling_plan(samples, blur=False).points[:, :2]
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=1e-6)
     assert len(np.unique(points.round(5), axis=0)) == samples
 

@@ -12,7 +12,12 @@ import omnimirror as om
 from omnimirror.base.colour import srgb_bytes
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.frames import pan_tilt_direction
-from omnimirror.simulation.rendering import _finer, _low_passed, expose, render_pinhole_image
+from omnimirror.simulation.rendering import (
+    _low_pass_filtered,
+    _with_half_pixel_pitch,
+    expose,
+    render_pinhole_image,
+)
 
 ORANGE = np.array([1.0, 0.4, 0.0], dtype=np.float32)
 
@@ -157,7 +162,7 @@ def test_samples_are_averaged_in_linear_light():
 def test_progress_counts_every_row():
     sensor, seen = small(looking("up"), 4), []
     om.render_image(
-        sensor, Even(), samples=16, progress=lambda done, total: seen.append((done, total))
+        sensor, Even(), samples=16, on_progress=lambda done, total: seen.append((done, total))
     )
     assert seen == sorted(seen)
     assert len(seen) > 1
@@ -214,7 +219,9 @@ def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
     """A small ball: equal light and position, variance larger by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
     sensor, scene = small(looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
     box = expose(sensor, scene, samples=64)[..., 1].astype(float)
-    tent = _low_passed(expose(_finer(sensor), scene, samples=16))[..., 1].astype(float)
+    tent = _low_pass_filtered(expose(_with_half_pixel_pitch(sensor), scene, samples=16))[
+        ..., 1
+    ].astype(float)
     assert tent.sum() == pytest.approx(box.sum(), rel=1e-6)
     np.testing.assert_array_equal(
         om.render_image(sensor, scene, samples=64, low_pass=True)[..., 1],

@@ -22,8 +22,8 @@ from .sampling import (
     check_border,
     check_image,
     checked_out,
-    clear_border,
     remap,
+    transparent_border,
     with_alpha,
 )
 from .screens import Screen, View, parts_of
@@ -150,7 +150,7 @@ class Dewarper:
             instance("out", out, np.ndarray, "an array of pixels")
         border: Border = self.border
         if transparent:
-            border = clear_border(border, image)
+            border = transparent_border(border, image)
             image = with_alpha(image)
         return remap(image, self._map, self.interpolation, out, border)
 
@@ -250,10 +250,10 @@ class Dewarper:
         return pixels
 
     def _sees_nothing(self) -> OutsideField:
-        seen = field_of(self.camera)
+        field = field_of(self.camera)
         return OutsideField(
-            f"the view must overlap the field of the camera, elevation {seen.tilt_min_deg:.6g} to "
-            f"{seen.tilt_max_deg:.6g} deg; got the {self.view}"
+            f"the view must overlap the field of the camera, elevation {field.tilt_min_deg:.6g} to "
+            f"{field.tilt_max_deg:.6g} deg; got the {self.view}"
         )
 
     @property
@@ -410,7 +410,7 @@ class ColourDewarper:
             )
         border: Border = self.border
         if transparent:
-            border = clear_border(border, image)
+            border = transparent_border(border, image)
             image = with_alpha(image)
         out = checked_out(out, image, self.view.size)
         for channel, value in enumerate(border_values(border, image)):

@@ -47,13 +47,13 @@ from ..io.images import (
 )
 from . import ColourDewarper, Dewarper
 from .interfaces import Border
-from .request import BorderColour, DewarpRequest, Size, VideoOptions, is_video
+from .request import BorderColour, DewarpRequest, Size, VideoSettings, is_video
 
 if TYPE_CHECKING:
     from ..optics.sensor import Sensor
     from .restoration.deblurring import Restoration, Restorer
 
-__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "VideoOptions", "is_video"]
+__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "VideoSettings", "is_video"]
 
 
 # -- Conversion of images to the depths and channels of a file format: integers are sRGB, floats linear light
@@ -72,7 +72,7 @@ def depth_for(depth: str, kind: ImageFormat) -> str:
     return depth if depth in kind.depths else kind.depths[-1]
 
 
-def as_held(image: ImageArray, kind: ImageFormat) -> ImageArray:
+def as_stored(image: ImageArray, kind: ImageFormat) -> ImageArray:
     """Convert an image to a depth and channels supported by a file format.
 
     16 bits are rounded to 8; floating-point light is converted to sRGB, clipped at white, and vice
@@ -131,18 +131,18 @@ class ImageDewarper:
 
     def __init__(
         self,
-        how: DewarpRequest,
+        request: DewarpRequest,
         *,
         transparent: bool | None = None,
         restoration: Restoration | None = None,
         wavelengths_nm: tuple[float, float, float] | None = None,
     ) -> None:
-        self.how, self.restoration, self.wavelengths_nm = how, restoration, wavelengths_nm
-        self.transparent = False if how.border else transparent
+        self.request, self.restoration, self.wavelengths_nm = request, restoration, wavelengths_nm
+        self.transparent = False if request.border else transparent
         self.dewarper = cache(self._dewarper)
         self.inside = cache(self._inside)
         self.restorer = cache(self._restorer)
-        self.alone = Lock()  # needs much memory
+        self.restoration_lock = Lock()  # needs much memory
         self.dropped_metadata: Counter[str] = Counter()
         self.oriented: Counter[str] = Counter()
 
@@ -150,14 +150,14 @@ class ImageDewarper:
         self, size: Size, border: Border
     ) -> tuple[Dewarper | ColourDewarper, GPano | None]:
         """Return the dewarper for images of one size, and the GPano metadata of its panoramas."""
-        stands = self.how.camera_of(size)
-        camera = self.how.drawing(stands)
-        view = self.how.view_of(camera)
-        panorama = self.how.panorama_of(stands, view)
+        mounted = self.request.camera_of(size)
+        camera = self.request.view_camera(mounted)
+        view = self.request.view_of(camera)
+        panorama = self.request.panorama_of(mounted, view)
         if self.wavelengths_nm is None:
-            return self.how.dewarper(camera, view, border), panorama
-        how = (view, self.how.interpolation, self.how.viewpoint, border)
-        return ColourDewarper(self._colours(camera), *how), panorama
+            return self.request.dewarper(camera, view, border), panorama
+        arguments = (view, self.request.interpolation, self.request.viewpoint, border)
+        return ColourDewarper(self._colours(camera), *arguments), panorama
 
     def _colours(self, camera: Camera) -> tuple[Sensor, Sensor, Sensor]:
         """Return the camera for red, green and blue light."""
@@ -182,12 +182,12 @@ class ImageDewarper:
         return self.restoration.restorer(camera, exposure)
 
     def _restored(
-        self, picture: Image, source: Path, camera: Camera, exposure: Exposure
+        self, image: Image, source: Path, camera: Camera, exposure: Exposure
     ) -> tuple[Image, str]:
         """Return the deblurred image and a description of its blur and noise."""
         assert self.restoration is not None
-        with self.alone:
-            return self.restoration.restored(picture, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
+        with self.restoration_lock:
+            return self.restoration.restored(image, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
 
     def __call__(self, source: Path, output: Path) -> str:
         """Read, dewarp and write one image; return a summary sentence."""
@@ -199,45 +199,51 @@ class ImageDewarper:
                 f"the output must be a .png, .tif or .webp file for transparency; got a {output.suffix} file; "
                 "alternatively use black outside the field"
             )
-        is_stored = self.how.stored_orientation
-        picture, carried = read_image_and_metadata(source, stored_orientation=is_stored)
-        border = self.how.border.for_image(picture) if self.how.border else 0
-        same = (picture.shape[1], picture.shape[0]), border  # identical for all such images
-        dewarp, panorama = self.dewarper(*same)
-        _check_orientation(same[0], dewarp.camera.image_size, carried.orientation, is_stored)
+        is_stored = self.request.stored_orientation
+        image, carried = read_image_and_metadata(source, stored_orientation=is_stored)
+        border = self.request.border.for_image(image) if self.request.border else 0
+        key = (image.shape[1], image.shape[0]), border  # identical for all such images
+        dewarp, panorama = self.dewarper(*key)
+        _check_orientation(key[0], dewarp.camera.image_size, carried.orientation, is_stored)
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
-            picture, restored = self._restored(
-                picture, source, dewarp.camera, exposure_of(carried.exif)
+            image, restored = self._restored(
+                image, source, dewarp.camera, exposure_of(carried.exif)
             )
-        straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
-        held = as_held(straight, kind)
-        recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
-        kept, dropped = carried.that_fits(output, held, recoded)
-        write_image(
-            output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept
+        dewarped = dewarp(image, kind.has_alpha if self.transparent is None else self.transparent)
+        converted = as_stored(dewarped, kind)
+        recoded = converted.dtype != dewarped.dtype and np.float32 in (
+            converted.dtype,
+            dewarped.dtype,
         )
-        height, width = straight.shape[:2]
-        told = _change_of_depth(straight.dtype.name, held.dtype.name)
+        metadata, dropped = carried.that_fits(output, converted, recoded)
+        write_image(
+            output,
+            converted,
+            panorama=panorama if can_be_panorama(output) else None,
+            carried=metadata,
+        )
+        height, width = dewarped.shape[:2]
+        notes = _change_of_depth(dewarped.dtype.name, converted.dtype.name)
         if dropped:
-            told += f", {dropped}"
+            notes += f", {dropped}"
             self.dropped_metadata[dropped] += 1
         if carried.orientation != UPRIGHT:
             turned = applied(carried.orientation, is_stored)
-            told += f", {turned}"
+            notes += f", {turned}"
             self.oriented[turned] += 1
         size = f"{width} x {height} px"
-        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} inside the field{told}{restored}"
+        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*key)} inside the field{notes}{restored}"
 
-    def many(
+    def dewarp_many(
         self,
         sources: Iterable[str | Path],
         folder: Path,
         *,
         skip_existing: bool = False,
         threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        on_progress: Callable[[int, int], None] | None = None,
     ) -> DewarpedImages:
         """Dewarp images, folders and patterns to a folder in parallel; failures are reported and do
         not stop the others.
@@ -251,12 +257,12 @@ class ImageDewarper:
                 f"the output must be a folder for several images; got the file name {folder}"
             )
         paths = expand_inputs(sources)
-        found = list(zip(paths, outputs_for(paths, folder), strict=True))
-        pairs = [(s, o) for s, o in found if not (skip_existing and o.exists())]
+        pairs_of_paths = list(zip(paths, outputs_for(paths, folder), strict=True))
+        pairs = [(s, o) for s, o in pairs_of_paths if not (skip_existing and o.exists())]
         jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
-        results = run_parallel(jobs, threads, progress)
+        results = run_parallel(jobs, threads, on_progress)
         return DewarpedImages(
-            results, len(found) - len(pairs), self.dropped_metadata, self.oriented
+            results, len(pairs_of_paths) - len(pairs), self.dropped_metadata, self.oriented
         )
 
 
@@ -276,10 +282,10 @@ def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored:
         )
 
 
-def _change_of_depth(had: str, has: str) -> str:
+def _change_of_depth(before: str, after: str) -> str:
     """Return a description of the loss or conversion caused by a change of depth."""
     words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "linear light"}
-    return "" if had == has else f", converted from {words[had]} to {words[has]}"
+    return "" if before == after else f", converted from {words[before]} to {words[after]}"
 
 
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:

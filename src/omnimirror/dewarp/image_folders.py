@@ -33,7 +33,7 @@ def dewarp_images(
     wavelengths_nm: tuple[float, float, float] | None = None,
     skip_existing: bool = False,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> DewarpedImages:
     """Dewarp images to a folder in parallel, as ``omnimirror dewarp`` does.
 
@@ -71,7 +71,7 @@ def dewarp_images(
         Skip images whose output exists.
     threads
         Number of images processed in parallel; by default the number of processor cores.
-    progress
+    on_progress
         Callback with the number of finished images and the total.
 
     Returns
@@ -100,17 +100,17 @@ def dewarp_images(
     ((135, 360, 4), 0)
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(
+    request = DewarpRequest(
         camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
     )
     names = [sources] if isinstance(sources, str | Path) else list(sources)
-    straightener = ImageDewarper(
-        how, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
+    dewarper = ImageDewarper(
+        request, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
     )
-    return straightener.many(
+    return dewarper.dewarp_many(
         names,
         file_name("folder", folder),
         skip_existing=skip_existing,
         threads=threads,
-        progress=progress,
+        on_progress=on_progress,
     )

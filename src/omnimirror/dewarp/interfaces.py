@@ -99,7 +99,7 @@ class RemapJob:
     """Averaging parameters; None if each pixel is a single sample."""
 
     @property
-    def how(self) -> tuple[int, tuple[float, ...], object]:
+    def arguments(self) -> tuple[int, tuple[float, ...], object]:
         """Trailing arguments of the compiled samplers."""
         averages = None if self.averages is None else self.averages.compiled
         return ("nearest", "linear", "cubic").index(self.kernel), self.border, averages

@@ -27,7 +27,7 @@ from ._footprints import (
     squared_sides_of_pixels,
 )
 from .interfaces import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
-from .sampling import adjoining, check_pixels
+from .sampling import check_pixels, contiguous
 
 # -- Source coordinates of half-resolution planes (4:2:0 chroma) from those of the full image ------
 #
@@ -39,7 +39,7 @@ from .sampling import adjoining, check_pixels
 Floats = NDArray[Any]
 Offset = tuple[float, float]
 
-SEEN = 2  # minimum number of the 4 pixels inside the field for a valid sample
+MIN_VALID_PIXELS = 2  # minimum number of the 4 pixels inside the field for a valid sample
 
 
 def half(size: tuple[int, int]) -> tuple[int, int]:
@@ -84,7 +84,9 @@ def halved_pixels(
     blocks = _blocks(np.where(inside_image(pixels, source_size)[..., None], pixels, np.nan))
     rows = (1 - y) * blocks[..., 0, :, :] + y * blocks[..., 1, :, :]
     at = (1 - x) * rows[..., 0, :] + x * rows[..., 1, :]
-    cut = np.isnan(at[..., 0]) & ((~np.isnan(blocks[..., 0])).sum(axis=(-2, -1)) >= SEEN)
+    cut = np.isnan(at[..., 0]) & (
+        (~np.isnan(blocks[..., 0])).sum(axis=(-2, -1)) >= MIN_VALID_PIXELS
+    )
     at[cut] = np.nanmean(blocks[cut], axis=(1, 2))
     if labels is not None:
         of_block = _blocks(labels[..., None])[..., 0]
@@ -167,13 +169,13 @@ class PixelMap:
         averages: Callable[[Interpolation], Averages | None] | None = None,
     ):
         check_pixels(pixels)
-        self._pixels: Pixels = adjoining(pixels)
+        self._pixels: Pixels = contiguous(pixels)
         self.source_size = source_size
         self._annulus = annulus
         self._views = tuple(views)
         self._averages = averages
         self._packed: dict[tuple[Kernel, int, bool], PackedMap] = {}
-        self._is_used = False
+        self._was_sampled = False
 
     @classmethod
     def of(cls, other: Map, annulus: Annulus | None = None) -> PixelMap:
@@ -208,9 +210,9 @@ class PixelMap:
         """Sample with unpacked or packed coordinates."""
         # If all values are averages, a packed map of single samples is not used.
         can_pack = job.averages is None or not job.averages.are_everywhere
-        if not (self._is_used and can_pack):
-            self._is_used = True
-            backend.kernels.remap(job.source, self._pixels, job.target, *job.how)
+        if not (self._was_sampled and can_pack):
+            self._was_sampled = True
+            backend.kernels.remap(job.source, self._pixels, job.target, *job.arguments)
             return
         packed = self._packed_for(job.kernel, job.source.shape[2], job.source.dtype != np.uint8)
         if job.averages is None:
@@ -249,7 +251,7 @@ class PixelMap:
 
 # -- Lattice map: source coordinates on a regular lattice of view pixels with bicubic interpolation
 
-FINEST_STEP = 4
+MIN_STEP = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,10 +302,10 @@ class LatticeMap:
         exact = self.cells >= 0
         tiles[exact] = self.patches[self.cells[exact]]
         width, height = self.size
-        whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[
+        view = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[
             :height, :width
         ]
-        pixels: NDArray[np.float32] = whole
+        pixels: NDArray[np.float32] = view
         return pixels
 
     def has_valid_pixels(self) -> bool:
@@ -323,7 +325,7 @@ class LatticeMap:
         """Sample with the lattice kernel."""
         u, v = self.nodes
         lattice = u, v, *self._weights, self.cells, self.patches
-        backend.kernels.remap_lattice(job.source, *lattice, job.target, *job.how)
+        backend.kernels.remap_lattice(job.source, *lattice, job.target, *job.arguments)
 
     @cached_property
     def _weights(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -336,10 +338,10 @@ class LatticeMap:
         """Return the same lattice at half the step, evaluated between its pixels; patched at the
         image boundary.
         """
-        if self.step == FINEST_STEP:
+        if self.step == MIN_STEP:
             return PixelMap.of(self, self.annulus).halved(image_offset, view_offset)
         nodes = (self.nodes - np.array(image_offset)[:, None, None]) / 2
-        cells, patches = self._patched_at_ends()
+        cells, patches = self._patched_at_border()
         return LatticeMap(
             nodes.astype(np.float32),
             half(self.size),
@@ -351,13 +353,13 @@ class LatticeMap:
             self.annulus and self.annulus.halved(image_offset),
         )
 
-    def _patched_at_ends(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def _patched_at_border(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return cells and patches, with additional patches for nodes outside the image."""
         (u, v), (width, height) = self.nodes, self.source_size
-        beyond = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
-        if not beyond.any():
+        outside = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
+        if not outside.any():
             return self.cells, self.patches
-        ends = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (
+        ends = np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3)) & (
             self.cells < 0
         )
         windows = np.lib.stride_tricks.sliding_window_view(self.nodes, (4, 4), axis=(1, 2))[:, ends]
@@ -384,7 +386,7 @@ def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
 
 Float32Array = NDArray[np.float32]
 
-EVERY_COLUMN = 16  # column spacing of the visibility check
+CHECKED_COLUMN_STEP = 16  # column spacing of the visibility check
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,12 +423,12 @@ class PolarMap:
     def _of_columns(self, angles: Array) -> Array:
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         pixels: Array = self.centre + self.radii[:, None, None] * directions
-        if not self._lies_within:
+        if not self._is_within_image:
             pixels[~inside_image(pixels, self.source_size)] = np.nan
         return pixels
 
     @property
-    def _lies_within(self) -> bool:
+    def _is_within_image(self) -> bool:
         """True if all circles are inside the rectangle of the outermost pixel centres."""
         reach = np.nanmax(self.radii, initial=0.0)
         return all(
@@ -436,9 +438,9 @@ class PolarMap:
 
     def has_valid_pixels(self) -> bool:
         """Return True if part of the image is visible; False also for undecided cases."""
-        if self._lies_within:
+        if self._is_within_image:
             return bool(np.isfinite(self.radii).any())
-        return bool(np.isfinite(self._of_columns(self.angles[::EVERY_COLUMN])).any())
+        return bool(np.isfinite(self._of_columns(self.angles[::CHECKED_COLUMN_STEP])).any())
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
         """Return the averaging parameters of an interpolation; None if it does not average."""
@@ -451,7 +453,7 @@ class PolarMap:
     def sample_compiled(self, job: RemapJob) -> None:
         """Sample with the polar kernel."""
         x, y = self.centre
-        backend.kernels.remap_polar(job.source, *self._floats, x, y, job.target, *job.how)
+        backend.kernels.remap_polar(job.source, *self._floats, x, y, job.target, *job.arguments)
 
     @cached_property
     def _floats(self) -> tuple[Float32Array, Float32Array, Float32Array]:
@@ -466,7 +468,7 @@ class PolarMap:
         sufficient.
         """
         annulus = self.annulus and self.annulus.halved(image_offset)
-        if not self._lies_within:
+        if not self._is_within_image:
             return PixelMap(self._pixels, self.source_size, self.annulus).halved(
                 image_offset, view_offset
             )

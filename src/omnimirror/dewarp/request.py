@@ -173,11 +173,11 @@ class DewarpRequest:
 
     def camera_of(self, size: Size) -> Camera:
         """Return the camera for images of a size (width, height), with its actual tilt."""
-        found = self.camera if isinstance(self.camera, Camera) else self.camera(size)
-        return instance("the result of camera(size)", found, Camera, "a camera")
+        camera = self.camera if isinstance(self.camera, Camera) else self.camera(size)
+        return instance("the result of camera(size)", camera, Camera, "a camera")
 
-    def drawing(self, camera: Camera) -> Camera:
-        """Return the camera for drawing the view: without tilt if the view is not levelled."""
+    def view_camera(self, camera: Camera) -> Camera:
+        """Return the camera for the view: without tilt if the view is not levelled."""
         return without_tilt(camera) if self.keep_tilt else camera
 
     def view_of(self, camera: Camera) -> View:
@@ -208,7 +208,7 @@ class DewarpRequest:
 
 
 @dataclass(frozen=True)
-class VideoOptions:
+class VideoSettings:
     """Selection of a video and output settings.
 
     Parameters
@@ -232,7 +232,7 @@ class VideoOptions:
     Examples
     --------
     >>> import omnimirror as om
-    >>> om.VideoOptions(start_s=2.0, crf=20).encoding()
+    >>> om.VideoSettings(start_s=2.0, crf=20).encoding()
     {'crf': 20}
     """
 

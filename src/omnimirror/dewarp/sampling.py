@@ -137,14 +137,16 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
 # -- array layout for the samplers -----------------------------------------------------------------
 
 
-def adjoining(array: Image) -> Image:
+def contiguous(array: Image) -> Image:
     """Return the array (rows, columns, c), or an aligned copy in native byte order if samplers
     require it.
     """
-    return array if adjoins(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
+    return (
+        array if is_contiguous(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
+    )
 
 
-def adjoins(array: Image) -> bool:
+def is_contiguous(array: Image) -> bool:
     """Return True if channels and pixels are contiguous, and rows are ascending without overlap."""
     flags = array.flags
     if not (flags.aligned and array.dtype.isnative):
@@ -164,7 +166,7 @@ def adjoins(array: Image) -> bool:
 
 # -- Border of a view: a colour outside the field, or transparency ---------------------------------
 
-LARGEST_VALUE = 1e30  # maximum magnitude of a colour
+MAX_BORDER_VALUE = 1e30  # maximum magnitude of a colour
 
 
 def check_border(border: Border) -> None:
@@ -183,7 +185,7 @@ def _is_value(value: Any) -> bool:
     if not isinstance(value, int | float | np.integer | np.floating):
         return False
     size: Any = abs(value)
-    return not size > LARGEST_VALUE  # NaN is valid in floating-point images
+    return not size > MAX_BORDER_VALUE  # NaN is valid in floating-point images
 
 
 def border_values(border: Border, image: Image) -> tuple[float, ...]:
@@ -205,7 +207,7 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
     return tuple(np.broadcast_to(values, channels).tolist())
 
 
-def clear_border(border: Border, image: Image) -> tuple[float, ...]:
+def transparent_border(border: Border, image: Image) -> tuple[float, ...]:
     """Return the border of an image with an alpha channel: a colour for programs that ignore alpha,
     and 0.
     """
@@ -228,7 +230,7 @@ def with_alpha(image: Image) -> Image:
 Values = NDArray[Any]
 
 FLAGS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
-LONGEST_SIDE_PX = 32_766  # cv2.remap indexes pixels with 16 bits
+MAX_SIDE_PX = 32_766  # cv2.remap indexes pixels with 16 bits
 BAND_PX = 1 << 17  # output pixels averaged per band
 LIST_WIDTH_PX = 1024  # row width of scattered samples arranged for OpenCV
 
@@ -239,15 +241,15 @@ def remap_opencv(job: RemapJob, where: Pixels) -> None:
         _average(job, where, job.averages)
         return
     rows, columns = where.shape[:2]
-    for top in range(0, rows, LONGEST_SIDE_PX):
-        for left in range(0, columns, LONGEST_SIDE_PX):
-            tile = slice(top, top + LONGEST_SIDE_PX), slice(left, left + LONGEST_SIDE_PX)
+    for top in range(0, rows, MAX_SIDE_PX):
+        for left in range(0, columns, MAX_SIDE_PX):
+            tile = slice(top, top + MAX_SIDE_PX), slice(left, left + MAX_SIDE_PX)
             pixels: Values = where[tile].astype(np.float32)
             inside: Mask = inside_image(pixels, (job.source.shape[1], job.source.shape[0]))
             pixels[~inside] = 0
-            taken = _values(job.source, pixels, job.kernel)
-            taken[~inside] = job.border
-            job.target[tile] = taken
+            samples = _values(job.source, pixels, job.kernel)
+            samples[~inside] = job.border
+            job.target[tile] = samples
 
 
 def _values(image: Image, pixels: Values, kernel: str) -> Image:
@@ -260,8 +262,8 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
     if kernel == "nearest":  # OpenCV versions round halves differently
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    taken = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(taken).reshape(*x.shape, channels)
+    samples = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(samples).reshape(*x.shape, channels)
 
 
 # -- averages --------------------------------------------------------------------------------------
@@ -271,18 +273,16 @@ def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
     """Compute means over footprints in bands of rows, identical to
     native/src/sampling/footprint.hpp.
     """
-    picture = job.source.astype(np.float32)
+    image = job.source.astype(np.float32)
     rows, columns = where.shape[:2]
     step = averages.step
     band = max(step, BAND_PX // columns // step * step)
     for top in range(0, rows, band):
         bottom = min(top + band, rows)
-        around = _neighbourhood(where, (picture.shape[1], picture.shape[0]), top, bottom)
+        around = _neighbourhood(where, (image.shape[1], image.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        job.target[top:bottom] = _band(
-            picture, around, taps, averages, job.border, job.target.dtype
-        )
+        job.target[top:bottom] = _band(image, around, taps, averages, job.border, job.target.dtype)
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
@@ -290,22 +290,23 @@ def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) 
     first, last = max(top - 1, 0), min(bottom + 1, len(where))
     pixels: Values = where[first:last].astype(np.float32)
     pixels[~inside_image(pixels, size)] = np.nan
-    return _continued(_continued(pixels, 1, True, True), 0, first == top, last == bottom)
+    return _extrapolated(_extrapolated(pixels, 1, True, True), 0, first == top, last == bottom)
 
 
-def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
+def _extrapolated(pixels: Values, axis: int, before: bool, after: bool) -> Values:
     """Extrapolate linearly by one pixel at the ends of an axis."""
     ends = []
-    for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
+    for end, next_one, is_extended in ((0, 1, before), (-1, -2, after)):
         last = pixels.take([end], axis)
         ends.append(
-            [2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted
+            [2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last]
+            * is_extended
         )
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
 def _band(
-    picture: Image,
+    image: Image,
     around: Values,
     taps: NDArray[np.uint8],
     averages: Averages,
@@ -313,7 +314,7 @@ def _band(
     dtype: Any,
 ) -> Image:
     middle = around[1:-1, 1:-1]
-    out = np.empty((*middle.shape[:2], picture.shape[2]), np.float32)
+    out = np.empty((*middle.shape[:2], image.shape[2]), np.float32)
     out[:] = border
     aside = _sides(middle, around[1:-1, :-2], around[1:-1, 2:], averages)
     upright = _sides(middle, around[:-2, 1:-1], around[2:, 1:-1], averages)
@@ -327,26 +328,26 @@ def _band(
             for i in range(across)
             for j in range(down)
         )
-        out[chosen] = _means(picture, middle[chosen], places, averages.annulus)
+        out[chosen] = _means(image, middle[chosen], places, averages.annulus)
     if dtype == np.float32:
         return out
     return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
 
 
-def _sides(middle: Values, before: Values, behind: Values, averages: Averages) -> list[Values]:
+def _sides(middle: Values, before: Values, after: Values, averages: Averages) -> list[Values]:
     """Return vectors (..., 2) to the neighbours on one axis, shortened as in
     :class:`~.footprints.Rule`.
     """
-    ways = before - middle, behind - middle
-    squares = [(way**2).sum(axis=-1) for way in ways]
+    offsets = before - middle, after - middle
+    squares = [(offset**2).sum(axis=-1) for offset in offsets]
     with np.errstate(invalid="ignore"):
         missing = [np.isnan(s) | (s > JUMP2 * o + JUMP2_PX) for s, o in (squares, squares[::-1])]
     none = missing[0] & missing[1]
     if averages.annulus is None:
         none |= np.isnan(squares[0]) | np.isnan(squares[1])
     sides = []
-    for is_missing, way, opposite in zip(missing, ways, ways[::-1], strict=True):
-        side = np.where(is_missing[..., None], -opposite, way)
+    for is_missing, offset, opposite in zip(missing, offsets, offsets[::-1], strict=True):
+        side = np.where(is_missing[..., None], -opposite, offset)
         side[none] = 0
         sides.append(side * _share((side**2).sum(axis=-1), averages.sharp_px)[..., None])
     return sides
@@ -364,40 +365,40 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
 
 
 def _means(
-    picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None
+    image: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None
 ) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
     sums, counts = (
-        np.zeros((len(middle), picture.shape[2]), np.float32),
+        np.zeros((len(middle), image.shape[2]), np.float32),
         np.zeros(len(middle), np.float32),
     )
     for pixels in places:
         if annulus is not None:
             square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
             pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
-        values, seen = _listed(picture, pixels)
+        values, visible = _sampled_list(image, pixels)
         sums += values
-        counts += seen
-    lonely = counts == 0
-    sums[lonely] = _listed(picture, middle[lonely])[0]
+        counts += visible
+    without_samples = counts == 0
+    sums[without_samples] = _sampled_list(image, middle[without_samples])[0]
     means: Image = sums / np.maximum(counts, 1)[:, None]
     return means
 
 
-def _listed(picture: Image, pixels: Values) -> tuple[Image, Mask]:
+def _sampled_list(image: Image, pixels: Values) -> tuple[Image, Mask]:
     """Return cubic samples (n, channels) at scattered pixels (n, 2), 0 outside, and the mask of
     those inside.
     """
-    inside: Mask = inside_image(pixels, (picture.shape[1], picture.shape[0]))
+    inside: Mask = inside_image(pixels, (image.shape[1], image.shape[0]))
     rows = -(-len(pixels) // LIST_WIDTH_PX)
-    laid_out = np.zeros((rows * LIST_WIDTH_PX, 2), np.float32)
-    laid_out[: len(pixels)][inside] = pixels[inside]
+    arranged = np.zeros((rows * LIST_WIDTH_PX, 2), np.float32)
+    arranged[: len(pixels)][inside] = pixels[inside]
     if not rows:
-        return np.zeros((0, picture.shape[2]), np.float32), inside
-    values = _values(picture, laid_out.reshape(rows, LIST_WIDTH_PX, 2), "cubic")
-    values = values.reshape(-1, picture.shape[2])[: len(pixels)]
+        return np.zeros((0, image.shape[2]), np.float32), inside
+    values = _values(image, arranged.reshape(rows, LIST_WIDTH_PX, 2), "cubic")
+    values = values.reshape(-1, image.shape[2])[: len(pixels)]
     values[~inside] = 0
     return values, inside
 
@@ -419,7 +420,7 @@ class CompiledSampler:
 class OpenCVSampler:
     """Sampler with OpenCV, which requires coordinates of all pixels."""
 
-    longest_side_px: int = LONGEST_SIDE_PX
+    longest_side_px: int = MAX_SIDE_PX
 
     def sample(self, job: RemapJob, where: Map) -> None:
         remap_opencv(job, where.pixels())
@@ -475,9 +476,9 @@ def remap(
         )
     out = checked_out(out, image, where.size)
     whole = out if out.ndim == 3 else out[..., None]
-    is_direct = adjoins(whole) and not np.may_share_memory(image, out)
+    is_direct = is_contiguous(whole) and not np.may_share_memory(image, out)
     target = whole if is_direct else np.empty(whole.shape, whole.dtype)
-    source = adjoining(image if image.ndim == 3 else image[..., None])
+    source = contiguous(image if image.ndim == 3 else image[..., None])
     averages = where.averages(interpolation)
     chosen.sample(
         RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages),

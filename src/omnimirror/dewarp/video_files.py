@@ -40,7 +40,7 @@ from ..io.video_writer import ImageSequenceWriter, Sink, VideoWriter, check_patt
 from . import views
 from ._dewarper import Dewarper
 from .interfaces import Border, Interpolation
-from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoOptions
+from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoSettings
 from .screens import View
 from .viewpoints import Viewpoint
 from .yuv import Siting
@@ -88,14 +88,14 @@ def dewarp_frame(
     """
     frame = workable(frame)
     kind = PixelFormat.of(frame.format.name)
-    made, target = empty_frame(
+    dewarped, target = empty_frame(
         dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame
     )
     is_full = is_full_range(frame)
     if is_full:
-        made.color_range = FULL_RANGE
+        dewarped.color_range = FULL_RANGE
     dewarp.planes(planes(frame), target, siting, to_siting, is_full, kind.bits)
-    return made
+    return dewarped
 
 
 # -- Dewarping of videos, cameras and streams: one source and any number of outputs ----------------
@@ -139,7 +139,7 @@ def dewarp_video(
     border: BorderArgument | None = None,
     keep_tilt: bool = False,
     stored_orientation: bool = False,
-    options: VideoOptions | None = None,
+    settings: VideoSettings | None = None,
     callbacks: VideoCallbacks | None = None,
 ) -> DewarpedVideo:
     """Dewarp a video, as ``omnimirror dewarp`` does, preserving depth, colours, sound and timing.
@@ -163,7 +163,7 @@ def dewarp_video(
         Draw the view relative to the tilted camera, without levelling.
     stored_orientation
         Use frames as stored, ignoring the rotation in the display matrix of the video.
-    options
+    settings
         Selection of the video and output settings.
     callbacks
         Callbacks for losses and progress; none by default.
@@ -194,60 +194,62 @@ def dewarp_video(
     (3, (320, 120))
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(
+    request = DewarpRequest(
         camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
     )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs must contain at least one output")
     return dewarp_source(
-        str(source), [str(name) for name in names], how, options or VideoOptions(), callbacks
+        str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks
     )
 
 
 def dewarp_source(
     source: str,
     outputs: Sequence[str],
-    how: DewarpRequest,
-    options: VideoOptions,
+    request: DewarpRequest,
+    settings: VideoSettings,
     callbacks: VideoCallbacks | None = None,
 ) -> DewarpedVideo:
     """Dewarp a video as specified by a request."""
-    _check_outputs(source, outputs, options)
+    _check_outputs(source, outputs, settings)
     callbacks = callbacks or NO_CALLBACKS
     if is_live(source):
-        return _dewarp_live_source(source, outputs, how, options, callbacks)
+        return _dewarp_live_source(source, outputs, request, settings, callbacks)
     with standard_input() if source == "-" else nullcontext(source) as path:
-        return _dewarp_file(str(path), outputs, how, options, callbacks)
+        return _dewarp_file(str(path), outputs, request, settings, callbacks)
 
 
 def _dewarp_file(
     source: str,
     outputs: Sequence[str],
-    how: DewarpRequest,
-    options: VideoOptions,
+    request: DewarpRequest,
+    settings: VideoSettings,
     callbacks: VideoCallbacks,
 ) -> DewarpedVideo:
-    if options.frame_rate is not None and not is_sequence(source):
+    if settings.frame_rate is not None and not is_sequence(source):
         raise InvalidParameter(
-            f"frame_rate must be omitted unless the source is an image sequence; got {options.frame_rate:g}"
+            f"frame_rate must be omitted unless the source is an image sequence; got {settings.frame_rate:g}"
         )
     with_sound = any(_is_video_file(output) for output in outputs)
-    rate = 25.0 if options.frame_rate is None else options.frame_rate
+    rate = 25.0 if settings.frame_rate is None else settings.frame_rate
     with VideoReader(
         source,
-        options.start_s or 0.0,
-        options.duration_s,
+        settings.start_s or 0.0,
+        settings.duration_s,
         with_sound,
         rate,
-        how.stored_orientation,
+        request.stored_orientation,
     ) as reader:
         for note in reader.notes:
             callbacks.on_warning(note)
-        turn = ViewOverTime(how, reader.size, options, reader.siting, reader.pixel_format)
+        view_over_time = ViewOverTime(
+            request, reader.size, settings, reader.siting, reader.pixel_format
+        )
         sink = _sinks(
             outputs,
-            turn,
+            view_over_time,
             FrameProperties(reader.frame_rate, reader.colour, reader.display),
             reader,
             callbacks,
@@ -256,56 +258,61 @@ def _dewarp_file(
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, ImageSequenceWriter):
             items = sink.lacking(items)
-        outcome = _run(items, sink, turn, reader.expected_frames, callbacks)
-        _report_stale_images(outputs, outcome.frames, options, callbacks)
-        return DewarpedVideo(turn.view, outcome)
+        outcome = _run(items, sink, view_over_time, reader.expected_frames, callbacks)
+        _report_stale_images(outputs, outcome.frames, settings, callbacks)
+        return DewarpedVideo(view_over_time.view, outcome)
 
 
 def _dewarp_live_source(
     source: str,
     outputs: Sequence[str],
-    how: DewarpRequest,
-    options: VideoOptions,
+    request: DewarpRequest,
+    settings: VideoSettings,
     callbacks: VideoCallbacks,
 ) -> DewarpedVideo:
-    if options.start_s is not None:
+    if settings.start_s is not None:
         raise InvalidParameter(
-            f"start_s must be omitted for the live source {source}; got {options.start_s:g}"
+            f"start_s must be omitted for the live source {source}; got {settings.start_s:g}"
         )
     live = LiveSource(
-        source, report=callbacks.on_warning, stored_orientation=how.stored_orientation
+        source, report=callbacks.on_warning, stored_orientation=request.stored_orientation
     )
     try:
         first = live.first()
-        turn = ViewOverTime(
-            how, (first.width, first.height), options, live.siting, first.format.name
+        view_over_time = ViewOverTime(
+            request, (first.width, first.height), settings, live.siting, first.format.name
         )
-        told = FrameProperties(
+        properties = FrameProperties(
             live.frame_rate or UNKNOWN_RATE,
             ColourCoding.told_by(first),
             MasteringDisplay.of(first.side_data),
         )
-        sink = _sinks(outputs, turn, told, None, callbacks)
+        sink = _sinks(outputs, view_over_time, properties, None, callbacks)
         outcome = _run(
-            _until(live.frames(), options.duration_s), sink, turn, None, callbacks, ahead=0
+            _until(live.frames(), settings.duration_s),
+            sink,
+            view_over_time,
+            None,
+            callbacks,
+            ahead=0,
         )
     finally:
         live.close()
-    _report_stale_images(outputs, outcome.frames, options, callbacks)
+    _report_stale_images(outputs, outcome.frames, settings, callbacks)
     summary = (
         f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
     )
-    return DewarpedVideo(turn.view, outcome, summary)
+    return DewarpedVideo(view_over_time.view, outcome, summary)
 
 
 def _report_stale_images(
-    outputs: Sequence[str], count: int, options: VideoOptions, callbacks: VideoCallbacks
+    outputs: Sequence[str], count: int, settings: VideoSettings, callbacks: VideoCallbacks
 ) -> None:
     """Report numbered images left by an earlier, longer run: readers of the pattern would continue
     with them.
     """
     for output in outputs:
-        if options.skip_existing or not (_is_file(output) and is_image_output(output)):
+        if settings.skip_existing or not (_is_file(output) and is_image_output(output)):
             continue
         pattern = Path(output)
         if others := [number for number in numbers_of(pattern) if number > count]:
@@ -328,40 +335,40 @@ def _is_virtual_camera(output: str) -> bool:
     return output.startswith("/dev/video")
 
 
-def _check_outputs(source: str, outputs: Sequence[str], options: VideoOptions) -> None:
+def _check_outputs(source: str, outputs: Sequence[str], settings: VideoSettings) -> None:
     """Raise an error for conflicting outputs and for options that apply to none of them."""
-    if twice := [output for output in outputs if outputs.count(output) > 1]:
-        raise InvalidParameter(f"the outputs must differ; got {twice[0]} twice")
+    if duplicates := [output for output in outputs if outputs.count(output) > 1]:
+        raise InvalidParameter(f"the outputs must differ; got {duplicates[0]} twice")
     for output in outputs:
         if _is_file(output) and is_same_file(output, source):
             raise InvalidParameter(f"the output must differ from the source video; got {output}")
-    pictures = [output for output in outputs if _is_file(output) and is_image_output(output)]
-    for pattern in map(check_pattern, pictures):
+    sequences = [output for output in outputs if _is_file(output) and is_image_output(output)]
+    for pattern in map(check_pattern, sequences):
         if is_sequence(source) and may_share_a_name(source, pattern):
             raise InvalidParameter(
                 f"the output must not overwrite the source images {source}; got {pattern}"
             )
-    if pictures and options.skip_existing and (len(outputs) > 1 or options.preview):
+    if sequences and settings.skip_existing and (len(outputs) > 1 or settings.preview):
         raise InvalidParameter(
             "skip_existing must be used with a single image sequence as output; "
-            f"omit all outputs except {pictures[0]}"
+            f"omit all outputs except {sequences[0]}"
         )
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
     if not is_coded and (
-        asked := [name for name in ("codec", "crf") if getattr(options, name) is not None]
+        inapplicable := [name for name in ("codec", "crf") if getattr(settings, name) is not None]
     ):
         raise InvalidParameter(
-            f"{asked[0]} must be omitted unless an output is a video file or stream; "
-            f"got {getattr(options, asked[0])}"
+            f"{inapplicable[0]} must be omitted unless an output is a video file or stream; "
+            f"got {getattr(settings, inapplicable[0])}"
         )
-    if options.pipe_format is not None and "-" not in outputs:
+    if settings.pipe_format is not None and "-" not in outputs:
         raise InvalidParameter(
-            f"pipe_format must be omitted unless an output is '-'; got {options.pipe_format}"
+            f"pipe_format must be omitted unless an output is '-'; got {settings.pipe_format}"
         )
-    if options.pixel_format is not None and options.pipe_format != "rawvideo" and not is_coded:
+    if settings.pixel_format is not None and settings.pipe_format != "rawvideo" and not is_coded:
         raise InvalidParameter(
             "pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; "
-            f"got {options.pixel_format}"
+            f"got {settings.pixel_format}"
         )
 
 
@@ -372,34 +379,36 @@ class ViewOverTime:
 
     def __init__(
         self,
-        how: DewarpRequest,
+        request: DewarpRequest,
         size: Size,
-        options: VideoOptions,
+        settings: VideoSettings,
         siting: Siting,
         pixel_format: str,
     ) -> None:
-        stands = how.camera_of(size)
-        self.how, self.options, self.siting, self.pixel_format = (
-            how,
-            options,
+        mounted = request.camera_of(size)
+        self.request, self.settings, self.siting, self.pixel_format = (
+            request,
+            settings,
             siting,
             pixel_format,
         )
-        self.camera = how.drawing(stands)
-        self.colour, self.border = how.border, 0
-        self.view: View = how.view_of(self.camera)
-        self.panorama = how.panorama_of(stands, self.view)
-        self.keyframes = None if options.keyframes is None else Keyframes.load(options.keyframes)
+        self.camera = request.view_camera(mounted)
+        self.colour, self.border = request.border, 0
+        self.view: View = request.view_of(self.camera)
+        self.panorama = request.panorama_of(mounted, self.view)
+        self.keyframes = None if settings.keyframes is None else Keyframes.load(settings.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
                 raise InvalidParameter(
-                    f"{options.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
+                    f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
                 )
 
     def _dewarper(self, view: View) -> Dewarper:
-        return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
+        return self.request.dewarper(
+            self.camera, view, self.border, keep_map=self.keyframes is None
+        )
 
     def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
         """Return the dewarped frame at a time, with the chroma siting assumed by readers of the
@@ -424,8 +433,8 @@ class FrameProperties(NamedTuple):
 
 def _sinks(
     outputs: Sequence[str],
-    turn: ViewOverTime,
-    told: FrameProperties,
+    view_over_time: ViewOverTime,
+    properties: FrameProperties,
     source: VideoReader | None,
     callbacks: VideoCallbacks,
 ) -> Sink:
@@ -433,60 +442,68 @@ def _sinks(
     with ExitStack() as opened:
         sinks: list[Sink] = []
         for output in outputs:
-            sinks.append(_sink(output, turn, told, source, callbacks))
+            sinks.append(_sink(output, view_over_time, properties, source, callbacks))
             opened.callback(sinks[-1].abort)
             for note in getattr(sinks[-1], "notes", ()):
                 callbacks.on_warning(note)
-        if turn.options.preview:
-            sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
+        if view_over_time.settings.preview:
+            sinks.append(Preview(view_over_time.view.size, f"omnimirror: {view_over_time.view}"))
         opened.pop_all()
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
 def _sink(
     output: str,
-    turn: ViewOverTime,
-    told: FrameProperties,
+    view_over_time: ViewOverTime,
+    properties: FrameProperties,
     source: VideoReader | None,
     callbacks: VideoCallbacks,
 ) -> Sink:
-    size, options, rate = turn.view.size, turn.options, told.rate
-    if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
+    size, settings, rate = view_over_time.view.size, view_over_time.settings, properties.rate
+    if (
+        properties.display != MasteringDisplay()
+        and not _is_video_file(output)
+        and "://" not in output
+    ):
         callbacks.on_warning(
             f"{output}: {DISPLAY_LOST}; files encoded with libx264 or libx265 preserve it"
         )
     if output == "-":
-        return PipeSink(options.pipe_format or "y4m", rate, options.pixel_format or "rgb24")
+        return PipeSink(settings.pipe_format or "y4m", rate, settings.pixel_format or "rgb24")
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
     if is_image_output(output) and "://" not in output:
-        panorama = turn.panorama if can_be_panorama(output) and options.keyframes is None else None
+        panorama = (
+            view_over_time.panorama
+            if can_be_panorama(output) and settings.keyframes is None
+            else None
+        )
         return ImageSequenceWriter(
             output,
             size,
-            turn.pixel_format,
-            told.colour,
+            view_over_time.pixel_format,
+            properties.colour,
             panorama,
-            skip_existing=options.skip_existing,
+            skip_existing=settings.skip_existing,
         )
-    encoding: dict[str, Any] = options.encoding()
+    encoding: dict[str, Any] = settings.encoding()
     # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
     if (
         is_for_any
         and "pixel_format" not in encoding
-        and (lost := conversion_losses(turn.pixel_format, PixelFormat()))
+        and (lost := conversion_losses(view_over_time.pixel_format, PixelFormat()))
     ):
         callbacks.on_warning(f"{output}: {lost}; use --pixel-format for another format")
     if is_for_any:  # use the range assumed by players
         encoding |= {
-            "colour": replace(told.colour, range=min(told.colour.range, 1)),
-            "display": told.display,
+            "colour": replace(properties.colour, range=min(properties.colour.range, 1)),
+            "display": properties.display,
         }
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
-    if can_be_spherical(output) and options.keyframes is None:
-        encoding["panorama"] = turn.panorama
+    if can_be_spherical(output) and settings.keyframes is None:
+        encoding["panorama"] = view_over_time.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
     return VideoWriter.like(
@@ -497,7 +514,7 @@ def _sink(
 def _run(
     items: Iterable[Item],
     sink: Sink,
-    turn: ViewOverTime,
+    view_over_time: ViewOverTime,
     total: int | None,
     callbacks: VideoCallbacks,
     ahead: int = 4,
@@ -506,7 +523,7 @@ def _run(
     return video_processing.process(
         items,
         sink,
-        partial(turn, to_siting=sink.siting),
+        partial(view_over_time, to_siting=sink.siting),
         "frame",
         total=total,
         ahead=ahead,

@@ -29,7 +29,7 @@ from .screens import (
     View,
     parts_of,
 )
-from .screens._screen import NOT_MOVED, Offset
+from .screens._screen import NO_OFFSET, Offset
 
 __all__ = [
     "MAX_MAGNIFICATION",
@@ -65,10 +65,10 @@ without additional detail above about 1.
 """
 
 
-ROWS_EXAMINED = 65
+SAMPLED_ROWS = 65
 
 
-LARGEST_RATIO = 1e6  # maximum aspect of an image
+MAX_ASPECT_RATIO = 1e6  # maximum aspect of an image
 
 
 @checked
@@ -98,8 +98,8 @@ def resolution(camera: Camera, view: View) -> float:
     >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
     0.154
     """
-    found = [screen_resolution(camera, part.screen) for part in parts_of(view)]
-    return float(min((r for r in found if np.isfinite(r)), default=np.nan))
+    resolutions = [screen_resolution(camera, part.screen) for part in parts_of(view)]
+    return float(min((r for r in resolutions if np.isfinite(r)), default=np.nan))
 
 
 @checked
@@ -128,8 +128,8 @@ def max_zoom(camera: Camera, view: View) -> float:
     >>> print(f"{om.views.max_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
     2.94
     """
-    within = MAX_MAGNIFICATION * resolution(camera, view)
-    return max(1.0, within) if np.isfinite(within) else np.inf
+    maximum = MAX_MAGNIFICATION * resolution(camera, view)
+    return max(1.0, maximum) if np.isfinite(maximum) else np.inf
 
 
 def screen_resolution(camera: Camera, screen: Screen) -> float:
@@ -137,8 +137,8 @@ def screen_resolution(camera: Camera, screen: Screen) -> float:
     if width < 2 or height < 2:
         return np.nan
     middle = (height - 2) / 2
-    rows = np.unique(np.linspace(0, height - 2, min(height - 1, ROWS_EXAMINED)).round().astype(int))
-    nearest, found = np.inf, np.nan
+    rows = np.unique(np.linspace(0, height - 2, min(height - 1, SAMPLED_ROWS)).round().astype(int))
+    nearest, resolution_at_middle = np.inf, np.nan
     for row in map(int, rows[np.argsort(abs(rows - middle), kind="stable")]):
         if abs(row - middle) >= nearest:
             break
@@ -148,18 +148,21 @@ def screen_resolution(camera: Camera, screen: Screen) -> float:
         distances = np.where(
             np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle)
         )
-        best = int(np.argmin(distances))
-        if distances[best] < nearest:
-            nearest, found = float(distances[best]), float(np.sqrt(area[best]))
-    return found
+        nearest_column = int(np.argmin(distances))
+        if distances[nearest_column] < nearest:
+            nearest, resolution_at_middle = (
+                float(distances[nearest_column]),
+                float(np.sqrt(area[nearest_column])),
+            )
+    return resolution_at_middle
 
 
-def field_end(seen: FieldOfView, pole: Pole) -> float:
+def field_end(field: FieldOfView, pole: Pole) -> float:
     """Return the angle (deg) from a pole to the far end of the field."""
-    return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
+    return 90 - field.tilt_min_deg if pole == "zenith" else 90 + field.tilt_max_deg
 
 
-def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
+def completed_size(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
         raise WrongKind(
@@ -170,7 +173,7 @@ def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int
     )
     if width is not None and height is not None:
         return width, height
-    if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
+    if not np.isfinite(natural).all() or max(natural) > MAX_ASPECT_RATIO * min(natural) >= 0:
         raise InvalidParameter(
             "the size of the view at the resolution of the image must be finite and nonzero; "
             f"got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or specify both sides"
@@ -193,7 +196,7 @@ def _even(length: float) -> int:
 PERSPECTIVE_SIZE = (1280, 720)
 
 
-WIDEST_PLANET_DEG = 270.0  # beyond it, the opposite pole fills most of the image
+MAX_PLANET_DEG = 270.0  # beyond it, the opposite pole fills most of the image
 
 
 PLAN_HEIGHTS = 4.0  # side of a plan relative to the mirror height: down to 63 deg from the nadir
@@ -212,7 +215,7 @@ def panorama(
     elevation_deg: tuple[float, float] | None = None,
     rows: Rows = "tilt",
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> Cylinder:
     """Create a panorama of the camera's elevation range, or a given range, at its mean resolution.
 
@@ -248,14 +251,14 @@ def panorama(
     >>> panorama(om.load_sensor("paper-spherical")).size  # .21 deg per pixel
     (1706, 640)
     """
-    seen = field_of(camera)
-    low, high = elevation_deg or (seen.tilt_min_deg, seen.tilt_max_deg)
+    field = field_of(camera)
+    low, high = elevation_deg or (field.tilt_min_deg, field.tilt_max_deg)
     tall = high - low
     if rows == "height" and -90 < low < high < 90:
         tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
-    natural = span_deg * seen.pixels_per_degree, tall * seen.pixels_per_degree
+    natural = span_deg * field.pixels_per_degree, tall * field.pixels_per_degree
     return Cylinder(
-        completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm
+        completed_size(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm
     )
 
 
@@ -268,7 +271,7 @@ def sphere(
     span_deg: float = 360.0,
     elevation_deg: tuple[float, float] = (-90.0, 90.0),
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> Equirectangular:
     """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
     the camera.
@@ -322,7 +325,7 @@ def sphere(
                 f"got {width} px; use for example {width + 1} px, or specify the height also"
             )
     return Equirectangular(
-        completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm
+        completed_size(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm
     )
 
 
@@ -335,7 +338,7 @@ def perspective(
     roll_deg: float = 0.0,
     hfov_deg: float = 90.0,
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> Plane:
     """Create a perspective view, 1280 x 720 by default.
 
@@ -368,7 +371,7 @@ def perspective(
     (1280, 720)
     """
     return Plane(
-        completed(size, PERSPECTIVE_SIZE),
+        completed_size(size, PERSPECTIVE_SIZE),
         pan_deg,
         tilt_deg,
         roll_deg,
@@ -387,7 +390,7 @@ def dome(
     omega_deg: tuple[float, float] | None = None,
     pole: Pole | None = None,
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> DomeMaster:
     """Create a dome about the pole nearest to the centre of the field, up to the end of the field.
 
@@ -421,12 +424,18 @@ def dome(
     >>> om.views.dome(camera).pole
     'nadir'
     """
-    seen = field_of(camera)
+    field = field_of(camera)
     pole = pole or pole_of(camera)
-    first, last = omega_deg or (0.0, field_end(seen, pole))
-    diameter = 2 * last * seen.pixels_per_degree
+    first, last = omega_deg or (0.0, field_end(field, pole))
+    diameter = 2 * last * field.pixels_per_degree
     return DomeMaster(
-        completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm
+        completed_size(size, (diameter, diameter)),
+        last,
+        pole,
+        pan_deg,
+        first,
+        distance_mm,
+        offset_mm,
     )
 
 
@@ -439,7 +448,7 @@ def planet(
     hfov_deg: float | None = None,
     pole: Pole | None = None,
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> LittlePlanet:
     """Create a little planet about the pole nearest to the centre of the field, up to the end of
     the field.
@@ -473,12 +482,12 @@ def planet(
     >>> om.views.planet(camera).hfov_deg
     270.0
     """
-    seen = field_of(camera)
+    field = field_of(camera)
     pole = pole or pole_of(camera)
-    hfov = hfov_deg or min(2 * field_end(seen, pole), WIDEST_PLANET_DEG)
-    diameter = hfov * seen.pixels_per_degree
+    hfov = hfov_deg or min(2 * field_end(field, pole), MAX_PLANET_DEG)
+    diameter = hfov * field.pixels_per_degree
     return LittlePlanet(
-        completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm
+        completed_size(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm
     )
 
 
@@ -490,7 +499,7 @@ def ground(
     size: PartialSize = UNKNOWN_SIZE,
     mm_per_px: float | None = None,
     pan_deg: float = 0.0,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> Ground:
     """Create a plan of the ground with a width of 4 mirror heights at the mean resolution of the
     image.
@@ -524,7 +533,7 @@ def ground(
     """
     scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
     side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
-    return Ground(completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
+    return Ground(completed_size(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 
 
 @checked
@@ -535,7 +544,7 @@ def cube(
     layout: Layout = "cross",
     pan_deg: float = 0.0,
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> CubeMap:
     """Create a cube map with faces of the mean resolution of the camera.
 
@@ -569,7 +578,7 @@ def cube(
     face = _even(90 * field_of(camera).pixels_per_degree)
     columns, rows = CubeMap.grid(layout)
     return CubeMap(
-        completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm
+        completed_size(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm
     )
 
 
@@ -583,7 +592,7 @@ def mosaic(
     hfov_deg: float = 90.0,
     elevation_deg: tuple[float, float] | None = None,
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> Mosaic:
     """Create a panorama above four perspective views (left, ahead, right, behind) with an aspect of
     4:3.
@@ -687,7 +696,7 @@ def preset(
     pan_deg: float = 0.0,
     tilt_deg: float = 0.0,
     distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
+    offset_mm: Offset = NO_OFFSET,
 ) -> Plane | Cylinder:
     """Create one of the views of :data:`PRESETS`; a bent screen is moved up instead of tilted.
 
@@ -727,7 +736,7 @@ def preset(
     if name not in PRESETS:
         raise InvalidParameter(f"the preset must be one of {', '.join(PRESETS)}; got {name!r}")
     away, is_bent, _ = PRESETS[name]
-    width, height = completed(size, PERSPECTIVE_SIZE)
+    width, height = completed_size(size, PERSPECTIVE_SIZE)
     if not is_bent:
         hfov = float(2 * np.degrees(np.arctan(0.5 / away)))
         return Plane((width, height), pan_deg, tilt_deg, 0.0, hfov, distance_mm, offset_mm)

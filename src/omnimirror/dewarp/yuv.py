@@ -72,14 +72,17 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
     else:
         valid = [three[subsampling(like)] + [luma] * (len(like) - 3)]
     if [part.shape for part in parts] not in valid:
-        found, wanted = ", ".join(str(part.shape) for part in parts), ", ".join(map(str, valid[0]))
+        shapes, expected = (
+            ", ".join(str(part.shape) for part in parts),
+            ", ".join(map(str, valid[0])),
+        )
         also = (
             ""
             if like
             else f", or three planes with chroma of {', '.join(map(str, of_colours.values()))}"
         )
         raise InvalidParameter(
-            f"planes must have the shapes {wanted}{also} for {size[0]} x {size[1]} px; got {found}"
+            f"planes must have the shapes {expected}{also} for {size[0]} x {size[1]} px; got {shapes}"
         )
 
 
@@ -108,10 +111,12 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
                 f"border must be a grey level or (y, u, v) for a 4:2:0 frame; got {border}"
             )
         return border[0], border[1], border[2]
-    most = (1 << bits) - 1
-    if not 0 <= border <= most:
-        raise InvalidParameter(f"border must be between 0 and {most} for {bits} bits; got {border}")
-    y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / most
+    white = (1 << bits) - 1
+    if not 0 <= border <= white:
+        raise InvalidParameter(
+            f"border must be between 0 and {white} for {bits} bits; got {border}"
+        )
+    y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / white
     return round(y), 1 << (bits - 1), 1 << (bits - 1)
 
 
@@ -165,10 +170,10 @@ def remap_whole_planes(
     is_shared = subsampling(parts) == (2, 1)
     for part, target, value in zip(parts[1:3], out[1:3], border[1:], strict=True):
         if is_shared:
-            whole = remap(
+            full = remap(
                 widened(part, parts[0].shape[1], sitings[0]), luma, interpolation, None, value
             )
-            target[:] = narrowed(whole, sitings[1])
+            target[:] = narrowed(full, sitings[1])
         else:
             remap(part, luma, interpolation, target, value)
     return out

@@ -26,9 +26,9 @@ from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
 
 # -- Dataset manifest: dataset.json lists completed files to resume interrupted datasets -----------
 
-DESCRIPTION = "dataset.json"
+MANIFEST_NAME = "dataset.json"
 FRAMES = "frames"
-LEFTOVER = re.compile(
+TEMPORARY_FILE = re.compile(
     r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)"
 )
 REWRITE_FRACTION = (
@@ -53,24 +53,24 @@ class Manifest:
         If the folder contains another dataset.
     """
 
-    def __init__(self, folder: Path, described: dict[str, Any]) -> None:
-        self.folder, self.described = folder, described
+    def __init__(self, folder: Path, header: dict[str, Any]) -> None:
+        self.folder, self.header = folder, header
         self.entries: dict[str, Any] = {}
         self.files: dict[str, str] = {}
-        before = _description(folder)
-        self.is_new = before is None
+        previous = _stored_manifest(folder)
+        self.is_new = previous is None
         self.is_complete = False
-        if before is not None:
-            _check_same(folder, before, described["recipe"])
-            _remove_leftovers(folder)
-            named = before.get("files", {})
+        if previous is not None:
+            _check_same_recipe(folder, previous, header["recipe"])
+            _remove_temporary_files(folder)
+            listed = previous.get("files", {})
             self.files = {
-                name: sha for name, sha in named.items() if _is_the_same(folder / name, sha)
+                name: sha for name, sha in listed.items() if _is_unchanged(folder / name, sha)
             }
-            changing = before.keys() - described.keys() - {"files", "complete"}
-            self.entries = {name: before[name] for name in before if name in changing}
-            self.is_complete = bool(before.get("complete")) and len(self.files) == len(named)
-        self._noted = len(self.files)
+            changing = previous.keys() - header.keys() - {"files", "complete"}
+            self.entries = {name: previous[name] for name in previous if name in changing}
+            self.is_complete = bool(previous.get("complete")) and len(self.files) == len(listed)
+        self._listed_files = len(self.files)
         if self.is_new:
             self.write()
 
@@ -81,7 +81,7 @@ class Manifest:
     def add(self, *names: str) -> None:
         """Add files that were just written."""
         self.files |= {name: sha256_of(self.folder / name) for name in names}
-        if len(self.files) - self._noted > len(self.files) // REWRITE_FRACTION:
+        if len(self.files) - self._listed_files > len(self.files) // REWRITE_FRACTION:
             self.write()
 
     def drop(self, names: Sequence[str]) -> None:
@@ -94,55 +94,55 @@ class Manifest:
 
     def write(self) -> None:
         """Write dataset.json in its current state, atomically."""
-        whole = (
-            self.described
+        content = (
+            self.header
             | {"complete": self.is_complete}
             | self.entries
             | {"files": dict(sorted(self.files.items()))}
         )
-        write_text(self.folder / DESCRIPTION, json.dumps(whole) + "\n")
-        self._noted = len(self.files)
+        write_text(self.folder / MANIFEST_NAME, json.dumps(content) + "\n")
+        self._listed_files = len(self.files)
 
     def finish(self, complete: bool) -> None:
         """Write the final dataset.json."""
         self.is_complete = complete
         self.write()
 
-    def end(self, beginning: Sequence[str]) -> None:
+    def end(self, initial_files: Sequence[str]) -> None:
         """Write the current state; a dataset without completed files is removed, including its
         ``beginning`` files.
         """
-        if not self.is_new or self.files.keys() - {*beginning}:
+        if not self.is_new or self.files.keys() - {*initial_files}:
             self.write()
             return
-        for name in (DESCRIPTION, *beginning):
+        for name in (MANIFEST_NAME, *initial_files):
             (self.folder / name).unlink(missing_ok=True)
         if not any(self.folder.iterdir()):
             self.folder.rmdir()
 
 
-def _remove_leftovers(folder: Path) -> None:
+def _remove_temporary_files(folder: Path) -> None:
     """Remove incomplete files of a terminated process."""
     for place in (folder, folder / FRAMES):
         for path in place.glob(".*") if place.is_dir() else ():
-            if LEFTOVER.fullmatch(path.name):
+            if TEMPORARY_FILE.fullmatch(path.name):
                 path.unlink(missing_ok=True)
 
 
-def _description(folder: Path) -> dict[str, Any] | None:
+def _stored_manifest(folder: Path) -> dict[str, Any] | None:
     try:
-        found = parse_json(read_bytes(folder / DESCRIPTION, 16 * LARGEST_TEXT))
+        content = parse_json(read_bytes(folder / MANIFEST_NAME, 16 * LARGEST_TEXT))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as e:
         raise MediaError(
-            f"cannot read {folder / DESCRIPTION}, which is not overwritten: {e}"
+            f"cannot read {folder / MANIFEST_NAME}, which is not overwritten: {e}"
         ) from None
-    return found if isinstance(found, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
-def _check_same(folder: Path, before: dict[str, Any], recipe: dict[str, Any]) -> None:
-    old = before.get("recipe", {})
+def _check_same_recipe(folder: Path, previous: dict[str, Any], recipe: dict[str, Any]) -> None:
+    old = previous.get("recipe", {})
     different = [
         name
         for name in (*recipe, *(old.keys() - recipe.keys()))
@@ -155,7 +155,7 @@ def _check_same(folder: Path, before: dict[str, Any], recipe: dict[str, Any]) ->
         )
 
 
-def _is_the_same(path: Path, sha256: str) -> bool:
+def _is_unchanged(path: Path, sha256: str) -> bool:
     return path.is_file() and sha256_of(path) == sha256
 
 
@@ -230,16 +230,18 @@ def recipe_record(recipe: Recipe) -> dict[str, Any]:
         "path": _path_record,
         "bodies": lambda bodies: [vars(box) | {"path": _path_record(box.path)} for box in bodies],
     }
-    same: Any = lambda value: value  # noqa: E731
-    told = {f.name: encoders.get(f.name, same)(getattr(recipe, f.name)) for f in fields(recipe)}
-    whole = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | told
-    as_read: dict[str, Any] = json.loads(json.dumps(whole, default=lambda number: number.item()))
-    return as_read
+    unchanged: Any = lambda value: value  # noqa: E731
+    stored = {
+        f.name: encoders.get(f.name, unchanged)(getattr(recipe, f.name)) for f in fields(recipe)
+    }
+    content = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | stored
+    record: dict[str, Any] = json.loads(json.dumps(content, default=lambda number: number.item()))
+    return record
 
 
 def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | VideoRecipe:
     """Convert JSON data to a recipe; scene files may be in a folder."""
-    given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
+    values = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
     decoders: dict[str, Any] = {
         "sensor": parse_camera,
         "hall": lambda r: Hall(**r),
@@ -251,9 +253,9 @@ def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | Vide
         "path": _path_of,
         "bodies": lambda r: tuple(map(_body_of, r)),
     }
-    same: Any = lambda value: value  # noqa: E731
+    unchanged: Any = lambda value: value  # noqa: E731
     return KINDS[record["kind"]](
-        **{name: decoders.get(name, same)(value) for name, value in given.items()}
+        **{name: decoders.get(name, unchanged)(value) for name, value in values.items()}
     )
 
 
@@ -261,7 +263,7 @@ class StoredRecipe(NamedTuple):
     """Recipe of a dataset, and the omnimirror version that created it."""
 
     recipe: CalibrationRecipe | VideoRecipe
-    made_by: str | None
+    created_with: str | None
 
 
 def load_recipe(path: str | Path) -> StoredRecipe:
@@ -286,7 +288,7 @@ def _record_in(path: str | Path) -> dict[str, Any]:
     try:
         data = parse_json(read_bytes(path, 16 * LARGEST_TEXT))
         record = data["recipe"]
-        kind, told = record["kind"], data.get("format")
+        kind, stored = record["kind"], data.get("format")
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror}") from None
     except (ValueError, KeyError, TypeError, AttributeError):
@@ -295,9 +297,9 @@ def _record_in(path: str | Path) -> dict[str, Any]:
         raise MediaError(
             f"{path}: the kind of dataset must be one of {', '.join(KINDS)}; got {kind!r}"
         )
-    if told != format_of(kind):
+    if stored != format_of(kind):
         raise MediaError(
-            f"{path} must have the format {format_of(kind)!r}; got {told!r}; write the dataset again"
+            f"{path} must have the format {format_of(kind)!r}; got {stored!r}; write the dataset again"
         )
     return record  # type: ignore[no-any-return]
 

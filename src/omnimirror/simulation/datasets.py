@@ -27,8 +27,8 @@ from ..io.images import encoded
 from ..io.keyframes import Keyframes
 from ..optics.sensor_files import AnyCamera, save_camera
 from .dataset_manifest import (
-    DESCRIPTION,
     FRAMES,
+    MANIFEST_NAME,
     CalibrationRecipe,
     Manifest,
     Recipe,
@@ -38,7 +38,7 @@ from .dataset_manifest import (
 )
 from .detector import Detector
 from .ground_truth_maps import Moment, TrainingGroundTruth, ground_truth, training_ground_truth
-from .pixel_rays import project_visible, sights
+from .pixel_rays import project_visible, trace_pixels
 from .radiometry import Radiometry
 from .rendering import expose
 from .scenes.calibration_hall import SQUARE_MM, Hall
@@ -50,7 +50,7 @@ from .simulated_video import check_video_can_be_written, encode, frame_at, frame
 # -- Calibration datasets with true board corners, and videos with poses and depth -----------------
 
 FRAME_PATTERN = f"{FRAMES}/frame-%05d.png"
-MOST_VIEWS = 10_000
+MAX_VIEWS = 10_000
 POSITION_RANGE_MM = np.array([700.0, 700.0, 350.0])
 """Maximum distance of viewpoints from the centre of the hall: boards are at least twice as far."""
 MAX_TILT_DEG = 12.0
@@ -70,14 +70,17 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     >>> view_poses(2)[0]
     Pose(x_mm=0.0, y_mm=0.0, z_mm=0.0, pan_deg=0.0, tilt_deg=0.0, roll_deg=0.0)
     """
-    if not 1 <= count <= MOST_VIEWS:
-        raise InvalidParameter(f"views must be between 1 and {MOST_VIEWS}; got {count}")
-    chance = np.random.default_rng(whole("seed", seed))
-    places = POSITION_RANGE_MM * chance.uniform(-1, 1, (count - 1, 3))
-    turns = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
+    if not 1 <= count <= MAX_VIEWS:
+        raise InvalidParameter(f"views must be between 1 and {MAX_VIEWS}; got {count}")
+    rng = np.random.default_rng(whole("seed", seed))
+    positions = POSITION_RANGE_MM * rng.uniform(-1, 1, (count - 1, 3))
+    rotations = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * rng.uniform(-1, 1, (count - 1, 3))
     return [
         Pose(),
-        *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1)),
+        *(
+            Pose(*map(float, np.round(row, 3)))
+            for row in np.concatenate([positions, rotations], axis=1)
+        ),
     ]
 
 
@@ -88,18 +91,20 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
     A corner is visible if the chief ray of its pixel meets it: past camera, rod and rim, through
     the wall of a tube or a dome.
     """
-    scene, found = PosedScene(hall, pose), {}
+    scene, corners_px = PosedScene(hall, pose), {}
     for name in hall.boards:
         corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
         pixels, valid = project_visible(sensor, corners)
-        origins = sights(sensor, pixels[valid]).origins
-        ways = corners[valid] - origins
-        met = distances_mm(scene, origins, ways)
+        origins = trace_pixels(sensor, pixels[valid]).origins
+        vectors = corners[valid] - origins
+        distances = distances_mm(scene, origins, vectors)
         pixels[
-            np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - VISIBILITY_TOLERANCE_MM]
+            np.flatnonzero(valid)[
+                distances < np.linalg.norm(vectors, axis=1) - VISIBILITY_TOLERANCE_MM
+            ]
         ] = np.nan
-        found[name] = pixels.reshape(7, 11, 2)
-    return found
+        corners_px[name] = pixels.reshape(7, 11, 2)
+    return corners_px
 
 
 @checked
@@ -179,7 +184,7 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
     """Write the dataset of a recipe; see :func:`write_calibration_dataset`."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
-    ledger = _begin(
+    manifest = _open_manifest(
         folder,
         recipe,
         {
@@ -190,13 +195,15 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
         },
     )
     records = {
-        view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])
+        view["image"]: view
+        for view in manifest.entries.get("views", [])
+        if manifest.has(view["image"])
     }
-    with _to_its_end(ledger):
+    with _closing_on_error(manifest):
         for number, pose in enumerate(poses):
             name = f"view-{number:03d}"
             files = [f"{name}.png"] + [f"{name}.exr"] * recipe.truth
-            if not (files[0] in records and ledger.has(*files)):
+            if not (files[0] in records and manifest.has(*files)):
                 scene = PosedScene(hall, pose)
                 light = expose(
                     sensor,
@@ -209,16 +216,16 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
                 if recipe.truth:
                     write_truth(folder / files[1], sensor, scene, light, radiometry)
                 write_image(folder / files[0], recipe.detector.read(light, seed + number))
-                corners = _lists(visible_corners_px(sensor, hall, pose))
+                corners = _corner_lists(visible_corners_px(sensor, hall, pose))
                 record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
                 records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
-                ledger.entries["views"] = [
+                manifest.entries["views"] = [
                     records[name] for name in sorted(records, key=lambda n: (len(n), n))
                 ]
-                ledger.add(*files)
+                manifest.add(*files)
             yield folder / files[0]
-    ledger.finish(complete=True)
-    yield folder / DESCRIPTION
+    manifest.finish(complete=True)
+    yield folder / MANIFEST_NAME
 
 
 @checked
@@ -237,7 +244,7 @@ def write_video_dataset(
     detector: Detector | None = None,
     seed: int = 0,
     truth: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write the video of a sensor moving through a scene, its poses and ground truth; return the
     number of frames.
@@ -276,7 +283,7 @@ def write_video_dataset(
         Random seed.
     truth
         Also write ``frame-00000.exr``, ...: light, depth, direction and origin of every pixel.
-    progress
+    on_progress
         Callback with the number of finished frames and the total.
 
     Returns
@@ -318,63 +325,69 @@ def write_video_dataset(
         seed=seed,
         truth=truth,
     )
-    return render_frames(recipe, Path(folder), progress)
+    return render_frames(recipe, Path(folder), on_progress)
 
 
 def render_frames(
-    recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None
+    recipe: VideoRecipe, folder: Path, on_progress: Callable[[int, int], None] | None = None
 ) -> int:
     """Write the dataset of a recipe and return its number of frames; see :func:`write_video_dataset`."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
     world = scene.load() if isinstance(scene, SceneSource) else scene
-    described: dict[str, Any] = {
+    header: dict[str, Any] = {
         "video": "video.mp4",
         "poses": "poses.csv",
         "frame_rate": recipe.frame_rate,
     }
-    ledger = _begin(folder, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
-    if ledger.is_complete:
+    manifest = _open_manifest(
+        folder, recipe, header | ({"truth": "frame-%05d.exr"} if truth else {})
+    )
+    if manifest.is_complete:
         return len(times)
-    done = 0
+    completed = 0
 
-    def expose_frame(number: int, picture: str, exr: str) -> None:
+    def expose_frame(number: int, image: str, exr: str) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
-        seen = with_bodies(world, recipe.bodies, time)
+        current_scene = with_bodies(world, recipe.bodies, time)
         light = frame_at(
-            sensor, seen, path, time, recipe.samples, bool(recipe.blur), radiometry, seed
+            sensor, current_scene, path, time, recipe.samples, bool(recipe.blur), radiometry, seed
         )
         if truth:
             write_truth(
-                folder / exr, sensor, PosedScene(seen, Pose(**path.at(time))), light, radiometry
+                folder / exr,
+                sensor,
+                PosedScene(current_scene, Pose(**path.at(time))),
+                light,
+                radiometry,
             )
-        write_image(folder / picture, recipe.detector.read(light, seed))
-        ledger.add(picture, *([exr] if truth else []))
+        write_image(folder / image, recipe.detector.read(light, seed))
+        manifest.add(image, *([exr] if truth else []))
 
     try:
-        with _to_its_end(ledger):
+        with _closing_on_error(manifest):
             for number in range(len(times)):
-                picture, exr = FRAME_PATTERN % number, f"frame-{number:05d}.exr"
-                if not ledger.has(picture, *([exr] if truth else [])):
-                    expose_frame(number, picture, exr)
-                done = number + 1
-                if progress is not None:
-                    progress(done, len(times))
+                image, exr = FRAME_PATTERN % number, f"frame-{number:05d}.exr"
+                if not manifest.has(image, *([exr] if truth else [])):
+                    expose_frame(number, image, exr)
+                completed = number + 1
+                if on_progress is not None:
+                    on_progress(completed, len(times))
     except KeyboardInterrupt:
-        if done:
-            _join(ledger, sensor, path, times[:done], recipe.frame_rate)
-            ledger.write()
+        if completed:
+            _write_video_files(manifest, sensor, path, times[:completed], recipe.frame_rate)
+            manifest.write()
         raise
-    _join(ledger, sensor, path, times, recipe.frame_rate)
-    ledger.is_complete = True
-    ledger.drop([FRAME_PATTERN % number for number in range(len(times))])
+    _write_video_files(manifest, sensor, path, times, recipe.frame_rate)
+    manifest.is_complete = True
+    manifest.drop([FRAME_PATTERN % number for number in range(len(times))])
     (folder / FRAMES).rmdir()
     return len(times)
 
 
-def _join(
-    ledger: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float
+def _write_video_files(
+    manifest: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float
 ) -> None:
     """Write the video of the existing frames, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
@@ -382,13 +395,13 @@ def _join(
         ",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values()))
         for time in times
     ]
-    write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
-    pictures = (
-        read_image(ledger.folder / (FRAME_PATTERN % number)) for number in range(len(times))
+    write_text(manifest.folder / "poses.csv", "\n".join(rows) + "\n")
+    images = (
+        read_image(manifest.folder / (FRAME_PATTERN % number)) for number in range(len(times))
     )
-    encode(ledger.folder / "video.mp4", sensor.image_size, frame_rate, pictures)
-    ledger.entries["frames"] = len(times)
-    ledger.add("poses.csv", "video.mp4")
+    encode(manifest.folder / "video.mp4", sensor.image_size, frame_rate, images)
+    manifest.entries["frames"] = len(times)
+    manifest.add("poses.csv", "video.mp4")
 
 
 def write_truth(
@@ -402,33 +415,33 @@ def write_truth(
         write_channels(temporary, truth.channels(light))
 
 
-def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Manifest:
+def _open_manifest(folder: Path, recipe: Recipe, header: dict[str, Any]) -> Manifest:
     """Return the manifest of existing files after writing the sensor and dataset.json."""
     record = recipe_record(recipe)
     if recipe.truth:
         check_exr_can_be_written(folder)
     head = {"format": format_of(recipe.KIND), "sensor": "sensor.toml", "recipe": record}
-    ledger = Manifest(folder, head | described)
-    if not ledger.has("sensor.toml"):
+    manifest = Manifest(folder, head | header)
+    if not manifest.has("sensor.toml"):
         save_camera(recipe.sensor, folder / "sensor.toml")
-        ledger.add("sensor.toml")
-    return ledger
+        manifest.add("sensor.toml")
+    return manifest
 
 
 @contextmanager
-def _to_its_end(ledger: Manifest) -> Iterator[None]:
+def _closing_on_error(manifest: Manifest) -> Iterator[None]:
     """Record completed files in dataset.json in all cases, and remove a dataset without completed
     files.
     """
-    ledger.is_complete = False
+    manifest.is_complete = False
     try:
         yield
     except BaseException:
-        ledger.end(["sensor.toml"])
+        manifest.end(["sensor.toml"])
         raise
 
 
-def _lists(corners: dict[str, Array]) -> dict[str, Any]:
+def _corner_lists(corners: dict[str, Array]) -> dict[str, Any]:
     """Convert corners to JSON with null for missing ones; invisible boards are omitted."""
     return {
         name: [
@@ -442,7 +455,7 @@ def _lists(corners: dict[str, Array]) -> dict[str, Any]:
 
 # -- Training datasets as WebDataset shards: tar files with a common name for the files of each sample
 
-CARD = "README.md"
+CARD_NAME = "README.md"
 
 
 @checked
@@ -461,7 +474,7 @@ def write_training_dataset(
     detector: Detector | None = None,
     seed: int = 0,
     per_shard: int = 100,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Write images of a camera moving through a scene with depth, directions, normals, labels and
     optical flow.
@@ -488,7 +501,7 @@ def write_training_dataset(
         Rendering parameters, as in :func:`omnimirror.write_video`.
     per_shard
         Number of samples per tar file.
-    progress
+    on_progress
         Callback with the number of finished frames and the total.
 
     Returns
@@ -514,27 +527,32 @@ def write_training_dataset(
     """
     folder, per_shard = file_name("folder", folder), whole("per_shard", per_shard, 1, 1_000_000)
     times = frame_times(path, frame_rate, duration_s)
-    if (folder / CARD).exists():
+    if (folder / CARD_NAME).exists():
         raise InvalidParameter(
-            f"folder must not contain a dataset; remove {folder / CARD} or choose another folder"
+            f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder"
         )
-    reading, moving = detector or Detector(), tuple(bodies)
+    sensor_detector, moving_bodies = detector or Detector(), tuple(bodies)
 
     def moment(time: float) -> Moment:
-        return Moment(SceneWithBodies(scene, moving, time), Pose(**path.at(time)))
+        return Moment(SceneWithBodies(scene, moving_bodies, time), Pose(**path.at(time)))
 
     def sample(number: int) -> dict[str, bytes]:
         now, following = moment(times[number]), moment(times[min(number + 1, len(times) - 1)])
         light = expose(
-            camera, now.seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number
+            camera,
+            now.posed_scene,
+            samples=samples,
+            blur=blur,
+            radiometry=radiometry,
+            seed=seed + number,
         )
-        picture = encoded(reading.read(light, seed + number), ".png")
-        found = training_ground_truth(camera, now, following, radiometry)
-        if progress is not None:
-            progress(number + 1, len(times))
+        image = encoded(sensor_detector.read(light, seed + number), ".png")
+        truth_maps = training_ground_truth(camera, now, following, radiometry)
+        if on_progress is not None:
+            on_progress(number + 1, len(times))
         return {
-            "png": picture,
-            "npz": _arrays(found),
+            "png": image,
+            "npz": _arrays(truth_maps),
             "json": _record(now, times[number], number + 1 == len(times)),
         }
 
@@ -546,8 +564,10 @@ def write_training_dataset(
         )
     save_camera(camera, folder / "sensor.toml")
     write_text(
-        folder / CARD,
-        _card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]),
+        folder / CARD_NAME,
+        _dataset_card(
+            camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]
+        ),
     )
     return shards
 
@@ -565,17 +585,17 @@ def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) ->
                 shard.addfile(entry, io.BytesIO(content))
 
 
-def _arrays(found: TrainingGroundTruth) -> bytes:
-    truth, into = found.truth, io.BytesIO()
+def _arrays(truth_maps: TrainingGroundTruth) -> bytes:
+    truth, into = truth_maps.truth, io.BytesIO()
     np.savez_compressed(
         into,
         depth_mm=truth.depth_mm.astype(np.float32),
         directions=truth.directions.astype(np.float32),
         origins_mm=truth.origins_mm.astype(np.float32),
-        normals=found.normals.astype(np.float32),
-        flow_px=found.flow_px.astype(np.float32),
-        labels=found.labels,
-        visible_again=found.visible_again,
+        normals=truth_maps.normals.astype(np.float32),
+        flow_px=truth_maps.flow_px.astype(np.float32),
+        labels=truth_maps.labels,
+        visible_again=truth_maps.visible_again,
         hidden=truth.hidden,
     )
     return into.getvalue()
@@ -587,7 +607,7 @@ def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
     return json.dumps(record).encode()
 
 
-def _card(
+def _dataset_card(
     camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]
 ) -> str:
     width, height = camera.image_size

@@ -11,7 +11,7 @@ from ..base.arguments import checked
 from ..base.colour import Light
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
-from .pixel_rays import sights
+from .pixel_rays import trace_pixels
 from .radiometry import Radiometry
 from .scenes.moving_objects import SceneWithBodies
 from .scenes.scene import Pose, PosedScene, Scene, distances_mm
@@ -99,16 +99,16 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
     for top in range(0, height, ROWS_AT_ONCE):
         rows = np.arange(top, min(top + ROWS_AT_ONCE, height))
         pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
-        seen = sights(camera, pixels, radiometry)
+        rays = trace_pixels(camera, pixels, radiometry)
         band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
         origins[band], directions[band] = (
-            seen.origins.reshape(*shape, 3),
-            seen.directions.reshape(*shape, 3),
+            rays.origins.reshape(*shape, 3),
+            rays.directions.reshape(*shape, 3),
         )
-        hidden[band] = seen.hidden.reshape(shape)
-        valid = seen.valid
+        hidden[band] = rays.hidden.reshape(shape)
+        valid = rays.valid
         depth[band][valid.reshape(shape)] = distances_mm(
-            scene, seen.origins[valid], seen.directions[valid]
+            scene, rays.origins[valid], rays.directions[valid]
         )
     return GroundTruth(origins, directions, depth, hidden)
 
@@ -127,7 +127,7 @@ class Moment(NamedTuple):
     pose: Pose
 
     @property
-    def seen(self) -> PosedScene:
+    def posed_scene(self) -> PosedScene:
         """Scene in the sensor frame."""
         return PosedScene(self.scene, self.pose)
 
@@ -154,7 +154,7 @@ def training_ground_truth(
     Normals are those of the plane through three points on adjacent rays, and therefore exact on
     flat surfaces.
     """
-    truth = ground_truth(camera, now.seen, radiometry)
+    truth = ground_truth(camera, now.posed_scene, radiometry)
     shape = truth.depth_mm.shape
     valid = np.isfinite(truth.directions[..., 0])
     origins, towards, depth = (
@@ -163,15 +163,17 @@ def training_ground_truth(
         truth.depth_mm[valid],
     )
     normals, flow = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
-    labels, again = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
-    normals[valid] = _normals(now.seen, origins, towards, depth)
+    labels, visible = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
+    normals[valid] = _normals(now.posed_scene, origins, towards, depth)
     turn = now.pose.rotation().T
-    met = now.scene.labels(now.pose.to_scene(origins), towards @ turn)
-    labels[valid] = met
+    scene_labels = now.scene.labels(now.pose.to_scene(origins), towards @ turn)
+    labels[valid] = scene_labels
     v, u = np.nonzero(valid)
-    moved, again[valid] = _moved(camera, now, following, (origins, towards, depth, met), radiometry)
-    flow[valid] = moved - np.stack([u, v], axis=1)
-    return TrainingGroundTruth(truth, normals, labels, flow, again)
+    next_pixels, visible[valid] = _next_frame(
+        camera, now, following, (origins, towards, depth, scene_labels), radiometry
+    )
+    flow[valid] = next_pixels - np.stack([u, v], axis=1)
+    return TrainingGroundTruth(truth, normals, labels, flow, visible)
 
 
 @np.errstate(invalid="ignore")  # points at infinity
@@ -205,15 +207,15 @@ def _along(scene: PosedScene, origins: Array, towards: Array, points: Array, axi
     return np.where((lengths[0] <= lengths[1])[:, None], *steps)
 
 
-def _moved(
+def _next_frame(
     camera: Camera,
     now: Moment,
     following: Moment,
-    seen: tuple[Array, Array, Array, NDArray[np.int64]],
+    surface: tuple[Array, Array, Array, NDArray[np.int64]],
     radiometry: Radiometry | None,
 ) -> tuple[Array, Mask]:
     """Return pixels (n, 2) of the visible points in the following frame, and their visibility."""
-    origins, towards, depth, labels = seen
+    origins, towards, depth, labels = surface
     far = np.isinf(depth)
     points = now.pose.to_scene(origins + np.where(far, 0.0, depth)[:, None] * towards)
     first = 1 + len(now.scene.label_names) - len(now.scene.bodies)
@@ -226,16 +228,20 @@ def _moved(
     away = towards @ now.pose.rotation().T @ following.pose.rotation()
     if far.any():
         pixels[far], valid[far] = camera.project_directions(away[far])
-    again = valid.copy()
-    there = sights(camera, pixels[valid], radiometry)
+    visible = valid.copy()
+    next_rays = trace_pixels(camera, pixels[valid], radiometry)
     with np.errstate(invalid="ignore"):
-        ends = np.full(len(there.valid), np.nan)
-        ok = there.valid
-        ends[ok] = distances_mm(following.seen, there.origins[ok], there.directions[ok])
-        wanted = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - there.origins, axis=1))
-        same = (ends == wanted) | (
-            np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted
+        distances = np.full(len(next_rays.valid), np.nan)
+        valid_rays = next_rays.valid
+        distances[valid_rays] = distances_mm(
+            following.posed_scene, next_rays.origins[valid_rays], next_rays.directions[valid_rays]
         )
-    again[valid] = ok & ~there.hidden & same
+        expected = np.where(
+            far[valid], np.inf, np.linalg.norm(points[valid] - next_rays.origins, axis=1)
+        )
+        is_same_point = (distances == expected) | (
+            np.abs(distances - expected) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * expected
+        )
+    visible[valid] = valid_rays & ~next_rays.hidden & is_same_point
     pixels[~valid] = np.nan
-    return pixels, again
+    return pixels, visible

@@ -27,7 +27,7 @@ from .scenes.scene import MeasurableScene, Scene
 # pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
 # dimensions only and use a regular grid.
 
-MOST_SAMPLES = 1 << 16
+MAX_SAMPLES = 1 << 16
 PLASTIC_NUMBERS = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
 """Roots of g^(d+1) = g + 1, whose powers are the steps of the recurrence (Roberts, 2018)."""
 
@@ -43,7 +43,7 @@ class Samples(NamedTuple):
     seed: int
 
 
-def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
+def sampling_plan(samples: int, blur: bool, seed: int = 0) -> Samples:
     """Return samples for each pixel.
 
     Parameters
@@ -65,7 +65,7 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     >>> spread(4, blur=False).points[:, :2].tolist()
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
-    whole("samples", samples, 1, MOST_SAMPLES)
+    whole("samples", samples, 1, MAX_SAMPLES)
     whole("seed", seed, 0, 2**32 - 1)
     points = np.zeros((samples, 4))
     side = isqrt(samples)
@@ -86,7 +86,7 @@ def _recurrence(count: int, dimensions: int) -> Array:
     return points
 
 
-def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
+def sample_positions(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
     """Return pixels (..., n, 2) and aperture points (..., n, 2) of the unit disk, for pixels given
     by column and row.
 
@@ -95,7 +95,7 @@ def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array
     columns, rows = np.broadcast_arrays(np.asarray(columns, np.int64), np.asarray(rows, np.int64))
     p = samples.points.astype(float)
     if samples.blur:
-        p = (p + _shifts(columns, rows, samples.seed)[..., None, :]) % 1.0
+        p = (p + _pixel_shifts(columns, rows, samples.seed)[..., None, :]) % 1.0
     else:
         p = np.broadcast_to(p, (*columns.shape, *p.shape))
     pixels = np.stack([columns, rows], axis=-1)[..., None, :] + p[..., :2] - 0.5
@@ -104,16 +104,16 @@ def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array
     return pixels, aperture
 
 
-def _shifts(columns: NDArray[np.int64], rows: NDArray[np.int64], seed: int) -> Array:
-    h = _mixed(np.uint32(seed) ^ _mixed(columns.astype(np.uint32) + _mixed(rows.astype(np.uint32))))
+def _pixel_shifts(columns: NDArray[np.int64], rows: NDArray[np.int64], seed: int) -> Array:
+    h = _hash(np.uint32(seed) ^ _hash(columns.astype(np.uint32) + _hash(rows.astype(np.uint32))))
     shifts = []
     for _ in range(4):
         shifts.append((h >> np.uint32(8)) * 2.0**-24)
-        h = _mixed(h + np.uint32(0x9E3779B9))
+        h = _hash(h + np.uint32(0x9E3779B9))
     return np.stack(shifts, axis=-1)
 
 
-def _mixed(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def _hash(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
     h = np.asarray(h, np.uint32)
     h = h ^ (h >> np.uint32(16))
     h = h * np.uint32(0x7FEB352D)
@@ -216,16 +216,16 @@ class ThroughShell:
         turn = self.sensor.mount.rotation()
         points, towards = (turned(v, turn) for v in (origins_mm, directions))
         light = np.zeros(points.shape)
-        left = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
-        points, towards, share = points[left], towards[left], np.ones(len(left))
+        active = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
+        points, towards, share = points[active], towards[active], np.ones(len(active))
         for _ in range(1 + MAX_GHOST_ORDER):
-            left_by = passage(self.shell, points, towards)
-            seen = self.scene.radiance(
-                turned(left_by.points, turn.T), turned(left_by.directions, turn.T)
+            transit = passage(self.shell, points, towards)
+            radiance = self.scene.radiance(
+                turned(transit.points, turn.T), turned(transit.directions, turn.T)
             )
-            light[left] += (share * left_by.passed)[:, None] * seen
-            ghosts = self._ghosts(left_by)
-            left, share = left[ghosts.alive], (share * (1 - left_by.passed))[ghosts.alive]
+            light[active] += (share * transit.passed)[:, None] * radiance
+            ghosts = self._ghosts(transit)
+            active, share = active[ghosts.alive], (share * (1 - transit.passed))[ghosts.alive]
             points, towards = ghosts.points[ghosts.alive], ghosts.directions[ghosts.alive]
         return light.astype(np.float32)
 
@@ -236,11 +236,13 @@ class ThroughShell:
             passage.met + ORIGIN_OFFSET_MM * passage.thrown_back,
             passage.thrown_back,
         )
-        again = mirror.trace(points, directions)
+        reflected = mirror.trace(points, directions)
         points = np.where(
-            again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points
+            reflected.valid[:, None],
+            reflected.points + ORIGIN_OFFSET_MM * reflected.directions,
+            points,
         )
-        directions = np.where(again.valid[:, None], again.directions, directions)
+        directions = np.where(reflected.valid[:, None], reflected.directions, directions)
         rim = self.sensor.mirror.rim_radius_mm
         back = (
             float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
@@ -256,10 +258,10 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
     """Return the scene through the tube or dome of the housing of a camera; unchanged without one."""
     if not isinstance(camera, Sensor) or camera.housing.shell is None:
         return scene
-    standing = camera.obstructions
-    assert standing.housing.shell is not None
+    obstructions = camera.obstructions
+    assert obstructions.housing.shell is not None
     return ThroughShell(
-        scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids)
+        scene, obstructions.housing.shell, camera, tuple(lid.height_mm for lid in obstructions.lids)
     )
 
 
@@ -290,24 +292,26 @@ class TracedRays(NamedTuple):
     """
 
 
-def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> TracedRays:
+def trace_to_scene(
+    sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry
+) -> TracedRays:
     """Trace rays of pixels (n, 2) through points (n, 2) of the unit disk of the aperture, in double
     precision.
     """
     start, towards = sensor.lens_rays(pixels, pupil)
-    found = sensor.optical_train.posed_mirror.trace(start, towards)
-    hit = found.valid
+    reflection = sensor.optical_train.posed_mirror.trace(start, towards)
+    hit = reflection.valid
     points, directions = (
-        np.where(hit[:, None], found.points, start),
-        np.where(hit[:, None], found.directions, towards),
+        np.where(hit[:, None], reflection.points, start),
+        np.where(hit[:, None], reflection.directions, towards),
     )
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.direct_view else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
         fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
-    standing = sensor.obstructions
-    fate[hit & standing.meets_front(points, directions, -towards)] = HIDDEN
-    fate[standing.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
+    obstructions = sensor.obstructions
+    fate[hit & obstructions.meets_front(points, directions, -towards)] = HIDDEN
+    fate[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
     return TracedRays(points, directions, towards, hit, fate)
 
 
@@ -315,15 +319,16 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
     """Return the relative brightness (n,) of the targets of mirrored rays (n, 3): parts of the
     camera front; 1 elsewhere.
     """
-    standing = sensor.obstructions
-    if standing.camera is None:
+    obstructions = sensor.obstructions
+    if obstructions.camera is None:
         return np.ones(len(points))
-    meets, across = standing.camera.met_by(points, directions)
-    if standing.rod is not None:
+    meets, across = obstructions.camera.met_by(points, directions)
+    if obstructions.rod is not None:
         meets &= ~(
-            standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens)
+            obstructions.rod.met_by(points, directions)
+            | obstructions.rod.met_by(points, towards_lens)
         )
-    return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
+    return np.where(meets, camera_front(2 * across / obstructions.front_ring_mm), 1.0)
 
 
 def check_housing_is_rendered(sensor: Sensor) -> None:
@@ -335,7 +340,7 @@ def check_housing_is_rendered(sensor: Sensor) -> None:
         )
 
 
-def mirror_net(sensor: Sensor) -> Array:
+def mirror_grid(sensor: Sensor) -> Array:
     """Return world points (lines from the vertex, lines around, 3) of the mirror, mm, including the
     rim.
     """
@@ -350,7 +355,7 @@ def mirror_net(sensor: Sensor) -> Array:
     return turned(points, rotation.T).reshape(*across.shape[:2], 3)
 
 
-def check_clear(sensor: Sensor, scene: Scene) -> None:
+def check_clearance(sensor: Sensor, scene: Scene) -> None:
     """Raise InvalidParameter if a scene intersects the mirror, tested along lines from the vertex
     to the rim and around it.
 
@@ -359,9 +364,9 @@ def check_clear(sensor: Sensor, scene: Scene) -> None:
     scene = scene.scene if isinstance(scene, ThroughShell) else scene
     if not isinstance(scene, MeasurableScene):
         return
-    net = mirror_net(sensor)
-    start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
-    end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
+    grid = mirror_grid(sensor)
+    start = np.concatenate([grid[:-1].reshape(-1, 3), grid[1:, :-1].reshape(-1, 3)])
+    end = np.concatenate([grid[1:].reshape(-1, 3), grid[1:, 1:].reshape(-1, 3)])
     if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
         raise InvalidParameter(
             "the mirror must not intersect the scene; change the pose, or check the unit of the mesh"
@@ -385,7 +390,9 @@ class PixelRays(NamedTuple):
     """
 
 
-def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> PixelRays:
+def trace_pixels(
+    camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None
+) -> PixelRays:
     """Return the chief rays of pixels (n, 2) past obstructions and through a tube or a dome.
 
     Parameters
@@ -425,21 +432,21 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
             hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
             hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
         return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
-    followed, standing = (
-        follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
+    traced, obstructions = (
+        trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
         camera.obstructions,
     )
     points, directions, hidden = (
-        followed.points,
-        _unit(followed.directions),
-        followed.fate == HIDDEN,
+        traced.points,
+        _unit(traced.directions),
+        traced.fate == HIDDEN,
     )
-    valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
-    if (shell := standing.housing.shell) is not None:
-        for disc in standing.discs:  # lids and the frame of a window
+    valid = (traced.fate == REFLECTED) | (traced.fate == DIRECT)
+    if (shell := obstructions.housing.shell) is not None:
+        for disc in obstructions.discs:  # lids and the frame of a window
             hidden |= valid & (disc.clearance(points, directions) < 0)
-        left_by = passage(shell, points[valid], directions[valid])
-        points[valid], directions[valid] = left_by.points, left_by.directions
+        transit = passage(shell, points[valid], directions[valid])
+        points[valid], directions[valid] = transit.points, transit.directions
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
@@ -459,7 +466,7 @@ def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = camera.project(points)
     if isinstance(camera, Sensor) and not camera.housing.is_empty:
-        valid[valid] = ~sights(camera, pixels[valid]).hidden
+        valid[valid] = ~trace_pixels(camera, pixels[valid]).hidden
     pixels[~valid] = np.nan
     return Projection(pixels, valid)
 

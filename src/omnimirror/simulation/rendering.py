@@ -24,7 +24,7 @@ from ..cameras.frames import turned
 from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
-from .image_tiles import BYTES, LIGHT, Medium, Progress, Tile, render_tiles
+from .image_tiles import BYTES, LIGHT, PixelConversion, Progress, Tile, render_tiles
 from .pixel_rays import (
     DIRECT,
     HIDDEN,
@@ -32,20 +32,20 @@ from .pixel_rays import (
     REFLECTED,
     Samples,
     ThroughShell,
-    check_clear,
+    check_clearance,
     check_housing_is_rendered,
-    follow,
     front_shade,
-    places,
+    sample_positions,
+    sampling_plan,
     scene_through_shell,
-    spread,
+    trace_to_scene,
 )
 from .radiometry import Radiometry
 from .scenes.scene import DistantScene, Scene
 
 # -- Light on the image sensor: mean over rays of each pixel through the aperture, via the mirror, to a scene
 
-MOST_ACROSS = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
+MAX_SIDE_PX = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
 
 
 class Bundle(NamedTuple):
@@ -71,7 +71,7 @@ def expose(
     distant: bool = False,
     radiometry: Radiometry | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     workers: int | None = None,
     wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> Light:
@@ -92,7 +92,7 @@ def expose(
         Radiometry of a sensor and appearance of its housing; without losses by default.
     seed
         Random seed of the sample positions in a blurred image.
-    progress
+    on_progress
         Callback in the calling thread with the finished rows.
     workers
         Number of threads; the number of processors by default.
@@ -128,7 +128,7 @@ def expose(
     >>> light.shape, light.dtype
     ((64, 64, 3), dtype('float32'))
     """
-    return exposed(
+    return render_light(
         camera,
         scene,
         LIGHT,
@@ -137,23 +137,23 @@ def expose(
         distant=distant,
         radiometry=radiometry,
         seed=seed,
-        progress=progress,
+        on_progress=on_progress,
         workers=workers,
         wavelengths_nm=wavelengths_nm,
     )
 
 
-def exposed(
+def render_light(
     camera: Camera,
     scene: Scene,
-    medium: Medium,
+    conversion: PixelConversion,
     *,
     samples: int,
     blur: bool = False,
     distant: bool = False,
     radiometry: Radiometry | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     workers: int | None = None,
     wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> NDArray[Any]:
@@ -178,36 +178,38 @@ def exposed(
         check_housing_is_rendered(camera)
         camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
         if not distant:
-            check_clear(camera, scene)
-    plan = spread(samples, blur, seed)
+            check_clearance(camera, scene)
+    plan = sampling_plan(samples, blur, seed)
     radiometry = radiometry or Radiometry()
-    cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
+    cameras, coloured = _cameras_at_wavelengths(camera, wavelengths_nm), radiometry.of_colours()
     if cameras is not None or coloured is not None:
         plain = partial(
-            exposed,
+            render_light,
             scene=scene,
-            medium=LIGHT if medium.in_order else medium,
+            conversion=LIGHT if conversion.in_order else conversion,
             samples=samples,
             blur=blur,
             distant=distant,
             seed=seed,
-            progress=progress,
+            on_progress=on_progress,
             workers=workers,
         )
-        seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
-        each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
-        shares = [plain(seen, radiometry=light) for seen, light in each]
+        cameras_by_colour: list[Any] = [camera] * 3 if cameras is None else [*cameras]
+        each = zip(cameras_by_colour, coloured or [radiometry] * 3, strict=True)
+        shares = [plain(colour_camera, radiometry=light) for colour_camera, light in each]
         stacked = np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
-        return medium.read(stacked) if medium.in_order else stacked
-    seen = scene_through_shell(camera, _distant(scene) if distant else scene)
+        return conversion.read(stacked) if conversion.in_order else stacked
+    visible_scene = scene_through_shell(camera, _at_infinity(scene) if distant else scene)
     if _has_one_mirror(camera) and is_for_kernels(camera):
-        picture = compiled_light(camera, seen, plan, radiometry, progress, workers, medium)
-        if picture is not None:
-            return picture
-    return _of_scene(camera, seen, plan, radiometry, progress, workers, medium)
+        image = compiled_light(
+            camera, visible_scene, plan, radiometry, on_progress, workers, conversion
+        )
+        if image is not None:
+            return image
+    return _render_scene(camera, visible_scene, plan, radiometry, on_progress, workers, conversion)
 
 
-def _of_colours(
+def _cameras_at_wavelengths(
     camera: Camera, wavelengths_nm: tuple[float, float, float] | None
 ) -> list[Sensor] | None:
     """Return the sensor for red, green and blue light; None if all colours are equal."""
@@ -223,17 +225,17 @@ def _of_colours(
 
 def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
-    if width * height > MOST_ACROSS**2:
+    if width * height > MAX_SIDE_PX**2:
         raise InvalidParameter(
-            f"the image must have at most {MOST_ACROSS**2} px, for example {MOST_ACROSS} x {MOST_ACROSS} px; "
+            f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x {MAX_SIDE_PX} px; "
             f"got {width} x {height} px"
         )
 
 
-def _distant(scene: Scene) -> Scene:
+def _at_infinity(scene: Scene) -> Scene:
     """Return the scene at infinity; a tube or a dome is unchanged."""
     return (
-        replace(scene, scene=_distant(scene.scene))
+        replace(scene, scene=_at_infinity(scene.scene))
         if isinstance(scene, ThroughShell)
         else DistantScene(scene)
     )
@@ -243,41 +245,43 @@ def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
     return isinstance(camera, Sensor) and camera.secondary is None
 
 
-def _of_scene(
+def _render_scene(
     camera: Camera,
     scene: Scene,
     plan: Samples,
     radiometry: Radiometry,
-    progress: Progress | None,
+    on_progress: Progress | None,
     workers: int | None,
-    medium: Medium,
+    conversion: PixelConversion,
 ) -> NDArray[Any]:
     def light_of(tile: Tile) -> Light:
-        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(
-            axis=2
-        )
+        light: Light = gather_light(
+            trace_bundle(camera, plan, radiometry, *tile), scene, radiometry
+        ).mean(axis=2)
         return light
 
-    return render_tiles(light_of, camera.image_size, len(plan.points), progress, workers, medium)
+    return render_tiles(
+        light_of, camera.image_size, len(plan.points), on_progress, workers, conversion
+    )
 
 
-def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
+def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     """Return the light (rows, columns, n, 3) along the rays."""
     light = np.zeros(bundle.origins.shape, np.float32)
-    seeing = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
-    light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
+    visible = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
+    light[visible] = scene.radiance(bundle.origins[visible], bundle.directions[visible])
     light *= bundle.weight[..., None]
     hidden = bundle.fate == HIDDEN
     light[hidden] = radiometry.housing_light * bundle.weight[hidden, None]
     return light
 
 
-def trace(
+def trace_bundle(
     camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
 ) -> Bundle:
     """Trace the rays of a tile of the image."""
     if not _has_one_mirror(camera):
-        pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+        pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
         if isinstance(camera, Sensor) and plan.blur:
             origins, directions, valid = camera.aperture_rays(
@@ -319,10 +323,10 @@ def _trace_sensor(
     sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
 ) -> Bundle:
     """Trace the same rays without the compiled module."""
-    pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+    pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
     pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
-    points, directions, towards, hit, fate = follow(sensor, pixels, pupil, radiometry)
+    points, directions, towards, hit, fate = trace_to_scene(sensor, pixels, pupil, radiometry)
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = sensor.image_plane.flat_mm(pixels)[0]
@@ -348,7 +352,7 @@ def _trace_sensor(
 # Images are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as usual in Python;
 # OpenCV requires BGR, ``picture[..., ::-1]``.
 
-MOST_SAMPLES = 16
+MAX_SAMPLES = 16
 SHOWN_SAMPLES = 16
 """Rays per pixel of images for display."""
 
@@ -362,7 +366,7 @@ def render_image(
     distant: bool = False,
     radiometry: Radiometry | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     workers: int | None = None,
     low_pass: bool = False,
 ) -> Picture:
@@ -394,7 +398,7 @@ def render_image(
         Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
     seed
         Random seed of the sample positions in a blurred image.
-    progress
+    on_progress
         Callback with the number of finished rows and the total.
     workers
         Number of threads; the number of processors by default.
@@ -419,7 +423,7 @@ def render_image(
     ((1024, 1024, 3), dtype('uint8'), array([0, 0, 0], dtype=uint8))
     """
     if low_pass:
-        fine = _finer(camera)
+        fine = _with_half_pixel_pitch(camera)
         light = expose(
             fine,
             scene,
@@ -428,11 +432,11 @@ def render_image(
             distant=distant,
             radiometry=radiometry,
             seed=seed,
-            progress=progress,
+            on_progress=on_progress,
             workers=workers,
         )
-        return srgb_bytes(_low_passed(light))
-    return exposed(
+        return srgb_bytes(_low_pass_filtered(light))
+    return render_light(
         camera,
         scene,
         BYTES,
@@ -441,16 +445,16 @@ def render_image(
         distant=distant,
         radiometry=radiometry,
         seed=seed,
-        progress=progress,
+        on_progress=on_progress,
         workers=workers,
     )
 
 
-TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
+LOW_PASS_KERNEL = np.array([1.0, 3.0, 3.0, 1.0]) / 8
 """Weights of half-width pixels: a tent that extends one pixel to either side."""
 
 
-def _finer(camera: Camera) -> Sensor:
+def _with_half_pixel_pitch(camera: Camera) -> Sensor:
     """Return the sensor with pixels of half the width."""
     if not isinstance(camera, Sensor):
         raise InvalidParameter(
@@ -467,7 +471,7 @@ def _finer(camera: Camera) -> Sensor:
     return replace(camera, imager=finer)
 
 
-def _low_passed(light: Light) -> Light:
+def _low_pass_filtered(light: Light) -> Light:
     """Filter light (2 n, 2 m, 3) on half-width pixels to pixels (n, m, 3)."""
     for axis in (0, 1):
         padded = np.moveaxis(
@@ -475,7 +479,7 @@ def _low_passed(light: Light) -> Light:
         )
         count = light.shape[axis] // 2
         light = np.moveaxis(
-            sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis
+            sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(LOW_PASS_KERNEL)), 0, axis
         )
     return np.ascontiguousarray(light, np.float32)
 
@@ -524,17 +528,15 @@ def render_pinhole_image(scene: Scene, directions: ArrayLike, samples: int = 1) 
     light = np.zeros(towards.shape, dtype=np.float32)
     valid = np.isfinite(towards).all(axis=2)
     light[valid] = scene.radiance(np.zeros((int(valid.sum()), 3)), towards[valid])
-    return _develop(light, samples)
+    return _averaged_srgb(light, samples)
 
 
 def _check_samples(samples: int) -> None:
-    if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(
-            f"samples must be an integer from 1 to {MOST_SAMPLES}; got {samples}"
-        )
+    if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
+        raise InvalidParameter(f"samples must be an integer from 1 to {MAX_SAMPLES}; got {samples}")
 
 
-def _develop(light: Light, samples: int) -> Picture:
+def _averaged_srgb(light: Light, samples: int) -> Picture:
     """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
     return srgb_bytes(

@@ -22,7 +22,7 @@ from .rendering import expose
 from .scenes.moving_objects import MovingBox, with_bodies
 from .scenes.scene import POSE_NAMES, Pose, PosedScene, Scene
 
-MOST_FRAMES = 100_000
+MAX_FRAMES = 100_000
 MIN_FRAME_RATE = 1e-3  # frames per second
 
 
@@ -80,9 +80,9 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
         if duration_s >= 0 and frame_rate > 0
         else 0
     )
-    if not 1 <= count <= MOST_FRAMES:
+    if not 1 <= count <= MAX_FRAMES:
         raise InvalidParameter(
-            f"the video must have 1 to {MOST_FRAMES} frames; got {duration_s:g} s at {frame_rate:g} frames/s"
+            f"the video must have 1 to {MAX_FRAMES} frames; got {duration_s:g} s at {frame_rate:g} frames/s"
         )
     return [i / frame_rate for i in range(count)]
 
@@ -96,7 +96,7 @@ def frame_at(
     blur: bool = False,
     radiometry: Radiometry | None = None,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> Light:
     """Return the linear light (h, w, 3) at the time ``time_s``; the sensor is static during the
     exposure.
@@ -107,15 +107,15 @@ def frame_at(
         As in :func:`~omnimirror.expose`, or if the path leads to a position that is impossible for
         a sensor.
     """
-    seen = PosedScene(scene, Pose(**path.at(time_s)))
+    posed_scene = PosedScene(scene, Pose(**path.at(time_s)))
     return expose(
         camera,
-        seen,
+        posed_scene,
         samples=samples,
         blur=blur,
         radiometry=radiometry,
         seed=seed,
-        progress=progress,
+        on_progress=on_progress,
     )
 
 
@@ -144,7 +144,7 @@ def write_video(
     radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
-    written: Callable[[VideoFrame, int], None] | None = None,
+    on_frame: Callable[[VideoFrame, int], None] | None = None,
 ) -> int:
     """Write the video of a camera along a path and return its number of frames.
 
@@ -175,7 +175,7 @@ def write_video(
         Image sensor electronics; without noise by default.
     seed
         Random seed.
-    written
+    on_frame
         Callback with each frame after it is written, and the total number.
 
     Returns
@@ -209,20 +209,20 @@ def write_video(
     check_video_can_be_written(output)
     times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
 
-    def pictures() -> Iterator[NDArray[Any]]:
+    def images() -> Iterator[NDArray[Any]]:
         for i, time in enumerate(times):
-            seen = with_bodies(scene, bodies, time)
-            light = frame_at(camera, seen, path, time, samples, blur, radiometry, seed + i)
+            posed_scene = with_bodies(scene, bodies, time)
+            light = frame_at(camera, posed_scene, path, time, samples, blur, radiometry, seed + i)
             yield detector.read(light, seed + i)
-            if written is not None:
-                written(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
+            if on_frame is not None:
+                on_frame(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
 
-    encode(output, camera.image_size, frame_rate, pictures())
+    encode(output, camera.image_size, frame_rate, images())
     return len(times)
 
 
 def encode(
-    output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]
+    output: str | Path, size: tuple[int, int], frame_rate: float, images: Iterable[NDArray[Any]]
 ) -> None:
     """Write RGB images (h, w, 3) as a video."""
     from ..io.video_frames import frame_of_image
@@ -230,8 +230,8 @@ def encode(
 
     rate = Fraction(frame_rate).limit_denominator(1001)
     with VideoWriter(output, size, rate) as video:
-        for number, picture in enumerate(pictures):
-            frame = frame_of_image(picture)
+        for number, image in enumerate(images):
+            frame = frame_of_image(image)
             frame.pts, frame.time_base = number, 1 / rate
             video.write(frame)
 

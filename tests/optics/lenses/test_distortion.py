@@ -25,7 +25,7 @@ from omnimirror.optics.lenses.distortion import (
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from omnimirror.simulation import rendering as rays
-from omnimirror.simulation.pixel_rays import spread
+from omnimirror.simulation.pixel_rays import sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -148,7 +148,7 @@ def _direction(omega_deg):
 def test_compiled_rays_are_those_of_double_precision(terms, pose):
     sensor = sensor_with(pixels=100, pose=pose, **terms)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
-    plan, part = spread(16, blur=True), (slice(0, 100), slice(0, 100))
+    plan, part = sampling_plan(16, blur=True), (slice(0, 100), slice(0, 100))
     fast, slow = (
         f(sensor, plan, Radiometry(vignetting=1.0), *part)
         for f in (rays._trace_natively, rays._trace_sensor)

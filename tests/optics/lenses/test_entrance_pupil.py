@@ -16,7 +16,7 @@ from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import Sphere
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor
-from omnimirror.simulation.pixel_rays import spread
+from omnimirror.simulation.pixel_rays import sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import _trace_natively, _trace_sensor
 
@@ -174,7 +174,7 @@ def test_blur_is_that_of_thin_bundles(pair):
 def test_pictures_take_their_rays_from_there(pair):
     """Compiled and NumPy, through the whole aperture."""
     sensor = sensor_of(pair)
-    plan, part = spread(8, True), (slice(300, 302), slice(200, 240))
+    plan, part = sampling_plan(8, True), (slice(300, 302), slice(200, 240))
     ours, plain = (f(sensor, plan, Radiometry(), *part) for f in (_trace_natively, _trace_sensor))
     assert (ours.fate == plain.fate).all()
     assert np.abs(unit(ours.directions) - unit(plain.directions)).max() < 1e-5

@@ -145,7 +145,7 @@ def test_colours_of_facets_blend_between_their_corners():
     for i in range(5):
         alone = facets(triangles[i : i + 1], colours[i : i + 1])
         normal = np.cross(*(triangles[i, 1:] - triangles[i, 0]))
-        seen = alone.seen((points[i] + normal)[None], -normal[None])
+        seen = alone.first_hits((points[i] + normal)[None], -normal[None])
         np.testing.assert_allclose(seen.light[0], weights[i] @ colours[i], atol=1e-5)
 
 

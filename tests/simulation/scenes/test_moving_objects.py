@@ -182,7 +182,7 @@ def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
     first = scene.surroundings_from(*corners).surfaces.records.copy()
     own = scene.scene.surroundings_from(*corners).surfaces
     before = own.records.copy()
-    own.seen(np.zeros((1, 3)), np.ones((1, 3)))
+    own.first_hits(np.zeros((1, 3)), np.ones((1, 3)))
     assert (own.records != before).any(), "else there is nothing to hold"
     np.testing.assert_array_equal(scene.surroundings_from(*corners).surfaces.records, first)
 

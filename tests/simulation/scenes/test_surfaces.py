@@ -89,11 +89,11 @@ def test_the_first_surface_met_is_the_nearest_of_all(count):
     scene = clutter(count, rng)
     origins, directions = rng.uniform(-6, 6, (3000, 3)), rng.normal(size=(3000, 3))
     directions[:300, 0] = 0.0  # including rays along planes of the boxes
-    fast = scene.seen(origins, directions)
+    fast = scene.first_hits(origins, directions)
     if not count:
         assert np.isinf(fast.distance).all()
         return
-    slow = scene._seen_by_all(origins, directions)
+    slow = scene._hits_in_parts(origins, directions)
     same = np.isclose(fast.distance, slow.distance, rtol=1e-4) | (
         np.isinf(fast.distance) & np.isinf(slow.distance)
     )
@@ -130,9 +130,11 @@ def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
     directions[9000:12000] = (
         triangles[rng.integers(len(triangles), size=3000), 1] - origins[9000:12000]
     )  # at corners
-    seen, order = scene.seen(origins, directions), rng.permutation(len(origins))
+    seen, order = scene.first_hits(origins, directions), rng.permutation(len(origins))
     assert np.isinf(seen.distance).mean() < 1e-3  # between triangles
-    for alone, together in zip(scene.seen(origins[order], directions[order]), seen, strict=True):
+    for alone, together in zip(
+        scene.first_hits(origins[order], directions[order]), seen, strict=True
+    ):
         np.testing.assert_array_equal(alone, together[order])
 
 
@@ -147,7 +149,7 @@ def test_many_surfaces_at_one_place_are_met():
         np.zeros(count, bool),
         (Texture(np.full((1, 1, 4), 0.5, np.float32)),),
     )
-    seen = scene.seen(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
+    seen = scene.first_hits(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
     assert seen.distance.tolist() == [5.0, np.inf]
 
 
@@ -175,12 +177,12 @@ def test_what_is_compiled_is_kept_once():
         rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32)
     )
     given = np.sort(scene.records, order=["texel"])
-    before = scene._seen_by_all(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
+    before = scene._hits_in_parts(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
     kept = scene.native.records
     assert kept.nbytes == 500 * 64
     assert np.shares_memory(scene.records, kept)
     assert np.array_equal(np.sort(scene.records, order=["texel"]), given)
-    for now, then in zip(scene._seen_by_all(np.zeros((99, 3)), towards), before, strict=True):
+    for now, then in zip(scene._hits_in_parts(np.zeros((99, 3)), towards), before, strict=True):
         np.testing.assert_array_equal(now, then)
 
 
@@ -196,7 +198,7 @@ def test_places_that_are_no_numbers_are_refused(bad):
         (Texture(np.ones((1, 1, 4), np.float32)),),
     )
     with pytest.raises(ValueError, match="places of surfaces must be between"):
-        scene.seen(np.zeros((1, 3)), np.ones((1, 3)))
+        scene.first_hits(np.zeros((1, 3)), np.ones((1, 3)))
 
 
 def test_a_texture_lies_on_its_surface_as_one_reads_it():
@@ -215,7 +217,7 @@ def test_a_texture_lies_on_its_surface_as_one_reads_it():
     towards = np.array(
         [[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]]
     )
-    seen = scene.seen(np.zeros((5, 3)), towards)
+    seen = scene.first_hits(np.zeros((5, 3)), towards)
     np.testing.assert_allclose(seen.light[:, 0], [0, 2, 4, 2.5, 0], atol=1e-4)
 
 

@@ -113,7 +113,7 @@ def write_demo(
         Room(),
         samples=SHOWN_SAMPLES,
         blur=blur and sensor.secondary is None,
-        progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows),
+        on_progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows),
     )
     pictures = {
         "circle": circle,

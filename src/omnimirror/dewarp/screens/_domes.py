@@ -13,15 +13,15 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
 from ._screen import (
-    NOT_MOVED,
+    NO_OFFSET,
     CentredScreen,
     Offset,
     check_angle,
     check_choice,
+    check_no_tilt,
     check_range,
     check_zoom,
     on_plane,
-    refuse_tilt,
 )
 
 Pole = Literal["nadir", "zenith"]
@@ -59,7 +59,7 @@ class PolarScreen(CentredScreen):
         return vectors
 
     def _check(self) -> None:
-        self._check_place()
+        self._check_placement()
         check_choice("pole", self.pole, get_args(Pole))
         check_angle("pan_deg", self.pan_deg)
 
@@ -107,7 +107,7 @@ class DomeMaster(PolarScreen):
     pan_deg: float = 0.0
     omega_min_deg: float = 0.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
@@ -137,11 +137,11 @@ class DomeMaster(PolarScreen):
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
-        refuse_tilt(self, tilt_deg)
+        check_no_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return f"dome ({self.omega_min_deg:g} to {self.omega_max_deg:.6g} deg from the {self.pole}{self._place})"
+        return f"dome ({self.omega_min_deg:g} to {self.omega_max_deg:.6g} deg from the {self.pole}{self._placement})"
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class LittlePlanet(PolarScreen):
     pole: Pole = "nadir"
     pan_deg: float = 0.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
@@ -213,8 +213,10 @@ class LittlePlanet(PolarScreen):
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
-        refuse_tilt(self, tilt_deg)
+        check_no_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._place})"
+        return (
+            f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._placement})"
+        )

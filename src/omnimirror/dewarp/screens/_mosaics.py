@@ -13,7 +13,7 @@ from ...base.arguments import check_fields, checked
 from ...base.errors import InvalidParameter
 from ._planes import Plane
 from ._screen import (
-    NOT_MOVED,
+    NO_OFFSET,
     Offset,
     ScreenPart,
     View,
@@ -78,7 +78,7 @@ class CubeMap:
     layout: Layout = "cross"
     pan_deg: float = 0.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -14,7 +14,7 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
 from ._screen import (
-    NOT_MOVED,
+    NO_OFFSET,
     CentredScreen,
     Offset,
     check_angle,
@@ -24,7 +24,7 @@ from ._screen import (
 )
 
 Rows = Literal["tilt", "height"]
-NARROWEST_DEG = 1e-6
+MIN_SPAN_DEG = 1e-6
 
 
 class Panorama(CentredScreen):
@@ -61,15 +61,15 @@ class Panorama(CentredScreen):
         """
         return highest - (places("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
-    def _words(self, name: str) -> str:
+    def _description(self, name: str) -> str:
         around = (
             "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
         )
         elevations = f"elevation {self.tilt_min_deg:.6g} to {self.tilt_max_deg:.6g} deg"
-        return f"{name} ({around}{elevations}{self._place})"
+        return f"{name} ({around}{elevations}{self._placement})"
 
     def _check(self) -> None:
-        self._check_place()
+        self._check_placement()
         for name in ("tilt_min_deg", "tilt_max_deg"):
             number(name, getattr(self, name), unit="deg")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
@@ -77,12 +77,12 @@ class Panorama(CentredScreen):
                 "tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; "
                 f"got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
-        if self.tilt_max_deg - self.tilt_min_deg < NARROWEST_DEG:
+        if self.tilt_max_deg - self.tilt_min_deg < MIN_SPAN_DEG:
             raise InvalidParameter(
-                f"tilt_max_deg must be at least {NARROWEST_DEG:g} deg above tilt_min_deg; "
+                f"tilt_max_deg must be at least {MIN_SPAN_DEG:g} deg above tilt_min_deg; "
                 f"got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
-        check_range("span_deg", self.span_deg, NARROWEST_DEG, 360, upper_included=True)
+        check_range("span_deg", self.span_deg, MIN_SPAN_DEG, 360, upper_included=True)
         check_angle("pan_deg", self.pan_deg)
 
 
@@ -134,7 +134,7 @@ class Cylinder(Panorama):
     span_deg: float = 360.0
     rows: Rows = "tilt"
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
@@ -154,7 +154,7 @@ class Cylinder(Panorama):
         distance_mm: float,
         pan_deg: float = 0.0,
         span_deg: float = 360.0,
-        offset_mm: Offset = NOT_MOVED,
+        offset_mm: Offset = NO_OFFSET,
     ) -> Self:
         """Return the section of a cylinder wall between two heights (mm) over its centre, in
         ascending order.
@@ -210,7 +210,7 @@ class Cylinder(Panorama):
         return float(np.degrees(np.arctan(low))), float(np.degrees(np.arctan(high)))
 
     def __str__(self) -> str:
-        return self._words("panorama")
+        return self._description("panorama")
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class Equirectangular(Panorama):
     pan_deg: float = 0.0
     span_deg: float = 360.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
@@ -277,7 +277,7 @@ class Equirectangular(Panorama):
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return self._words("sphere")
+        return self._description("sphere")
 
 
 def _stretched(

@@ -13,10 +13,11 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
 from ._screen import (
-    NOT_MOVED,
+    NO_OFFSET,
     CentredScreen,
     Offset,
     check_angle,
+    check_no_tilt,
     check_offset,
     check_range,
     check_size,
@@ -24,7 +25,6 @@ from ._screen import (
     offset_words,
     on_plane,
     pixels_of_rows,
-    refuse_tilt,
 )
 
 
@@ -71,10 +71,10 @@ class Plane(CentredScreen):
     roll_deg: float = 0.0
     hfov_deg: float = 90.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
-        self._check_place()
+        self._check_placement()
         for name in ("pan_deg", "tilt_deg", "roll_deg"):
             check_angle(name, getattr(self, name))
         check_range("hfov_deg", self.hfov_deg, 0, 180, upper_included=False)
@@ -110,7 +110,7 @@ class Plane(CentredScreen):
     def __str__(self) -> str:
         roll = f", roll {self.roll_deg:g}" if self.roll_deg else ""
         looks = f"pan {self.pan_deg:g}, tilt {self.tilt_deg:g}{roll}, hfov {self.hfov_deg:.6g} deg"
-        return f"perspective view ({looks}{self._place})"
+        return f"perspective view ({looks}{self._placement})"
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Ground:
     height_mm: float
     mm_per_px: float
     pan_deg: float = 0.0
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
     is_distant = False
 
     def __post_init__(self) -> None:
@@ -183,7 +183,7 @@ class Ground:
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
-        refuse_tilt(self, tilt_deg)
+        check_no_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:

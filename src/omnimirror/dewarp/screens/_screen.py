@@ -15,8 +15,8 @@ from ...base.typing import Array
 
 Offset = tuple[float, float, float]
 
-LARGEST_PX = 100_000
-NOT_MOVED: Offset = (0.0, 0.0, 0.0)
+MAX_SIDE_PX = 100_000
+NO_OFFSET: Offset = (0.0, 0.0, 0.0)
 
 
 @runtime_checkable
@@ -150,13 +150,13 @@ class CentredScreen(ABC):
         return vectors
 
     @property
-    def _place(self) -> str:
+    def _placement(self) -> str:
         """Placement for messages; empty for an infinite distance."""
         if self.is_distant:
             return ""
         return f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
 
-    def _check_place(self) -> None:
+    def _check_placement(self) -> None:
         check_size(self.size)
         if numbers("distance_mm", self.distance_mm, "of shape ()").ndim or not self.distance_mm > 0:
             raise InvalidParameter(
@@ -193,10 +193,10 @@ def offset_words(offset_mm: Offset) -> str:
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
     if numbers("size", size, "of shape (2,)").shape != (2,) or not all(
-        1 <= n <= LARGEST_PX and int(n) == n for n in size
+        1 <= n <= MAX_SIDE_PX and int(n) == n for n in size
     ):
         raise InvalidParameter(
-            f"size must be (width, height) from 1 to {LARGEST_PX} px; got {shown(size)}"
+            f"size must be (width, height) from 1 to {MAX_SIDE_PX} px; got {shown(size)}"
         )
 
 
@@ -214,13 +214,13 @@ def check_angle(name: str, angle_deg: float) -> None:
     number(name, angle_deg, unit="deg")
 
 
-SMALLEST_DEG = 1e-9
+MIN_ANGLE_DEG = 1e-9
 
 
 def check_range(name: str, value: float, low: float, high: float, upper_included: bool) -> None:
     """Raise an error unless an angle (deg) is above ``low`` and below ``high``."""
     value = number(name, value)
-    if not (low + SMALLEST_DEG < value < high or (upper_included and value == high)):
+    if not (low + MIN_ANGLE_DEG < value < high or (upper_included and value == high)):
         bound = f"up to {high:g}" if upper_included else f"below {high:g}"
         raise InvalidParameter(f"{name} must be above {low:g} and {bound} deg; got {value:g}")
 
@@ -236,7 +236,7 @@ def check_zoom(factor: float) -> None:
     number("zoom", factor, above=0.0)
 
 
-def refuse_tilt(screen: object, tilt_deg: float) -> None:
+def check_no_tilt(screen: object, tilt_deg: float) -> None:
     """Raise an error for tilting a screen without an up direction."""
     if tilt_deg:
         raise InvalidParameter(

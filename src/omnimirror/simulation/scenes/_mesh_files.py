@@ -21,15 +21,15 @@ from .surfaces import Surfaces, Texture, combine_surfaces, facets, textured_tria
 
 # -- Validation of mesh files before rendering -----------------------------------------------------
 
-SMALLEST_MM, LARGEST_MM = 0.01, 1e9
+MIN_EXTENT_MM, MAX_EXTENT_MM = 0.01, 1e9
 ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t](?:.*[ \t/])?0(?=[/ \t\r\n]|$)", re.M)
 MATERIALS = re.compile(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.M)
 COLOURS = re.compile(rb"^[ \t]*map_Kd[ \t]+(.+?)[ \t\r]*$", re.M)
 TEXTURE = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.+?)[ \t\r]*$", re.M)
-HEAD = 1 << 16
+HEADER_BYTES = 1 << 16
 MAX_MESH_BYTES = 256 << 20
 """Maximum size in bytes of a mesh, and of each file that it references."""
-MOST_CORNERS = 50_000_000
+MAX_CORNERS = 50_000_000
 """Maximum number of values in the accessors of a glTF file."""
 
 
@@ -53,36 +53,36 @@ def check_mesh_file(path: Path) -> None:
         _check_gltf(path)
     elif suffix == ".ply":
         with open_file(path) as file:
-            names = TEXTURE.findall(file.read(HEAD))
+            names = TEXTURE.findall(file.read(HEADER_BYTES))
         for name in names:
-            _check_there(path, "texture", _text(name))
+            _check_referenced_file(path, "texture", _text(name))
 
 
 def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
     """Raise MediaError if triangles (n, 3) reference missing vertices."""
-    if (wrong := (faces < 0) | (faces >= count)).any():
+    if (invalid := (faces < 0) | (faces >= count)).any():
         raise MediaError(
-            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[wrong][0]} and "
-            f"{int(wrong.any(axis=1).sum())} invalid triangles in total"
+            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[invalid][0]} and "
+            f"{int(invalid.any(axis=1).sum())} invalid triangles in total"
         )
 
 
 def check_corners(path: Path, corners_mm: list[Array]) -> None:
     """Raise MediaError unless triangles (n, 3, 3) mm are a visible object."""
-    bad = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
+    invalid = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
     count = sum(len(corners) for corners in corners_mm)
-    if bad:
+    if invalid:
         raise MediaError(
-            f"the corners of the mesh {path} must be finite; {bad} of {count} triangles are not"
+            f"the corners of the mesh {path} must be finite; {invalid} of {count} triangles are not"
         )
     low, high = (
         pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0)
         for pick in (np.min, np.max)
     )
     extent = float(np.max(high - low))
-    if not SMALLEST_MM <= extent <= LARGEST_MM:
+    if not MIN_EXTENT_MM <= extent <= MAX_EXTENT_MM:
         raise MediaError(
-            f"the extent of the mesh {path} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm; got "
+            f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and {MAX_EXTENT_MM:g} mm; got "
             f"{extent:.3g} mm; specify the unit of the mesh (--unit-mm, unit_mm)"
         )
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
@@ -92,19 +92,19 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
 
 def _check_obj(path: Path) -> None:
     text = read_bytes(path, MAX_MESH_BYTES)
-    if found := ZERO_INDEX.search(text):
-        line = text.count(b"\n", 0, found.end()) + 1
+    if match := ZERO_INDEX.search(text):
+        line = text.count(b"\n", 0, match.end()) + 1
         raise MediaError(
             f"the mesh {path}: indices of OBJ files must be nonzero; got 0 in line {line}"
         )
     for names in MATERIALS.findall(text):
         name = _text(names)
-        _check_there(path, "material file", name)
+        _check_referenced_file(path, "material file", name)
         for options in COLOURS.findall(read_bytes(path.parent / name, MAX_MESH_BYTES)):
             texture = _text(options)
             if not (path.parent / texture).is_file():  # options precede the name
                 texture = texture.split()[-1]
-            _check_there(path, "texture", texture)
+            _check_referenced_file(path, "texture", texture)
 
 
 def _check_gltf(path: Path) -> None:
@@ -114,33 +114,35 @@ def _check_gltf(path: Path) -> None:
     try:
         data: Any = parse_json(content)
         parts = [
-            (what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])
+            (kind, each.get("uri")) for kind in ("images", "buffers") for each in data.get(kind, [])
         ]
         corners = sum(each.get("count", 0) for each in data.get("accessors", []))
         too_many = (
-            corners > MOST_CORNERS
+            corners > MAX_CORNERS
         )  # accessors without a buffer are zeros, without data in the file
     except (ValueError, AttributeError, TypeError):
         return  # the reader reports the reason
     if too_many:
         raise MediaError(
-            f"the mesh {path} must have at most {MOST_CORNERS} corner values; got {corners}"
+            f"the mesh {path} must have at most {MAX_CORNERS} corner values; got {corners}"
         )
-    for what, uri in parts:
+    for kind, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):
-            _check_there(path, {"images": "texture", "buffers": "buffer"}[what], unquote(uri))
+            _check_referenced_file(
+                path, {"images": "texture", "buffers": "buffer"}[kind], unquote(uri)
+            )
 
 
-def _check_there(path: Path, what: str, name: str) -> None:
+def _check_referenced_file(path: Path, kind: str, name: str) -> None:
     try:
         check_file(path.parent / name, MAX_MESH_BYTES)
     except FileNotFoundError:
         raise MediaError(
-            f"cannot find the {what} {name!r} of the mesh {path}; copy it to {path.parent}"
+            f"cannot find the {kind} {name!r} of the mesh {path}; copy it to {path.parent}"
         ) from None
     except OSError as e:
         raise MediaError(
-            f"cannot read the {what} {name!r} of the mesh {path}: {e.strerror}"
+            f"cannot read the {kind} {name!r} of the mesh {path}: {e.strerror}"
         ) from None
 
 
@@ -158,7 +160,7 @@ TO_WORLD = {
 DEFAULT_CONVENTIONS = {".glb": (1000.0, "y"), ".stl": (1.0, "z")}
 """Unit (mm) and upward axis defined by file formats."""
 SUN_DIRECTION = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
-FROM_SKY, FROM_SUN = 0.55, 0.45
+SKY_FRACTION, SUN_FRACTION = 0.55, 0.45
 
 
 def load_mesh(
@@ -192,8 +194,10 @@ def load_mesh(
         If the axis is unknown or the unit is not a length.
     """
     path = Path(path)
-    usual_unit, usual_up = DEFAULT_CONVENTIONS.get(path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"])
-    unit_mm, up = usual_unit if unit_mm is None else unit_mm, usual_up if up is None else up
+    default_unit, default_up = DEFAULT_CONVENTIONS.get(
+        path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"]
+    )
+    unit_mm, up = default_unit if unit_mm is None else unit_mm, default_up if up is None else up
     if up not in TO_WORLD:
         raise InvalidParameter(f"up must be one of {', '.join(TO_WORLD)}; got {up!r}")
     if not 0 < unit_mm < np.inf:
@@ -244,13 +248,13 @@ def _meshes(path: Path) -> list[Any]:
 def _surfaces_of(
     mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool
 ) -> Surfaces:
-    picture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
-    if picture is not None and uv is not None and len(uv) == len(mesh.vertices):
-        return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], picture)
+    texture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
+    if texture is not None and uv is not None and len(uv) == len(mesh.vertices):
+        return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], texture)
     normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (
         to_world.T / np.linalg.norm(to_world[0])
     )
-    shade = FROM_SKY * (0.5 + 0.5 * normals[..., 2]) + FROM_SUN * np.clip(
+    shade = SKY_FRACTION * (0.5 + 0.5 * normals[..., 2]) + SUN_FRACTION * np.clip(
         normals @ SUN_DIRECTION, 0, 1
     )
     return facets(
@@ -258,14 +262,14 @@ def _surfaces_of(
     )
 
 
-def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
+def _textured(triangles: Array, uv: Array, texture: Light) -> Surfaces:
     """Return triangles (n, 3, 3) with an image at coordinates (n, 3, 2), from 0 to 1 from its lower
     left corner.
     """
-    height, width = picture.shape[:2]
+    height, width = texture.shape[:2]
     at = np.stack([uv[..., 0] * width - 0.5, (1 - uv[..., 1]) * height - 0.5], axis=-1)
     at[:, 1:] -= at[:, :1]
-    return textured_triangles(triangles, at, Texture(picture, repeats=True))
+    return textured_triangles(triangles, at, Texture(texture, repeats=True))
 
 
 def _texture(visual: Any) -> Light | None:

@@ -287,11 +287,11 @@ def _painted(texel_mm: float) -> Surroundings:
         (face, Canvas(face.width_mm, face.height_mm, 50.0, Paint("#5b6670"))) for face in backs
     ]
     lights = light_on(painted, HALL, SOLIDS)
-    pictures = [
+    images = [
         illuminated_texels(canvas, light)
         for (_, canvas), light in zip(painted, lights, strict=True)
     ]
-    return Surroundings(surfaces_of_faces([face for face, _ in painted], pictures))
+    return Surroundings(surfaces_of_faces([face for face, _ in painted], images))
 
 
 THICKNESS_MM = 6.0
@@ -299,8 +299,8 @@ THICKNESS_MM = 6.0
 
 def _back(face: Face) -> Face:
     """Return the reverse side of a board."""
-    behind = face.corner + face.width_mm * face.right - THICKNESS_MM * face.normal
-    return Face(behind, -face.right, face.up, -face.normal, face.width_mm, face.height_mm)
+    corner = face.corner + face.width_mm * face.right - THICKNESS_MM * face.normal
+    return Face(corner, -face.right, face.up, -face.normal, face.width_mm, face.height_mm)
 
 
 # -- painting ------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from ...dewarp.sampling import remap
 from ...io import read_image
 from .scene import rays_from
 
-FEWEST_ROWS = 4
+MIN_ROWS = 4
 FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
 
@@ -101,9 +101,9 @@ class Environment:
             raise MediaError(
                 f"{path}: an equirectangular image must have the aspect ratio 2:1; got {width} x {height} px"
             )
-        if height < FEWEST_ROWS:
+        if height < MIN_ROWS:
             raise MediaError(
-                f"{path}: an environment must have at least {2 * FEWEST_ROWS} x {FEWEST_ROWS} px; "
+                f"{path}: an environment must have at least {2 * MIN_ROWS} x {MIN_ROWS} px; "
                 f"got {width} x {height} px"
             )
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
@@ -129,8 +129,8 @@ class Environment:
         height, width = self.light.shape[:2]
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5
-        places = np.stack([column + 1, row], axis=-1)[None]
-        light: Light = remap(self._closed, PixelMap(places, (width + 2, height)))[0]
+        positions = np.stack([column + 1, row], axis=-1)[None]
+        light: Light = remap(self._closed, PixelMap(positions, (width + 2, height)))[0]
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:

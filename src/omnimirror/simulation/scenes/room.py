@@ -468,8 +468,8 @@ class Room:
             As in :meth:`radiance`.
         """
         origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
-        found: NDArray[np.int64] = LABELS[intersect_boxes(ROOM, SOLIDS, origins, towards).face]
-        return found
+        labels: NDArray[np.int64] = LABELS[intersect_boxes(ROOM, SOLIDS, origins, towards).face]
+        return labels
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -508,12 +508,12 @@ class Room:
 class _Painted:
     """All faces of the room and of the solids in a single list of texels, indexed by point."""
 
-    def __init__(self, faces: list[Face], pictures: list[Light], signs: dict[str, Array]) -> None:
+    def __init__(self, faces: list[Face], images: list[Light], signs: dict[str, Array]) -> None:
         self.signs = signs
-        self.surroundings = Surroundings(surfaces_of_faces(faces, pictures), Landscape())
-        self._sizes = np.array([p.shape[:2] for p in pictures])
+        self.surroundings = Surroundings(surfaces_of_faces(faces, images), Landscape())
+        self._sizes = np.array([p.shape[:2] for p in images])
         self._starts = np.concatenate([[0], np.cumsum(self._sizes.prod(axis=1))])[:-1]
-        self._pictures = pictures
+        self._images = images
         # Column and row of a point p are A p + b; columns count from the left, rows from the top
         scale = self._sizes[:, ::-1] / np.array([(f.width_mm, f.height_mm) for f in faces])
         axes = np.array([(f.right, -f.up) for f in faces]) * scale[..., None]
@@ -523,7 +523,7 @@ class _Painted:
     @cached_property
     def _texels(self) -> Light:
         """All texels in a row; unused with the compiled module, which would store them twice."""
-        return np.concatenate([p.reshape(-1, 4) for p in self._pictures])
+        return np.concatenate([p.reshape(-1, 4) for p in self._images])
 
     def look_up(
         self, face: NDArray[np.int32], points_mm: Array
@@ -531,11 +531,11 @@ class _Painted:
         """Return light (n, 3) of points (n, 3) on faces (n,), and the transmitted fraction (n,) of
         the background.
         """
-        place = np.einsum("nij,nj->ni", self._axes[face], points_mm) + self._shifts[face]
+        position = np.einsum("nij,nj->ni", self._axes[face], points_mm) + self._shifts[face]
         last = self._sizes[face] - 1
         rows, columns = last.T
-        column = np.clip(place[:, 0], 0, columns)
-        row = np.clip(place[:, 1], 0, rows)
+        column = np.clip(position[:, 0], 0, columns)
+        row = np.clip(position[:, 1], 0, rows)
         left, top = column.astype(np.int64), row.astype(np.int64)
         fx = (column - left).astype(np.float32)[:, None]
         fy = (row - top).astype(np.float32)[:, None]
@@ -572,18 +572,18 @@ def _painted(texel_mm: float, other_texel_mm: float) -> _Painted:
     for number, face in enumerate(faces[6:]):
         piece = PIECES[number // 6]
         decorate = piece.decorate.get(number % 6)
-        fineness = max(other_texel_mm, PLAIN_TEXEL_MM) if decorate is None else other_texel_mm
-        canvas = Canvas(face.width_mm, face.height_mm, fineness, piece.paint)
+        texel_size = max(other_texel_mm, PLAIN_TEXEL_MM) if decorate is None else other_texel_mm
+        canvas = Canvas(face.width_mm, face.height_mm, texel_size, piece.paint)
         if decorate is not None:
             decorate(canvas)
         canvases.append(canvas)
     lights = light_on(list(zip(faces, canvases, strict=True)), ROOM, SOLIDS)
-    pictures = []
+    images = []
     for canvas, light in zip(canvases, lights, strict=True):
-        pictures.append(illuminated_texels(canvas, light))
+        images.append(illuminated_texels(canvas, light))
         # A fine room takes 500 MB, and its paint twice as much
         canvas.texels = canvas.texels[:0].copy()
-    return _Painted(faces, pictures, signs)
+    return _Painted(faces, images, signs)
 
 
 def _corners(face: Face, extent: Extent) -> Array:

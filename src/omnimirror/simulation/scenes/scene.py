@@ -63,8 +63,8 @@ def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Arra
         )
     usable = ~np.isnan(towards).any(axis=1) & towards.any(axis=1)
     if not usable.all():
-        bad = np.asarray(directions, float)[~usable][0].tolist()
-        raise InvalidParameter(f"directions must be finite and nonzero; got {bad}")
+        invalid = np.asarray(directions, float)[~usable][0].tolist()
+        raise InvalidParameter(f"directions must be finite and nonzero; got {invalid}")
     return origins, towards
 
 
@@ -197,8 +197,8 @@ class Pose:
         (n, 3) array
             Points in the sensor world, mm.
         """
-        moved: Array = turned(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
-        return moved
+        points: Array = turned(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
+        return points
 
 
 POSE_NAMES = tuple(f.name for f in fields(Pose))

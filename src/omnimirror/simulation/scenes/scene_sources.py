@@ -91,12 +91,12 @@ class SceneSource:
         if self.is_mesh:
             from ._mesh_files import load_mesh
 
-            far = (
+            distant_scene = (
                 None
                 if self.background is None
                 else Environment.load(self.background, self.heading_deg)
             )
-            return load_mesh(self.name, self.unit_mm, self.up, far)
+            return load_mesh(self.name, self.unit_mm, self.up, distant_scene)
         if self.is_environment:
             return Environment.load(self.name, self.heading_deg)
         if self.name in BUNDLED:
@@ -154,8 +154,8 @@ def load_scene(
     >>> om.load_scene("room", texel_mm=40.0)
     Room(texel_mm=40.0, other_texel_mm=None)
     """
-    behind = None if background is None else str(background)
-    return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, behind).load()
+    background_name = None if background is None else str(background)
+    return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, background_name).load()
 
 
 def record_of(scene: Scene | SceneSource) -> dict[str, Any] | None:
@@ -192,19 +192,19 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         expected = record.get(f"{entry}_sha256")
         if expected is None:
             continue
-        there = Path(record[entry])
-        found = [file for file in (there, folder / there.name) if file.is_file()]
-        same = [file for file in found if sha256_of(file) == expected]
-        if not same:
-            what = "has changed" if found else "is missing"
+        original = Path(record[entry])
+        candidates = [file for file in (original, folder / original.name) if file.is_file()]
+        matches = [file for file in candidates if sha256_of(file) == expected]
+        if not matches:
+            problem = "has changed" if candidates else "is missing"
             raise MediaError(
-                f"the scene {there} of the dataset {what}; it must be there or in {folder}"
+                f"the scene {original} of the dataset {problem}; it must be there or in {folder}"
             )
-        found_at = str(same[0])
+        location = str(matches[0])
         source = (
-            replace(source, name=found_at)
+            replace(source, name=location)
             if entry == "name"
-            else replace(source, background=found_at)
+            else replace(source, background=location)
         )
     return source
 
@@ -220,8 +220,8 @@ def sha256_of(path: Path) -> str:
     digest = hashlib.sha256()
     try:
         with open_file(path) as file:
-            while piece := file.read(CHUNK_BYTES):
-                digest.update(piece)
+            while chunk := file.read(CHUNK_BYTES):
+                digest.update(chunk)
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror or e}") from None
     return digest.hexdigest()

@@ -409,27 +409,25 @@ def _painted(texel_mm: float) -> Surroundings:
     cars = [box for car in CARS for box in car.boxes]
     solids = [*houses, *cars, *TRUNKS, *CROWNS, *LANTERNS]
     faces: list[Face] = []
-    waiting: list[Canvas] = []
+    pending: list[Canvas] = []
 
-    def one_by_one() -> Iterator[tuple[Face, Canvas]]:
-        for face, canvas in _everything(texel_mm):
+    def painted_faces() -> Iterator[tuple[Face, Canvas]]:
+        for face, canvas in _all_faces(texel_mm):
             faces.append(face)
-            waiting.append(canvas)
+            pending.append(canvas)
             yield face, canvas
 
-    pictures = [
-        illuminated_texels(waiting.pop(), light)
-        for light in under_sky(one_by_one(), solids, SUN_DIRECTION, GRID_MM)
+    images = [
+        illuminated_texels(pending.pop(), light)
+        for light in under_sky(painted_faces(), solids, SUN_DIRECTION, GRID_MM)
     ]
     leaves = [
         tree_crown(box, LEAVES[i % len(LEAVES)], SUN_DIRECTION) for i, box in enumerate(CROWNS)
     ]
-    return Surroundings(
-        combine_surfaces([surfaces_of_faces(faces, pictures), *leaves]), Landscape()
-    )
+    return Surroundings(combine_surfaces([surfaces_of_faces(faces, images), *leaves]), Landscape())
 
 
-def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
+def _all_faces(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
     """Yield each face with its paint one by one: the whole street would take much memory."""
     road = face_of(ROAD, 5, inside=False)
     yield road, paint_road(road, texel_mm)
@@ -453,14 +451,14 @@ def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
 def _house_faces(house: House, texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
     front = 2 if house.box.low[1] > 0 else 3
     middle = (house.box.low[0] + house.box.high[0]) / 2
-    fineness = texel_mm * max(1.0, abs(middle) / NEAR_MM)
+    texel_size = texel_mm * max(1.0, abs(middle) / NEAR_MM)
     for i in (0, 1, 2, 3, 5):
         face = face_of(house.box, i, inside=False)
         yield (
             face,
             (
-                paint_front(house, face, fineness)
+                paint_front(house, face, texel_size)
                 if i == front
-                else paint_side(house, i, face, 4 * fineness)
+                else paint_side(house, i, face, 4 * texel_size)
             ),
         )

@@ -204,7 +204,7 @@ def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) ->
                 seen,
                 samples=taking.samples,
                 blur=True,
-                progress=progress,
+                on_progress=progress,
             )
         write_image(path, Detector().read(light))
         say(f"{path}: focused at {focus:.1f} mm")

@@ -14,7 +14,7 @@ from ....base.errors import OmnimirrorError
 from ....base.files import write_text
 from ....base.native import backend
 from ....dewarp.image_files import DewarpedImages, ImageDewarper
-from ....dewarp.request import DewarpRequest, PipeFormat, VideoOptions, is_video
+from ....dewarp.request import DewarpRequest, PipeFormat, VideoSettings, is_video
 from ....interop.ros_bags.bag_files import is_bag
 from ....io.images import format_of
 from .._camera_options import AutoOptions, CameraOptions, OrientationOptions
@@ -243,14 +243,14 @@ class VideoOptions(Options):
         "raw: rgb24]"
     )
 
-    def options(self, kind: str | None) -> VideoOptions:
+    def settings(self, kind: str | None) -> VideoSettings:
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             valid = ", ".join(PIPE_FORMATS)
             raise click.UsageError(
                 f"--format {kind} belongs to pictures; of a video valid are {valid}"
             )
-        return VideoOptions(**self.given, pipe_format=kind)  # type: ignore[arg-type]
+        return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]
 
 
 @click.command(
@@ -352,8 +352,8 @@ def command(
         auto.refuse_video(sources[0])
     if len(sources) == 1 and is_video(sources[0]):
         _refuse_of_pictures(sources[0], pictures)
-        options = replace(video.options(kind), skip_existing=bool(pictures.skip_existing))
-        _video(sources[0], outputs, how, options)
+        settings = replace(video.settings(kind), skip_existing=bool(pictures.skip_existing))
+        _video(sources[0], outputs, how, settings)
     else:
         _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
         restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
@@ -464,12 +464,12 @@ def _pictures(
         say(done)
         return
     with output_console().status("Straightening") as status:
-        found = straightener.many(
+        found = straightener.dewarp_many(
             sources,
             target,
             skip_existing=is_going_on,
             threads=threads,
-            progress=lambda done, of: status.update(f"Straightening: {done} of {of}"),
+            on_progress=lambda done, of: status.update(f"Straightening: {done} of {of}"),
         )
     _say_found(told)
     _say_done(target, found, is_going_on)
@@ -527,7 +527,7 @@ def _told(blur_px: str) -> BlurDiameters | str:
 
 
 def _video(
-    source: str, outputs: tuple[str, ...], how: DewarpRequest, options: VideoOptions
+    source: str, outputs: tuple[str, ...], how: DewarpRequest, settings: VideoSettings
 ) -> None:
     """Dewarp every frame of a video with a progress bar, and print the result."""
     try:
@@ -538,7 +538,7 @@ def _video(
         raise needs_pyav(source) from None
     with frame_bar() as progress:
         callbacks = VideoCallbacks(notice, progress)
-        done = dewarp_source(source, outputs, how, options, callbacks)
+        done = dewarp_source(source, outputs, how, settings, callbacks)
     name = (
         ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     )

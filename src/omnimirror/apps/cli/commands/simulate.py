@@ -21,8 +21,8 @@ from ....optics.sensor_files import AnyCamera, bundled_sensors, load_camera, loa
 from ....simulation.detector import Detector, Readout
 from ....simulation.image_tiles import LIGHT
 from ....simulation.radiometry import Radiometry
-from ....simulation.rendering import exposed
-from ....simulation.scenes.scene import Distant, Pose, PosedScene, Scene
+from ....simulation.rendering import render_light
+from ....simulation.scenes.scene import DistantScene, Pose, PosedScene, Scene
 from .._declarations import DocumentedCommand, Options, flag, option, takes
 from .._option_types import SENSOR, WHOLE
 from .._output import (
@@ -135,7 +135,7 @@ def picture(
     if output.suffix.lower() in WRITABLE_VIDEO_SUFFIXES:
         raise click.UsageError(f"{output} is a video, which needs a --path of poses")
     posed = PosedScene(seen, stands or Pose())
-    _photograph(camera, Distant(posed) if distant else posed, output, taking, panorama)
+    _photograph(camera, DistantScene(posed) if distant else posed, output, taking, panorama)
 
 
 def _photograph(
@@ -165,19 +165,19 @@ def _photograph(
         check_exr_can_be_written(output)
     readout = None if is_light or panorama is not None else Readout(detector, taking.seed)
     with rows_bar("Exposing") as progress:
-        taken = exposed(
+        taken = render_light(
             camera,
             scene,
-            LIGHT if readout is None else readout.medium,
+            LIGHT if readout is None else readout.conversion,
             samples=taking.samples,
             blur=taking.is_blurred(camera),
             radiometry=radiometry,
             seed=taking.seed,
-            progress=progress,
+            on_progress=progress,
             wavelengths_nm=taking.wavelengths_nm,
         )
     if readout is not None:
-        write_image(output, readout.numbers(taken))
+        write_image(output, readout.digital_values(taken))
     elif not is_light:
         write_image(output, detector.read(taken, taking.seed))
     else:
@@ -239,7 +239,7 @@ def _film(
                 radiometry=taking.radiometry(),
                 detector=taking.detector(),
                 seed=taking.seed,
-                written=written,
+                on_frame=written,
             )
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
@@ -341,8 +341,8 @@ def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
                 f"{what} is not valid beside --again, which takes all from {again}"
             )
     kept, this = load_recipe(again), version("omnimirror")
-    if kept.made_by != this:
-        notice(f"{again} is of omnimirror {kept.made_by}, and {this} may make other files")
+    if kept.created_with != this:
+        notice(f"{again} is of omnimirror {kept.created_with}, and {this} may make other files")
     return kept.recipe
 
 
@@ -492,7 +492,7 @@ def learning(
                 radiometry=taking.radiometry(),
                 detector=taking.detector(),
                 seed=taking.seed,
-                progress=progress,
+                on_progress=progress,
                 **stored.given,
             )
         except KeyboardInterrupt:
